@@ -1,0 +1,212 @@
+"""A contour: the unit of exchange between planning, correction, execution and result.
+
+Same arrays, same names and same order as ``isf_msgs/msg/Contour``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isf_core.errors import ErrorCode, IsfError
+
+Array = NDArray[np.float64]
+
+
+class Process(IntEnum):
+    """Process variants (Ren 2018, section 1.1); values as in ``isf_msgs/msg/Contour``."""
+
+    SPIF = 1
+    TPIF = 2
+    DSIF = 3
+    ADSIF = 4
+
+
+def _empty() -> Array:
+    return np.empty(0)
+
+
+def _empty3() -> Array:
+    return np.empty((0, 3))
+
+
+@dataclass(frozen=True)
+class Contour:
+    """One closed (or open) path of the tools at one level, N points.
+
+    Attributes
+    ----------
+    plan_id : identifies the plan this contour belongs to
+    index, count : position in the plan (0-based) and number of contours in it
+    feature, stage : feature number and forming stage, 0 for a single one
+    process : Process
+    forming_tool : 1 (upper) or 2 (lower)
+    closed : the last point is followed by the first
+    feed : m/s along the forming tip path
+    contact : (N, 3) m, contact points of the forming tool on the sheet surface it touches
+    normal : (N, 3) unit, out of the sheet towards the forming tool
+    wall_angle : (N,) rad from the horizontal
+    thickness : (N,) m, predicted thickness of the formed sheet
+    forming_tip : (N, 3) m, tip of the forming tool (lowest point of an upper tool)
+    support_tip : (N, 3) m, tip of the support tool (highest point of a lower tool), or (0, 3)
+    support_force : (N,) N, set-point of the horizontal normal force on the support tool
+        (Ren 2018 eq. 2-3), or (0,) for position control
+    """
+
+    plan_id: str
+    index: int
+    count: int
+    process: Process
+    feed: float
+    contact: Array
+    normal: Array
+    wall_angle: Array
+    thickness: Array
+    forming_tip: Array
+    support_tip: Array = field(default_factory=_empty3)
+    support_force: Array = field(default_factory=_empty)
+    forming_tool: int = 1
+    closed: bool = True
+    feature: int = 0
+    stage: int = 0
+
+    def __len__(self) -> int:
+        return len(self.forming_tip)
+
+    @property
+    def has_support(self) -> bool:
+        """True when the contour moves a support tool."""
+        return len(self.support_tip) > 0
+
+    @property
+    def force_controlled(self) -> bool:
+        """True when the support tool follows a force set-point."""
+        return len(self.support_force) > 0
+
+    def validate(self) -> Contour:
+        """Return self, or raise IsfError CONTOUR_REJECTED that names the field at fault."""
+        n = len(self.forming_tip)
+        shapes = {
+            "contact": (n, 3),
+            "normal": (n, 3),
+            "wall_angle": (n,),
+            "thickness": (n,),
+            "forming_tip": (n, 3),
+        }
+        optional = {"support_tip": (n, 3), "support_force": (n,)}
+        where = f"contour {self.index} of {self.plan_id or '(no plan)'}"
+        if n < 3:
+            raise IsfError(ErrorCode.CONTOUR_REJECTED, f"has {n} points, needs 3 or more", where=where)
+        if self.forming_tool not in (1, 2):
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED, f"forming_tool is {self.forming_tool}, must be 1 or 2", where=where
+            )
+        if not (np.isfinite(self.feed) and self.feed > 0):
+            raise IsfError(ErrorCode.CONTOUR_REJECTED, f"feed is {self.feed} m/s, must be positive", where=where)
+        for name, shape in {**shapes, **optional}.items():
+            array = getattr(self, name)
+            if name in optional and len(array) == 0:
+                continue
+            if array.shape != shape:
+                raise IsfError(
+                    ErrorCode.CONTOUR_REJECTED, f"{name} has shape {array.shape}, expected {shape}", where=where
+                )
+            if not np.isfinite(array).all():
+                bad = int(np.argmax(~np.isfinite(array).reshape(n, -1).all(axis=1)))
+                raise IsfError(ErrorCode.CONTOUR_REJECTED, f"{name} is not finite at point {bad}", where=where)
+        return self
+
+    def shifted(self, offset: Array) -> Contour:
+        """Contact and both tips moved by ``offset`` (N, 3) m: gap, normals and angles stay."""
+        return replace(
+            self,
+            contact=self.contact + offset,
+            forming_tip=self.forming_tip + offset,
+            support_tip=self.support_tip + offset if self.has_support else self.support_tip,
+        )
+
+    def arc_length(self) -> Array:
+        """(N,) m, distance along the forming tip path from the first point."""
+        steps = np.linalg.norm(np.diff(self.forming_tip, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+@dataclass(frozen=True)
+class ContourCorrection:
+    """What the springback node did to one contour, N points, M control points.
+
+    Attributes
+    ----------
+    plan_id, index : the contour
+    method : name of the method ("none" when nothing was corrected)
+    offset : (N, 3) m, added to contact and both tips
+    springback : (N,) m, predicted elastic recovery along +z of an upward springback
+    control_point : (M, 3) m, where the model was evaluated
+    control_point_springback : (M,) m, prediction there
+    control_point_force : (M,) N, forecast axial force used there
+    saturated : (N,) bool, a limit (gradient, magnitude) changed the point
+    code, message : ErrorCode value (0 = ok) and its text
+    solve_time : s of wall time
+    """
+
+    plan_id: str
+    index: int
+    method: str
+    offset: Array
+    springback: Array
+    control_point: Array = field(default_factory=_empty3)
+    control_point_springback: Array = field(default_factory=_empty)
+    control_point_force: Array = field(default_factory=_empty)
+    saturated: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
+    code: int = 0
+    message: str = ""
+    solve_time: float = 0.0
+
+
+@dataclass(frozen=True)
+class ContourResult:
+    """What happened while one contour was formed: N contour points, T control ticks.
+
+    Attributes
+    ----------
+    plan_id, index : the contour
+    start, end : s, time of the first and last tick (simulation or wall clock)
+    completed : every point was reached
+    code, message : ErrorCode value (0 = ok) and its text when not completed
+    forming_force, support_force : (N, 3) N, force of the sheet on each tool at the points
+    forming_target, support_target : (N, 3) m, streamed tips at the points, all offsets included
+    forming_measured, support_measured : (N, 3) m from the machine's pose topics, (0, 3) when not published
+    force_offset : (N,) m, offset of the support tool along the horizontal normal (towards the sheet positive)
+    compliance_offset : (N, 3) m, offset of the forming tool
+    contact_fraction : fraction of the engaged ticks with the support force above the contact threshold
+    saturations : ticks in which a limiter of the force loop was active
+    late_ticks, lost_messages : counted by the control node
+    tick_time : (T,) s ; tick_set_point, tick_normal_force : (T,) N ; tick_engaged : (T,) bool
+    """
+
+    plan_id: str
+    index: int
+    start: float
+    end: float
+    completed: bool
+    forming_force: Array
+    support_force: Array
+    forming_target: Array
+    support_target: Array
+    force_offset: Array
+    compliance_offset: Array
+    tick_time: Array
+    tick_set_point: Array
+    tick_normal_force: Array
+    tick_engaged: NDArray[np.bool_]
+    forming_measured: Array = field(default_factory=_empty3)
+    support_measured: Array = field(default_factory=_empty3)
+    contact_fraction: float = 0.0
+    saturations: int = 0
+    late_ticks: int = 0
+    lost_messages: int = 0
+    code: int = 0
+    message: str = ""

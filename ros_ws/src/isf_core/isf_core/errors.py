@@ -1,0 +1,131 @@
+"""The one catalogue of error codes: what went wrong, and what a person can do about it.
+
+Codes are disjoint by owner: files 1000-1099, planner 1100-1199, force control
+1200-1299, springback 1300-1399, machine 1400-1499, executive 1500-1599, recorder and
+analysis 1600-1699. Code 0 means success. Action results, services and the ``isf``
+command all use these codes.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class ErrorCode(IntEnum):
+    """Numeric codes as they appear in messages, bags and exit reports."""
+
+    OK = 0
+
+    # files (job, rig, material)
+    FILE_NOT_FOUND = 1001
+    FILE_SYNTAX = 1002
+    FILE_FIELD = 1003
+    FILE_UNIT = 1004
+    FILE_NOT_WRITABLE = 1005
+
+    # planner
+    MESH_UNREADABLE = 1101
+    MESH_EMPTY = 1102
+    MESH_NOT_FINITE = 1103
+    MESH_UNIT_SUSPECT = 1104
+    MESH_INVERTED = 1105
+    MESH_OPEN = 1106
+    MESH_NOT_HEIGHT_FIELD = 1107
+    PART_DOES_NOT_FIT = 1108
+    PART_TOO_SMALL_FOR_TOOL = 1109
+    WALL_TOO_STEEP = 1110
+    CONTOUR_LOST = 1111
+    PROCESS_NOT_SUPPORTED = 1112
+    PLAN_UNKNOWN = 1113
+    PLAN_CANCELLED = 1114
+
+    # force control
+    WRENCH_NOT_FINITE = 1201
+    WRENCH_LOST = 1202
+    WRENCH_OUT_OF_RANGE = 1203
+    NOT_ARMED = 1204
+    NO_TARE = 1205
+    CONTOUR_REJECTED = 1206
+    STOPPED = 1207
+    UNSTABLE_GAIN = 1208
+    OFFSET_LIMIT = 1209
+
+    # springback
+    METHOD_UNKNOWN = 1301
+    NO_FORCE_HISTORY = 1302
+    CORRECTION_LIMITED = 1303
+    CORRECTION_FAILED = 1304
+    CONTOUR_OUT_OF_ORDER = 1305
+
+    # machine
+    TARGET_NOT_FINITE = 1401
+    TARGET_JUMP = 1402
+    TARGET_OUT_OF_WORKSPACE = 1403
+    TARGET_LOST = 1404
+    FORCE_LIMIT = 1405
+    STOP_REQUESTED = 1406
+    TOOL_COLLISION = 1407
+    NO_BLANK = 1408
+    BLANK_DOES_NOT_FIT = 1409
+    MACHINE_FAULTED = 1410
+
+    # executive
+    NODE_MISSING = 1501
+    NODE_DIED = 1502
+    TRANSITION_FAILED = 1503
+    CANCELLED = 1504
+    BUSY = 1505
+    SERVICE_TIMEOUT = 1506
+    CONTOUR_TIMEOUT = 1507
+
+    # recorder and analysis
+    BAG_UNREADABLE = 1601
+    BAG_INCOMPLETE = 1602
+    BAG_NOT_WRITABLE = 1603
+
+    @property
+    def owner(self) -> str:
+        """Name of the part of the system that raises this code."""
+        for start, name in _OWNERS:
+            if self.value >= start:
+                return name
+        return "ok"
+
+
+_OWNERS = (
+    (1600, "analysis"),
+    (1500, "executive"),
+    (1400, "machine"),
+    (1300, "springback"),
+    (1200, "force_ctrl"),
+    (1100, "planner"),
+    (1000, "files"),
+)
+
+
+class IsfError(Exception):
+    """An expected failure with a code, a place and an advice; never shown as a traceback.
+
+    Attributes
+    ----------
+    code : ErrorCode
+    what : what went wrong, one sentence
+    where : file, line, field, contour or point ("" when there is no place)
+    advice : what to do about it ("" when nothing better than the sentence is known)
+    """
+
+    def __init__(self, code: ErrorCode, what: str, *, where: str = "", advice: str = "") -> None:
+        self.code = ErrorCode(code)
+        self.what = what
+        self.where = where
+        self.advice = advice
+        super().__init__(self.message)
+
+    @property
+    def message(self) -> str:
+        """One line for people: place, what, advice."""
+        text = f"{self.where}: {self.what}" if self.where else self.what
+        return f"{text} ({self.advice})" if self.advice else text
+
+    def __str__(self) -> str:
+        return f"[{self.code.value} {self.code.name}] {self.message}"

@@ -1,0 +1,83 @@
+"""Physical quantities in files: a number with its unit in the file, SI inside.
+
+Text such as ``5 mm``, ``30 mm/s`` or ``1 um/N`` is converted with pint. A bare number
+in a file is refused: nobody should have to guess its unit. Python code that builds the
+models directly passes plain SI floats.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BeforeValidator, ValidationInfo
+from pydantic_core import PydanticCustomError
+
+if TYPE_CHECKING:
+    from pint import UnitRegistry
+
+FROM_FILE = {"from_file": True}
+"""Validation context that switches on the demand for units."""
+
+
+@cache
+def _registry() -> UnitRegistry[Any]:
+    from pint import UnitRegistry  # imported late: 0.2 s that programs without files need not pay
+
+    return UnitRegistry()
+
+
+def parse(text: str, unit: str) -> float:
+    """Value of ``text`` ("5 mm") in the SI ``unit`` ("m").
+
+    Raises
+    ------
+    ValueError : not a number with a unit, not finite, or of another dimension
+    """
+    import pint
+
+    try:
+        quantity = _registry().Quantity(text)
+        if not isinstance(quantity, pint.Quantity):
+            quantity = _registry().Quantity(quantity)
+        value = float(quantity.to(unit).magnitude)
+    except pint.DimensionalityError as error:
+        raise ValueError(f"{text!r} is not a quantity in {unit}") from error
+    except Exception as error:  # pint raises its own, tokenizer and arithmetic errors for malformed text
+        raise ValueError(f"{text!r} is not a number with a unit") from error
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not finite")
+    return value
+
+
+def _to_si(unit: str, example: str) -> Callable[[Any, ValidationInfo], Any]:
+    def convert(value: Any, info: ValidationInfo) -> Any:
+        from_file = bool(info.context and info.context.get("from_file"))
+        if isinstance(value, str):
+            try:
+                return parse(value, unit)
+            except ValueError as error:
+                raise PydanticCustomError(
+                    "unit", "{reason}; write for example {example}", {"reason": str(error), "example": example}
+                ) from error
+        if from_file and isinstance(value, int | float) and not isinstance(value, bool):
+            raise PydanticCustomError(
+                "unit", "{value} has no unit; write for example {example}", {"value": value, "example": example}
+            )
+        return value
+
+    return convert
+
+
+Length = Annotated[float, BeforeValidator(_to_si("m", "5 mm"))]
+Speed = Annotated[float, BeforeValidator(_to_si("m/s", "30 mm/s"))]
+Acceleration = Annotated[float, BeforeValidator(_to_si("m/s**2", "500 mm/s**2"))]
+Force = Annotated[float, BeforeValidator(_to_si("N", "120 N"))]
+Stress = Annotated[float, BeforeValidator(_to_si("Pa", "70 GPa"))]
+Angle = Annotated[float, BeforeValidator(_to_si("rad", "50 deg"))]
+Compliance = Annotated[float, BeforeValidator(_to_si("m/N", "1.0 um/N"))]
+Stiffness = Annotated[float, BeforeValidator(_to_si("N/m", "0.45 N/um"))]
+Frequency = Annotated[float, BeforeValidator(_to_si("1/s", "500 Hz"))]
+Time = Annotated[float, BeforeValidator(_to_si("s", "0.1 s"))]
