@@ -1,0 +1,1 @@
+"""ROS plumbing shared by the nodes: conversion, QoS, lifecycle base, stamps, watchdog, background work."""

@@ -1,0 +1,36 @@
+"""Watchdog on the time of receipt: sender stamps and liveliness settings do not tell that a message came."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+
+class ReceiveWatchdog:
+    """Tells whether something was received within ``timeout`` s of ``clock`` (monotonic by default)."""
+
+    def __init__(self, timeout: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self.timeout = timeout
+        self._clock = clock
+        self._last: float | None = None
+
+    def feed(self) -> None:
+        """Something was received."""
+        self._last = self._clock()
+
+    def clear(self) -> None:
+        """Forget: nothing is expected until the next :meth:`feed`."""
+        self._last = None
+
+    @property
+    def fed(self) -> bool:
+        """True when something was received since the start or the last :meth:`clear`."""
+        return self._last is not None
+
+    def age(self) -> float:
+        """s since the last receipt; infinite when nothing was received."""
+        return float("inf") if self._last is None else self._clock() - self._last
+
+    def expired(self) -> bool:
+        """True when something was received once and nothing since ``timeout``."""
+        return self._last is not None and self.age() > self.timeout
