@@ -1,0 +1,1 @@
+"""Recorder, bags, metrics and report of formed parts."""

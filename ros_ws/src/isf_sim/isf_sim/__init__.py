@@ -1,0 +1,1 @@
+"""Simulated two-tool forming machine: sheet, contact, servo axes and load cells."""

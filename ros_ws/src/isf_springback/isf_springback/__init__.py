@@ -1,0 +1,1 @@
+"""Springback correction of every contour before it is formed: sheet models and force forecast."""
