@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -42,10 +42,11 @@ def parse(text: str, model: type[Model], name: str) -> Model:
         mark = getattr(error, "problem_mark", None)
         where = f"{name}:{mark.line + 1}" if mark else name
         problem = getattr(error, "problem", None) or "not valid YAML"
-        raise IsfError(ErrorCode.FILE_SYNTAX, str(problem), where=where, advice="check indentation and colons") from error
+        advice = "check indentation and colons"
+        raise IsfError(ErrorCode.FILE_SYNTAX, str(problem), where=where, advice=advice) from error
     if not isinstance(data, dict) or root is None:
         raise IsfError(
-            ErrorCode.FILE_SYNTAX, "is empty or not a mapping of fields", where=name, advice="start from an example file"
+            ErrorCode.FILE_SYNTAX, "is empty or not a mapping of fields", where=name, advice="start from an example"
         )
     try:
         return model.model_validate(data, context=FROM_FILE)
@@ -59,7 +60,8 @@ def load(path: Path, model: type[Model]) -> Model:
 
 
 def _explain(error: ValidationError, model: type[BaseModel], root: yaml.Node, name: str) -> IsfError:
-    faults = error.errors()
+    # an unknown field is usually the reason why another one is missing: name it first
+    faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
     first = faults[0]
     place = first["loc"]
     field = ".".join(str(part) for part in place)
@@ -88,6 +90,9 @@ def _known_fields(model: type[BaseModel], place: tuple[int | str, ...]) -> list[
     for part in place:
         info = current.model_fields.get(part) if hasattr(current, "model_fields") else None
         current = info.annotation if info else None
+        for choice in get_args(current):  # "ToolSpec | None" -> ToolSpec
+            if hasattr(choice, "model_fields"):
+                current = choice
     return list(current.model_fields) if hasattr(current, "model_fields") else []
 
 

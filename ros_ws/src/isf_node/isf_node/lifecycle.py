@@ -28,12 +28,14 @@ P = TypeVar("P")
 class CellNode(LifecycleNode, Generic[P]):
     """A lifecycle node with parameters from a dataclass and a heartbeat."""
 
-    def __init__(self, name: str, parameters_type: type[P], **options: Any) -> None:
+    def __init__(self, name: str, parameters_type: type[P], *, autostart: bool = False, **options: Any) -> None:
         super().__init__(name, **options)
         self._parameters_type = parameters_type
         parameters.declare(self, parameters_type)
         self.declare_parameter(
-            "autostart", False, ParameterDescriptor(description="configure and activate without a lifecycle manager")
+            "autostart",
+            autostart,
+            ParameterDescriptor(description="configure and activate without a lifecycle manager", read_only=True),
         )
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._state_label = "unconfigured"

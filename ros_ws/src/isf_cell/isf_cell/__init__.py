@@ -1,0 +1,1 @@
+"""The cell: executive, in-process cell and the ``isf`` command."""

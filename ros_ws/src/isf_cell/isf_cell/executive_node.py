@@ -1,0 +1,158 @@
+"""Node ``executive``: forms a part on request (action ``form_part``), with progress, pause and cancel."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray
+from isf_core.errors import ErrorCode
+from isf_msgs.action import FormPart
+from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo, MachineState
+from isf_node import process, qos
+from isf_node.background import in_thread
+from isf_node.conversion import correction_from_message, result_from_message
+from isf_node.lifecycle import CellNode
+from isf_node.parameters import parameter
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from std_srvs.srv import SetBool
+
+from isf_cell.graph_client import GraphClient
+from isf_cell.heartbeat_monitor import HeartbeatMonitor
+from isf_cell.part_run import MANAGED, PartRun, RunSettings
+
+
+@dataclass(frozen=True)
+class ExecutiveParameters:
+    """Parameters of the executive."""
+
+    lockstep: bool = parameter(True, "the machine is simulated and runs in lockstep (recorded in part/info)")
+    service_timeout: float = parameter(20.0, "s, longest wait for an answer of another node")
+    plan_timeout: float = parameter(600.0, "s, longest planning")
+    contour_timeout: float = parameter(1800.0, "s of wall time, longest contour")
+    silence_timeout: float = parameter(3.0, "s without diagnostics after which a node counts as dead")
+    checkpoint: str = parameter("", "file written after every contour; empty: none")
+
+
+class ExecutiveNode(CellNode[ExecutiveParameters]):
+    """Serves ``form_part``; one part at a time."""
+
+    def __init__(self) -> None:
+        super().__init__("executive", ExecutiveParameters, autostart=True)
+        self._lock = threading.Lock()
+        self._run: PartRun | None = None
+        self._handle: ServerGoalHandle | None = None
+        self._paused = False
+
+    def configure(self) -> None:
+        values = self.values()
+        checkpoint = Path(values.checkpoint) if values.checkpoint else None
+        self._settings = RunSettings(
+            values.lockstep,
+            values.service_timeout,
+            values.plan_timeout,
+            values.contour_timeout,
+            values.silence_timeout,
+            checkpoint,
+        )
+        self._monitor = HeartbeatMonitor(MANAGED, values.silence_timeout)
+        self._client = GraphClient(self, values.service_timeout)
+        self._nominal = self.create_publisher(Contour, "contour/nominal", qos.LATCHED)
+        self._info = self.create_publisher(JobInfo, "part/info", qos.LATCHED)
+        self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT)
+        self.create_subscription(ContourCorrection, "contour/correction", self._on_correction, qos.EVENT)
+        self.create_subscription(MachineState, "machine/state", self._on_machine_state, qos.STREAM)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+        self.create_service(SetBool, "executive/pause", self._on_pause)
+        self._server = ActionServer(
+            self,
+            FormPart,
+            "form_part",
+            self._execute,
+            goal_callback=self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    def health_values(self) -> dict[str, object]:
+        return {"busy": self._handle is not None, "paused": self._paused}
+
+    # -- Outlet of the run -------------------------------------------------------------------------
+
+    def publish_nominal(self, contour: Contour) -> None:
+        self._nominal.publish(contour)
+
+    def publish_info(self, info: JobInfo) -> None:
+        info.header.stamp = self.get_clock().now().to_msg()
+        self._info.publish(info)
+
+    def publish_feedback(self, feedback: FormPart.Feedback) -> None:
+        if feedback.phase != "forming":
+            self.get_logger().info(feedback.phase)
+        if self._handle is not None:
+            self._handle.publish_feedback(feedback)
+
+    def cancel_requested(self) -> bool:
+        return self._handle is not None and bool(self._handle.is_cancel_requested)
+
+    def paused(self) -> bool:
+        return self._paused
+
+    # -- callbacks -----------------------------------------------------------------------------------
+
+    def _on_goal(self, _: FormPart.Goal) -> GoalResponse:
+        return GoalResponse.ACCEPT if self.is_active and self._handle is None else GoalResponse.REJECT
+
+    async def _execute(self, handle: ServerGoalHandle) -> FormPart.Result:
+        self._handle, self._paused = handle, False
+        self._run = PartRun(handle.request, self._client, self._monitor, self, self._settings)
+        try:
+            result = await in_thread(self._run.run, self.executor)
+        finally:
+            self._run, self._handle = None, None
+        if result.code == ErrorCode.OK:
+            handle.succeed()
+        elif result.code == ErrorCode.CANCELLED:
+            handle.canceled()
+        else:
+            self.get_logger().error(f"part ended: [{result.code}] {result.message}")
+            handle.abort()
+        return result
+
+    def _on_result(self, message: ContourResult) -> None:
+        if self._run:
+            self._run.on_result(result_from_message(message))
+
+    def _on_correction(self, message: ContourCorrection) -> None:
+        if self._run:
+            self._run.on_correction(correction_from_message(message))
+
+    def _on_machine_state(self, message: MachineState) -> None:
+        if self._run:
+            self._run.on_machine_state(message)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        own = self.get_namespace().rstrip("/") + "/"
+        for status in message.status:
+            if status.name.startswith(own):
+                self._monitor.hear(status.name.removeprefix(own), status.message)
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._paused = request.data
+        response.success = self._run is not None
+        response.message = "pausing after this contour" if request.data else "going on"
+        if not response.success:
+            response.message = "no part is being formed"
+            self._paused = False
+        return response
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run isf_cell executive``."""
+    sys.exit(process.run(ExecutiveNode, args))
+
+
+if __name__ == "__main__":
+    main()

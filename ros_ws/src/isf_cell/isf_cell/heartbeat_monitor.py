@@ -1,0 +1,42 @@
+"""Which nodes are alive, by the time their diagnostics arrived here; free of ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+
+
+class HeartbeatMonitor:
+    """Last sign of life of each expected node and the last failure it told.
+
+    Parameters
+    ----------
+    names : nodes that are expected, without leading slash and namespace
+    silence : s without a heartbeat after which a node that was heard once counts as dead
+    """
+
+    def __init__(self, names: Iterable[str], silence: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._names = tuple(names)
+        self._silence = silence
+        self._clock = clock
+        self._heard: dict[str, float] = {}
+        self._text: dict[str, str] = {}
+
+    def hear(self, name: str, text: str) -> None:
+        """A heartbeat came; ``text`` is what the node says of itself."""
+        if name in self._names:
+            self._heard[name] = self._clock()
+            self._text[name] = text
+
+    def heard(self, name: str) -> bool:
+        """True when the node was heard at least once."""
+        return name in self._heard
+
+    def silent(self) -> list[str]:
+        """Nodes that were heard once and are silent for too long."""
+        now = self._clock()
+        return [name for name in self._names if name in self._heard and now - self._heard[name] > self._silence]
+
+    def last_words(self, name: str) -> str:
+        """What the node said last."""
+        return self._text.get(name, "")

@@ -1,0 +1,137 @@
+"""A whole part in one process, without DDS: the same cores in the same order as the node graph.
+
+Used for fast simulation, parameter studies, the uncorrected reference of a report, and tests.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from isf_analysis.record import PartRecord
+from isf_core import __version__
+from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile
+from isf_force_ctrl.controller import ControlConfig, ForceController
+from isf_planner import Plan, plan
+from isf_sim.machine import MachineSample, SimulatedMachine
+from isf_springback.method import CorrectionMethod, apply, make_method
+
+from isf_cell.options import RunOptions
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run is: contour ``index`` of ``count`` is done, its largest correction (m) and mean axial force (N)."""
+
+    index: int
+    count: int
+    depth: float
+    correction: float
+    forming_force: float
+
+
+@dataclass
+class _History:
+    nominal: list[Contour] = field(default_factory=list)
+    corrected: list[Contour] = field(default_factory=list)
+    corrections: list[ContourCorrection] = field(default_factory=list)
+    results: list[ContourResult] = field(default_factory=list)
+
+
+def form(
+    job_file: JobFile,
+    options: RunOptions | None = None,
+    *,
+    part_plan: Plan | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> PartRecord:
+    """Plan (unless ``part_plan`` is given), form and scan one part; returns its record.
+
+    A part that ends early (fault, cancel) returns what was formed, with the code in its last result; only
+    faults before the first contour raise.
+
+    Raises
+    ------
+    IsfError : planner, springback or force control refuse the job
+    """
+    options = options or RunOptions()
+    started = time.perf_counter()
+    part_plan = part_plan or plan(job_file)
+    machine = SimulatedMachine(job_file, world=options.world, seed=options.seed)
+    machine.tare()
+    method = make_method(options.method(job_file), job_file)
+    controller = ForceController(ControlConfig.from_job(job_file, support_force=options.support_force))
+    sample = machine.sample()
+    controller.arm(part_plan.plan_id, 0, len(part_plan.contours), sample.tip_1, sample.tip_2)
+
+    history = _History()
+    for nominal in part_plan.contours:
+        sample = _form_contour(nominal, method, controller, machine, sample, history)
+        result = history.results[-1]
+        if progress:
+            correction = history.corrections[-1]
+            largest = float(np.linalg.norm(correction.offset, axis=1).max(initial=0.0))
+            force = float(np.mean(result.forming_force[:, 2])) if len(result.forming_force) else 0.0
+            depth = float(-nominal.forming_tip[:, 2].min())
+            progress(Progress(nominal.index, nominal.count, depth, largest, force))
+        if not result.completed:
+            break
+        if cancelled and cancelled():
+            break
+
+    return PartRecord(
+        job_name=job_file.job.name,
+        job_text=job_file.text,
+        plan_id=part_plan.plan_id,
+        process=job_file.job.process,
+        correction=options.method(job_file),
+        support_force=options.set_point(job_file),
+        world=options.world,
+        seed=options.seed,
+        control_rate=job_file.job.control.rate,
+        lockstep=False,
+        software=__version__,
+        nominal=tuple(history.nominal),
+        corrected=tuple(history.corrected),
+        corrections=tuple(history.corrections),
+        results=tuple(history.results),
+        target=part_plan.target,
+        scan=machine.measured_shape(),
+        ticks=sample.tick,
+        late_ticks=0,
+        lost_messages=0,
+        sim_time=sample.time,
+        wall_time=time.perf_counter() - started,
+    )
+
+
+def _form_contour(
+    nominal: Contour,
+    method: CorrectionMethod,
+    controller: ForceController,
+    machine: SimulatedMachine,
+    sample: MachineSample,
+    history: _History,
+) -> MachineSample:
+    correction = method.correct(nominal)
+    corrected = apply(nominal, correction)
+    controller.start(corrected)
+    while controller.busy:
+        targets = controller.tick(sample.tick, sample.time, sample.wrench_1, sample.wrench_2)
+        sample = machine.tick(targets.tip_1, targets.tip_2)
+    result = controller.take_result()
+    if result is None:
+        raise IsfError(
+            ErrorCode.CONTOUR_REJECTED, "the force controller ended without a result", where=f"contour {nominal.index}"
+        )
+    method.learn(corrected, result)
+    history.nominal.append(nominal)
+    history.corrected.append(corrected)
+    history.corrections.append(correction)
+    history.results.append(result)
+    return sample

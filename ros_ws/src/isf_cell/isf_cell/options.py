@@ -1,0 +1,38 @@
+"""What a run may choose beyond its job file: correction method, support force, plant world, seed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from isf_core.job import JobFile
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Overrides of one run.
+
+    Attributes
+    ----------
+    correction : springback method; None: the job's
+    support_force : N, set-point of the support tool; None: the job's
+    world : 0 = nominal plant, others = seeded off-nominal plants
+    seed : seed of sensor noise and of the off-nominal world
+    """
+
+    correction: str | None = None
+    support_force: float | None = None
+    world: int = 0
+    seed: int = 0
+
+    def method(self, job_file: JobFile) -> str:
+        """Springback method of the run."""
+        return self.correction or job_file.job.springback.method
+
+    def set_point(self, job_file: JobFile) -> float:
+        """Support force of the run, N; 0 = position control."""
+        return job_file.job.control.support_force if self.support_force is None else self.support_force
+
+    def support_force_field(self) -> float:
+        """The override as it goes into a message: NaN means the job's."""
+        return math.nan if self.support_force is None else self.support_force
