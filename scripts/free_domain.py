@@ -1,0 +1,34 @@
+"""Print a ROS domain id between 1 and 101 whose UDP ports nobody on this computer uses.
+
+Discovery and data of domain ``d`` use the UDP ports from 7400 + 250 d on (DDSI-RTPS 2.2, section 9.6.1.1). Above
+101 these ports run into those that Linux gives to outgoing connections.
+"""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+PORT_BASE, PORTS_PER_DOMAIN = 7400, 250
+
+
+def used_domains(tables: tuple[str, ...] = ("/proc/net/udp", "/proc/net/udp6")) -> set[int]:
+    """Domains with at least one bound UDP port."""
+    used = set()
+    for table in map(Path, tables):
+        lines = table.read_text().splitlines()[1:] if table.exists() else []
+        for line in lines:
+            port = int(line.split()[1].rsplit(":", 1)[1], 16)
+            if port >= PORT_BASE:
+                used.add((port - PORT_BASE) // PORTS_PER_DOMAIN)
+    return used
+
+
+def main() -> None:
+    """Print one free domain, drawn at random so that two runs started together differ."""
+    free = sorted(set(range(1, 102)) - used_domains())
+    print(random.choice(free or range(1, 102)))
+
+
+if __name__ == "__main__":
+    main()

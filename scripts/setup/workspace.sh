@@ -1,0 +1,48 @@
+# colcon build of ros_ws, quiet; its output goes to .isf/log/build.log.
+
+build_workspace() {
+  local log=$isf_state/log/build.log unfinished=$isf_state/build.unfinished
+  step "ROS workspace: colcon build of $(find "$isf_workspace/src" -name package.xml | wc -l) packages"
+  rm -f "$isf_state/workspace.stamp"
+  # A build that was cut off, or made by another interpreter or in another folder, is not built upon.
+  if [ -e "$unfinished" ] || [ "$(cat "$isf_state/build.kind" 2>/dev/null)" != "$(build_kind)" ]; then
+    rm -rf "$isf_workspace/build" "$isf_workspace/install" "$isf_workspace/log"
+  fi
+  : >"$unfinished"
+  build_kind >"$isf_state/build.kind"
+  if ! (colcon_build) >"$log" 2>&1 </dev/null; then
+    show_end "$log"
+    fail "the ROS workspace does not build (all output is in $log)." \
+      "The end of the log above names the package and file. After mending it run the same command again."
+  fi
+  rm -f "$unfinished"
+}
+
+build_kind() {
+  cat "$isf_state/packages.stamp"
+  printf '%s\n' "${CC:-}" "${CXX:-}"
+}
+
+colcon_build() {
+  local cmake=(-DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$isf_venv/bin/python")
+  # Other ROS installations of the calling shell must not leak into the build.
+  unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME COLCON_DEFAULTS_FILE
+  export PYTHONNOUSERSITE=1 VIRTUAL_ENV=$isf_venv
+  set +u
+  if [ "$isf_kind" = apt ]; then
+    # shellcheck disable=SC1091
+    source "$isf_ros_prefix/setup.bash"
+  else
+    # shellcheck disable=SC1091
+    source "$isf_venv/local_setup.bash"
+  fi
+  set -u
+  export PATH=$isf_venv/bin:$PATH
+  if command -v ninja >/dev/null; then
+    cmake+=(-GNinja)
+  fi
+  cd "$isf_workspace"
+  # Run by the environment's own interpreter, so that the nodes' executables start with it.
+  python -m colcon build --symlink-install --parallel-workers "$(nproc)" \
+    --event-handlers console_cohesion+ --cmake-args "${cmake[@]}"
+}
