@@ -32,7 +32,7 @@ class HeightMap:
     def gradient(self) -> tuple[Array, Array]:
         """dz/dx and dz/dy, each (ny, nx), dimensionless."""
         dz_dy, dz_dx = np.gradient(self.z, self.y, self.x)
-        return dz_dx, dz_dy
+        return np.asarray(dz_dx), np.asarray(dz_dy)
 
     def points(self) -> Array:
         """(nx*ny, 3) m, row by row."""
