@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
 from isf_analysis.record import PartRecord
 from isf_core import __version__
 from isf_core.contour import Contour, ContourCorrection, ContourResult
@@ -21,17 +20,7 @@ from isf_sim.machine import MachineSample, SimulatedMachine
 from isf_springback.method import CorrectionMethod, apply, make_method
 
 from isf_cell.options import RunOptions
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Where a run is: contour ``index`` of ``count`` is done, its largest correction (m) and mean axial force (N)."""
-
-    index: int
-    count: int
-    depth: float
-    correction: float
-    forming_force: float
+from isf_cell.part_step import PartStep
 
 
 @dataclass
@@ -47,7 +36,7 @@ def form(
     options: RunOptions | None = None,
     *,
     part_plan: Plan | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[PartStep], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> PartRecord:
     """Plan (unless ``part_plan`` is given), form and scan one part; returns its record.
@@ -74,11 +63,7 @@ def form(
         sample = _form_contour(nominal, method, controller, machine, sample, history)
         result = history.results[-1]
         if progress:
-            correction = history.corrections[-1]
-            largest = float(np.linalg.norm(correction.offset, axis=1).max(initial=0.0))
-            force = float(np.mean(result.forming_force[:, 2])) if len(result.forming_force) else 0.0
-            depth = float(-nominal.forming_tip[:, 2].min())
-            progress(Progress(nominal.index, nominal.count, depth, largest, force))
+            progress(PartStep.of(nominal, history.corrections[-1], result))
         if not result.completed:
             break
         if cancelled and cancelled():

@@ -28,6 +28,7 @@ from isf_cell.checkpoint import Checkpoint
 from isf_cell.graph_client import GraphClient
 from isf_cell.heartbeat_monitor import HeartbeatMonitor
 from isf_cell.options import RunOptions
+from isf_cell.part_step import PartStep
 
 MANAGED = ("machine", "planner", "springback", "force_ctrl")
 """Nodes brought up in this order, down in reverse."""
@@ -298,22 +299,17 @@ class PartRun:
         )
 
     def _tell_contour(self, message: Contour, result: ContourResult) -> None:
-        contour = contour_from_message(message)
-        correction = self._corrections.get(contour.index)
-        nan = float("nan")
-        largest = float(np.linalg.norm(correction.offset, axis=1).max(initial=0.0)) if correction else nan
-        springback = float(correction.springback.max()) if correction and len(correction.springback) else nan
-        engaged = result.tick_engaged
+        step = PartStep.of(contour_from_message(message), self._corrections.get(message.index), result)
         self._outlet.publish_feedback(
             FormPart.Feedback(
                 phase="forming",
-                index=contour.index,
-                count=contour.count,
-                depth=float(-contour.forming_tip[:, 2].min()),
-                forming_force=float(result.forming_force[:, 2].mean()) if len(result.forming_force) else nan,
-                support_force=float(result.tick_normal_force[engaged].mean()) if engaged.any() else nan,
-                predicted_springback=springback,
-                correction=largest,
+                index=step.index,
+                count=step.count,
+                depth=step.depth,
+                forming_force=step.forming_force,
+                support_force=step.support_force,
+                predicted_springback=step.springback,
+                correction=step.correction,
             )
         )
 

@@ -1,0 +1,176 @@
+"""The ``isf`` command: plan, simulate, form, run, record, report, doctor."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from isf_core import __version__
+from isf_core.errors import ErrorCode, IsfError
+
+from isf_cell import terminal
+from isf_cell.exit_codes import Exit, exit_for
+from isf_cell.options import RunOptions
+from isf_cell.reported import ReportedError
+
+app = typer.Typer(
+    help="Incremental sheet forming: plan, form and report parts.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+JobArgument = Annotated[Path, typer.Argument(help="job file (YAML)", metavar="JOB", show_default=False)]
+Correction = Annotated[
+    str | None, typer.Option("--correction", help="springback method, or none  [default: the job's]", metavar="NAME")
+]
+SupportForce = Annotated[
+    float | None, typer.Option("--support-force", help="set-point in N, 0 = position control  [default: the job's]")
+]
+World = Annotated[int, typer.Option("--world", help="simulated plant: 0 nominal, others off-nominal", min=0)]
+Seed = Annotated[int, typer.Option("--seed", help="seed of sensor noise and of the off-nominal world")]
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/JOB-TIME]", metavar="DIR")
+]
+Compare = Annotated[
+    bool, typer.Option(help="also simulate the uncorrected part and show both; off when nothing is corrected")
+]
+Json = Annotated[bool, typer.Option("--json", help="print one JSON object on stdout")]
+
+
+@app.callback()
+def _main() -> None:
+    """Incremental sheet forming: plan, form and report parts."""
+
+
+@app.command()
+def plan(
+    part: Annotated[Path, typer.Argument(help="job file (YAML), or a mesh file with --unit", metavar="PART")],
+    unit: Annotated[
+        str | None, typer.Option(help="unit of the coordinates when PART is a mesh: mm, cm, m or in")
+    ] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Plan the contours of a part; writes a picture and a table of points."""
+    from isf_cell.commands.plan import plan_part
+
+    plan_part(part, unit, output, as_json=json)
+
+
+@app.command()
+def simulate(
+    job: JobArgument,
+    correction: Correction = None,
+    support_force: SupportForce = None,
+    world: World = 0,
+    seed: Seed = 0,
+    output: Output = None,
+    compare: Compare = True,
+    json: Json = False,
+) -> None:
+    """Form a part on the simulated machine in this process, without ROS: seconds instead of minutes."""
+    from isf_cell.commands.simulate import simulate_part
+
+    options = RunOptions(correction, support_force, world, seed)
+    simulate_part(job, options, output, compare=compare, as_json=json)
+
+
+@app.command()
+def form(
+    job: JobArgument,
+    correction: Correction = None,
+    support_force: SupportForce = None,
+    world: World = 0,
+    seed: Seed = 0,
+    output: Output = None,
+    compare: Compare = True,
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="run by the wall clock instead of in lockstep with the simulation")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Form a part through the ROS 2 node graph: five nodes and a recorder, each a process of its own."""
+    from isf_cell.commands.form import form_part
+
+    options = RunOptions(correction, support_force, world, seed)
+    form_part(job, options, output, compare=compare, lockstep=not real_time, as_json=json)
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
+def run(
+    context: typer.Context,
+    package: Annotated[str, typer.Argument(help="package, for example isf_planner")],
+    node: Annotated[str, typer.Argument(help="node, for example planner")],
+) -> None:
+    """Run one node, as `ros2 run` does; the rest of the line goes to the node."""
+    from isf_cell import executables
+
+    path = executables.find(package, node)
+    os.execv(path, [str(path), *context.args])
+
+
+@app.command()
+def record(
+    output: Annotated[Path, typer.Option("--output", "-o", help="folder of the bag; must not exist", metavar="DIR")],
+) -> None:
+    """Record the topics of a running cell until Ctrl-C."""
+    from isf_cell import executables
+
+    path = executables.find("isf_analysis", "recorder")
+    arguments = ["--ros-args", "-p", "autostart:=true", "-p", f"output:={output.absolute()}"]
+    os.execv(path, [str(path), *arguments])
+
+
+@app.command()
+def report(
+    bag: Annotated[Path, typer.Argument(help="bag folder of a run", metavar="BAG")],
+    reference: Annotated[Path | None, typer.Option(help="bag of the uncorrected run to compare with")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="folder  [default: beside the bag]")] = None,
+    json: Json = False,
+) -> None:
+    """Make the report of a recorded part: one HTML file and its pictures."""
+    from isf_cell.commands.report import report_bag
+
+    report_bag(bag, reference, output, as_json=json)
+
+
+@app.command()
+def doctor(json: Json = False) -> None:
+    """Check the installation: what works, what is missing, and what to do about it."""
+    from isf_cell.commands.doctor import examine
+
+    examine(as_json=json)
+
+
+@app.command()
+def version() -> None:
+    """Print the version."""
+    print(__version__)
+
+
+def main() -> None:
+    """Entry point; ends with a code of :class:`isf_cell.exit_codes.Exit`, never with a traceback."""
+    as_json = "--json" in sys.argv
+    try:
+        app(prog_name="isf")
+    except IsfError as error:
+        terminal.show_error(error, as_json=as_json and not isinstance(error, ReportedError))
+        sys.exit(exit_for(error.code))
+    except KeyboardInterrupt:
+        error = IsfError(ErrorCode.CANCELLED, "stopped by the operator")
+        terminal.show_error(error, as_json=as_json)
+        sys.exit(Exit.CANCELLED)
+    except Exception as fault:  # the last line of defence: a sentence instead of a traceback
+        if os.environ.get("ISF_TRACEBACK"):
+            raise
+        terminal.show_error(terminal.unexpected(fault), as_json=as_json)
+        sys.exit(Exit.INTERNAL)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""The end of a run: read its bag, make the report, show or print the numbers, raise what failed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from isf_analysis.bag_reader import read_bag
+from isf_analysis.report import write_report
+from isf_analysis.summary import summary
+from isf_core.contour import ContourResult
+from isf_core.errors import ErrorCode, IsfError
+
+from isf_cell import terminal
+from isf_cell.reported import ReportedError
+
+
+def first_failure(results: Iterable[ContourResult]) -> IsfError | None:
+    """The failure of the first contour that was not completed."""
+    for result in results:
+        if not result.completed:
+            return IsfError(ErrorCode(result.code), result.message, where=f"contour {result.index}")
+    return None
+
+
+def finish(
+    folder: Path,
+    reference_bag: Path | None,
+    *,
+    failure: IsfError | None,
+    as_json: bool,
+    bag: Path | None = None,
+    counts: Mapping[str, Any] | None = None,
+) -> None:
+    """Report the run in ``folder`` (its ``bag`` by default); raises ``failure`` after reporting it.
+
+    ``counts`` replaces numbers that the bag cannot know, such as the wall time.
+    """
+    bag = bag or folder / "bag"
+    try:
+        record = read_bag(bag)
+    except IsfError:
+        if failure:  # the reason why there is nothing to report
+            raise failure from None
+        raise
+    reference = read_bag(reference_bag) if reference_bag else None
+    page = write_report(record, folder, reference=reference)
+    data = {**summary(record, reference), **(counts or {}), "bag": str(bag), "report": str(page)}
+    if failure:
+        data["error"] = {"code": failure.code.value, "name": failure.code.name, "message": failure.message}
+    (folder / "summary.json").write_text(json.dumps(terminal.without_nan(data), indent=2), encoding="utf-8")
+    if as_json:
+        terminal.print_json(data)
+    terminal.show_summary(data, summary(reference) if reference else None)
+    terminal.console.print(f"report  {page}", soft_wrap=True)
+    if failure:
+        raise ReportedError(failure)

@@ -1,0 +1,107 @@
+"""``isf plan``: contours of a part, with a picture and a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile, load_job
+from isf_planner import Plan, plan
+from isf_planner.plan_figure import draw_plan
+
+from isf_cell import terminal
+from isf_cell.run_folder import make_run_folder
+
+MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf")
+
+_MESH_JOB = """\
+# made by isf plan for a mesh without a job file: single-point forming with common values
+name: {name}
+part: {{mesh: "{mesh}", unit: {unit}}}
+process: SPIF
+rig: ren2018
+sheet: {{material: AA5754-O, thickness: 1.0 mm}}
+tool_1: {{radius: 5 mm}}
+path: {{incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}}
+"""
+
+
+def plan_part(part: Path, unit: str | None, output: Path | None, *, as_json: bool) -> None:
+    """Plan a job or a bare mesh; raises IsfError as the planner does."""
+    job_file = _job_of(part, unit)
+    with terminal.console.status("planning") as status:
+        result = plan(job_file, progress=lambda phase, share: status.update(f"{phase} {100 * share:.0f} %"))
+    folder = make_run_folder(output, f"plan-{job_file.job.name}")
+    picture = draw_plan(result, job_file, folder / "plan.png")
+    table = folder / "contours.csv"
+    _write_table(result, table)
+    data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": list(result.warnings)}
+    if as_json:
+        terminal.print_json(data)
+    terminal.console.print(
+        f"{data['contours']} contours, {data['points']} points, path {data['path_m']:.2f} m, "
+        f"{data['time_s'] / 60:.1f} min at feed; wall angle up to {data['max_wall_angle_deg']:.1f} deg, "
+        f"thinnest {data['min_thickness_mm']:.2f} mm"
+    )
+    for warning in result.warnings:
+        terminal.console.print(f"[yellow]warning[/yellow] {warning}", soft_wrap=True)
+    terminal.console.print(f"picture {picture}\ntable   {table}", soft_wrap=True)
+
+
+def _job_of(part: Path, unit: str | None) -> JobFile:
+    if part.suffix.lower() not in MESH_SUFFIXES:
+        return load_job(part)
+    if unit is None:
+        raise IsfError(
+            ErrorCode.FILE_UNIT,
+            "a mesh file does not tell its unit",
+            where=str(part),
+            advice="add --unit mm (or cm, m, in), or write a job file",
+        )
+    name = "".join(c if c.isalnum() or c in "_.-" else "_" for c in part.stem)
+    text = _MESH_JOB.format(name=name, mesh=str(part.resolve()).replace('"', ""), unit=unit)
+    return JobFile(text, part.resolve().parent, str(part))
+
+
+def _numbers(result: Plan) -> dict[str, object]:
+    contours = result.contours
+    lengths = np.array([contour.arc_length()[-1] for contour in contours])
+    return {
+        "plan_id": result.plan_id,
+        "contours": len(contours),
+        "points": int(sum(len(contour) for contour in contours)),
+        "path_m": float(lengths.sum()),
+        "time_s": float(sum(length / contour.feed for length, contour in zip(lengths, contours, strict=True))),
+        "max_wall_angle_deg": float(np.degrees(max(contour.wall_angle.max() for contour in contours))),
+        "min_thickness_mm": float(1e3 * min(contour.thickness.min() for contour in contours)),
+        "depth_mm": float(-1e3 * min(contour.forming_tip[:, 2].min() for contour in contours)),
+    }
+
+
+def _write_table(result: Plan, path: Path) -> None:
+    """One row per point: contour, contact, normal, wall angle, thickness, tips, force; mm, degrees, N for people."""
+    rows = []
+    for contour in result.contours:
+        n = len(contour)
+        support = 1e3 * contour.support_tip if contour.has_support else np.full((n, 3), np.nan)
+        force = contour.support_force if contour.force_controlled else np.full(n, np.nan)
+        rows.append(
+            np.column_stack(
+                [
+                    np.full(n, contour.index),
+                    1e3 * contour.contact,
+                    contour.normal,
+                    np.degrees(contour.wall_angle),
+                    1e3 * contour.thickness,
+                    1e3 * contour.forming_tip,
+                    support,
+                    force,
+                ]
+            )
+        )
+    header = (
+        "contour,contact_x_mm,contact_y_mm,contact_z_mm,normal_x,normal_y,normal_z,wall_angle_deg,thickness_mm,"
+        "forming_x_mm,forming_y_mm,forming_z_mm,support_x_mm,support_y_mm,support_z_mm,support_force_N"
+    )
+    np.savetxt(path, np.vstack(rows), fmt="%.6g", delimiter=",", header=header, comments="")

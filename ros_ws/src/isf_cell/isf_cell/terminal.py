@@ -1,0 +1,136 @@
+"""What the ``isf`` command shows: text for people on stderr, results or one JSON object on stdout."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from isf_core.errors import ErrorCode, IsfError
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from isf_cell.part_step import PartStep
+
+console = Console(stderr=True, highlight=False)
+"""Progress, tables and errors."""
+
+
+def print_json(data: Mapping[str, Any]) -> None:
+    """The one JSON object of ``--json``, on stdout; NaN and infinity become null."""
+    print(json.dumps(without_nan(data), indent=2, allow_nan=False))
+
+
+def show_error(error: IsfError, *, as_json: bool = False) -> None:
+    """One expected failure: sentence, place, advice and code."""
+    if as_json:
+        print_json({"error": {"code": error.code.value, "name": error.code.name, "message": error.message}})
+    place = f"[bold]{error.where}[/bold]: " if error.where else ""
+    console.print(f"[bold red]error[/bold red] {error.code.value} {error.code.name}", highlight=False)
+    console.print(f"  {place}{error.what}", highlight=False, soft_wrap=True)
+    if error.advice:
+        console.print(f"  [dim]{error.advice}[/dim]", highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def part_progress(title: str) -> Iterator[PartProgress]:
+    """Progress of a part, contour by contour; a plain line per tenth of the part when there is no terminal."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[news]}"),
+    )
+    with Progress(*columns, console=console, transient=False, disable=not console.is_terminal) as progress:
+        yield PartProgress(progress, title)
+
+
+class PartProgress:
+    """One progress bar that shows the numbers an operator looks at."""
+
+    def __init__(self, progress: Progress, title: str) -> None:
+        self._progress = progress
+        self._task = progress.add_task(title, total=None, news="")
+        self._last_tenth = -1
+        self._last_phase = ""
+
+    def phase(self, text: str) -> None:
+        """What is being done before or between contours."""
+        self._progress.update(self._task, news=f"[dim]{text}[/dim]")
+        if not console.is_terminal and text != self._last_phase:
+            console.print(f"  {text}")
+        self._last_phase = text
+
+    def contour(self, step: PartStep) -> None:
+        """One more contour is formed."""
+        done, count = step.index + 1, step.count
+        parts = [f"depth {1e3 * step.depth:5.1f} mm", f"Fz {step.forming_force:4.0f} N"]
+        if not math.isnan(step.support_force):
+            parts.append(f"support {step.support_force:4.0f} N")
+        if not math.isnan(step.correction):
+            parts.append(f"correction {1e3 * step.correction:4.2f} mm")
+        news = "  ".join(parts)
+        self._progress.update(self._task, completed=done, total=count, news=news)
+        tenth = 10 * done // max(count, 1)
+        if not console.is_terminal and tenth != self._last_tenth:
+            self._last_tenth = tenth
+            console.print(f"  contour {done}/{count}  {news}")
+
+
+def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None) -> None:
+    """The numbers of a part as a table, beside those of the uncorrected reference when there is one."""
+    table = Table(title=f"{summary.get('job', 'part')}: {summary.get('contours', 0)} contours", title_justify="left")
+    table.add_column("")
+    if reference:
+        table.add_column("uncorrected", justify="right")
+    table.add_column(str(summary.get("correction", "result")), justify="right")
+
+    def row(label: str, value: str, other: str = "") -> None:
+        table.add_row(label, *([other] if reference else []), value)
+
+    def number(source: Mapping[str, Any] | None, *path: str, digits: int = 2) -> str:
+        value: Any = source
+        for key in path:
+            value = value.get(key) if isinstance(value, Mapping) else None
+        return "-" if value is None else f"{value:.{digits}f}"
+
+    for key, label in (("max_mm", "max error"), ("mean_abs_mm", "mean error"), ("rms_mm", "rms error")):
+        row(
+            f"{label}, wall and base [mm]",
+            number(summary, "deviation", key),
+            number(reference, "deviation", key),
+        )
+    force = summary.get("force") or {}
+    if force.get("set_N"):
+        row("support force set-point [N]", number(summary, "force", "set_N", digits=0), "")
+        row(
+            "engaged time within 10 N [%]",
+            f"{100 * force['within_10N_fraction']:.2f}" if force.get("within_10N_fraction") is not None else "-",
+        )
+        row("force error, 99.9 % of the time below [N]", number(summary, "force", "p999_abs_error_N", digits=1))
+    row("late ticks / lost messages", f"{summary.get('late_ticks', 0)} / {summary.get('lost_messages', 0)}")
+    row("process time / wall time [s]", f"{number(summary, 'sim_s', digits=1)} / {number(summary, 'wall_s', digits=1)}")
+    console.print(table)
+
+
+def unexpected(error: BaseException) -> IsfError:
+    """An unforeseen failure in the same form as the expected ones."""
+    return IsfError(
+        ErrorCode.OK, f"{type(error).__name__}: {error}", advice="a fault of this software; run with ISF_TRACEBACK=1"
+    )
+
+
+def without_nan(value: Any) -> Any:
+    """``value`` with NaN and infinities replaced by None, at any depth."""
+    if isinstance(value, Mapping):
+        return {str(key): without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
