@@ -1,0 +1,268 @@
+"""Method "analytic": springback from the measured force and the closed-form deflection of the sheet.
+
+For every control point of the coming contour: forecast of the axial sheet load -> line load
+q = F / (2 (l + m)) over the perimeter of the contact patch -> cubic a w^3 + b w = q with the local radius of the
+opening -> correction along the push direction (Praveen 2020, eq. 1-16 and 19-22; force in place of the predicted
+one and block logic: Ren 2018, 4.3.1).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.forming_force import aerens_axial_force, contact_patch
+from isf_core.job import JobFile
+from numpy.typing import NDArray
+
+from isf_springback.continuity import Continuity, forming_radius, limits_of
+from isf_springback.force_forecast import ForecastLaw, forecast
+from isf_springback.loop_path import LoopPath, moving_average, nearest_points
+from isf_springback.opening import ClampRadius, Opening, clamp_radius
+from isf_springback.sheet_deflection import SheetSection, deflection, ring_load_law
+from isf_springback.sheet_load import axial_sheet_load, push_sign
+
+Array = NDArray[np.float64]
+
+SheetTerm = Literal["realised", "component", "axial"]
+
+REALISED: dict[str, float] = {"free": 0.66, "fixed": 0.55}
+"""Part of the deflection w that comes back as springback, by the in-plane condition of the clamped edge.
+
+free: calibrated, Ren 2018 Table 4.6, 5.09 mm at 600 N where the cubic gives 7.68 mm. fixed: published, mean change
+of the base error over w of the three cones of Praveen 2020, 3.2 (0.63, 0.62, 0.41). Their ratio 1.20 agrees with
+the ratio of the plate formulas with free and immovable edge, 4.64 / 3.61 = 1.29 (Ren 2018 eq. 4-15)."""
+
+
+@dataclass(frozen=True)
+class AnalyticOptions:
+    """Choices of the method.
+
+    Attributes
+    ----------
+    sheet_term : how w becomes an axial correction. "realised": the constant factor :data:`REALISED`;
+        "component": w n_z, the literal reading of Praveen 2020 eq. 19-22 with the local normal; "axial": w.
+        The component reading equals the realised one on walls near 50 deg, but grows on fillets, where the force
+        and with it the springback fall: hence not the default.
+    clamp : radius of a rectangular clamp, see :func:`isf_springback.opening.clamp_radius`
+    law : force forecast
+    first_contour : "zero" (published: block 1 is not corrected) or "estimate" (force by Aerens' regression)
+    control_points : places along the contour where force and model are evaluated
+    """
+
+    sheet_term: SheetTerm = "realised"
+    clamp: ClampRadius = "equivalent"
+    law: ForecastLaw = "linear"
+    first_contour: Literal["zero", "estimate"] = "zero"
+    control_points: int = 24
+
+
+@dataclass(frozen=True)
+class MeasuredLoad:
+    """Axial sheet load of one contour: ``place`` (N, 2) m, ``load`` (N,) N averaged over a sector of path."""
+
+    index: int
+    place: Array
+    load: Array
+
+    def at(self, points: Array) -> Array:
+        """(M,) N, load at the nearest place in plan view of ``points`` (M, 2) m."""
+        return np.asarray(self.load[nearest_points(points, self.place)])
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Springback predicted for one contour: control points (M, 3) m, (M,) m, (M,) N and along the path (N,) m."""
+
+    point: Array
+    springback: Array
+    force: Array
+    along: Array
+
+
+class AnalyticCorrection:
+    """Corrects contour after contour; see the module text. State: opening, two measured loads, last correction."""
+
+    name = "analytic"
+
+    def __init__(self, job_file: JobFile, options: AnalyticOptions | None = None) -> None:
+        self._job_file = job_file
+        self._options = options or AnalyticOptions()
+        material = job_file.material
+        self._section = SheetSection(material.young_modulus, material.poisson_ratio, job_file.job.sheet.thickness)
+        self._continuity = Continuity()
+        self._opening: Opening | None = None
+        self._feature: tuple[int, int] | None = None
+        self._first_index = -1
+        self._loads: list[MeasuredLoad] = []
+        self._fault: IsfError | None = None
+
+    def correct(self, contour: Contour) -> ContourCorrection:
+        """Correction of the next contour; never raises for missing or bad forces.
+
+        These keep the last good correction and give its code: NO_FORCE_HISTORY (no result of the last contour),
+        CORRECTION_FAILED (forces not finite), CONTOUR_OUT_OF_ORDER. CORRECTION_LIMITED: the largest correction
+        was reached.
+
+        Raises
+        ------
+        IsfError : CONTOUR_REJECTED, the contour itself is malformed
+        """
+        started = time.perf_counter()
+        contour.validate()
+        continuity = self._continuity
+        fault = self._advance(contour) or self._fault
+        prediction: Prediction | None = None
+        if fault is None:
+            try:
+                prediction = self._predict(contour)
+            except IsfError as error:
+                fault = error
+        requested = continuity.last_good(contour)
+        if prediction is not None:
+            requested = self._job_file.job.springback.gain * prediction.along
+        limits = limits_of(self._job_file, contour.forming_tool)
+        limited = continuity.apply_limits(contour, requested, limits)
+        if fault is None and limited.magnitude_limited:
+            fault = IsfError(
+                ErrorCode.CORRECTION_LIMITED,
+                f"{1e3 * float(requested.max()):.1f} mm asked for, the largest correction is "
+                f"{1e3 * limits.magnitude:.1f} mm",
+                where=f"contour {contour.index}",
+                advice="check the measured force, the clamp size and the sheet thickness of the job",
+            )
+        return _correction(contour, limited.value, limited.saturated, prediction, fault, started)
+
+    def learn(self, contour: Contour, result: ContourResult) -> None:
+        """Take the forces measured on the contour last corrected; what is wrong with them is told by ``correct``."""
+        pending = self._continuity.pending
+        if pending is None or (pending.plan_id, pending.index) != (result.plan_id, result.index):
+            self._fault = IsfError(
+                ErrorCode.CONTOUR_OUT_OF_ORDER,
+                f"a result of contour {result.index} came, that of contour "
+                f"{'-' if pending is None else pending.index} is next",
+                where=f"plan {result.plan_id}",
+                advice="results must come once and in order; the last good correction is kept",
+            )
+            return
+        try:
+            if not result.completed:
+                raise IsfError(ErrorCode.NO_FORCE_HISTORY, "was not completed", where=f"contour {result.index}")
+            load = axial_sheet_load(contour, result)
+        except IsfError as error:
+            self._fault = error
+            return
+        self._fault = None
+        path = LoopPath.of(contour)
+        mean = moving_average(path, load, path.length / self._options.control_points)
+        older = [known for known in self._loads if known.index != result.index]
+        self._loads = [*older[-1:], MeasuredLoad(result.index, contour.forming_tip[:, :2].copy(), mean)]
+
+    def follow(self, contour: Contour, correction: ContourCorrection) -> None:
+        """Take note that another method corrected ``contour``."""
+        self._advance(contour)
+        self._continuity.remember(contour, push_sign(contour) * np.asarray(correction.offset)[:, 2])
+
+    def _advance(self, contour: Contour) -> IsfError | None:
+        """Prepare for ``contour``; a new plan starts anew, a new feature has an own opening and force history.
+
+        The first contour of a feature is its opening: parts are formed from the outside to the inside.
+        """
+        pending = self._continuity.pending
+        if pending is not None and pending.plan_id != contour.plan_id:
+            self._feature = None
+            self._fault = None
+        if self._feature != (contour.feature, contour.stage):
+            self._feature = (contour.feature, contour.stage)
+            self._opening = Opening.of(contour.contact[:, :2])
+            self._first_index = contour.index
+            self._loads = []
+        return self._continuity.advance(contour)
+
+    def _predict(self, contour: Contour) -> Prediction:
+        """Springback of ``contour``; raises NO_FORCE_HISTORY."""
+        path = LoopPath.of(contour)
+        position = path.even_positions(self._options.control_points)
+        point = np.column_stack([path.at(contour.contact[:, axis], position) for axis in range(3)])
+        tip = np.column_stack([path.at(contour.forming_tip[:, axis], position) for axis in range(2)])
+        angle = path.at(contour.wall_angle, position)
+        force = self._forecast(contour, tip, angle)
+        springback = self._springback(contour, point[:, :2], angle, force)
+        along = np.interp(path.position, position, springback, period=path.length if path.closed else None)
+        return Prediction(point, springback, force, np.asarray(along))
+
+    def _forecast(self, contour: Contour, tip: Array, angle: Array) -> Array:
+        """(M,) N, force expected at the control points."""
+        if self._loads and self._loads[-1].index == contour.index - 1:
+            last = self._loads[-1].at(tip)
+            consecutive = len(self._loads) == 2 and self._loads[0].index == contour.index - 2
+            return forecast(last, self._loads[0].at(tip) if consecutive else None, self._options.law)
+        if contour.index != self._first_index or (contour.feature == contour.stage == 0 and contour.index > 0):
+            raise IsfError(
+                ErrorCode.NO_FORCE_HISTORY,
+                f"no measured force of contour {contour.index - 1}",
+                where=f"contour {contour.index}",
+                advice="the last good correction is kept; check that force control publishes contour/result",
+            )
+        if self._options.first_contour == "zero":
+            return np.zeros(len(tip))
+        job = self._job_file.job
+        return aerens_axial_force(
+            self._job_file.material.tensile_strength,
+            job.sheet.thickness,
+            forming_radius(self._job_file, contour.forming_tool),
+            job.path.incremental_depth,
+            angle,
+        )
+
+    def _springback(self, contour: Contour, place: Array, angle: Array, force: Array) -> Array:
+        """(M,) m, springback against the push direction under ``force`` (M,) N."""
+        job_file, options = self._job_file, self._options
+        clamp = job_file.rig.clamp
+        assert self._opening is not None  # set by _advance
+        radius = self._opening.radius_towards(place)
+        outer = clamp_radius(self._opening, place, clamp.size, options.clamp)
+        tool = forming_radius(job_file, contour.forming_tool)
+        patch = contact_patch(angle, tool, job_file.job.path.incremental_depth)
+        law = ring_load_law(self._section, outer, radius)
+        return deflection(law, force / patch.perimeter) * self._axial_share(angle)
+
+    def _axial_share(self, angle: Array) -> Array:
+        if self._options.sheet_term == "component":
+            return np.asarray(np.cos(angle))
+        if self._options.sheet_term == "axial":
+            return np.ones(len(angle))
+        return np.full(len(angle), REALISED[self._job_file.rig.clamp.edge])
+
+
+def _correction(
+    contour: Contour,
+    value: Array,
+    saturated: NDArray[np.bool_],
+    prediction: Prediction | None,
+    fault: IsfError | None,
+    started: float,
+) -> ContourCorrection:
+    """Correction message of a push ``value`` (N,) m."""
+    sign = push_sign(contour)
+    offset = np.zeros((len(contour), 3))
+    offset[:, 2] = sign * value
+    none = np.empty(0)
+    return ContourCorrection(
+        plan_id=contour.plan_id,
+        index=contour.index,
+        method=AnalyticCorrection.name,
+        offset=offset,
+        springback=none if prediction is None else -sign * prediction.along,
+        control_point=np.empty((0, 3)) if prediction is None else prediction.point,
+        control_point_springback=none if prediction is None else -sign * prediction.springback,
+        control_point_force=none if prediction is None else prediction.force,
+        saturated=saturated,
+        code=0 if fault is None else int(fault.code),
+        message="" if fault is None else fault.message,
+        solve_time=time.perf_counter() - started,
+    )
