@@ -1,0 +1,78 @@
+"""Compliance compensation of the forming tool in the sheet plane (Ren 2018, section 2.3.1 and eq. 2-12).
+
+The tool gives way by C F; the command is moved by the opposite amount, so that the tip is where it was planned::
+
+    offset = - factor * C_xy * F_forming          (F: force of the sheet on the tool)
+
+Z is left alone: that axis is ten times stiffer. The feedback is positive; it is stable only while K_p K_c < 1
+(K_p = factor * C), see :mod:`isf_force_ctrl.stability`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isf_force_ctrl.control_state import Flag
+from isf_force_ctrl.load_cell_filter import Fir
+
+
+@dataclass(frozen=True)
+class ComplianceSettings:
+    """Gain and limits at one rate.
+
+    Attributes
+    ----------
+    rate : Hz
+    gain : (2,) m/N, factor times tool compliance in x and y
+    coefficients : FIR, after the limiters so that the rate of the offset cannot jump
+    offset_slew : m/s, fastest change of the offset
+    offset_limit : m, largest offset per axis
+    """
+
+    rate: float
+    gain: tuple[float, float]
+    coefficients: NDArray[np.float64]
+    offset_slew: float
+    offset_limit: float
+
+
+class ComplianceCompensation:
+    """Offset of the forming tool in x and y; one call per tick."""
+
+    __slots__ = ("_fir_x", "_fir_y", "_gain_x", "_gain_y", "_limit", "_raw_x", "_raw_y", "_slew", "flags", "x", "y")
+
+    def __init__(self, settings: ComplianceSettings) -> None:
+        self._gain_x, self._gain_y = settings.gain
+        self._slew = settings.offset_slew / settings.rate
+        self._limit = settings.offset_limit
+        self._fir_x, self._fir_y = Fir(settings.coefficients), Fir(settings.coefficients)
+        self._raw_x = self._raw_y = 0.0
+        self.x = self.y = 0.0
+        """m, present offset."""
+        self.flags = 0
+
+    def step(self, force_x: float, force_y: float) -> None:
+        """Take in the force of the sheet on the forming tool (N) of one tick."""
+        wanted_x, wanted_y = -self._gain_x * force_x, -self._gain_y * force_y
+        raw_x = _limited(wanted_x, self._raw_x, self._slew, self._limit)
+        raw_y = _limited(wanted_y, self._raw_y, self._slew, self._limit)
+        self.flags = 0 if raw_x == wanted_x and raw_y == wanted_y else int(Flag.SATURATED_COMPLIANCE)
+        self._raw_x, self._raw_y = raw_x, raw_y
+        self.x, self.y = self._fir_x.step(raw_x), self._fir_y.step(raw_y)
+
+    def freeze(self) -> None:
+        """Bring the offset to rest where it is."""
+        self.flags = 0
+        self.x, self.y = self._fir_x.step(self._raw_x), self._fir_y.step(self._raw_y)
+
+
+def _limited(wanted: float, last: float, slew: float, limit: float) -> float:
+    value = limit if wanted > limit else -limit if wanted < -limit else wanted
+    if value > last + slew:
+        return last + slew
+    if value < last - slew:
+        return last - slew
+    return value

@@ -1,0 +1,149 @@
+"""Everything the force controller needs to know about job and rig, as one frozen dataclass in SI units.
+
+Defaults carry their source; those that the source states per update of its 440 Hz loop became rates per second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from isf_core.job import JobFile
+from numpy.typing import NDArray
+
+from isf_force_ctrl.compliance import ComplianceSettings
+from isf_force_ctrl.contact_force import ContactForceSettings
+from isf_force_ctrl.load_cell_filter import group_delay, low_pass
+from isf_force_ctrl.stability import check_compliance_gain, check_force_gain
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ControlConfig:
+    """Parameters of one job on one rig.
+
+    Attributes
+    ----------
+    rate : Hz, ticks per second
+    park_height : m, tools wait at x = y = 0, z = +-park_height
+    travel, speed_limit, force_limit : limits of the rig (m per axis, m/s, N per axis)
+    servo_bandwidth : Hz
+    contact_stiffness : N/m, K_c
+    forming_compliance : (2,) m/N, x and y of the forming tool
+    compensation : factor 0..1 on the compliance compensation
+    support_force : N, replaces the set-points of force-controlled contours; None: as in the contours
+    loop_gain : 1/s, K_i K_c (24 in Ren 2018, 2.3.3)
+    filter_cutoff : Hz (40, 2.3.4)
+    error_clamp : N (128 um at 2 um/N, Appendix B)
+    error_slew : N/s (16 um per update at 440 Hz and 2 um/N)
+    dead_zone : N (6 um at 2 um/N)
+    offset_limit : m, of the force offset and of the compliance offset per axis
+    compliance_slew : m/s (16 um per update at 440 Hz)
+    set_point_rate : N/s, ramp of the set-point while engaging
+    settled_error : N, filtered error below which engaging is over
+    settled_time : s, for so long
+    engage_timeout : s, after the ramp; then the contour starts anyway
+    contact_threshold : N, support force that counts as contact
+    ramp_back_time : s, time constant of taking an offset back in free space
+    learning : 0..1, share of the previous contour's offset profile that is fed forward; 0 = off
+    feed_error : N, filtered force error from which the feed is reduced; infinite = constant feed
+    feed_floor : smallest fraction of the feed
+    acceleration : m/s^2, of either tool tip
+    blend_time, jerk_time : s, widths of the two averages that round corners and limit the jerk
+    rapid_speed : m/s in free space
+    contact_speed : m/s, most, for the last ``clearance`` before contact
+    clearance : m, distance kept from the sheet while traversing nearby
+    link_length : m, longest move from contour to contour that stays in contact
+    """
+
+    rate: float
+    park_height: float
+    travel: Vector
+    speed_limit: float
+    force_limit: Vector
+    servo_bandwidth: float
+    contact_stiffness: float
+    forming_compliance: tuple[float, float]
+    compensation: float
+    offset_limit: float
+    support_force: float | None = None
+    loop_gain: float = 24.0
+    filter_cutoff: float = 40.0
+    error_clamp: float = 64.0
+    error_slew: float = 3520.0
+    dead_zone: float = 3.0
+    compliance_slew: float = 7.04e-3
+    set_point_rate: float = 400.0
+    settled_error: float = 6.0
+    settled_time: float = 0.05
+    engage_timeout: float = 1.0
+    contact_threshold: float = 5.0
+    ramp_back_time: float = 0.1
+    learning: float = 0.0
+    feed_error: float = float("inf")
+    feed_floor: float = 0.3
+    acceleration: float = 0.5
+    blend_time: float = 0.03
+    jerk_time: float = 0.01
+    rapid_speed: float = 0.06
+    contact_speed: float = 0.02
+    clearance: float = 8e-3
+    link_length: float = 5e-3
+
+    @staticmethod
+    def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
+        """Parameters from a job and its rig, checked for stability.
+
+        Raises IsfError UNSTABLE_GAIN.
+        """
+        job, rig = job_file.job, job_file.rig
+        config = ControlConfig(
+            rate=job.control.rate,
+            park_height=rig.park_height,
+            travel=rig.limits.travel,
+            speed_limit=rig.limits.speed,
+            force_limit=rig.limits.force,
+            servo_bandwidth=rig.servo.bandwidth,
+            contact_stiffness=rig.contact_stiffness,
+            forming_compliance=(rig.tool_1.compliance[0], rig.tool_1.compliance[1]),
+            compensation=job.control.compliance_compensation,
+            offset_limit=rig.limits.offset,
+            support_force=support_force,
+            rapid_speed=min(ControlConfig.rapid_speed, 0.6 * rig.limits.speed),
+        )
+        config.check()
+        return config
+
+    def check(self) -> None:
+        """Raise IsfError UNSTABLE_GAIN when a loop would not be stable on this rig."""
+        gain = self.compensation * max(self.forming_compliance)
+        check_compliance_gain(gain, self.contact_stiffness)
+        delay = group_delay(len(self.coefficients()), self.rate) + 1.5 / self.rate
+        check_force_gain(self.loop_gain, self.servo_bandwidth, delay, gain * self.contact_stiffness)
+
+    def coefficients(self) -> NDArray:  # type: ignore[type-arg]
+        """FIR low-pass of both loops."""
+        return low_pass(min(self.filter_cutoff, 0.45 * self.rate), self.rate)
+
+    def contact_force(self) -> ContactForceSettings:
+        """Settings of the support tool's force loop."""
+        return ContactForceSettings(
+            rate=self.rate,
+            integral_gain=self.loop_gain / self.contact_stiffness,
+            coefficients=self.coefficients(),
+            error_clamp=self.error_clamp,
+            error_slew=self.error_slew,
+            dead_zone=self.dead_zone,
+            offset_limit=self.offset_limit,
+            ramp_back_time=self.ramp_back_time,
+        )
+
+    def compliance(self) -> ComplianceSettings:
+        """Settings of the forming tool's compliance compensation."""
+        return ComplianceSettings(
+            rate=self.rate,
+            gain=(self.compensation * self.forming_compliance[0], self.compensation * self.forming_compliance[1]),
+            coefficients=self.coefficients(),
+            offset_slew=self.compliance_slew,
+            offset_limit=self.offset_limit,
+        )

@@ -1,0 +1,68 @@
+"""Stability limits of force and compliance control, computed before a tool moves (Ren 2018, section 2.3.3).
+
+The servo is taken as a third-order Butterworth low-pass of the rig's bandwidth ("third order, 30 Hz"), the contact
+as the spring K_c (eq. 2-7, 2-8).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from numpy.typing import NDArray
+
+Complex = NDArray[np.complex128]
+
+
+def servo_response(bandwidth: float, omega: NDArray[np.float64]) -> Complex:
+    """G_m(j omega) of a third-order Butterworth servo; ``bandwidth`` Hz, ``omega`` rad/s."""
+    corner = 2 * np.pi * bandwidth
+    s = 1j * omega
+    return np.asarray(corner**3 / (s**3 + 2 * corner * s**2 + 2 * corner**2 * s + corner**3))
+
+
+def ultimate_loop_gain(bandwidth: float, delay: float = 0.0, compensation: float = 0.0) -> float:
+    """1/s, loop gain K_i K_c at which the integral force loop starts to oscillate.
+
+    Parameters
+    ----------
+    bandwidth : Hz of the servo
+    delay : s, filter, transport and hold delays in the force loop
+    compensation : K_p K_c of the compliance compensation that acts at the same time; it works as positive
+        feedback inside the loop, G_m -> G_m / (1 - K_p K_c G_m e^(-s delay))
+    """
+    omega = np.linspace(1.0, 4 * np.pi * bandwidth, 8000)
+    transport = np.exp(-1j * omega * delay)
+    servo = servo_response(bandwidth, omega)
+    open_loop = servo * transport / (1 - compensation * servo * transport) / (1j * omega)
+    phase = np.unwrap(np.angle(open_loop))
+    crossing = int(np.argmax(phase <= -np.pi))
+    if phase[crossing] > -np.pi:
+        return float("inf")
+    return float(1.0 / np.abs(open_loop[crossing]))
+
+
+def check_compliance_gain(gain: float, contact_stiffness: float) -> None:
+    """Raise UNSTABLE_GAIN unless K_p K_c < 1 (Ren 2018 eq. 2-12); ``gain`` m/N, ``contact_stiffness`` N/m."""
+    product = gain * contact_stiffness
+    if product >= 1.0:
+        raise IsfError(
+            ErrorCode.UNSTABLE_GAIN,
+            f"compliance compensation of {gain * 1e6:.2f} um/N on a contact of {contact_stiffness * 1e-6:.2f} N/um "
+            f"has the loop gain {product:.2f}; it must be below 1",
+            where="control.compliance_compensation",
+            advice="reduce the factor, or identify compliance and contact stiffness of the rig again",
+        )
+
+
+def check_force_gain(
+    loop_gain: float, bandwidth: float, delay: float, compensation: float, *, margin: float = 1.5
+) -> None:
+    """Raise UNSTABLE_GAIN unless the integral force loop keeps the gain ``margin`` to its limit."""
+    ultimate = ultimate_loop_gain(bandwidth, delay, compensation)
+    if loop_gain * margin > ultimate:
+        raise IsfError(
+            ErrorCode.UNSTABLE_GAIN,
+            f"force loop gain {loop_gain:.0f} 1/s is too near to its stability limit of {ultimate:.0f} 1/s",
+            where="force control",
+            advice="reduce loop_gain, raise control.rate or use a faster servo",
+        )
