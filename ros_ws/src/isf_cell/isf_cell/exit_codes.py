@@ -35,6 +35,7 @@ def exit_for(code: ErrorCode) -> Exit:
     if code in (ErrorCode.CANCELLED, ErrorCode.PLAN_CANCELLED):
         return Exit.CANCELLED
     by_owner = {
+        "software": Exit.INTERNAL,
         "files": Exit.INPUT,
         "planner": Exit.INPUT,
         "force_ctrl": Exit.PROCESS,

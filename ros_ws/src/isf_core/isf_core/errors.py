@@ -15,6 +15,8 @@ class ErrorCode(IntEnum):
     """Numeric codes as they appear in messages, bags and exit reports."""
 
     OK = 0
+    INTERNAL = 1
+    """A fault of this software."""
 
     # files (job, rig, material)
     FILE_NOT_FOUND = 1001
@@ -100,6 +102,7 @@ _OWNERS = (
     (1200, "force_ctrl"),
     (1100, "planner"),
     (1000, "files"),
+    (1, "software"),
 )
 
 

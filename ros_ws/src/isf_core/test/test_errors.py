@@ -3,6 +3,7 @@
 from isf_core.errors import ErrorCode, IsfError
 
 RANGES = {
+    "software": range(1, 2),
     "files": range(1000, 1100),
     "planner": range(1100, 1200),
     "force_ctrl": range(1200, 1300),

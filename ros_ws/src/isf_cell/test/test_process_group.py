@@ -1,0 +1,58 @@
+"""Processes of a cell: found as ros2 run finds them, always ended."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+from isf_cell import executables
+from isf_cell.process_group import ProcessGroup
+from isf_core.errors import ErrorCode, IsfError
+
+STUBBORN = """#!/bin/sh
+trap '' INT TERM
+echo "started with $*"
+while :; do :; done
+"""
+
+
+@pytest.fixture
+def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "lib" / "some_package"
+    folder.mkdir(parents=True)
+    for name, text in (("stubborn", STUBBORN), ("brief", "#!/bin/sh\necho gone; exit 3\n")):
+        path = folder / name
+        path.write_text(text)
+        path.chmod(0o755)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    return tmp_path
+
+
+def test_an_unknown_node_names_what_there_is(prefix: Path) -> None:
+    with pytest.raises(IsfError, match="it offers: brief, stubborn") as caught:
+        executables.find("some_package", "other")
+    assert caught.value.code == ErrorCode.NODE_MISSING
+    with pytest.raises(IsfError, match="no package 'no_package'"):
+        executables.find("no_package", "other")
+
+
+def test_even_a_process_that_ignores_signals_is_ended(prefix: Path) -> None:
+    with pytest.raises(RuntimeError, match="a fault"), ProcessGroup(prefix / "logs") as group:
+        node = group.start("some_package", "stubborn", {"speed": 0.5, "text": "it's", "flag": True})
+        deadline = time.monotonic() + 10
+        while "started" not in node.last_lines() and time.monotonic() < deadline:
+            os.sched_yield()
+        assert "speed:=0.5 -p text:='it''s' -p flag:=true" in node.last_lines()
+        group.stop(patience=0.1)
+        assert not node.alive
+        raise RuntimeError("a fault")
+
+
+def test_a_process_that_ended_is_reported_with_its_output(prefix: Path) -> None:
+    with ProcessGroup(prefix / "logs") as group:
+        node = group.start("some_package", "brief", {})
+        assert node.popen.wait(10) == 3
+        assert group.dead() == [node]
+        assert node.last_lines() == "gone"

@@ -1,0 +1,115 @@
+"""Cell nodes in a real process: heartbeat, autostart, failing transitions, parameters, orderly end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture
+def observer() -> Iterator[Node]:
+    rclpy.init()
+    node = rclpy.create_node("observer")
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@contextmanager
+def sample(**parameters: object) -> Iterator[subprocess.Popen[bytes]]:
+    command = [sys.executable, str(Path(__file__).with_name("lifecycle_node.py")), "--ros-args"]
+    for name, value in parameters.items():
+        command += ["-p", f"{name}:={value}"]
+    process = subprocess.Popen(command, start_new_session=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)
+        process.wait(10)
+
+
+def spin_until(node: Node, condition: Callable[[], Any], timeout: float = 20.0) -> bool:
+    deadline = time.monotonic() + timeout
+    while not condition() and time.monotonic() < deadline:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    return bool(condition())
+
+
+def listen(node: Node) -> list[DiagnosticStatus]:
+    heard: list[DiagnosticStatus] = []
+    node.create_subscription(DiagnosticArray, "/diagnostics", lambda message: heard.extend(message.status), 10)
+    return heard
+
+
+def values(status: DiagnosticStatus) -> dict[str, str]:
+    return {item.key: item.value for item in status.values}
+
+
+def call(node: Node, kind: Any, name: str, request: Any) -> Any:
+    client = node.create_client(kind, name)
+    assert client.wait_for_service(20.0)
+    future = client.call_async(request)
+    assert spin_until(node, future.done)
+    return future.result()
+
+
+def test_a_node_waits_unconfigured_and_ends_in_order(observer: Node, tmp_path: Path) -> None:
+    heard = listen(observer)
+    note = tmp_path / "note"
+    with sample(closing_note=note) as process:
+        assert spin_until(observer, lambda: len(heard) >= 2)
+        assert heard[-1].name == "/sample"
+        assert values(heard[-1]) == {"state": "unconfigured", "gain": "1.5"}
+        os.killpg(process.pid, signal.SIGTERM)
+        assert process.wait(10) == 0
+    assert note.read_text() == "closed"
+
+
+def test_autostart_brings_a_node_up(observer: Node) -> None:
+    heard = listen(observer)
+    with sample(autostart="true"):
+        assert spin_until(observer, lambda: heard and values(heard[-1])["state"] == "active")
+        assert heard[-1].level == DiagnosticStatus.OK
+
+
+def test_a_failing_configuration_is_told_and_the_node_stays_unconfigured(observer: Node) -> None:
+    heard = listen(observer)
+    with sample(broken="true"):
+        request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+        assert not call(observer, ChangeState, "sample/change_state", request).success
+        assert spin_until(observer, lambda: heard and heard[-1].level == DiagnosticStatus.ERROR)
+        assert "1003 FILE_FIELD" in heard[-1].message
+        assert "correct it" in heard[-1].message
+        assert values(heard[-1])["state"] == "unconfigured"
+
+
+def test_read_only_parameters_cannot_change_and_others_can(observer: Node) -> None:
+    heard = listen(observer)
+    with sample():
+        number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=2.5)
+        flag = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
+        request = SetParameters.Request(
+            parameters=[Parameter(name="gain", value=number), Parameter(name="broken", value=flag)]
+        )
+        results = call(observer, SetParameters, "sample/set_parameters", request).results
+        assert [result.successful for result in results] == [True, False]
+        assert spin_until(observer, lambda: heard and values(heard[-1])["gain"] == "2.5")
