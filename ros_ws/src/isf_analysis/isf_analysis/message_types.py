@@ -1,0 +1,72 @@
+"""The message types of a cell for reading and writing bags without ROS, from the ``.msg`` files of ``isf_msgs``."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+PACKAGE = "isf_msgs"
+
+
+@cache
+def cell_types() -> Typestore:
+    """Types of ROS 2 Jazzy and of ``isf_msgs``.
+
+    Raises
+    ------
+    IsfError : FILE_NOT_FOUND when the message definitions are not installed
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for path in sorted(message_folder().glob("*.msg")):
+        store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"{PACKAGE}/msg/{path.stem}"))
+    return store
+
+
+def message_folder() -> Path:
+    """Folder of the ``.msg`` files: ``share/isf_msgs/msg`` of an installed workspace, else the source tree."""
+    prefixes = [Path(item) for item in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if item]
+    folders = [prefix / "share" / PACKAGE / "msg" for prefix in prefixes]
+    folders.append(Path(__file__).resolve().parents[2] / PACKAGE / "msg")
+    for folder in folders:
+        if folder.is_dir():
+            return folder
+    raise IsfError(
+        ErrorCode.FILE_NOT_FOUND,
+        "the message definitions of isf_msgs are not installed",
+        where=str(folders[-1]),
+        advice="build the workspace and source its setup file",
+    )
+
+
+def make_message(name: str, /, **values: Any) -> Any:
+    """Message of type ``name`` ("isf_msgs/msg/Contour") with ``values``; all other fields are zero or empty."""
+    store = cell_types()
+    fields = {field: values.pop(field, None) for field, _ in store.fielddefs[name][1]}
+    if values:
+        raise TypeError(f"{name} has no field {', '.join(values)}")
+    for field, description in store.fielddefs[name][1]:
+        if fields[field] is None:
+            fields[field] = _zero(description)
+    return store.types[name](**fields)
+
+
+def _zero(description: Any) -> Any:
+    kind, detail = description
+    if kind == Nodetype.BASE:
+        name = detail[0]
+        return "" if name == "string" else False if name == "bool" else 0.0 if name.startswith("float") else 0
+    if kind == Nodetype.NAME:
+        return make_message(detail)
+    (inner_kind, inner), length = detail
+    count = length if kind == Nodetype.ARRAY else 0
+    if inner_kind == Nodetype.BASE and inner[0] != "string":
+        return np.zeros(count, dtype={"octet": "uint8", "byte": "uint8", "char": "uint8"}.get(inner[0], inner[0]))
+    return [_zero((inner_kind, inner)) for _ in range(count)]
