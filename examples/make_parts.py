@@ -1,0 +1,133 @@
+#!/usr/bin/env python3
+"""Make the example parts: upper faces of cones and of a pyramid with rounded corners, as binary STL in mm.
+
+A wall profile (flange, entry fillet, straight wall, floor fillet, floor) is swept along the closed line in
+which the extended wall meets the sheet plane. Facets deviate from the smooth surface by less than 10 um.
+Usage: make_parts.py [folder], default: the folder ``parts`` beside this file.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CHORD_ERROR = 0.0095
+"""mm, largest distance between a facet and the arc it stands for."""
+
+
+@dataclass(frozen=True)
+class Wall:
+    """Profile of a wall, mm and degrees."""
+
+    angle: float
+    depth: float
+    entry_radius: float
+    floor_radius: float
+    flange: float
+
+    def profile(self) -> Array:
+        """(M, 2) mm from the flange to the floor: distance inward from the opening line, z."""
+        alpha = np.radians(self.angle)
+        entry = np.linspace(0.0, alpha, arc_segments(self.entry_radius, alpha) + 1)
+        floor = np.linspace(alpha, 0.0, arc_segments(self.floor_radius, alpha) + 1)
+        entry_start = -self.entry_radius * np.tan(alpha / 2)
+        floor_end = self.depth / np.tan(alpha) + self.floor_radius * np.tan(alpha / 2)
+        upper = np.column_stack(
+            [entry_start + self.entry_radius * np.sin(entry), -self.entry_radius * (1 - np.cos(entry))]
+        )
+        lower = np.column_stack(
+            [floor_end - self.floor_radius * np.sin(floor), -self.depth + self.floor_radius * (1 - np.cos(floor))]
+        )
+        edge = np.array([[entry_start - self.flange, 0.0]])
+        between = np.linspace(upper[-1], lower[0], 3)[1:-1]
+        return np.vstack([edge, upper, between, lower])
+
+
+@dataclass(frozen=True)
+class Part:
+    """A wall along an opening line; ``corner_radius`` equal to ``half_opening`` makes a cone (mm)."""
+
+    half_opening: float
+    corner_radius: float
+    wall: Wall
+
+
+PARTS = {
+    "ren_cone": Part(36.0, 36.0, Wall(50.0, 21.0, 6.0, 8.0, 8.0)),
+    "ren_pyramid": Part(40.0, 22.0, Wall(50.0, 20.0, 6.0, 8.0, 8.0)),
+    "spif_cone": Part(45.0, 45.0, Wall(45.0, 15.0, 6.0, 8.0, 8.0)),
+    "mini_cone": Part(16.0, 16.0, Wall(45.0, 5.0, 5.0, 6.0, 6.0)),
+}
+
+
+def arc_segments(radius: float, angle: float) -> int:
+    """Number of equal chords that stay within CHORD_ERROR of an arc (mm, rad)."""
+    return int(np.ceil(angle / (2 * np.arccos(1 - CHORD_ERROR / radius))))
+
+
+def opening_line(part: Part, largest_radius: float) -> tuple[Array, Array]:
+    """Points (N, 2) mm of the opening line and its outward unit normals; corners fine enough for ``largest_radius``."""
+    straight = part.half_opening - part.corner_radius
+    segments = arc_segments(largest_radius, np.pi / 2)
+    points, normals = [], []
+    for quarter in range(4):
+        turn = quarter * np.pi / 2
+        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        angle = np.linspace(0.0, np.pi / 2, segments + 1)[: None if straight else -1]
+        normal = np.column_stack([np.cos(angle), np.sin(angle)])
+        corner = straight + part.corner_radius * normal
+        if straight:  # facets of about 4 mm along the straight side that follows this corner
+            step = np.linspace(straight, -straight, max(2, int(2 * straight / 4.0)) + 1)[1:-1]
+            corner = np.vstack([corner, np.column_stack([step, np.full_like(step, part.half_opening)])])
+            normal = np.vstack([normal, np.tile([0.0, 1.0], (len(step), 1))])
+        points.append(corner @ rotation.T)
+        normals.append(normal @ rotation.T)
+    return np.vstack(points), np.vstack(normals)
+
+
+def make(part: Part) -> trimesh.Trimesh:
+    """Upper face of the part, mm; normals up, opening line in z = 0, centre at the origin."""
+    profile = part.wall.profile()
+    points, normals = opening_line(part, part.corner_radius - profile[0, 0])
+    rings = [np.column_stack([points - d * normals, np.full(len(points), z)]) for d, z in profile]
+    rings.append(rings[-1] * [0.5, 0.5, 1.0])
+    count = len(points)
+    vertices = np.vstack([*rings, [[0.0, 0.0, -part.wall.depth]]])
+    outer = (np.arange(len(rings) - 1)[:, None] * count + np.arange(count)).ravel()
+    outer_next = (np.arange(len(rings) - 1)[:, None] * count + (np.arange(count) + 1) % count).ravel()
+    inner, inner_next = outer + count, outer_next + count
+    last = (len(rings) - 1) * count
+    rim, rim_next = last + np.arange(count), last + (np.arange(count) + 1) % count
+    centre = np.full(count, len(vertices) - 1)
+    faces = np.vstack(
+        [
+            np.column_stack([outer, outer_next, inner_next]),
+            np.column_stack([outer, inner_next, inner]),
+            np.column_stack([rim, rim_next, centre]),
+        ]
+    )
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def main() -> None:
+    """Write all parts."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).resolve().parent / "parts")
+    folder: Path = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, part in PARTS.items():
+        path = folder / f"{name}.stl"
+        mesh = make(part)
+        mesh.export(path)
+        print(f"{path.name}: {len(mesh.faces)} facets, {path.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
