@@ -4,4 +4,4 @@
 set -euo pipefail
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
 cd "$root"
-exec ./isf form examples/jobs/ren_cone.yaml --demo "$@"
+exec ./isf form examples/jobs/ren_cone.yaml "$@"

@@ -1,0 +1,159 @@
+"""A whole part through real nodes in real processes over real DDS, against the same cores in one process."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from isf_analysis.bag_reader import read_bag
+from isf_analysis.record import PartRecord
+from isf_cell import graph_run, in_process
+from isf_cell.exit_codes import Exit
+from isf_cell.options import RunOptions
+from isf_cell.process_group import ProcessGroup
+from isf_core.errors import ErrorCode
+from isf_core.job import load_job
+
+pytestmark = pytest.mark.graph
+
+ROOT = Path(__file__).resolve().parents[1]
+JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
+
+
+def quiet(_: Any) -> None:
+    """Feedback that nobody looks at."""
+
+
+@pytest.fixture(scope="module")
+def graph_record(tmp_path_factory: pytest.TempPathFactory) -> PartRecord:
+    """The small cone, formed once through the node graph in lockstep and read back from its bag."""
+    folder = tmp_path_factory.mktemp("graph")
+    steps: list[int] = []
+    result, failure = graph_run.form(
+        load_job(JOB), RunOptions(seed=3), folder, lambda m: steps.append(m.index) if m.phase == "forming" else None
+    )
+    assert failure is None
+    assert result.lost_messages == 0
+    assert result.late_ticks == 0
+    assert steps == list(range(result.contours))
+    return read_bag(folder / "bag")
+
+
+def test_the_bag_holds_the_whole_part(graph_record: PartRecord) -> None:
+    assert graph_record.failure() is None
+    assert graph_record.formed == graph_record.planned == len(graph_record.corrections)
+    assert graph_record.job_name == "mini_cone"
+    assert graph_record.lockstep
+    assert graph_record.scan is not None
+    assert graph_record.target is not None
+
+
+def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
+    """The contract of docs/architecture.md: 1 um and 0.1 N, contour by contour and in the final shape."""
+    alone = in_process.form(load_job(JOB), RunOptions(seed=3))
+    assert len(alone.results) == len(graph_record.results)
+    for mine, theirs in zip(alone.results, graph_record.results, strict=True):
+        assert len(mine.tick_time) == len(theirs.tick_time)
+        np.testing.assert_allclose(theirs.forming_target, mine.forming_target, atol=1e-6)
+        np.testing.assert_allclose(theirs.support_target, mine.support_target, atol=1e-6)
+        np.testing.assert_allclose(theirs.forming_force, mine.forming_force, atol=0.1)
+        np.testing.assert_allclose(theirs.support_force, mine.support_force, atol=0.1)
+    for mine, theirs in zip(alone.corrections, graph_record.corrections, strict=True):
+        np.testing.assert_allclose(theirs.offset, mine.offset, atol=1e-6)
+    assert alone.scan is not None
+    assert graph_record.scan is not None
+    np.testing.assert_allclose(graph_record.scan.z, alone.scan.z, atol=1e-6)
+
+
+@pytest.mark.parametrize("victim", ["force_ctrl", "springback", "planner", "machine"])
+def test_when_a_node_dies_the_machine_holds_and_the_executive_says_why(victim: str, tmp_path: Path) -> None:
+    killed: list[str] = []
+
+    def kill_after_second_contour(group: ProcessGroup) -> Callable[[Any], None]:
+        def feedback(message: Any) -> None:
+            if message.phase == "forming" and message.index == 1 and not killed:
+                os.killpg(group[victim].popen.pid, signal.SIGKILL)
+                killed.append(victim)
+
+        return feedback
+
+    client = graph_run.CellClient()
+    try:
+        with ProcessGroup(tmp_path / "logs") as group:
+            graph_run.start_cell(group, tmp_path / "bag", lockstep=True)
+            client.wait_ready(group)
+            result = client.form(load_job(JOB), RunOptions(), kill_after_second_contour(group), group)
+    finally:
+        client.close()
+    assert killed == [victim]
+    assert result.code == ErrorCode.NODE_DIED
+    assert f"'{victim}'" in result.message
+    assert result.contours >= 2
+    record = read_bag(tmp_path / "bag")
+    assert record.formed >= 2
+    if victim != "machine":
+        assert record.faults, "the machine latched no fault"
+    assert_nothing_left(tmp_path)
+
+
+def assert_nothing_left(folder: Path) -> None:
+    """No process with this test's folder on its command line is alive."""
+    found = subprocess.run(["pgrep", "-f", str(folder)], capture_output=True, text=True, check=False).stdout.split()
+    assert [pid for pid in found if int(pid) != os.getpid()] == []
+
+
+def test_ctrl_c_cancels_the_part_and_keeps_what_was_formed(tmp_path: Path) -> None:
+    output = tmp_path / "run"
+    command = [sys.executable, "-m", "isf_cell.cli", "form", str(JOB), "--json", "--no-compare", "-o", str(output)]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stderr is not None
+    deadline = time.monotonic() + 120
+    for line in process.stderr:
+        if "contour 2/" in line:
+            break
+        assert time.monotonic() < deadline
+    os.kill(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == Exit.CANCELLED, err
+    data = json.loads(out)
+    assert data["error"]["name"] == "CANCELLED"
+    assert 2 <= data["contours"] < read_bag(output / "bag").planned
+    assert Path(data["report"]).is_file()
+
+
+def test_a_job_that_cannot_be_planned_ends_with_the_planner_s_reason(tmp_path: Path) -> None:
+    text = JOB.read_text().replace("mini_cone.stl", "missing.stl")
+    job = tmp_path / "job.yaml"
+    job.write_text(text)
+    result, failure = graph_run.form(load_job(job), RunOptions(), tmp_path / "run", quiet)
+    assert failure is not None
+    assert failure.code == ErrorCode.MESH_UNREADABLE
+    assert "missing.stl" in failure.what
+    assert result.contours == 0
+
+
+def test_an_unknown_correction_is_refused_with_the_names_that_exist(tmp_path: Path) -> None:
+    _, failure = graph_run.form(load_job(JOB), RunOptions(correction="magic"), tmp_path / "run", quiet)
+    assert failure is not None
+    assert failure.code == ErrorCode.METHOD_UNKNOWN
+    assert "analytic" in failure.what
+
+
+def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:
+    result, failure = graph_run.form(load_job(JOB), RunOptions(), tmp_path, quiet, lockstep=False)
+    assert failure is None
+    record = read_bag(tmp_path / "bag")
+    assert record.formed == record.planned
+    assert not record.lockstep
+    assert record.late_ticks <= result.late_ticks <= result.ticks
