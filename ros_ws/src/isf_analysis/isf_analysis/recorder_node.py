@@ -1,0 +1,220 @@
+"""Node ``recorder``: writes the topics of a cell to a bag as they are, without looking into a message.
+
+Subscriptions are raw and polled: a timer takes everything that has arrived, in batches. Waking the executor for each
+message costs ten times as much as storing it; the times of receipt are those the middleware took, not the timer's.
+Lost messages are counted by gaps in the middleware's sequence numbers; the "message lost" event of the subscription
+would wake the executor for every message and cost most of a processor core at 3000 messages a second.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from isf_core.errors import ErrorCode, IsfError
+from isf_node import process, qos
+from isf_node.lifecycle import CellNode
+from isf_node.parameters import parameter
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+from isf_analysis.bag_file import check_free
+from isf_analysis.recording import Message, Recording
+from isf_analysis.topics import CELL, Topic
+
+POLL_PERIOD = 0.02
+"""s between two looks at the subscriptions."""
+
+QUEUE_DEPTHS = {"STREAM": 4000, "SENSOR": 2000, "LATCHED": 100, "EVENT": 500, "DEFAULT": 500}
+"""Messages a subscription holds between two looks: 4 s of a stream at 1 kHz, should this process be held up."""
+
+_COUNTED = ("STREAM", "LATCHED", "EVENT")
+"""Kinds of delivery that are reliable and have one publisher: there a gap means a loss."""
+
+
+@dataclass(frozen=True)
+class RecorderParameters:
+    """Parameters of the recorder."""
+
+    output: str = parameter("", "folder of the bag; must not exist; empty: recording-DATE-TIME in the present folder")
+    topics: tuple[str, ...] = parameter(tuple(topic.name for topic in CELL), "topics to record, as in topics.CELL")
+    compression: str = parameter("none", "none or zstd (a fifth of the size, more processor time)")
+
+
+class _Polled(CallbackGroup):
+    """Keeps the executor from waking for a subscription."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+class RecorderNode(CellNode[RecorderParameters]):
+    """Records while active; the bag is closed on deactivation and at the end of the process."""
+
+    def __init__(self) -> None:
+        super().__init__("recorder", RecorderParameters)
+        self._topics: list[Topic] = []
+        self._output = Path()
+        self._recording: Recording | None = None
+        self._subscriptions_polled: list[Subscription] = []
+        self._timer: Any = None
+        self._received = 0
+        self._lost = 0
+        self._sequence: dict[str, int] = {}
+
+    def configure(self) -> None:
+        values = self.values()
+        self._topics = [_topic(name) for name in values.topics]
+        self._output = Path(values.output or time.strftime("recording-%Y%m%d-%H%M%S")).absolute()
+        check_free(self._output)
+
+    def activate(self) -> None:
+        self._received = self._lost = 0
+        self._sequence = {}
+        names = [self.resolve_topic_name(topic.name) for topic in self._topics]
+        recording = Recording(
+            self._output, list(zip(self._topics, names, strict=True)), compression=self.values().compression
+        )
+        group = _Polled()
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self._subscriptions_polled = [
+            self.create_subscription(
+                _message_class(topic.type),
+                topic.name,
+                _never,
+                _profile(topic),
+                callback_group=group,
+                event_callbacks=events,
+                raw=True,
+            )
+            for topic in self._topics
+        ]
+        self._recording = recording
+        self._timer = self.create_timer(POLL_PERIOD, self._poll, clock=self.steady_clock)
+
+    def deactivate(self) -> None:
+        try:
+            self._finish()
+        finally:
+            for subscription in self._subscriptions_polled:
+                self.destroy_subscription(subscription)
+            self._subscriptions_polled = []
+
+    def close(self) -> None:
+        try:
+            self._finish()
+        except IsfError as error:
+            print(error, file=sys.stderr)
+
+    def health_values(self) -> dict[str, object]:
+        recording = self._recording
+        values: dict[str, object] = {"output": self._output, "received": self._received, "lost": self._lost}
+        if recording is not None:
+            values["written"] = recording.written
+            values["longest_queue"] = recording.longest_queue
+        return values
+
+    # -- recording -------------------------------------------------------------------------------
+
+    def _poll(self) -> None:
+        recording = self._recording
+        if recording is None:
+            return
+        batch: list[Message] = []
+        sources = zip(self._topics, self._subscriptions_polled, recording.connections, strict=True)
+        for topic, subscription, connection in sources:
+            handle, kind = subscription.handle, subscription.msg_type
+            with handle:
+                while (taken := handle.take_message(kind, True)) is not None:
+                    data, info = taken
+                    batch.append((connection, info["received_timestamp"] or time.time_ns(), data))
+                    if topic.delivery in _COUNTED:
+                        self._count_gap(topic.name, info["publication_sequence_number"])
+        if batch:
+            batch.sort(key=_received_at)
+            self._received += len(batch)
+            recording.put(batch)
+        if recording.error is not None:
+            error, self._recording = recording.error, None
+            self.report(error)
+
+    def _finish(self) -> None:
+        """Take what has arrived, then close the bag; does nothing when none is open."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self.destroy_timer(self._timer)
+            self._timer = None
+        if self._recording is None:
+            return
+        self._poll()
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            recording.close()
+            lost = f", {self._lost} lost" if self._lost else ""
+            print(f"recorded {recording.written} messages{lost} in {recording.path}", file=sys.stderr)
+
+    def _count_gap(self, topic: str, number: int | None) -> None:
+        """Count the messages between this one and the one before; a lower number is of a new publisher."""
+        if number is None:
+            return
+        last = self._sequence.get(topic)
+        if last is not None and number > last + 1:
+            self._lost += number - last - 1
+        self._sequence[topic] = number
+
+
+def _topic(name: str) -> Topic:
+    for topic in CELL:
+        if topic.name == name:
+            return topic
+    raise IsfError(
+        ErrorCode.BAG_NOT_WRITABLE,
+        f"'{name}' is not a topic of the cell",
+        where="parameter topics",
+        advice=f"known: {', '.join(topic.name for topic in CELL)}",
+    )
+
+
+def _message_class(name: str) -> Any:
+    package, folder, kind = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{folder}"), kind)
+
+
+def _profile(topic: Topic) -> QoSProfile:
+    """The cell's profile for the topic, with a queue that lasts from one look to the next."""
+    like = qos.STREAM if topic.delivery == "DEFAULT" else getattr(qos, topic.delivery)
+    return QoSProfile(
+        history=like.history,
+        depth=QUEUE_DEPTHS[topic.delivery],
+        reliability=like.reliability,
+        durability=like.durability,
+    )
+
+
+def _received_at(message: Message) -> int:
+    return message[1]
+
+
+def _never(_: bytes) -> None:
+    """Callback of polled subscriptions; the executor never calls it."""
+
+
+def main() -> int:
+    """Entry point of ``ros2 run isf_analysis recorder``."""
+    return process.run(RecorderNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
