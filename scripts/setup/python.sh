@@ -6,10 +6,12 @@ find_python() {
   isf_python=""
   while IFS= read -r candidate; do
     verdict=$(judge_python "$candidate")
-    if [ "$verdict" = ok ]; then
-      isf_python=$candidate
-      return
-    fi
+    case $verdict in
+      /*)
+        isf_python=$verdict
+        return
+        ;;
+    esac
     looked_at+=" $candidate ($verdict);"
   done < <(python_candidates)
   fail "no usable Python 3.10-3.14 with its headers and the venv module. Looked at:${looked_at:- nothing found;}" \
@@ -37,7 +39,8 @@ python_candidates() {
   command -v python3 || true
 }
 
-# judge_python PATH - prints "ok" or the reason against it; the snippet also runs on very old interpreters
+# judge_python PATH - prints the interpreter to use (of a virtual environment: the one behind it) or the reason
+# against it; the snippet also runs on very old interpreters
 judge_python() {
   "$1" -c '
 import os, sys, sysconfig
@@ -51,7 +54,7 @@ elif not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h"))
 else:
     try:
         import ensurepip, venv
-        print("ok")
+        print(getattr(sys, "_base_executable", sys.executable))
     except ImportError:
         print("has no venv module, package python%s-venv" % version)
 ' 2>/dev/null || echo "does not run"

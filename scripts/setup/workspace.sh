@@ -43,6 +43,6 @@ colcon_build() {
   fi
   cd "$isf_workspace"
   # Run by the environment's own interpreter, so that the nodes' executables start with it.
-  python -m colcon build --symlink-install --parallel-workers "$(nproc)" \
+  python -m colcon build --symlink-install --parallel-workers "$(getconf _NPROCESSORS_ONLN)" \
     --event-handlers console_cohesion+ --cmake-args "${cmake[@]}"
 }
