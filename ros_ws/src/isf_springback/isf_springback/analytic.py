@@ -46,8 +46,8 @@ class AnalyticOptions:
     ----------
     sheet_term : how w becomes an axial correction. "realised": the constant factor :data:`REALISED`;
         "component": w n_z, the literal reading of Praveen 2020 eq. 19-22 with the local normal; "axial": w.
-        The component reading equals the realised one on walls near 50 deg, but grows on fillets, where the force
-        and with it the springback fall: hence not the default.
+        The component reading equals the realised one on walls near 50 deg, but tends to the full w on the fillet
+        of a floor, where springback does not grow: hence not the default.
     clamp : radius of a rectangular clamp, see :func:`isf_springback.opening.clamp_radius`
     law : force forecast
     first_contour : "zero" (published: block 1 is not corrected) or "estimate" (force by Aerens' regression)
@@ -63,15 +63,28 @@ class AnalyticOptions:
 
 @dataclass(frozen=True)
 class MeasuredLoad:
-    """Axial sheet load of one contour: ``place`` (N, 2) m, ``load`` (N,) N averaged over a sector of path."""
+    """What one contour told, N points.
+
+    Attributes
+    ----------
+    index : the contour
+    place : (N, 2) m
+    load : (N,) N, axial sheet load averaged over a sector of path
+    steepest : (N,) rad, steepest wall met here on the way in from the opening
+    """
 
     index: int
     place: Array
     load: Array
+    steepest: Array
 
-    def at(self, points: Array) -> Array:
+    def load_at(self, points: Array) -> Array:
         """(M,) N, load at the nearest place in plan view of ``points`` (M, 2) m."""
         return np.asarray(self.load[nearest_points(points, self.place)])
+
+    def steepest_at(self, points: Array) -> Array:
+        """(M,) rad, steepest wall at the nearest place of ``points`` (M, 2) m."""
+        return np.asarray(self.steepest[nearest_points(points, self.place)])
 
 
 @dataclass(frozen=True)
@@ -159,8 +172,9 @@ class AnalyticCorrection:
         self._fault = None
         path = LoopPath.of(contour)
         mean = moving_average(path, load, path.length / self._options.control_points)
-        older = [known for known in self._loads if known.index != result.index]
-        self._loads = [*older[-1:], MeasuredLoad(result.index, contour.forming_tip[:, :2].copy(), mean)]
+        place = contour.forming_tip[:, :2].copy()
+        older = [known for known in self._loads if known.index != result.index][-1:]
+        self._loads = [*older, MeasuredLoad(result.index, place, mean, _steepest(contour.wall_angle, place, older))]
 
     def follow(self, contour: Contour, correction: ContourCorrection) -> None:
         """Take note that another method corrected ``contour``."""
@@ -191,16 +205,16 @@ class AnalyticCorrection:
         tip = np.column_stack([path.at(contour.forming_tip[:, axis], position) for axis in range(2)])
         angle = path.at(contour.wall_angle, position)
         force = self._forecast(contour, tip, angle)
-        springback = self._springback(contour, point[:, :2], angle, force)
+        springback = self._springback(contour, point[:, :2], tip, angle, force)
         along = np.interp(path.position, position, springback, period=path.length if path.closed else None)
         return Prediction(point, springback, force, np.asarray(along))
 
     def _forecast(self, contour: Contour, tip: Array, angle: Array) -> Array:
         """(M,) N, force expected at the control points."""
         if self._loads and self._loads[-1].index == contour.index - 1:
-            last = self._loads[-1].at(tip)
+            last = self._loads[-1].load_at(tip)
             consecutive = len(self._loads) == 2 and self._loads[0].index == contour.index - 2
-            return forecast(last, self._loads[0].at(tip) if consecutive else None, self._options.law)
+            return forecast(last, self._loads[0].load_at(tip) if consecutive else None, self._options.law)
         if contour.index != self._first_index or (contour.feature == contour.stage == 0 and contour.index > 0):
             raise IsfError(
                 ErrorCode.NO_FORCE_HISTORY,
@@ -219,15 +233,20 @@ class AnalyticCorrection:
             angle,
         )
 
-    def _springback(self, contour: Contour, place: Array, angle: Array, force: Array) -> Array:
-        """(M,) m, springback against the push direction under ``force`` (M,) N."""
+    def _springback(self, contour: Contour, place: Array, tip: Array, angle: Array, force: Array) -> Array:
+        """(M,) m, springback against the push direction under ``force`` (M,) N.
+
+        The contact patch is that of the steepest wall met so far: on the fillet of a floor the local angle gives a
+        short patch and a high line load, though the sheet between opening and clamp feels the same force.
+        """
         job_file, options = self._job_file, self._options
         clamp = job_file.rig.clamp
         assert self._opening is not None  # set by _advance
         radius = self._opening.radius_towards(place)
         outer = clamp_radius(self._opening, place, clamp.size, options.clamp)
         tool = forming_radius(job_file, contour.forming_tool)
-        patch = contact_patch(angle, tool, job_file.job.path.incremental_depth)
+        wall = _steepest(angle, tip, self._loads[-1:])
+        patch = contact_patch(wall, tool, job_file.job.path.incremental_depth)
         law = ring_load_law(self._section, outer, radius)
         return deflection(law, force / patch.perimeter) * self._axial_share(angle)
 
@@ -237,6 +256,11 @@ class AnalyticCorrection:
         if self._options.sheet_term == "axial":
             return np.ones(len(angle))
         return np.full(len(angle), REALISED[self._job_file.rig.clamp.edge])
+
+
+def _steepest(angle: Array, place: Array, before: list[MeasuredLoad]) -> Array:
+    """(N,) rad, ``angle`` (N,) or the steepest wall at the nearest place of the contour before, if that is more."""
+    return np.maximum(angle, before[0].steepest_at(place)) if before else np.array(angle)
 
 
 def _correction(

@@ -192,6 +192,18 @@ def test_gain_scales_the_correction_and_not_the_prediction():
     assert half.springback == pytest.approx(full.springback, abs=1e-12)
 
 
+def test_the_fillet_of_a_floor_does_not_raise_the_prediction():
+    # same force, wall angle falling to zero at the floor: the patch of the wall above stays in use
+    method = AnalyticCorrection(job_file())
+    wall = run(method, [500.0] * 20)[-1]
+    for index, angle in enumerate((30.0, 10.0, 0.5), start=20):
+        contour = cone_contour(index, angle=angle, radius=20e-3)
+        floor = method.correct(contour)
+        method.learn(contour, result_of(contour, 500.0, squeeze=0.0))
+    # the opening is round and the force the same: equal up to the chords of the opening
+    assert floor.springback.mean() == pytest.approx(wall.springback.mean(), rel=1e-3)
+
+
 def test_readings_of_the_sheet_term():
     def level(term):
         return run(AnalyticCorrection(job_file(), AnalyticOptions(sheet_term=term)), [500.0] * 14)[-1].springback.mean()

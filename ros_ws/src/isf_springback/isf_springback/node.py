@@ -1,0 +1,172 @@
+"""Node ``springback``: corrects every contour before it is formed.
+
+Takes ``part/info``, ``contour/nominal`` and ``contour/result``; publishes ``contour/correction`` (what was done and
+why) and then ``contour/corrected``. The parameter ``method`` may be set between any two contours.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile, load_job
+from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo
+from isf_node import process, qos
+from isf_node.conversion import (
+    contour_from_message,
+    contour_to_message,
+    correction_to_message,
+    result_from_message,
+)
+from isf_node.lifecycle import CellNode
+from isf_node.parameters import parameter
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
+
+from isf_springback.method import check_name
+from isf_springback.session import CorrectionSession
+
+LOOK_PERIOD = 0.1
+"""s of wall time between two looks at a contour that waits."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class SpringbackParameters:
+    """Parameters of the node."""
+
+    method: str = parameter(
+        "", "correction method from the next contour on (none, analytic); empty: the job's", read_only=False
+    )
+    job: str = parameter("", "job file, for a cell whose executive does not publish part/info")
+    base_folder: str = parameter(
+        "", "folder that relative material and rig paths of the job in part/info refer to", read_only=False
+    )
+    result_timeout: float = parameter(5.0, "s of wall time to wait for the job and for the result before a contour")
+
+
+class SpringbackNode(CellNode[SpringbackParameters]):
+    """Thin shell around :class:`isf_springback.session.CorrectionSession`."""
+
+    def __init__(self) -> None:
+        super().__init__("springback", SpringbackParameters)
+        self._session = CorrectionSession(self.values().result_timeout)
+        self._done = 0
+        self._last_code = 0
+        self._solve_time = 0.0
+        self._entities: list[Callable[[], Any]] = []
+        self.add_on_set_parameters_callback(self._check_parameters)
+
+    def configure(self) -> None:
+        """Raises IsfError METHOD_UNKNOWN or an error of the job file."""
+        values = self.values()
+        self._session = CorrectionSession(values.result_timeout)
+        self._session.choose(values.method)
+        if values.job:
+            self._session.take_job(load_job(values.job))
+        self._correction = self.create_publisher(ContourCorrection, "contour/correction", qos.EVENT)
+        self._corrected = self.create_publisher(Contour, "contour/corrected", qos.LATCHED)
+        subscriptions = [
+            self.create_subscription(JobInfo, "part/info", self._on_info, qos.LATCHED),
+            self.create_subscription(Contour, "contour/nominal", self._on_nominal, qos.LATCHED),
+            self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT),
+        ]
+        timer = self.create_timer(LOOK_PERIOD, self._work, clock=self.steady_clock)
+        self._entities = [
+            lambda: self.destroy_publisher(self._correction),
+            lambda: self.destroy_publisher(self._corrected),
+            lambda: self.destroy_timer(timer),
+            *(lambda entity=entity: self.destroy_subscription(entity) for entity in subscriptions),  # type: ignore[misc]
+        ]
+
+    def deactivate(self) -> None:
+        self._session.drop()
+
+    def cleanup(self) -> None:
+        for destroy in self._entities:
+            destroy()
+        self._entities = []
+
+    def health_values(self) -> dict[str, object]:
+        return {
+            "method": self._session.method_name,
+            "contours": self._done,
+            "last_code": self._last_code,
+            "solve_time": f"{self._solve_time:.4f}",
+        }
+
+    def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        for change in changes:
+            if change.name == "method":
+                try:
+                    if change.value:
+                        check_name(change.value)
+                    self._session.choose(change.value)
+                except IsfError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _on_info(self, message: JobInfo) -> None:
+        try:
+            job_file = JobFile(message.job_text, Path(self.values().base_folder or "."), message.job_name or "job")
+        except IsfError as error:
+            self.report(error)
+            return
+        self._session.take_job(job_file, message.plan_id, message.correction)
+        self._work()
+
+    def _on_nominal(self, message: Contour) -> None:
+        if not self.is_active:
+            return
+        contour = self._convert(contour_from_message, message)
+        if contour is not None:
+            self._session.take_contour(contour)
+            self._work()
+
+    def _on_result(self, message: ContourResult) -> None:
+        result = self._convert(result_from_message, message)
+        if result is not None:
+            self._session.take_result(result)
+            self._work()
+
+    def _convert(self, convert: Callable[[Any], T], message: Any) -> T | None:
+        """Core object of a message; a malformed one is reported and dropped."""
+        try:
+            return convert(message)
+        except ValueError as error:
+            where = f"{type(message).__name__} {message.index} of {message.plan_id or '(no plan)'}"
+            self.report(IsfError(ErrorCode.CONTOUR_REJECTED, f"malformed message: {error}", where=where))
+            return None
+
+    def _work(self) -> None:
+        if not self.is_active:
+            return
+        outcome = self._session.work()
+        if outcome is None:
+            return
+        stamp = self.get_clock().now().to_msg()
+        correction = outcome.correction
+        self._done += 1
+        self._last_code = correction.code
+        self._solve_time = correction.solve_time
+        if correction.code:
+            self.report(IsfError(ErrorCode(correction.code), correction.message))
+        else:
+            self.report_ok()
+        self._correction.publish(correction_to_message(correction, stamp))
+        if outcome.corrected is not None:
+            self._corrected.publish(contour_to_message(outcome.corrected, stamp))
+
+
+def main() -> None:
+    """Entry point of the executable ``springback``."""
+    sys.exit(process.run(SpringbackNode))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""One part after the other as the springback node sees it, free of ROS: job, contours and results in any order.
+
+A contour is corrected when its job is known and the result of the contour before it is there, or when waiting for
+them took too long. A change of method takes effect at the next contour: the new method is told all that happened
+so far, so that it continues without a jump.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile
+
+from isf_springback.method import CorrectionMethod, NoCorrection, apply, check_name, make_method
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A contour that was dealt with; ``corrected`` is None when it was refused, ``correction`` then has the code."""
+
+    correction: ContourCorrection
+    corrected: Contour | None
+
+
+@dataclass
+class _Formed:
+    nominal: Contour
+    correction: ContourCorrection
+    corrected: Contour
+    result: ContourResult | None = None
+
+
+class CorrectionSession:
+    """State of the node; ``timeout`` s of ``clock`` is waited for a job or a result."""
+
+    def __init__(self, timeout: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._timeout = timeout
+        self._clock = clock
+        self._choice = ""
+        self._job: JobFile | None = None
+        self._job_method = ""
+        self._job_plan = ""
+        self._waiting: Contour | None = None
+        self._since = 0.0
+        self._history: list[_Formed] = []
+        self._method: CorrectionMethod | None = None
+
+    @property
+    def method_name(self) -> str:
+        """Method for the next contour: the one chosen, else the job's; "" while no job is known."""
+        return self._choice or self._job_method
+
+    def choose(self, name: str) -> None:
+        """Use method ``name`` from the next contour on ("": the job's); raises IsfError METHOD_UNKNOWN."""
+        if name:
+            check_name(name)
+        self._choice = name
+
+    def take_job(self, job_file: JobFile, plan_id: str = "", method: str = "") -> None:
+        """The job of plan ``plan_id`` ("": of any plan), with the method of the run when it is not the job's."""
+        self._job = job_file
+        self._job_plan = plan_id
+        self._job_method = method or job_file.job.springback.method
+
+    def take_contour(self, contour: Contour) -> None:
+        """A contour to be corrected; replaces one that still waits."""
+        self._waiting = contour
+        self._since = self._clock()
+
+    def take_result(self, result: ContourResult) -> None:
+        """What happened to a corrected contour."""
+        for formed in reversed(self._history):
+            if (formed.correction.plan_id, formed.correction.index) == (result.plan_id, result.index):
+                if formed.result is None and self._method is not None:
+                    self._method.learn(formed.corrected, result)
+                formed.result = result
+                return
+
+    def drop(self) -> None:
+        """Forget a contour that waits."""
+        self._waiting = None
+
+    def work(self) -> Outcome | None:
+        """Correct the waiting contour when its time has come."""
+        contour = self._waiting
+        if contour is None:
+            return None
+        late = self._clock() - self._since >= self._timeout
+        has_job = self._job is not None and self._job_plan in ("", contour.plan_id)
+        if not late and not (has_job and self._result_is_here(contour)):
+            return None
+        self._waiting = None
+        try:
+            if not has_job:
+                raise IsfError(
+                    ErrorCode.CORRECTION_FAILED,
+                    f"no job of plan {contour.plan_id} within {self._timeout:g} s",
+                    where=f"contour {contour.index}",
+                    advice="the executive publishes part/info before the first contour; or set the parameter 'job'",
+                )
+            correction = self._method_for(contour).correct(contour)
+            corrected = apply(contour, correction)
+        except IsfError as error:
+            return Outcome(_refusal(contour, self.method_name, error), None)
+        self._history = [f for f in self._history if f.nominal.index != contour.index]
+        self._history.append(_Formed(contour, correction, corrected))
+        return Outcome(correction, corrected)
+
+    def _result_is_here(self, contour: Contour) -> bool:
+        """True when the result of the contour before is known, or that contour was not corrected here."""
+        if not self._history or not self._follows(contour):
+            return True
+        last = self._history[-1]
+        return last.nominal.index != contour.index - 1 or last.result is not None
+
+    def _follows(self, contour: Contour) -> bool:
+        """True when ``contour`` belongs to the part in hand; contour 0 is a new part unless it is asked for again."""
+        last = self._history[-1].nominal
+        return last.plan_id == contour.plan_id and (contour.index > 0 or last.index == 0)
+
+    def _method_for(self, contour: Contour) -> CorrectionMethod:
+        assert self._job is not None  # checked by the caller
+        if self._history and not self._follows(contour):
+            self._history = []
+            self._method = None
+        if not self._history:
+            self._method = None
+        if self._method is None or self._method.name != self.method_name:
+            method = make_method(self.method_name, self._job)
+            for formed in self._history:
+                method.follow(formed.nominal, formed.correction)
+                if formed.result is not None:
+                    method.learn(formed.corrected, formed.result)
+            self._method = method
+        return self._method
+
+
+def _refusal(contour: Contour, method: str, error: IsfError) -> ContourCorrection:
+    """A correction without points that tells why there is none."""
+    none = np.empty(0)
+    blank = ContourCorrection(contour.plan_id, contour.index, method or NoCorrection.name, np.empty((0, 3)), none)
+    return replace(blank, code=int(error.code), message=error.message)

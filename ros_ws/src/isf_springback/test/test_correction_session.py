@@ -1,0 +1,165 @@
+"""Order of job, contours and results at the springback node, without ROS."""
+
+import numpy as np
+import pytest
+from isf_core.errors import ErrorCode, IsfError
+from isf_springback.session import CorrectionSession
+from springback_parts import cone_contour, job_file, result_of
+
+TIMEOUT = 5.0
+
+
+class Clock:
+    """A clock that the test moves."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def session(clock):
+    session = CorrectionSession(TIMEOUT, clock)
+    session.take_job(job_file(), "plan")
+    return session
+
+
+def form(session, index, load=500.0, plan_id="plan"):
+    """Correct contour ``index`` and hand in its result; the outcome."""
+    session.take_contour(cone_contour(index, plan_id=plan_id))
+    outcome = session.work()
+    assert outcome is not None
+    session.take_result(result_of(outcome.corrected, load))
+    return outcome
+
+
+def level(outcome):
+    return -outcome.correction.offset[:, 2].mean()
+
+
+def test_a_part_in_order(session):
+    outcomes = [form(session, index) for index in range(8)]
+    assert [o.correction.code for o in outcomes] == [0] * 8
+    assert {o.correction.method for o in outcomes} == {"analytic"}
+    assert level(outcomes[-1]) > 4e-3
+    moved = outcomes[-1].corrected.forming_tip - cone_contour(7).forming_tip
+    assert moved == pytest.approx(outcomes[-1].correction.offset, abs=1e-15)
+
+
+def test_a_contour_waits_for_the_result_before(session):
+    form(session, 0)
+    session.take_contour(cone_contour(1))
+    first = session.work()
+    session.take_contour(cone_contour(2))
+    assert session.work() is None
+    session.take_result(result_of(first.corrected, 500.0))
+    assert session.work().correction.code == 0
+    assert session.work() is None
+
+
+def test_a_result_that_never_comes_keeps_the_last_correction(session, clock):
+    last = [form(session, index) for index in range(6)][-1]
+    session.take_contour(cone_contour(6))
+    kept = session.work()
+    session.take_contour(cone_contour(7))
+    clock.now = TIMEOUT - 0.01
+    assert session.work() is None
+    clock.now = TIMEOUT
+    late = session.work()
+    assert late.correction.code == ErrorCode.NO_FORCE_HISTORY
+    assert level(late) == pytest.approx(level(kept), abs=20e-6)
+    assert level(late) >= level(last) - 20e-6
+
+
+def test_a_contour_waits_for_its_job(clock):
+    session = CorrectionSession(TIMEOUT, clock)
+    session.take_job(job_file(), "another plan")
+    session.take_contour(cone_contour(0))
+    assert session.work() is None
+    session.take_job(job_file(), "plan", method="none")
+    assert session.work().correction.method == "none"
+
+
+def test_without_a_job_the_contour_is_refused(clock):
+    session = CorrectionSession(TIMEOUT, clock)
+    session.take_contour(cone_contour(0))
+    clock.now = TIMEOUT
+    outcome = session.work()
+    assert outcome.corrected is None
+    assert outcome.correction.code == ErrorCode.CORRECTION_FAILED
+    assert "part/info" in outcome.correction.message
+
+
+def test_a_malformed_contour_is_refused(session):
+    contour = cone_contour(0)
+    contour.normal[3] = np.nan
+    session.take_contour(contour)
+    outcome = session.work()
+    assert outcome.corrected is None
+    assert outcome.correction.code == ErrorCode.CONTOUR_REJECTED
+
+
+def test_unknown_method_is_refused_and_the_old_one_stays(session):
+    with pytest.raises(IsfError) as caught:
+        session.choose("magic")
+    assert caught.value.code == ErrorCode.METHOD_UNKNOWN
+    assert session.method_name == "analytic"
+
+
+def test_unknown_method_of_the_run_is_told(session):
+    session.take_job(job_file(), "plan", method="magic")
+    session.take_contour(cone_contour(0))
+    assert session.work().correction.code == ErrorCode.METHOD_UNKNOWN
+
+
+def test_method_changes_between_contours_without_a_jump(session):
+    levels, methods = [], []
+    for index in range(24):
+        if index == 8:
+            session.choose("none")
+        if index == 16:
+            session.choose("analytic")
+        outcome = form(session, index)
+        assert outcome.correction.code == 0
+        levels.append(level(outcome))
+        methods.append(outcome.correction.method)
+    assert methods == ["analytic"] * 8 + ["none"] * 8 + ["analytic"] * 8
+    # two incremental depths per contour
+    assert np.abs(np.diff(levels)).max() <= 1e-3 + 1e-9
+    assert levels[15] == pytest.approx(0.0, abs=1e-9)
+    assert levels[23] > 4e-3
+
+
+@pytest.mark.parametrize("plan_id", ["plan", "next"])
+def test_a_new_part_starts_without_correction(session, plan_id):
+    for index in range(6):
+        form(session, index)
+    session.take_job(job_file(), plan_id)
+    fresh = form(session, 0, plan_id=plan_id)
+    assert fresh.correction.code == 0
+    assert level(fresh) == 0.0
+    assert form(session, 1, plan_id=plan_id).correction.code == 0
+
+
+def test_a_contour_sent_twice_gets_the_same_answer(session):
+    for index in range(5):
+        form(session, index)
+    session.take_contour(cone_contour(5))
+    first = session.work()
+    session.take_contour(cone_contour(5))
+    assert np.array_equal(session.work().correction.offset, first.correction.offset)
+
+
+def test_results_of_other_plans_are_ignored(session):
+    form(session, 0)
+    session.take_contour(cone_contour(1))
+    session.work()
+    session.take_result(result_of(cone_contour(1, plan_id="old"), 500.0))
+    session.take_contour(cone_contour(2))
+    assert session.work() is None
