@@ -46,6 +46,7 @@ class ControlConfig:
     contact_threshold : N, support force that counts as contact
     ramp_back_time : s, time constant of taking an offset back in free space
     learning : 0..1, share of the previous contour's offset profile that is fed forward; 0 = off
+    learning_width : s, width of the averages over that profile
     feed_error : N, filtered force error from which the feed is reduced; infinite = constant feed
     feed_floor : smallest fraction of the feed
     acceleration : m/s^2, of either tool tip
@@ -80,6 +81,7 @@ class ControlConfig:
     contact_threshold: float = 5.0
     ramp_back_time: float = 0.1
     learning: float = 0.0
+    learning_width: float = 0.06
     feed_error: float = float("inf")
     feed_floor: float = 0.3
     acceleration: float = 0.5

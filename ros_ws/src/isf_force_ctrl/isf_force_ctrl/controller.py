@@ -419,7 +419,6 @@ class ForceController:
             return
         config = self.config
         places = np.array([row[0:2] for row in rows])
-        lead = round(2.0 / (2 * math.pi * config.servo_bandwidth) * config.rate)
-        profile = expected_offset(places, *self._previous, lead, round(config.blend_time * config.rate))
+        profile = expected_offset(places, *self._previous, round(config.learning_width * config.rate))
         for row, value in zip(rows, profile.tolist(), strict=True):
             row[11] = value

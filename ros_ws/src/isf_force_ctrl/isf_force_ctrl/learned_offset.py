@@ -1,9 +1,11 @@
 """Feed-forward learned from the contour before: what the force loop had to do there, it will have to do again.
 
 Neighbouring contours of a part see nearly the same gap errors at the same place (corners, sheet force, thinning).
-The previous offset profile, looked up at the nearest place in the plane and advanced by the delay of the servo, is
-fed forward as increments; the feedback only has to find what changed. Only increments are used, so switching it on
-cannot step the offset.
+The previous offset profile, looked up at the nearest place in the plane, is fed forward as increments; the feedback
+only has to find what changed. In the language of iterative learning control the offset of contour k+1 is
+u = S (Q u_k + feedback): with a zero-phase Q the limit is the exact inverse of the servo, and it is reached while
+|S Q| < 1. S, the sensitivity of the force loop, exceeds 1 around its own crossover (some 5-15 Hz), so Q, two averages
+over ``width``, must have faded there. Only increments are used, so switching it on cannot step the offset.
 """
 
 from __future__ import annotations
@@ -15,18 +17,18 @@ from scipy.spatial import cKDTree
 Array = NDArray[np.float64]
 
 
-def expected_offset(places: Array, previous_places: Array, previous_offset: Array, lead: int, width: int) -> Array:
-    """(T,) m, offset expected at ``places`` (T, 2) m from a previous contour's profile.
+def expected_offset(places: Array, previous_places: Array, previous_offset: Array, width: int) -> Array:
+    """(T,) m, change of the offset expected on the way along ``places`` (T, 2) m; 0 at the first.
 
-    Parameters
-    ----------
-    previous_places, previous_offset : (K, 2) m and (K,) m
-    lead : ticks by which the profile is advanced
-    width : ticks of the average that smooths it
+    ``previous_places`` (K, 2) m and ``previous_offset`` (K,) m are the profile of the contour before, ``width`` the
+    ticks of each of the two averages that smooth it.
     """
     nearest = np.asarray(cKDTree(previous_places).query(places)[1])
-    profile = np.concatenate([previous_offset[nearest], np.full(lead, previous_offset[nearest[-1]])])[lead:]
+    smooth = _averaged(_averaged(previous_offset[nearest], width), width)
+    return np.asarray(smooth - smooth[0])
+
+
+def _averaged(profile: Array, width: int) -> Array:
     half = max(width // 2, 1)
     padded = np.concatenate([np.full(half, profile[0]), profile, np.full(half, profile[-1])])
-    kernel = np.ones(2 * half + 1) / (2 * half + 1)
-    return np.asarray(np.convolve(padded, kernel, mode="valid"))
+    return np.asarray(np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,9 +14,9 @@ Vector = tuple[float, float, float]
 def plausible(wrench_1: Sequence[float], wrench_2: Sequence[float], limit: Vector) -> bool:
     """True when both wrenches (6,) are finite and their forces within ``limit`` (3,) N."""
     x, y, z = limit
-    total = sum(wrench_1) + sum(wrench_2)
+    total = float(sum(wrench_1) + sum(wrench_2))
     return bool(
-        total - total == 0.0  # false for NaN and infinity
+        math.isfinite(total)
         and -x <= wrench_1[0] <= x
         and -y <= wrench_1[1] <= y
         and -z <= wrench_1[2] <= z
