@@ -1,0 +1,143 @@
+"""Can this part be formed on this rig with these tools? Size, wall angle, fillets, tool travel."""
+
+from __future__ import annotations
+
+import numpy as np
+from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import Job
+from isf_core.rig import Rig
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from isf_planner import tip_surface
+from isf_planner.mesh_checks import PlacedPart, place_text
+from isf_planner.mesh_input import Mesh
+from isf_planner.surface_normals import facet_normals
+from isf_planner.target_surface import TargetSurface
+
+Array = NDArray[np.float64]
+
+ANGLE_MARGIN = 0.95
+"""Wall angles above this part of the limit are warned of."""
+
+SMALLEST_FACET = 1e-10
+"""m^2; the normal of a smaller facet says nothing about the wall."""
+
+UNREACHED_TOLERANCE = 0.1e-3
+"""m, material left by the tool in a fillet before it is worth a warning."""
+
+REACH_TOLERANCE = 20e-6
+"""m, by which the tool may miss the deepest point."""
+
+PRESSING_TOLERANCE = 0.1e-3
+"""m, by which the support tool may press beside its contact before it is worth a warning."""
+
+
+def check_fit(part: PlacedPart, job: Job, rig: Rig) -> None:
+    """The formed region keeps one tool radius from the clamp; IsfError PART_DOES_NOT_FIT otherwise."""
+    radius = max(job.tool_1.radius, job.tool_2.radius if job.tool_2 else 0.0)
+    formed = part.mesh.vertices[part.mesh.vertices[:, 2] < -1e-6]
+    room = np.asarray(rig.clamp.size) / 2 - radius
+    excess = np.abs(formed[:, :2]) - room
+    if excess.max() > 0:
+        worst = int(np.argmax(excess.max(axis=1)))
+        raise IsfError(
+            ErrorCode.PART_DOES_NOT_FIT,
+            f"the formed region comes {excess.max() * 1e3:.1f} mm too close to the clamp "
+            f"(free sheet {rig.clamp.size[0] * 1e3:.0f} x {rig.clamp.size[1] * 1e3:.0f} mm, "
+            f"tool radius {radius * 1e3:.1f} mm)",
+            where=f"mesh at {place_text(formed[worst])}",
+            advice="turn or shrink the part, or use a larger clamp",
+        )
+
+
+def check_wall_angle(mesh: Mesh, limit: float) -> tuple[str, ...]:
+    """Warnings for walls near ``limit`` (rad); IsfError WALL_TOO_STEEP beyond it."""
+    corners = mesh.corners()
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    angle = np.arccos(np.clip(facet_normals(mesh)[:, 2], -1.0, 1.0))
+    angle[area < SMALLEST_FACET] = 0.0
+    worst = int(np.argmax(angle))
+    where = place_text(corners[worst].mean(axis=0))
+    steepest, most = np.degrees(angle[worst]), np.degrees(limit)
+    if angle[worst] > limit:
+        raise IsfError(
+            ErrorCode.WALL_TOO_STEEP,
+            f"the wall is {steepest:.1f} deg steep, the sheet allows {most:.1f} deg",
+            where=f"mesh at {where}",
+            advice="make the wall flatter, or set wall_angle_limit if the limit is known to be higher",
+        )
+    if angle[worst] > ANGLE_MARGIN * limit:
+        return (f"the wall at {where} is {steepest:.1f} deg steep, close to the limit of {most:.1f} deg",)
+    return ()
+
+
+def check_reach(surface: TargetSurface, tip_height: Array, depth: float, radius: float) -> tuple[str, ...]:
+    """Warnings where the tool leaves material; IsfError PART_TOO_SMALL_FOR_TOOL when it cannot reach the bottom.
+
+    ``tip_height`` as from :func:`isf_planner.tip_surface.tip_grid`; ``depth`` and ``radius`` in m.
+    """
+    row, column = np.unravel_index(int(np.argmin(surface.z)), surface.z.shape)
+    deepest = np.array([surface.x[column], surface.y[row]])
+    height, _ = tip_surface.drop_tool(surface, deepest[None], radius)
+    missing = min(float(height[0]), float(tip_height.min())) + depth
+    if missing > REACH_TOLERANCE:
+        raise IsfError(
+            ErrorCode.PART_TOO_SMALL_FOR_TOOL,
+            f"the tool of radius {radius * 1e3:.2f} mm stops {missing * 1e3:.2f} mm above the deepest point",
+            where=f"mesh at {place_text(np.append(deepest, -depth))}",
+            advice="use a smaller tool, or a larger radius or floor in the part",
+        )
+    left = tip_surface.unreached(surface, tip_height, radius)
+    if left.max() <= UNREACHED_TOLERANCE:
+        return ()
+    row, column = np.unravel_index(int(np.argmax(left)), left.shape)
+    stride = tip_surface.STRIDE
+    place = np.array(
+        [surface.x[::stride][column], surface.y[::stride][row], surface.z[::stride, ::stride][row, column]]
+    )
+    return (
+        f"at {place_text(place)} a radius of the part is smaller than the tool ({radius * 1e3:.2f} mm): "
+        f"up to {left.max() * 1e3:.2f} mm of material stay there",
+    )
+
+
+def check_travel(contours: tuple[Contour, ...], rig: Rig) -> None:
+    """All tips stay within the rig's travel; IsfError PART_DOES_NOT_FIT otherwise."""
+    limit = np.asarray(rig.limits.travel)
+    for contour in contours:
+        for name, tips in (("forming", contour.forming_tip), ("support", contour.support_tip)):
+            if len(tips) and (np.abs(tips) > limit).any():
+                worst = int(np.argmax((np.abs(tips) - limit).max(axis=1)))
+                text = " x ".join(f"{value * 1e3:.0f}" for value in limit)
+                raise IsfError(
+                    ErrorCode.PART_DOES_NOT_FIT,
+                    f"the {name} tool would leave the travel of the rig (+-{text} mm)",
+                    where=f"contour {contour.index} at {place_text(tips[worst])}",
+                    advice="shrink the part, or correct limits.travel of the rig",
+                )
+
+
+def check_support(contours: tuple[Contour, ...], surface: TargetSurface, job: Job) -> tuple[str, ...]:
+    """Warning where the support ball is too large for a convex fillet and presses beside its contact."""
+    if job.tool_2 is None or not contours or not contours[0].has_support:
+        return ()
+    stride = tip_surface.STRIDE
+    gx, gy = np.meshgrid(surface.x[::stride], surface.y[::stride])
+    tree = KDTree(np.column_stack([gx.ravel(), gy.ravel(), surface.z[::stride, ::stride].ravel()]))
+    radius = job.tool_2.radius
+    deepest, place, index = 0.0, np.zeros(3), 0
+    for contour in contours:
+        centre = contour.support_tip - np.array([0.0, 0.0, radius])
+        gap = job.path.squeeze_factor * contour.thickness
+        pressing = radius + gap - tree.query(centre)[0]
+        worst = int(np.argmax(pressing))
+        if pressing[worst] > deepest:
+            deepest, place, index = float(pressing[worst]), contour.support_tip[worst], contour.index
+    if deepest <= PRESSING_TOLERANCE:
+        return ()
+    return (
+        f"contour {index} at {place_text(place)}: the support tool of radius {radius * 1e3:.2f} mm is too large for "
+        f"the fillet above it and presses {deepest * 1e3:.2f} mm deeper beside its contact",
+    )

@@ -1,0 +1,63 @@
+"""Normals of the smooth surface that a faceted mesh stands for.
+
+A facet's own normal is off by up to half the angle between neighbouring facets (some degrees). Normals at the
+vertices, averaged with the weight area times corner angle (which does not depend on how quads were split) and
+interpolated over the facet, follow the smooth surface to second order. Sharp edges stay sharp: corners whose
+average is far from their facet keep the facet's normal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from isf_planner.mesh_input import Mesh
+
+Array = NDArray[np.float64]
+
+CREASE = np.radians(15.0)
+"""rad, a vertex normal that deviates more from a facet lies on an edge (of twice this angle), not on a smooth face."""
+
+
+def facet_normals(mesh: Mesh) -> Array:
+    """(F, 3) unit normals of the facets."""
+    corners = mesh.corners()
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray(cross / np.linalg.norm(cross, axis=1, keepdims=True))
+
+
+def corner_normals(mesh: Mesh) -> Array:
+    """(F, 3, 3) unit normals of the smooth surface at every facet's three corners."""
+    corners = mesh.corners()
+    following = np.roll(corners, -1, axis=1) - corners
+    preceding = np.roll(corners, 1, axis=1) - corners
+    cross = np.cross(following, preceding)
+    double_area = np.linalg.norm(cross, axis=2)
+    angle = np.arctan2(double_area, np.einsum("fcd,fcd->fc", following, preceding))
+    facet = cross[:, 0] / double_area[:, :1]
+    weighted = facet[:, None, :] * (angle * double_area)[:, :, None]
+    vertex = np.zeros_like(mesh.vertices)
+    for axis in range(3):
+        vertex[:, axis] = np.bincount(
+            mesh.faces.ravel(), weights=weighted[:, :, axis].ravel(), minlength=len(mesh.vertices)
+        )
+    vertex /= np.maximum(np.linalg.norm(vertex, axis=1, keepdims=True), 1e-30)
+    normals = vertex[mesh.faces]
+    on_edge = np.einsum("fcd,fd->fc", normals, facet) < np.cos(CREASE)
+    normals[on_edge] = np.broadcast_to(facet[:, None, :], normals.shape)[on_edge]
+    return np.asarray(normals)
+
+
+def smooth_along(normals: Array, spacing: float, width: float) -> Array:
+    """(N, 3) unit normals of a closed loop, smoothed over ``width`` (m) at point ``spacing`` (m).
+
+    A local parabola (Savitzky-Golay) is fitted, so that the turn of the normals around a round loop keeps
+    its size, which a plain mean would shrink.
+    """
+    count = len(normals)
+    window = min(2 * round(width / spacing / 2) + 1, 2 * (count // 6) + 1)
+    if window < 5:
+        return normals
+    smooth = savgol_filter(normals, window, 2, axis=0, mode="wrap")
+    return np.asarray(smooth / np.linalg.norm(smooth, axis=1, keepdims=True))

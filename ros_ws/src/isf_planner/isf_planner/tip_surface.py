@@ -1,0 +1,147 @@
+"""The surface on which the tip of a ball tool may move: the target dilated by the tool.
+
+A ball of radius R whose tip is at (x, y, h) touches the target z(p) from above when
+h(x, y) = max over p of z(p) + sqrt(R^2 - |p - (x, y)|^2) - R. This holds at fillets, edges and floors alike, so a
+contour taken from h never cuts into the target. The largest p is the contact; the normal there points from the
+contact to the centre of the ball.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isf_planner.target_surface import TargetSurface
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+STRIDE = 5
+"""Coarse search: every fifth node of the fine grid."""
+
+CONSISTENT = 0.02
+"""Part of the tool radius: a contact whose smooth normal misses the ball's centre by more lies on an edge."""
+
+
+def tip_grid(surface: TargetSurface, radius: float) -> tuple[Array, Array, Array]:
+    """x (nx,), y (ny,) and tip height h (ny, nx), m, on every fifth node of the fine grid."""
+    z = surface.z[::STRIDE, ::STRIDE]
+    height = np.full(z.shape, -np.inf)
+    for row, column, drop in _ball(radius, surface.pitch * STRIDE):
+        here, there = _overlap(z.shape, row, column)
+        height[here] = np.maximum(height[here], z[there] - drop)
+    return surface.x[::STRIDE], surface.y[::STRIDE], height
+
+
+def unreached(surface: TargetSurface, tip_height: Array, radius: float) -> Array:
+    """(ny, nx) m, material above the target that the ball leaves because it does not fit there (morphological closing).
+
+    ``tip_height`` as from :func:`tip_grid`.
+    """
+    z = surface.z[::STRIDE, ::STRIDE]
+    formed = np.full(z.shape, np.inf)
+    for row, column, drop in _ball(radius, surface.pitch * STRIDE):
+        here, there = _overlap(z.shape, row, column)
+        formed[here] = np.minimum(formed[here], tip_height[there] + drop)
+    return np.asarray(np.where(np.isfinite(formed), formed - z, 0.0))
+
+
+def drop_tool(surface: TargetSurface, points: Array, radius: float, near: Array | None = None) -> tuple[Array, Array]:
+    """Tip heights (N,) m and contacts (N, 2) m of balls at ``points`` (N, 2) m.
+
+    ``near`` (N, 2): contacts of balls close by; saves the search over the whole ball.
+    """
+    if near is None:
+        reach = int(radius / surface.pitch) // STRIDE * STRIDE
+        offsets = _disc(reach, STRIDE)
+        _, start = _best(surface, points, _nearest(surface, points), offsets, radius)
+    else:
+        start = _nearest(surface, near)
+    square = np.arange(-STRIDE, STRIDE + 1)
+    window = np.stack(np.meshgrid(square, square, indexing="ij"), axis=-1).reshape(-1, 2)
+    height, node = _best(surface, points, start, window, radius)
+    return height, np.asarray(surface.origin + surface.pitch * node[:, ::-1])
+
+
+def contact_normals(surface: TargetSurface, points: Array, contact: Array, radius: float) -> Array:
+    """(N, 3) unit normals from the contact to the centre of balls at ``points`` (N, 2) m.
+
+    The contact found on facets jumps from facet to facet. It is moved to where the normal of the smooth
+    surface passes through the ball's centre: q + R n(q) = c, solved by damped iteration (factor 1/2 converges
+    for every concave radius above R and every convex radius above R/3). Where no such point is near, the ball
+    rolls over an edge and the contact stays.
+    """
+    q = contact.copy()
+    reach = 0.2 * radius
+    for _ in range(20):
+        q += 0.5 * (points - radius * _normal_xy(surface, q) - q)
+        step = q - contact
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        q = contact + step * np.minimum(1.0, reach / np.maximum(length, 1e-12))
+    miss = np.linalg.norm(points - radius * _normal_xy(surface, q) - q, axis=1)
+    q = np.where((miss < CONSISTENT * radius)[:, None], q, contact)
+    horizontal = (points - q) / radius
+    vertical = np.sqrt(np.maximum(1.0 - (horizontal**2).sum(axis=1), 0.0))
+    return np.column_stack([horizontal, vertical])
+
+
+def _ball(radius: float, pitch: float) -> list[tuple[int, int, float]]:
+    """Node offsets (row, column) within the radius and how far the ball's surface lies above its tip there."""
+    reach = int(radius / pitch)
+    return [
+        (row, column, float(radius - np.sqrt(radius**2 - (row**2 + column**2) * pitch**2)))
+        for row in range(-reach, reach + 1)
+        for column in range(-reach, reach + 1)
+        if (row**2 + column**2) * pitch**2 <= radius**2
+    ]
+
+
+def _overlap(shape: tuple[int, ...], row: int, column: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Slices of an array and of the same array shifted by (row, column)."""
+    here = (_cut(shape[0], -row), _cut(shape[1], -column))
+    there = (_cut(shape[0], row), _cut(shape[1], column))
+    return here, there
+
+
+def _cut(size: int, shift: int) -> slice:
+    return slice(max(shift, 0), size + min(shift, 0))
+
+
+def _disc(reach: int, stride: int) -> Indices:
+    steps = np.arange(-reach, reach + 1, stride)
+    grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.asarray(grid[(grid**2).sum(axis=1) <= reach**2])
+
+
+def _nearest(surface: TargetSurface, points: Array) -> Indices:
+    """(N, 2) row and column of the nearest node."""
+    return np.rint((points - surface.origin) / surface.pitch).astype(np.int64)[:, ::-1]
+
+
+def _best(
+    surface: TargetSurface, points: Array, start: Indices, offsets: Indices, radius: float
+) -> tuple[Array, Indices]:
+    """Highest tip over the nodes start (N, 2) + offsets (M, 2): height (N,) and node (N, 2)."""
+    ny, nx = surface.z.shape
+    row = np.clip(start[:, None, 0] + offsets[None, :, 0], 0, ny - 1)
+    column = np.clip(start[:, None, 1] + offsets[None, :, 1], 0, nx - 1)
+    dx = surface.origin[0] + surface.pitch * column - points[:, None, 0]
+    dy = surface.origin[1] + surface.pitch * row - points[:, None, 1]
+    rest = radius**2 - dx**2 - dy**2
+    height = np.where(rest >= 0, surface.z.ravel()[row * nx + column] + np.sqrt(np.maximum(rest, 0)), -np.inf)
+    best = np.argmax(height, axis=1)
+    line = np.arange(len(points))
+    return height[line, best] - radius, np.column_stack([row[line, best], column[line, best]])
+
+
+def _normal_xy(surface: TargetSurface, points: Array) -> Array:
+    """(N, 2) bilinear horizontal part of the normals at ``points`` (N, 2) m."""
+    ny, nx = surface.z.shape
+    u = np.clip((points[:, 0] - surface.origin[0]) / surface.pitch, 0, nx - 1.001)
+    v = np.clip((points[:, 1] - surface.origin[1]) / surface.pitch, 0, ny - 1.001)
+    i, j = u.astype(np.int64), v.astype(np.int64)
+    fu, fv = (u - i)[:, None], (v - j)[:, None]
+    n = surface.normal_xy
+    lower = n[j, i] * (1 - fu) + n[j, i + 1] * fu
+    upper = n[j + 1, i] * (1 - fu) + n[j + 1, i + 1] * fu
+    return np.asarray(lower * (1 - fv) + upper * fv)
