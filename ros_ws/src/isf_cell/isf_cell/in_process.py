@@ -14,7 +14,8 @@ from isf_core import __version__
 from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
-from isf_force_ctrl.controller import ControlConfig, ForceController
+from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.controller import ForceController
 from isf_planner import Plan, plan
 from isf_sim.machine import MachineSample, SimulatedMachine
 from isf_springback.method import CorrectionMethod, apply, make_method
