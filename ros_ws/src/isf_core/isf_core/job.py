@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Literal
 
@@ -56,6 +57,9 @@ class ControlSpec(FileModel):
     """Set-point of the horizontal normal force on the support tool; 0 = position control."""
     engage_depth: Length = Field(default=0.0, ge=0.0)
     """Force control acts on contours at least this deep: not on the entry fillet (Ren 2018, 2.4.1)."""
+    engage_wall_angle: Angle = Field(default=math.radians(15.0), ge=0.0, lt=1.5708)
+    """Force control acts on contours at least this steep: on flat sheet the horizontal normal force has no
+    authority (Ren 2018, section 2.4); the default is assumed."""
     compliance_compensation: float = Field(default=1.0, ge=0.0, le=1.0)
     """Factor on the compliance compensation of the forming tool."""
 
