@@ -81,8 +81,10 @@ def make_contour(loop: TipLoop, job: Job, plan_id: str, index: int, count: int) 
         support_tip = tip_geometry.support_tip(
             contact, loop.normal, job.tool_2.radius, job.path.squeeze_factor * formed
         )
-        if job.control.support_force > 0 and -loop.level >= job.control.engage_depth - 1e-9:
-            support_force = np.full(len(tip), job.control.support_force)
+        control = job.control
+        deep = -loop.level >= control.engage_depth - 1e-9
+        if control.support_force > 0 and deep and wall_angle.min() >= control.engage_wall_angle:
+            support_force = np.full(len(tip), control.support_force)
     return Contour(
         plan_id=plan_id,
         index=index,
