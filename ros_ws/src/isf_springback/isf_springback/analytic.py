@@ -135,8 +135,9 @@ class AnalyticCorrection:
                 prediction = self._predict(contour)
             except IsfError as error:
                 fault = error
-        requested = continuity.last_good(contour)
-        if prediction is not None:
+        if prediction is None:
+            requested = continuity.last_good(contour)
+        else:
             requested = self._job_file.job.springback.gain * prediction.along
         limits = limits_of(self._job_file, contour.forming_tool)
         limited = continuity.apply_limits(contour, requested, limits)
