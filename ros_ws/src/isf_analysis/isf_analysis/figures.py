@@ -1,0 +1,155 @@
+"""Which figures a report has, in their order, with the words below each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from isf_analysis import figures_process, figures_shape, style
+from isf_analysis.deviation import Deviation
+from isf_analysis.record import PartRecord
+
+SHAPE, CORRECTION, FORCE = "shape", "correction", "force"
+"""Chapters of the report that figures belong to."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A finished figure: file name (without ending), chapter, title, caption and PNG file."""
+
+    name: str
+    chapter: str
+    title: str
+    caption: str
+    png: bytes
+
+
+@dataclass(frozen=True)
+class _Plan:
+    name: str
+    chapter: str
+    title: str
+    caption: str
+    draw: Callable[[], Figure]
+
+
+def draw(
+    record: PartRecord,
+    deviation: Deviation | None,
+    reference: PartRecord | None,
+    reference_deviation: Deviation | None,
+    progress: Callable[[str], None],
+) -> tuple[Picture, ...]:
+    """All figures that the record has data for."""
+    pictures = []
+    for plan in (
+        *_shape(record, deviation, reference, reference_deviation),
+        *_process(record),
+    ):
+        progress(f"figure: {plan.title}")
+        with style.applied():
+            png = style.png(plan.draw())
+        pictures.append(Picture(plan.name, plan.chapter, plan.title, plan.caption, png))
+    return tuple(pictures)
+
+
+def _shape(
+    record: PartRecord,
+    deviation: Deviation | None,
+    reference: PartRecord | None,
+    reference_deviation: Deviation | None,
+) -> Iterator[_Plan]:
+    target, scan = record.target, record.scan
+    if deviation is None or target is None or scan is None:
+        return
+    limit = figures_shape.map_limit(deviation, reference_deviation)
+    colours = "Red is too high (not formed deep enough), blue too deep, white on target"
+    if reference is not None and reference_deviation is not None and reference.target is not None:
+        yield _Plan(
+            "deviation_compare",
+            SHAPE,
+            "Uncorrected and this part",
+            f"{colours}; both maps have the same scale. The thick line is the opening, thin lines are heights of the "
+            "target, the circle marks the largest error.",
+            partial(
+                figures_shape.deviation_pair,
+                reference_deviation,
+                reference.target,
+                deviation,
+                target,
+                limit,
+                "this part",
+            ),
+        )
+        own_limit = figures_shape.map_limit(deviation)
+    else:
+        own_limit = limit
+    yield _Plan(
+        "deviation_map",
+        SHAPE,
+        "Deviation of this part",
+        f"{colours}. Measured minus wanted height, in the clamp, in the frame of the machine: nothing was aligned. The "
+        f"scale ends at ± {own_limit:g} mm.",
+        partial(figures_shape.deviation_map, deviation, target, own_limit),
+    )
+    extent = figures_shape.section_extent(deviation)
+    for name, angle, words in (("section_x", 0.0, "along x"), ("section_45", np.pi / 4, "at 45°")):
+        yield _Plan(
+            name,
+            SHAPE,
+            f"Section {words}",
+            "Profiles to scale, and below them the vertical distance from the target.",
+            partial(
+                figures_shape.section,
+                angle,
+                target,
+                scan,
+                reference.scan if reference is not None else None,
+                extent,
+            ),
+        )
+    yield _Plan(
+        "regions",
+        SHAPE,
+        "Error by region",
+        "Vertical error; the regions are those of the target, see the end of this page.",
+        partial(figures_shape.region_errors, deviation, reference_deviation),
+    )
+
+
+def _process(record: PartRecord) -> Iterator[_Plan]:
+    if record.corrects and record.corrections:
+        yield _Plan(
+            "corrections",
+            CORRECTION,
+            "Correction of every contour",
+            "How far each contour was moved before it was formed, and the elastic recovery that was predicted for it.",
+            partial(figures_process.corrections, record),
+        )
+    if figures_process.has_support_force(record):
+        controlled = record.support_force > 0
+        yield _Plan(
+            "support_force",
+            FORCE,
+            "Support force",
+            "Raw force of the load cell, horizontal and normal to the wall. "
+            + (
+                "Top: the whole part; middle: one contour with its ramps; bottom: error of every contour while the loop "
+                "was in full control."
+                if controlled
+                else "The support tool was position controlled: where the force is zero it had lost contact."
+            ),
+            partial(figures_process.support_force, record),
+        )
+    if any(len(result.forming_force) for result in record.results):
+        yield _Plan(
+            "forming_force",
+            FORCE,
+            "Forming force",
+            "Force of the sheet on the forming tool.",
+            partial(figures_process.forming_force, record),
+        )

@@ -1,0 +1,215 @@
+"""Figures of the process: support force, corrections and forming force, over time and contour by contour."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from isf_core.contour import ContourCorrection, ContourResult
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from isf_analysis import style
+from isf_analysis.force_metrics import BAND, engaged, has_set_point
+from isf_analysis.record import PartRecord
+
+Array = NDArray[np.float64]
+
+MM = 1e3
+_BINS = 900  # of the time axis: one per pixel column or so
+
+
+def has_support_force(record: PartRecord) -> bool:
+    """True when the force on a support tool was measured."""
+    return any(_measured(result) for result in record.results)
+
+
+def support_force(record: PartRecord) -> Figure:
+    """Measured support force: the whole part, one contour in detail, and every contour's spread."""
+    results = [result for result in record.results if _measured(result)]
+    if any(has_set_point(result) for result in results):
+        figure = style.new_figure(9.6)
+        whole, detail, spread = figure.subplots(3, 1)
+        _draw_over_time(whole, results)
+        controlled = [result for result in results if has_set_point(result)]
+        _draw_detail(detail, controlled[len(controlled) // 2])
+        _draw_error_spread(spread, controlled)
+        return figure
+    figure = style.new_figure(6.2)
+    whole, spread = figure.subplots(2, 1)
+    _draw_over_time(whole, results)
+    _draw_force_spread(spread, results)
+    return figure
+
+
+def corrections(record: PartRecord) -> Figure:
+    """How far each contour was moved down, and the springback that was predicted for it."""
+    figure = style.new_figure(4.4)
+    axes = figure.subplots()
+    items = record.corrections
+    number = _numbers(items)
+    depth = [-MM * item.offset[:, 2] if len(item.offset) else np.full(1, np.nan) for item in items]
+    axes.fill_between(
+        number,
+        [float(values.min()) for values in depth],
+        [float(values.max()) for values in depth],
+        color=style.PART,
+        alpha=0.22,
+        linewidth=0,
+        label="correction, least to most",
+    )
+    axes.plot(number, [float(values.mean()) for values in depth], color=style.PART, label="correction, mean")
+    predicted = np.array([MM * float(item.springback.mean()) if len(item.springback) else np.nan for item in items])
+    if np.isfinite(predicted).any():
+        axes.plot(number, predicted, color=style.PREDICTION, linestyle=(0, (4, 2)), label="predicted springback, mean")
+    limited = np.array([bool(item.saturated.any()) for item in items])
+    if limited.any():
+        axes.plot(
+            number[limited],
+            np.array([float(values.max()) for values in depth])[limited],
+            linestyle="none",
+            marker="v",
+            color=style.LIMIT,
+            label="a limit was reached",
+        )
+    sideways = np.array([MM * _sideways(item) for item in items])
+    if np.nanmax(sideways, initial=0.0) > 1e-3:
+        axes.plot(number, sideways, color=style.MUTED, linewidth=1.2, label="sideways, largest")
+    axes.set_ylabel("mm towards the part's depth")
+    _contour_axis(axes, number)
+    style.legend_above(axes, 2)
+    return figure
+
+
+def forming_force(record: PartRecord) -> Figure:
+    """Force of the sheet on the forming tool, contour by contour, with the forecast that corrections relied on."""
+    figure = style.new_figure(4.4)
+    axes = figure.subplots()
+    results = [result for result in record.results if len(result.forming_force)]
+    number = _numbers(results)
+    axial = [_known(np.abs(result.forming_force[:, 2])) for result in results]
+    low, mean, high = ([float(f(values)) for values in axial] for f in (_low, np.mean, _high))
+    axes.fill_between(number, low, high, color=style.PART, alpha=0.22, linewidth=0, label="axial, 5-95 % of the points")
+    axes.plot(number, mean, color=style.PART, label="axial, mean")
+    horizontal = [float(_known(np.hypot(*result.forming_force[:, :2].T)).mean()) for result in results]
+    axes.plot(number, horizontal, color=style.MUTED, linewidth=1.4, label="horizontal, mean")
+    forecasts = [item for item in record.corrections if len(item.control_point_force)]
+    if forecasts:
+        values = [float(item.control_point_force.mean()) for item in forecasts]
+        axes.plot(_numbers(forecasts), values, color=style.PREDICTION, linestyle=(0, (4, 2)), label="axial, forecast")
+    axes.set_ylim(bottom=0.0)
+    axes.set_ylabel("N")
+    _contour_axis(axes, number)
+    style.legend_above(axes, 2)
+    return figure
+
+
+def _draw_over_time(axes: Axes, results: Sequence[ContourResult]) -> None:
+    """Least to most force per column of pixels: nothing between two drawn points is hidden."""
+    time = np.concatenate([result.tick_time for result in results])
+    force = np.concatenate([result.tick_normal_force for result in results])
+    edges = np.linspace(time.min(), time.max(), _BINS + 1)
+    controlled = [result for result in results if has_set_point(result)]
+    if controlled:
+        in_control = np.concatenate(
+            [engaged(r) if has_set_point(r) else np.zeros(len(r.tick_time), bool) for r in results]
+        )
+        _fill_bins(axes, edges, time, np.where(in_control, np.nan, force), "#aeb8c2", "ramps and approach")
+        _fill_bins(axes, edges, time, np.where(in_control, force, np.nan), style.PART, "measured, in full control")
+    else:
+        _fill_bins(axes, edges, time, force, style.PART, "measured, least to most")
+    if controlled:
+        set_point = float(np.median(np.concatenate([r.tick_set_point[engaged(r)] for r in controlled] or [[0.0]])))
+        axes.axhspan(set_point - BAND, set_point + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0, zorder=1)
+        axes.axhline(
+            set_point,
+            color=style.SET_POINT,
+            linewidth=1.5,
+            label=f"set-point {set_point:.0f} N ± {BAND:.0f} N",
+            zorder=3,
+        )
+    axes.set_ylabel("support force [N]")
+    axes.set_xlabel("time of the process [s]")
+    axes.set_xlim(edges[0], edges[-1])
+    style.legend_above(axes, 2)
+
+
+def _draw_detail(axes: Axes, result: ContourResult) -> None:
+    time = result.tick_time - result.tick_time[0]
+    set_point = result.tick_set_point
+    axes.fill_between(time, set_point - BAND, set_point + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0)
+    axes.plot(time, result.tick_normal_force, color=style.PART, linewidth=0.7, label=f"contour {result.index + 1}")
+    axes.plot(time, set_point, color=style.SET_POINT, linewidth=1.5, label="its set-point, with ramps")
+    axes.set_ylabel("support force [N]")
+    axes.set_xlabel("time from the start of the contour [s]")
+    axes.margins(x=0)
+    style.legend_above(axes, 2)
+
+
+def _draw_error_spread(axes: Axes, results: Sequence[ContourResult]) -> None:
+    error = [_known((r.tick_normal_force - r.tick_set_point)[engaged(r)]) for r in results]
+    axes.axhspan(-BAND, BAND, color=style.SET_POINT, alpha=0.22, linewidth=0, label=f"± {BAND:.0f} N")
+    _draw_spread(axes, _numbers(results), error)
+    axes.set_ylabel("force error [N]")
+
+
+def _draw_force_spread(axes: Axes, results: Sequence[ContourResult]) -> None:
+    _draw_spread(axes, _numbers(results), [_known(result.tick_normal_force) for result in results])
+    axes.set_ylabel("support force [N]")
+
+
+def _draw_spread(axes: Axes, number: Array, values: Sequence[Array]) -> None:
+    quantiles = np.array([np.quantile(item, [0.001, 0.01, 0.5, 0.99, 0.999]) for item in values])
+    axes.vlines(number, quantiles[:, 0], quantiles[:, 4], color=style.PART, linewidth=1.0, label="99.8 % of the time")
+    axes.vlines(number, quantiles[:, 1], quantiles[:, 3], color=style.PART, linewidth=3.2, label="98 % of the time")
+    axes.plot(number, quantiles[:, 2], linestyle="none", marker="o", markersize=3.6, color=style.INK, label="median")
+    _contour_axis(axes, number)
+    style.legend_above(axes, 4)
+
+
+def _fill_bins(axes: Axes, edges: Array, time: Array, force: Array, colour: str, label: str) -> None:
+    cell = np.clip(np.digitize(time, edges) - 1, 0, _BINS - 1)
+    middle = 0.5 * (edges[:-1] + edges[1:])
+    low, high = _by_bin(np.fmin, cell, force), _by_bin(np.fmax, cell, force)
+    axes.fill_between(middle, low, high, color=colour, linewidth=0.6, label=label, zorder=2)
+
+
+def _by_bin(function: np.ufunc, cell: NDArray[np.intp], values: Array) -> Array:
+    found = np.full(_BINS, np.nan)
+    function.at(found, cell, values)
+    return found
+
+
+def _contour_axis(axes: Axes, number: Array) -> None:
+    axes.set_xlabel("contour")
+    if len(number):
+        axes.set_xlim(number.min() - 0.8, number.max() + 0.8)
+    axes.xaxis.get_major_locator().set_params(integer=True)
+
+
+def _numbers(items: Sequence[ContourResult] | Sequence[ContourCorrection]) -> Array:
+    """Contours as people count them, from 1."""
+    return np.array([item.index + 1 for item in items], dtype=float)
+
+
+def _measured(result: ContourResult) -> bool:
+    return len(result.tick_normal_force) > 0 and bool(np.isfinite(result.tick_normal_force).any())
+
+
+def _sideways(item: ContourCorrection) -> float:
+    return float(np.hypot(*item.offset[:, :2].T).max()) if len(item.offset) else 0.0
+
+
+def _known(values: Array) -> Array:
+    """Finite values; a single NaN when there is none, so that statistics stay NaN without a warning."""
+    finite = values[np.isfinite(values)]
+    return finite if len(finite) else np.full(1, np.nan)
+
+
+def _low(values: Array) -> float:
+    return float(np.quantile(values, 0.05))
+
+
+def _high(values: Array) -> float:
+    return float(np.quantile(values, 0.95))
