@@ -1,0 +1,137 @@
+"""Contact of a ball with the fine surface: first touch, wall around the ball, envelope, point equilibrium."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isf_sim.jit import kernel
+from isf_sim.surface import Surface, bilinear
+
+Array = NDArray[np.float64]
+
+PROBE_RAYS = 24
+PROBE_NEAR, PROBE_FAR = 0.95, 1.6
+"""Radii (over the tool radius) between which the slope of the wall round the tool is taken."""
+
+
+@kernel
+def touch_heights(surface: Surface, path: float, window: float, x: float, y: float, radius: float, out: Array) -> None:
+    """Tip heights (m) at which a ball over (x, y) first touches the surface.
+
+    out[0]: the surface as it was before the present pass (within ``window`` m of path), which makes the step
+    independent of the tick spacing; out[1]: the present surface. -inf beside the sheet.
+    """
+    z, before, touched = surface.height, surface.before, surface.touched
+    ny, nx = z.shape
+    h = surface.h
+    i0, i1 = max(int((x - radius - surface.x0) / h), 0), min(int((x + radius - surface.x0) / h) + 2, nx)
+    j0, j1 = max(int((y - radius - surface.y0) / h), 0), min(int((y + radius - surface.y0) / h) + 2, ny)
+    lagged = present = -math.inf
+    for j in range(j0, j1):
+        dy = surface.y0 + j * h - y
+        for i in range(i0, i1):
+            dx = surface.x0 + i * h - x
+            rest = radius * radius - dx * dx - dy * dy
+            if rest > 0.0:
+                cap = math.sqrt(rest) - radius
+                now = z[j, i]
+                old = before[j, i] if path - touched[j, i] < window else now
+                lagged = max(lagged, old + cap)
+                present = max(present, now + cap)
+    out[0] = lagged
+    out[1] = present
+
+
+@kernel
+def probe_wall(surface: Surface, x: float, y: float, radius: float, out: Array) -> None:
+    """Wall round the ball: out[0] steepest slope, out[1:3] unit horizontal vector towards the wall, out[3] wrap.
+
+    The wrap is the integral of the slope round the tool over that of a straight wall of the same slope
+    (> 1 in corners, 1 on a straight wall).
+    """
+    vx = vy = steepest = integral = 0.0
+    for k in range(PROBE_RAYS):
+        angle = 2.0 * math.pi * k / PROBE_RAYS
+        c, s = math.cos(angle), math.sin(angle)
+        near = bilinear(
+            surface.height, surface.x0, surface.y0, surface.h, x + PROBE_NEAR * radius * c, y + PROBE_NEAR * radius * s
+        )
+        far = bilinear(
+            surface.height, surface.x0, surface.y0, surface.h, x + PROBE_FAR * radius * c, y + PROBE_FAR * radius * s
+        )
+        slope = (far - near) / ((PROBE_FAR - PROBE_NEAR) * radius)
+        if slope > 0.0:
+            vx += slope * c
+            vy += slope * s
+            integral += slope * 2.0 * math.pi / PROBE_RAYS
+            steepest = max(steepest, slope)
+    length = math.hypot(vx, vy)
+    out[0] = steepest
+    out[1] = vx / length if length > 1e-9 else 0.0
+    out[2] = vy / length if length > 1e-9 else 0.0
+    out[3] = integral / (2.0 * steepest) if steepest > 0.02 else 1.0
+
+
+@kernel
+def envelope(surface: Surface, path: float, window: float, x: float, y: float, tip: float, radius: float) -> None:
+    """Press a ball with its tip at (x, y, tip) into the surface: Z <- min(Z, ball)."""
+    z = surface.height
+    ny, nx = z.shape
+    h = surface.h
+    i0, i1 = max(int((x - radius - surface.x0) / h), 1), min(int((x + radius - surface.x0) / h) + 2, nx - 1)
+    j0, j1 = max(int((y - radius - surface.y0) / h), 1), min(int((y + radius - surface.y0) / h) + 2, ny - 1)
+    for j in range(j0, j1):
+        dy = surface.y0 + j * h - y
+        for i in range(i0, i1):
+            dx = surface.x0 + i * h - x
+            rest = radius * radius - dx * dx - dy * dy
+            if rest > 0.0:
+                ball = tip + radius - math.sqrt(rest)
+                if z[j, i] > ball:
+                    if path - surface.touched[j, i] >= window:
+                        surface.before[j, i] = z[j, i]
+                        surface.touched[j, i] = path
+                    z[j, i] = ball
+                    surface.formed[j, i] = 1
+
+
+@kernel
+def axial_force(
+    gap: float,
+    amplitude: float,
+    exponent: float,
+    step: float,
+    compliance: float,
+    guess: float,
+    sink: float,
+    sink_exponent: float,
+) -> float:
+    """N, force F that satisfies gap = c F + S(F) + step (F / A)^(1/m): tool, sheet and plastic step in series.
+
+    ``gap`` m: first touch minus commanded tip; ``compliance`` c m/N; S(F) = sink (F / guess)^b; ``step`` = 0 for
+    the elastic branch. Monotone in F; Newton with bisection as the safeguard.
+    """
+    if gap <= 0.0:
+        return 0.0
+    low, high = 0.0, 4.0 * amplitude + 1.0
+    force = min(max(guess, 1.0), high)
+    inverse = 1.0 / exponent
+    for _ in range(60):
+        sag = sink * (force / guess) ** sink_exponent
+        plastic = step * (force / amplitude) ** inverse
+        rest = gap - compliance * force - sag - plastic
+        if rest > 0.0:
+            low = force
+        else:
+            high = force
+        slope = compliance + (sink_exponent * sag + inverse * plastic) / force
+        trial = force + rest / slope
+        if not low < trial < high:
+            trial = 0.5 * (low + high)
+        if abs(trial - force) < 1e-4 * force + 1e-4:
+            return trial
+        force = trial
+    return force

@@ -1,0 +1,134 @@
+"""One control tick of the machine as a single compiled kernel: servo, sheet, squeeze, load cells, limits."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isf_sim.control_points import ControlPoints
+from isf_sim.jit import kernel
+from isf_sim.load_cell import CellConstants, CellState, read_cell
+from isf_sim.servo import ServoConstants, follow_targets
+from isf_sim.sheet_point import DONE, Contact, PointConstants, advance_point
+from isf_sim.squeeze import Squeeze, SqueezeConstants, squeeze_sheet
+from isf_sim.surface import Surface, TipTrack
+
+Array = NDArray[np.float64]
+
+FORCE_EXCEEDED, TOOLS_TOUCH = 1, 2
+"""Bits of Axes.flags."""
+
+
+class MachineConstants(NamedTuple):
+    """Constants of every part the kernel needs."""
+
+    servo: ServoConstants
+    point: PointConstants
+    squeeze: SqueezeConstants
+    cell_1: CellConstants
+    cell_2: CellConstants
+    force_limit: Array
+
+
+class Axes(NamedTuple):
+    """Both tools' axes: state (6, 3) of x, y, z of tool 1, then of tool 2; target (6,) m held at the last tick;
+    moved (1,) 1 when the servo has done the present tick already; force_1, force_2 (3,) N true force of the sheet
+    on each tool; flags (1,)."""
+
+    state: Array
+    target: Array
+    moved: NDArray[np.int64]
+    force_1: Array
+    force_2: Array
+    flags: NDArray[np.int64]
+
+
+def parked_axes(tip_1: Array, tip_2: Array) -> Axes:
+    """At rest with the tips at (3,), (3,) m."""
+    target = np.concatenate([tip_1, tip_2])
+    state = np.zeros((6, 3))
+    state[:, 0] = target
+    return Axes(state, target, np.zeros(1, dtype=np.int64), np.zeros(3), np.zeros(3), np.zeros(1, dtype=np.int64))
+
+
+@kernel
+def advance_tick(
+    target: Array,
+    draws: Array,
+    axes: Axes,
+    surface: Surface,
+    track: TipTrack,
+    points: ControlPoints,
+    contact: Contact,
+    squeeze: Squeeze,
+    cell_1: CellState,
+    cell_2: CellState,
+    constants: MachineConstants,
+) -> int:
+    """Advance one tick towards ``target`` (6,) m with the normal numbers ``draws`` (12,).
+
+    Returns DONE, or what the sheet needs first; the caller serves the request and calls again.
+    """
+    if axes.moved[0] == 0:
+        follow_targets(axes.state, axes.target, target, constants.servo)
+        axes.target[:] = target
+        axes.moved[0] = 1
+    tip_1, tip_2 = np.empty(3), np.empty(3)
+    pull = np.empty(2)
+    for k in range(3):
+        tip_1[k] = axes.state[k, 0]
+        tip_2[k] = axes.state[3 + k, 0]
+    pull[0], pull[1] = -squeeze.force[0], -squeeze.force[1]
+    request = advance_point(tip_1, pull, surface, track, points, contact, constants.point)
+    if request != DONE:
+        return request
+    axes.moved[0] = 0
+    squeeze_sheet(tip_1, tip_2, surface, contact, squeeze, constants.squeeze)
+    axes.flags[0] = 0
+    for k in range(3):
+        axes.force_1[k] = -contact.force[k] - squeeze.force[k]
+        axes.force_2[k] = squeeze.force[k]
+        if max(abs(axes.force_1[k]), abs(axes.force_2[k])) > constants.force_limit[k]:
+            axes.flags[0] |= FORCE_EXCEEDED
+    if squeeze.indentation[0] > 0.0 and squeeze.indentation[0] >= squeeze.thickness[0]:
+        axes.flags[0] |= TOOLS_TOUCH
+    read_cell(axes.force_1, draws[:6], constants.cell_1, cell_1)
+    read_cell(axes.force_2, draws[6:], constants.cell_2, cell_2)
+    return DONE
+
+
+NOT_FINITE, JUMP, OUTSIDE, OVERLAP, FAST = 1, 2, 4, 8, 16
+"""Bits returned by :func:`check_target`."""
+
+
+@kernel
+def check_target(
+    target: Array, held: Array, travel: Array, jump: float, speed: float, radii: Array, overlap: float
+) -> int:
+    """What is wrong with ``target`` (6,) m after ``held`` (6,) m: bits, 0 when nothing is.
+
+    ``travel`` (3,) m largest |coordinate|; ``jump`` m largest step; ``speed`` m step at the speed limit (FAST alone is
+    no fault); ``radii`` (2,) m of the balls, which may overlap by ``overlap`` m (the machine gives way by as much)
+    """
+    for k in range(6):
+        if not math.isfinite(target[k]):
+            return NOT_FINITE
+    bits = 0
+    for tool in range(2):
+        square = 0.0
+        for k in range(3):
+            square += (target[3 * tool + k] - held[3 * tool + k]) ** 2
+            if abs(target[3 * tool + k]) > travel[k]:
+                bits |= OUTSIDE
+        if square > jump * jump:
+            bits |= JUMP
+        if square > speed * speed:
+            bits |= FAST
+    dx, dy = target[3] - target[0], target[4] - target[1]
+    dz = (target[5] - radii[1]) - (target[2] + radii[0])
+    if radii[1] > 0.0 and math.sqrt(dx * dx + dy * dy + dz * dz) < radii[0] + radii[1] - overlap:
+        bits |= OVERLAP
+    return bits

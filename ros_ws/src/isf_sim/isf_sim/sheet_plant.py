@@ -1,0 +1,238 @@
+"""The sheet under the forming tool: fine surface, coarse shell and the events that tie them together.
+
+The kernel (:mod:`isf_sim.sheet_point`) moves the tool from tick to tick; every millimetre of depth or 16 mm of way
+it asks for a coarse solution of the *actual* shape, every sixteenth of a loop for an update of the following base.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+from isf_core.height_map import HeightMap
+from isf_core.material import Material
+from isf_core.rig import Clamp
+from numpy.typing import NDArray
+
+from isf_sim import base_following
+from isf_sim.bending_yield import lasting_deflection
+from isf_sim.bulge import bulge_overlay
+from isf_sim.control_points import CAPACITY, ControlPoints, no_control_points
+from isf_sim.plant_constants import PlantConstants
+from isf_sim.shell import Deflection, Elastic, Shell
+from isf_sim.sheet_point import (
+    DONE,
+    LAST_BASE,
+    LOOP,
+    NEEDS_SOLUTION,
+    TRAVELLED,
+    Contact,
+    PointConstants,
+    advance_point,
+    no_contact,
+)
+from isf_sim.surface import Surface, TipTrack, bilinear_grid, empty_track, flat_surface, onto, sample_mean
+from isf_sim.world import World
+
+Array = NDArray[np.float64]
+
+SMALLEST_FORCE = 30.0
+"""N, force of a coarse solution at first touch, when none is known yet."""
+RELATED = 30.0e-3
+"""m, distance (depth counts threefold) within which an earlier solution is a good start."""
+
+
+class SheetPlant:
+    """State of one blank under a forming tool of ``radius`` m.
+
+    Attributes
+    ----------
+    surface, track, contact, points : state arrays, shared with the kernels
+    shell : Shell ; material : perturbed Material ; thickness : m ; solve_time : s wall ; solutions : count
+    """
+
+    def __init__(
+        self,
+        clamp: Clamp,
+        material: Material,
+        thickness: float,
+        radius: float,
+        incremental_depth: float,
+        compliance: tuple[float, float, float],
+        *,
+        world: World | None = None,
+        constants: PlantConstants | None = None,
+        tip: Array | None = None,
+    ) -> None:
+        world = world or World()
+        self.constants = constants = constants or PlantConstants()
+        self.thickness = thickness = thickness * world.thickness
+        self.material = material.model_copy(update={"young_modulus": material.young_modulus * world.young_modulus})
+        self.radius = radius
+        self.size = clamp.size
+        self.shell = Shell(
+            clamp.size,
+            constants.coarse_cell,
+            Elastic(self.material.young_modulus, self.material.poisson_ratio),
+            thickness,
+            edge=clamp.edge,
+            edge_spring=constants.edge_spring + world.edge_spring,
+        )
+        self.surface: Surface = flat_surface(clamp.size, constants.fine_cell)
+        self.track: TipTrack = empty_track(clamp.size, constants.track_cell)
+        self.contact: Contact = no_contact(np.array([0.0, 0.0, 0.1]) if tip is None else tip)
+        self.points: ControlPoints = no_control_points()
+        self.point_constants = self._point_constants(incremental_depth, compliance, world)
+        self.solve_time = 0.0
+        self.solutions = 0
+        self._states: list[Array] = []
+        self._hardened = np.zeros(self.shell.count)
+
+    def move(self, tip: Array, pull: Array) -> None:
+        """Move the forming tool to ``tip`` (3,) m under the horizontal ``pull`` (2,) N of the support tool."""
+        while True:
+            request = advance_point(
+                tip, pull, self.surface, self.track, self.points, self.contact, self.point_constants
+            )
+            if request == DONE:
+                return
+            self.serve(request, tip)
+
+    def serve(self, request: int, tip: Array) -> None:
+        """Do what the kernel asked for at ``tip`` (3,) m."""
+        started = time.perf_counter()
+        if request == NEEDS_SOLUTION:
+            self._solve(tip)
+        else:
+            self.update_base()
+        self.solve_time += time.perf_counter() - started
+
+    def update_base(self) -> None:
+        """Let the base enclosed by the last loop follow the tool."""
+        path = self.contact.path
+        path[LAST_BASE] = path[TRAVELLED]
+        pillow = self.constants.base_pillow * self.thickness
+        base_following.follow(self.surface, self.track, path[TRAVELLED], path[LOOP], pillow, self.radius)
+
+    def measured_shape(self, spacing: float = 1.0e-3) -> HeightMap:
+        """Unloaded upper surface as a scanner sees it: Z and the bulge overlay, on a grid of ``spacing`` m."""
+        self.update_base()
+        strength = self.constants.bulge_strength(self.thickness, self.radius)
+        coarse = max(1, round(self.constants.track_cell / self.surface.h))
+        overlay = bulge_overlay(self.surface, coarse, strength, self.thickness, self.material)
+        stride = max(1, round(spacing / self.surface.h))
+        z = self.surface.height[::stride, ::stride]
+        rows, columns = (stride / coarse * np.arange(n) for n in z.shape)
+        bulge = np.empty(z.shape)
+        bilinear_grid(overlay, rows, columns, bulge)
+        x = self.surface.x0 + stride * self.surface.h * np.arange(z.shape[1])
+        y = self.surface.y0 + stride * self.surface.h * np.arange(z.shape[0])
+        return HeightMap(x, y, z + bulge)
+
+    # -- coarse solution -----------------------------------------------------------------------------
+
+    def _solve(self, tip: Array) -> None:
+        shell, contact = self.shell, self.contact
+        self._take_shape()
+        axial = max(float(contact.axial[0]), SMALLEST_FORCE)
+        force = np.array([contact.lateral[0], contact.lateral[1], -axial])
+        patch = shell.load_patch(tip[0], tip[1], 0.7 * self.radius)
+        deflection = shell.solve(patch, force, self._start(tip, axial))
+        if not deflection.converged or not np.isfinite(deflection.displacement).all():
+            deflection = shell.solve(patch, force)
+        self._keep(tip, axial, deflection)
+        if contact.axial[0] > SMALLEST_FORCE:
+            self._yield(deflection.state, tip)
+        self.solutions += 1
+
+    def _take_shape(self) -> None:
+        """Present surface and thickness t0 cos(alpha) on the coarse grid; the clamp stays at z = 0."""
+        shell = self.shell
+        height = sample_mean(self.surface, shell.node_x, shell.node_y, 0.5 * max(shell.dx, shell.dy))
+        height[shell.boundary] = 0.0
+        zy, zx = np.gradient(height.reshape(shell.ny, shell.nx), shell.dy, shell.dx)
+        cosine = 1.0 / np.sqrt(1.0 + zx**2 + zy**2).ravel()
+        shell.set_shape(height, self.thickness * np.clip(cosine, 0.25, 1.0))
+
+    def _start(self, tip: Array, axial: float) -> Array | None:
+        """Deflection of the nearest earlier solution, scaled to the present force."""
+        count = int(self.points.count[0])
+        if count == 0:
+            return None
+        away = (self.points.place[:count] - tip) * np.array([1.0, 1.0, 3.0])
+        square = (away**2).sum(axis=1)
+        nearest = int(np.argmin(square))
+        if square[nearest] > RELATED**2:
+            return None
+        return np.asarray(self._states[nearest] * math.sqrt(axial / self.points.force[nearest]))
+
+    def _keep(self, tip: Array, axial: float, deflection: Deflection) -> None:
+        """Add a control point; older ones close by, or far above or below, are dropped."""
+        points, constants = self.points, self.constants
+        count = int(points.count[0])
+        away = points.place[:count] - tip
+        keep = (away[:, 0] ** 2 + away[:, 1] ** 2 > (0.6 * constants.fresh_distance) ** 2) & (
+            np.abs(away[:, 2]) < 2.5 * constants.fresh_depth
+        )
+        chosen = np.flatnonzero(keep)[-(CAPACITY - 1) :]
+        for array in (points.place, points.displacement, points.force, points.exponent):
+            array[: len(chosen)] = array[chosen]
+        self._states = [self._states[k] for k in chosen] + [deflection.state]
+        n = len(chosen)
+        sag = max(-deflection.displacement[2], 1e-9)
+        points.place[n] = tip
+        points.displacement[n] = deflection.displacement
+        points.force[n] = axial
+        points.exponent[n] = float(np.clip(deflection.axial_compliance * axial / sag, 0.3, 1.0))
+        points.count[0] = n + 1
+
+    def _yield(self, state: Array, tip: Array) -> None:
+        """Lasting bending of flange, wall and base; the whole surface takes its share."""
+        shell = self.shell
+        change = lasting_deflection(
+            shell,
+            state,
+            self._hardened,
+            (float(tip[0]), float(tip[1])),
+            self.radius + self.thickness,
+            self.material.yield_strength,
+            self.constants.yield_factor,
+        )
+        if change is None:
+            return
+        grid = change.reshape(shell.ny, shell.nx)
+        fine = onto(self.surface, grid, self.size)
+        self.surface.height[...] += fine
+        self.surface.before[...] += fine
+        coarse = onto(self.track, grid, self.size)
+        self.track.tip[...] += coarse
+        self.track.base[...] += coarse
+
+    def _point_constants(
+        self, incremental_depth: float, compliance: tuple[float, float, float], world: World
+    ) -> PointConstants:
+        constants = self.constants
+        rigidity = self.material.young_modulus * self.thickness**3 / (12.0 * (1.0 - self.material.poisson_ratio**2))
+        amplitude = (
+            constants.force_factor
+            * world.force_level
+            * (self.material.tensile_strength / 1e6)
+            * (self.thickness * 1e3) ** 1.57
+            * (2e3 * self.radius) ** 0.41
+        )
+        return PointConstants(
+            radius=self.radius,
+            amplitude=amplitude,
+            step=incremental_depth,
+            friction=self.material.friction * world.friction,
+            tangential_share=constants.tangential_share,
+            exponent=constants.force_exponent,
+            wrap_exponent=constants.wrap_exponent,
+            compliance=np.array(compliance) * world.compliance,
+            local_compliance=max(self.shell.dx, self.shell.dy) ** 2 / (16.0 * math.pi * rigidity),
+            window=constants.window_radii * self.radius,
+            lag_length=constants.lag_length,
+            fresh_depth=constants.fresh_depth,
+            fresh_distance=constants.fresh_distance,
+        )

@@ -1,0 +1,219 @@
+"""One tool position on the sheet: contact, force, envelope and tip track (the plant's kernel)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isf_sim.contact_kernels import axial_force, envelope, probe_wall, touch_heights
+from isf_sim.control_points import ControlPoints, blend, is_fresh
+from isf_sim.jit import kernel
+from isf_sim.surface import LONG_AGO, Surface, TipTrack
+
+Array = NDArray[np.float64]
+
+DONE, NEEDS_SOLUTION, NEEDS_BASE = 0, 1, 2
+"""What :func:`advance_point` asks for; nothing has changed unless it returns DONE."""
+
+TRAVELLED, LAST_BASE, LOOP = 0, 1, 2
+"""Places in Contact.path."""
+
+SMALLEST_LOOP_RADII = 10.0
+"""Path, in tool radii, after which a second visit of a place is a new loop."""
+
+
+class PointConstants(NamedTuple):
+    """What the kernel needs of sheet, tool and rig, SI.
+
+    Attributes
+    ----------
+    radius : forming tool ; amplitude : N, force regression without angle and scallop ; step : reference step
+    friction, tangential_share, exponent, wrap_exponent : see PlantConstants
+    compliance : (3,) m/N, tool with its axes ; local_compliance : m/N, sheet below the coarse grid's scale
+    window, lag_length, fresh_depth, fresh_distance : m
+    """
+
+    radius: float
+    amplitude: float
+    step: float
+    friction: float
+    tangential_share: float
+    exponent: float
+    wrap_exponent: float
+    compliance: Array
+    local_compliance: float
+    window: float
+    lag_length: float
+    fresh_depth: float
+    fresh_distance: float
+
+
+class Contact(NamedTuple):
+    """State of the contact of the forming tool, mutable arrays.
+
+    Attributes
+    ----------
+    path : (3,) m, way travelled, way at the last base update, length of the last loop
+    last : (3,) m, last tip ; lateral : (2,) N, lagged horizontal force on the sheet ; drift : (2,) m, lagged
+        horizontal motion of the sheet
+    force : (3,) N, force on the sheet (z negative: pressed down), zero without contact
+    axial : (1,) N, magnitude of its z component ; sag : (1,) m, deflection of the sheet at the tool, positive down
+    wall : (4,) steepest slope, unit vector towards the wall (2), wrap
+    formed_tip : (3,) m, tip in the coordinates of the unloaded sheet
+    """
+
+    path: Array
+    last: Array
+    lateral: Array
+    drift: Array
+    force: Array
+    axial: Array
+    sag: Array
+    wall: Array
+    formed_tip: Array
+
+
+def no_contact(tip: Array) -> Contact:
+    """A tool clear of the sheet at ``tip`` (3,) m."""
+    return Contact(
+        path=np.zeros(3),
+        last=tip.copy(),
+        lateral=np.zeros(2),
+        drift=np.zeros(2),
+        force=np.zeros(3),
+        axial=np.zeros(1),
+        sag=np.zeros(1),
+        wall=np.zeros(4),
+        formed_tip=tip.copy(),
+    )
+
+
+@kernel
+def advance_point(
+    tip: Array,
+    pull: Array,
+    surface: Surface,
+    track: TipTrack,
+    points: ControlPoints,
+    contact: Contact,
+    constants: PointConstants,
+) -> int:
+    """Move the forming tool to ``tip`` (3,) m under the horizontal ``pull`` (2,) N of the support tool on it.
+
+    Equilibrium along z (plastic and elastic branch, the smaller force counts, so lifting is reversible):
+    H - z = (c_z + c_loc) F + S(F) + step (F/A)^(1/m); horizontally x_eff = x - C f + C pull - u with lagged f, u.
+    """
+    x, y, z = tip[0], tip[1], tip[2]
+    dx, dy, dz = x - contact.last[0], y - contact.last[1], z - contact.last[2]
+    way = math.sqrt(dx * dx + dy * dy + dz * dz)
+    path = contact.path[TRAVELLED] + way
+    radius = constants.radius
+    xe = x - constants.compliance[0] * (contact.lateral[0] - pull[0]) - contact.drift[0]
+    ye = y - constants.compliance[1] * (contact.lateral[1] - pull[1]) - contact.drift[1]
+    touch = np.empty(2)
+    touch_heights(surface, path, constants.window, xe, ye, radius, touch)
+    in_contact = touch[0] > z
+    if in_contact:
+        if not is_fresh(points, x, y, z, constants.fresh_depth, constants.fresh_distance):
+            return NEEDS_SOLUTION
+        loop = contact.path[LOOP]
+        if path - contact.path[LAST_BASE] > (max(loop / 16.0, 0.8 * radius) if loop > 0.0 else 6.0 * radius):
+            return NEEDS_BASE
+    contact.path[TRAVELLED] = path
+    contact.last[0], contact.last[1], contact.last[2] = x, y, z
+    blending = min(way / constants.lag_length, 1.0)
+    contact.formed_tip[0], contact.formed_tip[1], contact.formed_tip[2] = xe, ye, z
+    contact.force[:] = 0.0
+    contact.sag[0] = 0.0
+    contact.wall[:] = 0.0
+    axial = 0.0
+    if in_contact:
+        axial = _press(xe, ye, z, dx, dy, way, touch, blending, surface, points, contact, constants)
+    contact.axial[0] = axial
+    if axial > 0.0:
+        envelope(surface, path, constants.window, xe, ye, contact.formed_tip[2], radius)
+        _mark_track(track, contact, radius)
+    else:
+        contact.lateral[:] *= 1.0 - blending
+        contact.drift[:] *= 1.0 - blending
+    return DONE
+
+
+@kernel
+def _press(
+    xe: float,
+    ye: float,
+    z: float,
+    dx: float,
+    dy: float,
+    way: float,
+    touch: Array,
+    blending: float,
+    surface: Surface,
+    points: ControlPoints,
+    contact: Contact,
+    constants: PointConstants,
+) -> float:
+    """Equilibrium of the tool in contact; returns the axial force, N."""
+    radius, step = constants.radius, min(constants.step, constants.radius)
+    wall = contact.wall
+    probe_wall(surface, xe, ye, radius, wall)
+    amplitude = _amplitude(wall, step, constants)
+    guess = max(contact.axial[0], 20.0)
+    shift = np.empty(3)
+    length = 0.7 * constants.fresh_distance
+    exponent = blend(points, contact.last[0], contact.last[1], guess, length, shift)
+    compliance = constants.compliance[2] + constants.local_compliance
+    sink = max(-shift[2], 0.0)
+    m = constants.exponent
+    plastic = axial_force(touch[0] - z, amplitude, m, step, compliance, guess, sink, exponent)
+    elastic = axial_force(touch[1] - z, amplitude, m, 0.0, compliance, guess, sink, exponent)
+    axial = min(plastic, elastic)
+    if axial <= 0.0:
+        return 0.0
+    scale = (axial / guess) ** exponent
+    contact.sag[0] = sink * scale
+    formed = z + compliance * axial + contact.sag[0]
+    contact.formed_tip[2] = formed
+    groove = math.acos(max(1.0 - max(touch[0] - formed, 0.0) / radius, -1.0))
+    radial = axial * math.tan(max(0.5 * (math.atan(wall[0]) - groove), 0.0))
+    tangential = axial * (constants.friction + constants.tangential_share * groove) / way if way > 1e-12 else 0.0
+    contact.lateral[0] += blending * (radial * wall[1] + tangential * dx - contact.lateral[0])
+    contact.lateral[1] += blending * (radial * wall[2] + tangential * dy - contact.lateral[1])
+    contact.drift[0] += blending * (shift[0] * scale - contact.drift[0])
+    contact.drift[1] += blending * (shift[1] * scale - contact.drift[1])
+    contact.force[0], contact.force[1], contact.force[2] = contact.lateral[0], contact.lateral[1], -axial
+    return axial
+
+
+@kernel
+def _amplitude(wall: Array, step: float, constants: PointConstants) -> float:
+    """N, axial force of a plastic step ``step`` (Aerens et al. 2009, with measured wall and wrap)."""
+    groove = math.acos(1.0 - step / constants.radius)
+    angle = max(math.atan(wall[0]), groove)
+    scallop = step * step / (8.0 * constants.radius * math.sin(angle) ** 2)
+    return (
+        constants.amplitude
+        * (scallop * 1e3) ** (0.5 * constants.exponent)
+        * math.degrees(angle)
+        * math.cos(angle)
+        * max(wall[3], 0.8) ** constants.wrap_exponent
+    )
+
+
+@kernel
+def _mark_track(track: TipTrack, contact: Contact, radius: float) -> None:
+    """Note the tip on the track grid; a place met again after a while tells the length of the loop."""
+    path = contact.path[TRAVELLED]
+    i = int(round((contact.formed_tip[0] - track.x0) / track.h))
+    j = int(round((contact.formed_tip[1] - track.y0) / track.h))
+    ny, nx = track.tip.shape
+    if 0 <= i < nx and 0 <= j < ny:
+        since = path - track.visited[j, i]
+        if track.visited[j, i] > 0.5 * LONG_AGO and since > SMALLEST_LOOP_RADII * radius:
+            contact.path[LOOP] = since
+        track.tip[j, i] = contact.formed_tip[2]
+        track.visited[j, i] = path

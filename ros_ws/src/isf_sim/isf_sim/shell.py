@@ -1,0 +1,272 @@
+"""Coarse nonlinear shell: elastic response of the formed sheet in its clamp to the force of a tool.
+
+Nodes on a regular grid with displacements u, v, w (frame ``sheet``); the unloaded shape is the height map of the
+actual part. At the clamp w and its slope are zero; in its plane the edge is free (on a weak spring) or fixed.
+Energies: :mod:`isf_sim.shell_assembly`. Valid for slopes up to about 60 deg and cells of about 8 mm; the load is
+spread over a patch wider than a cell, the compliance below that scale is added by the caller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import SuperLU, splu
+
+from isf_sim.shell_assembly import Section, assemble, membrane_force
+from isf_sim.shell_pattern import make_numbering, number_dofs
+
+Array = NDArray[np.float64]
+
+LARGEST_STEP = 4.0e-3
+"""m, largest change of w in one Newton step."""
+RESIDUAL_TOLERANCE = 1.0e-3
+"""Residual over the load at which a solution is accepted."""
+STEP_TOLERANCE = 1.0e-7
+"""m, change of w at which a solution is accepted."""
+SLOW_CONVERGENCE = 0.5
+"""The matrix is factorised anew when a step leaves more than this part of the residual."""
+LARGEST_ITERATIONS = 40
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """Isotropic sheet: Young's modulus Pa, Poisson's ratio."""
+
+    young: float
+    poisson: float
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """Equilibrium under one tool force.
+
+    Attributes
+    ----------
+    state : (N, 3) m, displacement of all nodes
+    displacement : (3,) m, at the tool (patch average)
+    axial_compliance : m/N, tangent dw/dF at the tool
+    iterations, factorisations : work done
+    converged : False when the iteration limit was hit
+    """
+
+    state: Array
+    displacement: Array
+    axial_compliance: float
+    iterations: int
+    factorisations: int
+    converged: bool
+
+
+class Shell:
+    """Grid, clamp and present shape of the coarse shell.
+
+    Parameters
+    ----------
+    size : m, free sheet between the clamps (x, y) ; cell : m, largest cell size
+    thickness : m ; edge : in-plane condition ; edge_spring : N/m^2, in-plane stiffness per edge length (free edge)
+    """
+
+    def __init__(
+        self,
+        size: tuple[float, float],
+        cell: float,
+        elastic: Elastic,
+        thickness: float,
+        *,
+        edge: Literal["free", "fixed"] = "free",
+        edge_spring: float = 1.0e6,
+    ) -> None:
+        self.nx, self.ny = (max(4, round(length / cell)) + 1 for length in size)
+        self.dx, self.dy = size[0] / (self.nx - 1), size[1] / (self.ny - 1)
+        self.x = np.linspace(-size[0] / 2, size[0] / 2, self.nx)
+        self.y = np.linspace(-size[1] / 2, size[1] / 2, self.ny)
+        gx, gy = np.meshgrid(self.x, self.y)
+        self.node_x, self.node_y = gx.ravel(), gy.ravel()
+        self.elastic = elastic
+        self.count = self.nx * self.ny
+        inside = np.zeros((self.ny, self.nx), dtype=bool)
+        inside[1:-1, 1:-1] = True
+        self.boundary = ~inside.ravel()
+        self._active = np.ones((self.count, 3), dtype=bool)
+        self._active[self.boundary, 2] = False
+        if edge == "fixed":
+            self._active[self.boundary] = False
+        self._edge_stiffness = edge_spring * 0.5 * (self.dx + self.dy) if edge == "free" else 0.0
+        self.node_area = np.full(self.count, self.dx * self.dy)
+        self.node_area[np.isclose(np.abs(self.node_x), size[0] / 2)] *= 0.5
+        self.node_area[np.isclose(np.abs(self.node_y), size[1] / 2)] *= 0.5
+        self.height = np.zeros(self.count)
+        self.thickness = np.full(self.count, thickness)
+        self.support: Array | None = None
+        self.support_stiffness = 2.0e6
+        self._number(None)
+        self.set_shape(self.height, self.thickness)
+        self._number(self._fill_reducing_order())
+
+    # -- shape ---------------------------------------------------------------------------------
+
+    def set_shape(self, height: Array, thickness: Array) -> None:
+        """Unloaded height (N,) m and thickness (N,) m of the sheet."""
+        self.height = np.ascontiguousarray(height)
+        self.thickness = np.ascontiguousarray(thickness)
+        zy, zx = np.gradient(self.height.reshape(self.ny, self.nx), self.dy, self.dx)
+        weight = (self.rigidity / np.sqrt(1.0 + zx**2 + zy**2).ravel()).reshape(self.ny, self.nx)
+        corner = weight[:-1, :-1] + weight[:-1, 1:] + weight[1:, :-1] + weight[1:, 1:]
+        self._section = Section(
+            dx=self.dx,
+            dy=self.dy,
+            young=self.elastic.young,
+            poisson=self.elastic.poisson,
+            height=self.height,
+            thickness=self.thickness,
+            bending=self.node_area * weight.ravel(),
+            twist=0.25 * corner.ravel() * self.dx * self.dy,
+        )
+
+    def set_support(self, height: Array, stiffness: float = 2.0e6) -> None:
+        """One-sided support (backing plate, die): ``height`` (N,) m, stiffness per node N/m."""
+        self.support, self.support_stiffness = height, stiffness
+
+    @property
+    def rigidity(self) -> Array:
+        """(N,) N m, bending stiffness D = E t^3 / (12 (1 - nu^2))."""
+        return np.asarray(self.elastic.young * self.thickness**3 / (12.0 * (1.0 - self.elastic.poisson**2)))
+
+    @property
+    def stars(self) -> tuple[NDArray[np.int32], Array, Array]:
+        """Second-difference stencils of w: nodes (N, 5), weights in x and y (N, 5) 1/m^2."""
+        pattern = self._numbering.pattern
+        return pattern.star, pattern.star_xx, pattern.star_yy
+
+    # -- loads and states ------------------------------------------------------------------------
+
+    def load_patch(self, x: float, y: float, radius: float) -> Array:
+        """(N,) weights (sum 1) of a load spread smoothly round (x, y) m."""
+        radius = max(radius, 0.9 * max(self.dx, self.dy))
+        distance = (self.node_x - x) ** 2 + (self.node_y - y) ** 2
+        weight = np.clip(1.0 - distance / (2.0 * radius) ** 2, 0.0, None) ** 2
+        weight[self.boundary] = 0.0
+        total = weight.sum()
+        if total < 1e-9:  # all of the patch lies in the clamp
+            weight = np.zeros(self.count)
+            weight[np.argmin(distance)] = total = 1.0
+        return np.asarray(weight / total)
+
+    def membrane_force(self, state: Array) -> Array:
+        """(N,) N/m, von Mises equivalent membrane force at the nodes (mean of the cells round them)."""
+        cells = self._numbering.pattern.cells
+        force = np.empty(len(cells))
+        membrane_force(state, self._section, self._numbering.pattern, force)
+        return np.bincount(cells.ravel(), np.repeat(0.25 * force, 4), self.count)
+
+    def solve(self, patch: Array, force: Array, start: Array | None = None) -> Deflection:
+        """Equilibrium with ``force`` (3,) N spread by ``patch`` (N,), from the state ``start`` (N, 3) m.
+
+        Modified Newton: the factorised matrix is kept as long as a step leaves less than
+        SLOW_CONVERGENCE of the residual.
+        """
+        q = np.zeros((self.count, 3)) if start is None else start.copy()
+        load = self._flat(patch[:, None] * force)
+        scale = float(np.linalg.norm(load)) + 1e-9
+        inner = self._assemble(q, tangent=True)
+        factor = self._factorise()
+        iterations, factorisations, fresh = 0, 1, True
+        residual = load - inner
+        size = float(np.linalg.norm(residual))
+        converged = size < RESIDUAL_TOLERANCE * scale and start is not None
+        while not converged and iterations < LARGEST_ITERATIONS:
+            step = self._unflat(factor.solve(residual))
+            largest = float(np.abs(step[:, 2]).max())
+            shrink = min(1.0, LARGEST_STEP / max(largest, 1e-12))
+            iterations += 1
+            while True:
+                trial = q + shrink * step
+                trial_residual = load - self._assemble(trial, tangent=False)
+                trial_size = float(np.linalg.norm(trial_residual))
+                if trial_size < 1.5 * size or shrink < 0.1 or (fresh and iterations <= 2):
+                    break
+                if not fresh:
+                    break
+                shrink *= 0.5
+            slow = trial_size > SLOW_CONVERGENCE * size
+            if not fresh and not trial_size < 1.5 * size:
+                trial, trial_residual, trial_size = q, residual, size  # an old matrix misled: stay, and renew it
+            moved = trial is not q
+            q, residual, size = trial, trial_residual, trial_size
+            converged = size < RESIDUAL_TOLERANCE * scale or (moved and fresh and largest * shrink < STEP_TOLERANCE)
+            fresh = False
+            if slow and not converged:
+                self._assemble(q, tangent=True)
+                factor = self._factorise()
+                factorisations += 1
+                fresh = True
+        compliance = self._axial_compliance(patch, q, factor)
+        return Deflection(q, patch @ q, compliance, iterations, factorisations, converged)
+
+    def _axial_compliance(self, patch: Array, q: Array, factor: SuperLU) -> float:
+        """Tangent at ``q`` (m/N) with the factors of a nearby state: three steps of iterative refinement."""
+        self._assemble(q, tangent=True)
+        matrix = self._matrix()
+        load = self._flat(patch[:, None] * np.array([0.0, 0.0, 1.0]))
+        response = factor.solve(load)
+        for _ in range(3):
+            response += factor.solve(load - matrix @ response)
+        return float(load @ response)
+
+    def linear_response(self, load: Array) -> Array:
+        """(N, 3) m, small displacement of the unloaded sheet under nodal loads (N, 3) N."""
+        self._assemble(np.zeros((self.count, 3)), tangent=True)
+        return self._unflat(self._factorise().solve(self._flat(load)))
+
+    # -- linear algebra ----------------------------------------------------------------------------
+
+    def _number(self, order: NDArray[np.int32] | None) -> None:
+        dof = number_dofs(self._active, order)
+        self._numbering = make_numbering(self.nx, self.ny, self.dx, self.dy, dof)
+        self._force = np.zeros(self._numbering.count + 1)
+        self._values = np.zeros(len(self._numbering.rows) + 1)
+        springs = np.zeros(self._numbering.count + 1)
+        springs[dof[self.boundary, :2].ravel()] += self._edge_stiffness
+        self._springs = springs[:-1]
+
+    def _fill_reducing_order(self) -> NDArray[np.int32]:
+        """Ordering found once; later factorisations use the natural order of the renumbered dofs."""
+        self._assemble(np.zeros((self.count, 3)), tangent=True)
+        return np.asarray(self._factorise("MMD_AT_PLUS_A").perm_c)
+
+    def _assemble(self, q: Array, *, tangent: bool) -> Array:
+        numbering = self._numbering
+        assemble(q, self._section, numbering.pattern, tangent, self._force, self._values)
+        inner = self._force[:-1] + self._springs * self._flat(q)
+        if tangent:
+            self._values[numbering.diagonal] += self._springs
+        if self.support is not None:
+            depth = self.support - (self.height + q[:, 2])
+            touching = (depth > 0.0) & self._active[:, 2]
+            at = numbering.dof[touching, 2]
+            inner[at] -= self.support_stiffness * depth[touching]
+            if tangent:
+                self._values[numbering.diagonal[at]] += self.support_stiffness
+        return np.asarray(inner)
+
+    def _matrix(self) -> csc_matrix:
+        numbering = self._numbering
+        shape = (numbering.count, numbering.count)
+        return csc_matrix((self._values[:-1], numbering.rows, numbering.starts), shape=shape, copy=False)
+
+    def _factorise(self, order: str = "NATURAL") -> SuperLU:
+        return splu(self._matrix(), permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+    def _flat(self, values: Array) -> Array:
+        out = np.empty(self._numbering.count)
+        out[self._numbering.dof[self._active]] = values[self._active]
+        return out
+
+    def _unflat(self, values: Array) -> Array:
+        out = np.zeros((self.count, 3))
+        out[self._active] = values[self._numbering.dof[self._active]]
+        return out

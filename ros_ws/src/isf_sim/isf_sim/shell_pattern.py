@@ -1,0 +1,101 @@
+"""Numbering of the coarse shell: active degrees of freedom and the sparsity pattern of its matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isf_sim.shell_assembly import Pattern
+
+Bool = NDArray[np.bool_]
+Index = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Numbering:
+    """Active dofs of N nodes and the compressed columns of the matrix over them.
+
+    Attributes
+    ----------
+    dof : (N, 3) number of u, v, w of each node; ``count`` where the dof is held
+    count : active dofs ; pattern : Pattern for the kernels
+    rows, starts : row indices and column starts (CSC) ; diagonal : (count,) places of the diagonal
+    """
+
+    dof: Index
+    count: int
+    pattern: Pattern
+    rows: Index
+    starts: Index
+    diagonal: Index
+
+
+def number_dofs(active: Bool, order: Index | None = None) -> Index:
+    """(N, 3) dof numbers for an (N, 3) mask; ``order`` (count,) permutes them (new = order[old])."""
+    count = int(active.sum())
+    numbers = np.arange(count, dtype=np.int32) if order is None else order.astype(np.int32)
+    dof = np.full(active.shape, count, dtype=np.int32)
+    dof[active] = numbers
+    return dof
+
+
+def make_numbering(nx: int, ny: int, dx: float, dy: float, dof: Index) -> Numbering:
+    """Pattern of a grid of nx x ny nodes (row by row along x), spacing dx, dy m."""
+    count = int(dof.max())
+    cells = _cells(nx, ny)
+    cell_dof = np.concatenate([dof[cells, k] for k in range(3)], axis=1)
+    star, star_xx, star_yy = _stars(nx, ny, dx, dy)
+    star_dof = dof[star, 2]
+    pairs = [_pairs(cell_dof), _pairs(star_dof), (np.arange(count), np.arange(count))]
+    row = np.concatenate([p[0] for p in pairs]).astype(np.int64)
+    column = np.concatenate([p[1] for p in pairs]).astype(np.int64)
+    held = (row == count) | (column == count)
+    key = np.where(held, count * count, column * count + row)
+    unique, place = np.unique(key, return_inverse=True)
+    if held.any():  # the largest key stands for all held dofs: one slot past the end
+        unique = unique[:-1]
+    place = place.reshape(-1).astype(np.int32)
+    a, b = cell_dof.size * 12, star_dof.size * 5
+    pattern = Pattern(
+        cells=cells,
+        cell_dof=cell_dof,
+        cell_slot=place[:a].reshape(-1, 12, 12),
+        star=star,
+        star_dof=star_dof,
+        star_slot=place[a : a + b].reshape(-1, 5, 5),
+        star_xx=star_xx,
+        star_yy=star_yy,
+    )
+    starts = np.searchsorted(unique // count, np.arange(count + 1)).astype(np.int32)
+    return Numbering(dof, count, pattern, (unique % count).astype(np.int32), starts, place[a + b :])
+
+
+def _cells(nx: int, ny: int) -> Index:
+    i, j = np.meshgrid(np.arange(nx - 1), np.arange(ny - 1))
+    first = (j * nx + i).ravel()
+    return np.stack([first, first + 1, first + nx, first + nx + 1], axis=1).astype(np.int32)
+
+
+def _pairs(dof: Index) -> tuple[Index, Index]:
+    width = dof.shape[1]
+    return np.repeat(dof, width, axis=1).ravel(), np.tile(dof, (1, width)).ravel()
+
+
+def _stars(nx: int, ny: int, dx: float, dy: float) -> tuple[Index, NDArray[np.float64], NDArray[np.float64]]:
+    """Five-point second differences; across the edge the sheet is mirrored (zero slope in the clamp)."""
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(nx), np.arange(ny)))
+    node = j * nx + i
+    star = np.stack([node, node, node, node, node], axis=1)
+    xx = np.zeros((nx * ny, 5))
+    yy = np.zeros((nx * ny, 5))
+    xx[:, 0] = -2.0
+    yy[:, 0] = -2.0
+    for values, first, index, length, stride in ((xx, 1, i, nx, 1), (yy, 3, j, ny, nx)):
+        has_before, has_after = index > 0, index < length - 1
+        star[has_before, first] -= stride
+        star[has_after, first + 1] += stride
+        values[has_before, first] = np.where(has_after[has_before], 1.0, 2.0)
+        values[has_after, first + 1] = np.where(has_before[has_after], 1.0, 2.0)
+    return star.astype(np.int32), xx / dx**2, yy / dy**2

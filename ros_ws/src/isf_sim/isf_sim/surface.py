@@ -1,0 +1,149 @@
+"""Fine-grid state of the sheet: the plastic surface that conforms to the tool, and its memory.
+
+The surface is the upper face of the unloaded sheet in frame ``sheet``. "Path length" is the way the forming tip
+has travelled since the blank was clamped; it tells passes of the tool over the same material apart.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, uniform_filter
+
+from isf_sim.jit import kernel
+
+Array = NDArray[np.float64]
+
+LONG_AGO = -1.0e9
+"""m, path length of an event that has not happened."""
+
+
+class Surface(NamedTuple):
+    """Fine grid, node (j, i) at (x0 + i h, y0 + j h); all lengths m, forces N.
+
+    Attributes
+    ----------
+    height : (ny, nx) plastic surface ; before : (ny, nx) the same before the present pass of the tool
+    touched : (ny, nx) path length at which the present pass first touched a node
+    formed : (ny, nx) 1 where the tool has formed
+    squeeze, squeeze_before, squeezed : (ny, nx) largest squeeze force, the same before the present pass, path length
+    """
+
+    x0: float
+    y0: float
+    h: float
+    height: Array
+    before: Array
+    touched: Array
+    formed: NDArray[np.int8]
+    squeeze: Array
+    squeeze_before: Array
+    squeezed: Array
+
+
+class TipTrack(NamedTuple):
+    """Coarser grid with the track of the forming tip and the base that follows it.
+
+    Attributes
+    ----------
+    tip : (ny, nx) m, tip height at the last visit ; visited : (ny, nx) m, path length of that visit
+    base : (ny, nx) m, surface spanned over the region inside the track
+    region : (ny, nx) 0 enclosed, 1 outside, 2 track (from the last update)
+    """
+
+    x0: float
+    y0: float
+    h: float
+    tip: Array
+    visited: Array
+    base: Array
+    region: NDArray[np.int8]
+
+
+def flat_surface(size: tuple[float, float], h: float) -> Surface:
+    """A fresh blank of ``size`` m on a grid of spacing ``h`` m that covers it."""
+    nx, ny = _nodes(size, h)
+    shape = (ny, nx)
+    return Surface(
+        x0=-0.5 * h * (nx - 1),
+        y0=-0.5 * h * (ny - 1),
+        h=h,
+        height=np.zeros(shape),
+        before=np.zeros(shape),
+        touched=np.full(shape, LONG_AGO),
+        formed=np.zeros(shape, dtype=np.int8),
+        squeeze=np.zeros(shape),
+        squeeze_before=np.zeros(shape),
+        squeezed=np.full(shape, LONG_AGO),
+    )
+
+
+def empty_track(size: tuple[float, float], h: float) -> TipTrack:
+    """No track yet, on a grid of spacing ``h`` m."""
+    nx, ny = _nodes(size, h)
+    shape = (ny, nx)
+    return TipTrack(
+        x0=-0.5 * h * (nx - 1),
+        y0=-0.5 * h * (ny - 1),
+        h=h,
+        tip=np.zeros(shape),
+        visited=np.full(shape, LONG_AGO),
+        base=np.zeros(shape),
+        region=np.ones(shape, dtype=np.int8),
+    )
+
+
+def sample_mean(surface: Surface, x: Array, y: Array, window: float) -> Array:
+    """(N,) m, surface height averaged over a square of side ``window`` m round the points (N,), (N,) m."""
+    smooth = uniform_filter(surface.height, max(round(window / surface.h), 1))
+    rows = (y - surface.y0) / surface.h
+    columns = (x - surface.x0) / surface.h
+    return np.asarray(map_coordinates(smooth, [rows, columns], order=1, mode="nearest"))
+
+
+def onto(grid: Surface | TipTrack, values: Array, size: tuple[float, float]) -> Array:
+    """Values (ny, nx) on nodes that span ``size`` m exactly, interpolated bilinearly to the nodes of ``grid``."""
+    shape = (grid.height if isinstance(grid, Surface) else grid.tip).shape
+    rows = (grid.y0 + grid.h * np.arange(shape[0]) + 0.5 * size[1]) * (values.shape[0] - 1) / size[1]
+    columns = (grid.x0 + grid.h * np.arange(shape[1]) + 0.5 * size[0]) * (values.shape[1] - 1) / size[0]
+    out = np.empty(shape)
+    bilinear_grid(np.ascontiguousarray(values), rows, columns, out)
+    return out
+
+
+@kernel
+def bilinear_grid(values: Array, rows: Array, columns: Array, out: Array) -> None:
+    """``values`` at fractional rows (m,) and columns (n,), written to ``out`` (m, n); clamped at the border."""
+    ny, nx = values.shape
+    for j in range(rows.shape[0]):
+        r = min(max(rows[j], 0.0), ny - 1.0)
+        r0 = min(int(r), ny - 2)
+        b = r - r0
+        for i in range(columns.shape[0]):
+            c = min(max(columns[i], 0.0), nx - 1.0)
+            c0 = min(int(c), nx - 2)
+            a = c - c0
+            out[j, i] = (1.0 - b) * ((1.0 - a) * values[r0, c0] + a * values[r0, c0 + 1]) + b * (
+                (1.0 - a) * values[r0 + 1, c0] + a * values[r0 + 1, c0 + 1]
+            )
+
+
+@kernel
+def bilinear(values: Array, x0: float, y0: float, h: float, x: float, y: float) -> float:
+    """``values`` (ny, nx) of a grid with origin (x0, y0) and spacing h at (x, y), all m; clamped at the border."""
+    ny, nx = values.shape
+    c = min(max((x - x0) / h, 0.0), nx - 1.0)
+    r = min(max((y - y0) / h, 0.0), ny - 1.0)
+    i, j = min(int(c), nx - 2), min(int(r), ny - 2)
+    a, b = c - i, r - j
+    return (1.0 - b) * ((1.0 - a) * values[j, i] + a * values[j, i + 1]) + b * (
+        (1.0 - a) * values[j + 1, i] + a * values[j + 1, i + 1]
+    )
+
+
+def _nodes(size: tuple[float, float], h: float) -> tuple[int, int]:
+    """Nodes that cover ``size``; rounding noise in size / h must not add a row."""
+    nx, ny = (int(np.ceil(length / h - 1e-6)) + 1 for length in size)
+    return nx, ny

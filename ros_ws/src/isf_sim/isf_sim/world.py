@@ -1,0 +1,54 @@
+"""Worlds: world 0 is the nominal plant; every other world is a seeded plant off its nominal constants.
+
+Controllers are judged in several worlds, because a real cell never has the constants of its model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+
+
+@dataclass(frozen=True)
+class World:
+    """Factors on the nominal constants, and the in-plane edge spring (N/m^2) added to a free edge."""
+
+    young_modulus: float = 1.0
+    thickness: float = 1.0
+    force_level: float = 1.0
+    friction: float = 1.0
+    compliance: float = 1.0
+    load_cell_gain: float = 1.0
+    edge_spring: float = 0.0
+
+    def as_dict(self) -> dict[str, float]:
+        """Name and value of every perturbation, for the record."""
+        return {item.name: float(getattr(self, item.name)) for item in fields(self)}
+
+
+def make_world(number: int, seed: int = 0) -> World:
+    """World ``number`` of ``seed``: 0 is nominal; others draw each factor uniformly.
+
+    Half widths: E 10 %, thickness 5 % (rolling tolerance), force level 15 %, friction 20 %, compliance 20 %,
+    load-cell gain 3 % (calibration), edge spring 0-60 N/mm^2 (a fifth of the blank's own in-plane stiffness).
+
+    Raises
+    ------
+    IsfError : FILE_FIELD, a negative number
+    """
+    if number < 0:
+        raise IsfError(ErrorCode.FILE_FIELD, f"world is {number}, must be 0 or positive", where="world")
+    if number == 0:
+        return World()
+    draw = np.random.default_rng([number, seed % 2**63]).uniform
+    return World(
+        young_modulus=float(draw(0.9, 1.1)),
+        thickness=float(draw(0.95, 1.05)),
+        force_level=float(draw(0.85, 1.15)),
+        friction=float(draw(0.8, 1.2)),
+        compliance=float(draw(0.8, 1.2)),
+        load_cell_gain=float(draw(0.97, 1.03)),
+        edge_spring=float(draw(0.0, 60.0e6)),
+    )
