@@ -45,6 +45,7 @@ class ForceController:
         self._log: ContourLog | None = None
         self._result: ContourResult | None = None
         self._plan_id = ""
+        self._ticks = 0
         self._row: Row = [0.0] * len(Column) + [0.0] * 4
 
     # -- commands ------------------------------------------------------------------------------
@@ -144,11 +145,11 @@ class ForceController:
             if not self._queue and self._stopping is not None:
                 self._hold()
 
-    def fail(self, code: ErrorCode, text: str) -> None:
-        """Hold at once without another tick, because none will come (wrenches lost): ends the contour with ``code``."""
+    def fail(self, code: ErrorCode, text: str, *, ticking: bool = False) -> None:
+        """End the contour with ``code`` and hold: after braking when ticks go on, at once when none will come."""
         if self._mode is not Mode.IDLE:
             self._stop(code, text)
-            if self._mode is Mode.HOLD and self._stopping is not None:
+            if self._stopping is not None and not (ticking and self._queue):
                 self._hold()
 
     def disarm(self) -> None:
@@ -169,6 +170,16 @@ class ForceController:
     def mode(self) -> Mode:
         """Present mode."""
         return self._mode
+
+    @property
+    def plan_id(self) -> str:
+        """Plan that was armed last; empty: none."""
+        return self._plan_id
+
+    @property
+    def ticks(self) -> int:
+        """Ticks since it was armed."""
+        return self._ticks
 
     @property
     def busy(self) -> bool:

@@ -112,7 +112,7 @@ errors = st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=200)
 
 @given(errors, st.sampled_from(["control", "freeze", "ramp_back"]))
 def test_offset_and_rate_never_jump(values, last):
-    # Largest rate: K_i * clamp; largest change of rate: K_i * slew (FIR gain 1), whatever comes in, on any change of mode.
+    # Largest rate: K_i * clamp; largest change of rate: K_i * slew (FIR gain 1), whatever comes in, in any mode.
     config = make_config()
     settings = config.contact_force()
     loop = ContactForceLoop(settings)

@@ -91,7 +91,7 @@ def test_corner_is_slowed_and_rounded_little():
     path = ToolPath(corner, np.tile(PARKED, (81, 1)), np.zeros(81), np.full(81, np.nan), np.arange(81.0))
     motion = sample(path, 0.03, LIMITS)
     nearest = np.linalg.norm(motion.tip_1 - [0.02, 0.0, 0.0], axis=1).min()
-    # v <= a_c T / sqrt(2) = 5.3 mm/s; a box of T cuts a right angle by v T / (4 sqrt 2) = 28 um, two by less than twice.
+    # v <= a_c T / sqrt(2) = 5.3 mm/s; a box of T cuts a right angle by v T / (4 sqrt 2) = 28 um, two < 56 um.
     assert nearest < 60e-6
     at = np.argmin(np.linalg.norm(motion.tip_1 - [0.02, 0.0, 0.0], axis=1))
     assert motion.speed[at] < 6e-3

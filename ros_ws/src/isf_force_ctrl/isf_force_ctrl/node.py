@@ -1,0 +1,388 @@
+"""Node ``force_ctrl``: forms corrected contours by streaming targets in answer to wrenches.
+
+In lockstep a pair of wrenches with stamp t_k is answered by a pair of targets with stamp t_(k+1); in real time an own
+thread ticks by the clock on the newest wrenches. See docs/architecture.md for topics, lockstep and watchdogs.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import threading
+import time
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import Job, JobFile
+from isf_msgs import msg as isf
+from isf_msgs.srv import Arm
+from isf_node import conversion, process, qos, stamps
+from isf_node.lifecycle import CellNode
+from isf_node.parameters import parameter
+from isf_node.watchdog import ReceiveWatchdog
+from std_srvs.srv import Trigger
+
+from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.control_state import Mode, Targets, Vector
+from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.real_time import PeriodicLoop
+from isf_force_ctrl.wrench_pair import WrenchPair
+
+HEARTBEAT = 0.2
+"""s of wall time after which the last targets are repeated."""
+
+FRESH = 1.0
+"""s, age up to which wrenches and poses count as present when arming."""
+
+LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.1
+"""s without a wrench that end a contour, unless the parameter wrench_timeout says otherwise."""
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters of the node; the part's own choices come with the job."""
+
+    lockstep: bool = parameter(True, "one tick per pair of wrenches; false: by the wall clock")
+    wrench_timeout: float = parameter(0.0, "s without a wrench that end a contour; 0: 5 s in lockstep, 0.1 s else")
+    state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick")
+    loop_gain: float = parameter(ControlConfig.loop_gain, "1/s, K_i K_c of the force loop")
+    dead_zone: float = parameter(ControlConfig.dead_zone, "N, force error that is left alone")
+    filter_cutoff: float = parameter(ControlConfig.filter_cutoff, "Hz, low-pass on force error and forming force")
+    error_clamp: float = parameter(ControlConfig.error_clamp, "N, largest force error that acts")
+    set_point_rate: float = parameter(ControlConfig.set_point_rate, "N/s, ramp of the set-point while engaging")
+    learning: float = parameter(ControlConfig.learning, "0..1, share of the previous contour's offsets fed forward")
+    feed_error: float = parameter(ControlConfig.feed_error, "N, force error from which the feed is reduced")
+    contact_threshold: float = parameter(ControlConfig.contact_threshold, "N, support force that counts as contact")
+    acceleration: float = parameter(ControlConfig.acceleration, "m/s^2 of a tool tip")
+
+
+class ForceCtrlNode(CellNode[Parameters]):
+    """ROS side of :class:`isf_force_ctrl.ForceController`."""
+
+    def __init__(self) -> None:
+        super().__init__("force_ctrl", Parameters)
+        self._controller: ForceController | None = None
+        self._pair = WrenchPair()
+        self._poses: list[tuple[float, Vector] | None] = [None, None]
+        self._machine: isf.MachineState | None = None
+        self._loop: PeriodicLoop | None = None
+        self._lock = threading.RLock()
+        self._entities: list[tuple[Any, Any]] = []
+        self._refused = 0
+
+    # -- lifecycle -----------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        self._parameters = p = self.values()
+        if p.state_decimation < 1 or p.wrench_timeout < 0.0:
+            raise IsfError(ErrorCode.FILE_FIELD, "state_decimation must be 1 or more, wrench_timeout 0 or more")
+        self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
+        self._watchdogs = (ReceiveWatchdog(self._timeout), ReceiveWatchdog(self._timeout))
+        self._target_messages = (conversion.make_pose(), conversion.make_pose())
+        self._has_targets = False
+        self._last_publish = 0.0
+        self._ticks = self._late_before = 0
+        self._last_mode = Mode.IDLE
+
+        self._targets = [self.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM) for k in (1, 2)]
+        self._states = self.create_publisher(isf.ForceCtrlState, "force_ctrl/state", qos.STREAM)
+        self._results = self.create_publisher(isf.ContourResult, "contour/result", qos.EVENT)
+        subscriptions = [
+            self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM),
+            self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM),
+            self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR),
+            self.create_subscription(PoseStamped, "tool_2/pose", lambda m: self._on_pose(2, m), qos.SENSOR),
+            self.create_subscription(isf.MachineState, "machine/state", self._on_machine, qos.STREAM),
+            self.create_subscription(isf.Contour, "contour/corrected", self._on_contour, qos.LATCHED),
+        ]
+        services = [
+            self.create_service(Arm, "force_ctrl/arm", self._on_arm),
+            self.create_service(Trigger, "force_ctrl/stop", self._on_stop),
+        ]
+        timers = [self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)]
+        publishers = [*self._targets, self._states, self._results]
+        self._entities = [
+            *((self.destroy_publisher, item) for item in publishers),
+            *((self.destroy_subscription, item) for item in subscriptions),
+            *((self.destroy_service, item) for item in services),
+            *((self.destroy_timer, item) for item in timers),
+        ]
+
+    def deactivate(self) -> None:
+        """End the stream where it is; the machine releases contact if tools are loaded."""
+        self._stop_loop()
+        with self._lock:
+            if self._controller is not None:
+                self._controller.fail(ErrorCode.STOPPED, "the node was deactivated")
+                self._publish_result()
+            self._controller = None
+
+    def cleanup(self) -> None:
+        for destroy, entity in self._entities:
+            destroy(entity)
+        self._entities = []
+
+    def close(self) -> None:
+        self._stop_loop()
+
+    def health_values(self) -> dict[str, object]:
+        controller = self._controller
+        values: dict[str, object] = {
+            "mode": "IDLE",
+            "refused_contours": self._refused,
+            "late_ticks": self._late_ticks(),
+        }
+        if controller is not None:
+            values |= {"mode": controller.mode.name, "contour": controller.state().index, "ticks": controller.ticks}
+        if self._loop is not None:
+            values["real_time_priority"] = self._loop.real_time_priority
+        return values
+
+    # -- wrenches, hot path --------------------------------------------------------------------
+
+    def _on_wrench_1(self, message: WrenchStamped) -> None:
+        self._on_wrench(1, message)
+
+    def _on_wrench_2(self, message: WrenchStamped) -> None:
+        self._on_wrench(2, message)
+
+    def _on_wrench(self, tool: int, message: WrenchStamped) -> None:
+        self._watchdogs[tool - 1].feed()
+        stamp = message.header.stamp
+        self._pair.put(tool, stamp.sec * stamps.NANO + stamp.nanosec, conversion.wrench_array(message))
+        if self._loop is None:
+            self._step_in_lockstep()
+
+    def _step_in_lockstep(self) -> None:
+        """Answer a complete pair of wrenches, when there is something to do."""
+        controller = self._controller
+        if controller is None or not controller.busy or self._loop is not None:
+            return
+        stamp = self._pair.take()
+        if stamp is None:
+            return
+        rate = controller.config.rate
+        tick = round(stamp * rate / stamps.NANO)
+        targets = controller.tick(tick, stamp / stamps.NANO, *self._pair.wrench)
+        self._publish_targets(targets, stamps.tick_nanoseconds(tick + 1, rate))
+        self._after_tick(controller, stamp)
+
+    def _step_in_real_time(self) -> None:
+        """One tick by the clock on the newest wrenches."""
+        with self._lock:
+            controller = self._controller
+            if controller is None or controller.mode is Mode.IDLE:
+                return
+            now = self.get_clock().now().nanoseconds
+            lost = [k for k in (1, 2) if k in self._needed and self._watchdogs[k - 1].age() > self._timeout]
+            if lost and controller.fault is None:
+                controller.fail(ErrorCode.WRENCH_LOST, self._lost_text(lost), ticking=True)
+            targets = controller.tick(controller.ticks, now / stamps.NANO, *self._pair.wrench)
+            self._publish_targets(targets, now)
+            self._after_tick(controller, now)
+
+    def _publish_targets(self, targets: Targets, stamp: int) -> None:
+        seconds, rest = divmod(stamp, stamps.NANO)
+        for message, tip, publisher in zip(self._target_messages, targets, self._targets, strict=True):
+            message.header.stamp.sec, message.header.stamp.nanosec = seconds, rest
+            position = message.pose.position
+            position.x, position.y, position.z = tip
+            publisher.publish(message)
+        self._has_targets = True
+        self._last_publish = time.monotonic()
+
+    def _after_tick(self, controller: ForceController, stamp: int) -> None:
+        self._ticks += 1
+        if self._ticks % self._parameters.state_decimation == 0 or controller.mode is not self._last_mode:
+            self._publish_state(controller, stamp)
+        if not controller.busy:
+            self._publish_result()
+
+    # -- results and states --------------------------------------------------------------------
+
+    def _publish_state(self, controller: ForceController, stamp: int) -> None:
+        self._last_mode = controller.mode
+        state = controller.state()
+        message = isf.ForceCtrlState()
+        message.header.frame_id = conversion.FRAME
+        message.header.stamp = stamps.to_stamp(stamp)
+        for item in fields(state):
+            value = getattr(state, item.name)
+            if item.name in ("forming_offset", "support_offset"):
+                vector = getattr(message, item.name)
+                vector.x, vector.y, vector.z = value
+            else:
+                setattr(message, item.name, int(value) if item.name == "mode" else value)
+        self._states.publish(message)
+
+    def _publish_result(self) -> None:
+        result = self._controller.take_result() if self._controller is not None else None
+        if result is None:
+            return
+        late = self._late_ticks() - self._late_before
+        if result.code:
+            self.report(IsfError(ErrorCode(result.code), result.message, where=f"contour {result.index}"))
+        self._results.publish(
+            conversion.result_to_message(replace(result, late_ticks=late), self.get_clock().now().to_msg())
+        )
+
+    def _late_ticks(self) -> int:
+        return self._loop.late_ticks if self._loop is not None else 0
+
+    # -- watchdog and heartbeat ----------------------------------------------------------------
+
+    def _on_timer(self) -> None:
+        with self._lock:
+            controller = self._controller
+            if controller is None or controller.mode is Mode.IDLE or self._loop is not None:
+                return
+            lost = [k for k in self._needed if self._watchdogs[k - 1].age() > self._timeout]
+            if controller.busy and lost:
+                controller.fail(ErrorCode.WRENCH_LOST, self._lost_text(lost))
+                self._publish_state(controller, self.get_clock().now().nanoseconds)
+                self._publish_result()
+            if self._has_targets and time.monotonic() - self._last_publish >= HEARTBEAT:
+                for message, publisher in zip(self._target_messages, self._targets, strict=True):
+                    publisher.publish(message)
+                self._last_publish = time.monotonic()
+
+    def _lost_text(self, tools: list[int]) -> str:
+        names = " and ".join(f"tool_{k}/wrench" for k in tools)
+        return f"nothing on {names} for {self._timeout:g} s (is the machine node alive?)"
+
+    # -- other messages ------------------------------------------------------------------------
+
+    def _on_pose(self, tool: int, message: PoseStamped) -> None:
+        tip = conversion.tip_of(message)
+        self._poses[tool - 1] = (time.monotonic(), tip)
+        if self._controller is not None:
+            self._controller.add_measured(tool, stamps.to_seconds(message.header.stamp), tip)
+
+    def _on_machine(self, message: isf.MachineState) -> None:
+        self._machine = message
+
+    def _on_contour(self, message: isf.Contour) -> None:
+        with self._lock:
+            controller = self._controller
+            try:
+                if not self.is_active or controller is None:
+                    raise IsfError(
+                        ErrorCode.NOT_ARMED, "a contour came, but no plan is armed", where=f"contour {message.index}"
+                    )
+                controller.start(conversion.contour_from_message(message))
+            except IsfError as error:
+                self._refused += 1
+                self.get_logger().warning(f"contour refused: {error}")
+                self._publish_refusal(message, error)
+                return
+            self._late_before = self._late_ticks()
+            self._step_in_lockstep()
+
+    def _publish_refusal(self, message: isf.Contour, error: IsfError) -> None:
+        """A result that says why, so that nobody waits for the contour; a contour of another plan is only logged."""
+        if self._controller is None or message.plan_id != self._controller.plan_id or self._controller.busy:
+            return
+        result = isf.ContourResult(plan_id=message.plan_id, index=message.index, code=int(error.code))
+        result.message = error.message
+        result.header.frame_id = conversion.FRAME
+        result.header.stamp = self.get_clock().now().to_msg()
+        self._results.publish(result)
+
+    # -- services ------------------------------------------------------------------------------
+
+    def _on_arm(self, request: Arm.Request, response: Arm.Response) -> Arm.Response:
+        try:
+            if request.plan_id:
+                self._arm(request)
+            else:
+                self._disarm()
+        except IsfError as error:
+            response.code, response.message = int(error.code), error.message
+            self.report(error)
+        else:
+            self.report_ok()
+        return response
+
+    def _arm(self, request: Arm.Request) -> None:
+        if not self.is_active:
+            raise IsfError(ErrorCode.NOT_ARMED, "force_ctrl is not active", advice="activate it first")
+        if self._controller is not None and self._controller.busy:
+            raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
+        job_file = JobFile(request.job_text, Path(request.base_folder), "job")
+        self._needed = _tools_with_load_cell(job_file.job)
+        self._check_machine()
+        controller = ForceController(self._config(job_file))
+        park = controller.config.park_height
+        tips = [self._tip(1, (0.0, 0.0, park)), self._tip(2, (0.0, 0.0, -park))]
+        override = None if math.isnan(request.support_force) else request.support_force
+        controller.arm(request.plan_id, request.first_index, request.count, *tips, override)
+        self._stop_loop()  # from here on no other thread sees the controller
+        self._pair.restart()
+        self._has_targets = False
+        self._controller = controller
+        self._publish_state(controller, self.get_clock().now().nanoseconds)
+        if not self._parameters.lockstep:
+            self._loop = PeriodicLoop(controller.config.rate, self._step_in_real_time)
+            self._loop.start()
+        self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index} to {request.count - 1}")
+
+    def _config(self, job_file: JobFile) -> ControlConfig:
+        """Configuration of the job with the node's parameters."""
+        p = self._parameters
+        names = {item.name for item in fields(ControlConfig)}
+        tuned = {item.name: getattr(p, item.name) for item in fields(Parameters) if item.name in names}
+        return replace(ControlConfig.from_job(job_file), **tuned)
+
+    def _check_machine(self) -> None:
+        stale = [k for k in self._needed if self._watchdogs[k - 1].age() > FRESH]
+        if stale:
+            names = " and ".join(f"tool_{k}/wrench" for k in stale)
+            raise IsfError(
+                ErrorCode.WRENCH_LOST, f"nothing on {names} in the last {FRESH:g} s", advice="is the machine active?"
+            )
+        if self._machine is None or not self._machine.tared:
+            raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="call machine/tare")
+
+    def _tip(self, tool: int, parked: Vector) -> Vector:
+        """Where a tool is: its fresh pose, else parked (a machine that is elsewhere faults on the jump)."""
+        pose = self._poses[tool - 1]
+        return pose[1] if pose is not None and time.monotonic() - pose[0] <= FRESH else parked
+
+    def _disarm(self) -> None:
+        with self._lock:
+            if self._controller is not None:
+                self._controller.disarm()
+                self._publish_state(self._controller, self.get_clock().now().nanoseconds)
+                self._step_in_lockstep()
+
+    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            if self._controller is not None:
+                self._controller.stop("force_ctrl/stop was called")
+                self._publish_state(self._controller, self.get_clock().now().nanoseconds)
+                if not self._controller.busy:
+                    self._publish_result()
+        response.success = True
+        return response
+
+    def _stop_loop(self) -> None:
+        if self._loop is not None:
+            self._loop.stop()
+            self._loop = None
+
+
+def _tools_with_load_cell(job: Job) -> list[int]:
+    """Tools whose wrench is needed: both, when a second tool takes part."""
+    return [1, 2] if job.process in ("DSIF", "ADSIF") else [1]
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return process.run(ForceCtrlNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

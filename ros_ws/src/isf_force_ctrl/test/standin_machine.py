@@ -1,0 +1,91 @@
+"""A process that stands in for the machine: the contact sandbox behind the topics of the architecture page.
+
+Parameters: ``nan_at``, ``silent_at`` (tick at which a wrench turns NaN or the wrenches stop, -1 never), ``tared``,
+``lockstep`` (false: ticks by the clock on the newest targets).
+"""
+
+import math
+import time
+
+import numpy as np
+import rclpy
+from contact_sandbox import Sandbox, planned_distance, ring
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_msgs.msg import MachineState
+from isf_node import conversion, qos, stamps
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+RATE = 500.0
+
+
+class StandInMachine(Node):
+    def __init__(self) -> None:
+        super().__init__("machine")
+        self.nan_at, self.silent_at = (self.declare_parameter(n, -1).value for n in ("nan_at", "silent_at"))
+        self.tared = self.declare_parameter("tared", True).value
+        self.lockstep = self.declare_parameter("lockstep", True).value
+        self.sandbox = Sandbox(np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]), planned_distance(ring()))
+        self.stamp = [-1, -1]
+        self.targets = [(0.0, 0.0, 0.1), (0.0, 0.0, -0.1)]
+        self.wrench = [conversion.make_wrench(), conversion.make_wrench()]
+        self.out = [self.create_publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM) for k in (1, 2)]
+        self.state = self.create_publisher(MachineState, "machine/state", qos.STREAM)
+        self.create_subscription(PoseStamped, "tool_1/target", lambda m: self.on_target(0, m), qos.STREAM)
+        self.create_subscription(PoseStamped, "tool_2/target", lambda m: self.on_target(1, m), qos.STREAM)
+        self.last = 0.0
+        self.measure()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(0.1, self.on_timer, clock=steady)
+        if not self.lockstep:
+            self.create_timer(1.0 / RATE, self.on_clock, clock=steady)
+
+    def measure(self) -> None:
+        tick = self.sandbox.tick
+        for message, wrench in zip(self.wrench, self.sandbox.wrenches(), strict=True):
+            if tick == self.nan_at:
+                wrench[1] = math.nan
+            conversion.set_wrench(message, wrench)
+            message.header.stamp = stamps.to_stamp(stamps.tick_nanoseconds(tick, RATE))
+        self.send()
+
+    def send(self) -> None:
+        if 0 <= self.silent_at <= self.sandbox.tick:
+            return
+        self.last = time.monotonic()
+        for publisher, message in zip(self.out, self.wrench, strict=True):
+            publisher.publish(message)
+
+    def on_timer(self) -> None:
+        self.state.publish(MachineState(tared=self.tared, tick=self.sandbox.tick, lockstep=self.lockstep))
+        if self.lockstep and time.monotonic() - self.last > 0.15:
+            self.send()
+
+    def on_clock(self) -> None:
+        self.sandbox.advance(*self.targets)
+        self.measure()
+
+    def on_target(self, tool: int, message: PoseStamped) -> None:
+        self.targets[tool] = conversion.tip_of(message)
+        self.stamp[tool] = stamps.to_nanoseconds(message.header.stamp)
+        due = stamps.tick_nanoseconds(self.sandbox.tick + 1, RATE)
+        if self.lockstep and self.stamp == [due, due]:
+            self.sandbox.advance(*self.targets)
+            self.measure()
+
+
+def main() -> None:
+    rclpy.init()
+    node = StandInMachine()
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

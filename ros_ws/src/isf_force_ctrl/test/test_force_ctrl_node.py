@@ -1,0 +1,210 @@
+"""Node force_ctrl in its own process against a stand-in machine in another, over real DDS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from contact_sandbox import ring
+from geometry_msgs.msg import PoseStamped
+from isf_core.errors import ErrorCode
+from isf_msgs.msg import Contour, ContourResult, ForceCtrlState
+from isf_msgs.srv import Arm
+from isf_node import conversion, qos
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+pytestmark = pytest.mark.graph
+
+JOB = """
+name: ring
+part: {mesh: ring.stl, unit: mm}
+process: DSIF
+rig: ren2018
+sheet: {material: AA5754-O, thickness: 1 mm}
+tool_1: {radius: 5 mm}
+tool_2: {radius: 5 mm}
+path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
+control: {rate: 500 Hz, support_force: 120 N, compliance_compensation: 0.5}
+"""
+
+
+@contextmanager
+def started(*command: str, **parameters: object) -> Iterator[subprocess.Popen[bytes]]:
+    arguments = [sys.executable, *command, "--ros-args"]
+    for name, value in parameters.items():
+        arguments += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
+    process = subprocess.Popen(arguments, start_new_session=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)
+        process.wait(10)
+
+
+class Cell:
+    """The test's own node, and the two processes."""
+
+    def __init__(self, node: Node, stack: ExitStack) -> None:
+        self.node, self._stack = node, stack
+        self.results: list[ContourResult] = []
+        self.states: list[ForceCtrlState] = []
+        self.targets = 0
+        self._contours = node.create_publisher(Contour, "contour/corrected", qos.LATCHED)
+        node.create_subscription(ContourResult, "contour/result", self.results.append, qos.EVENT)
+        node.create_subscription(ForceCtrlState, "force_ctrl/state", self.states.append, qos.STREAM)
+        node.create_subscription(PoseStamped, "tool_1/target", self._count, qos.STREAM)
+        self._arm = node.create_client(Arm, "force_ctrl/arm")
+
+    def _count(self, _: PoseStamped) -> None:
+        self.targets += 1
+
+    def start(self, machine: dict[str, object] | None = None, **parameters: object) -> None:
+        here = Path(__file__)
+        self._stack.enter_context(started(str(here.with_name("standin_machine.py")), **(machine or {})))
+        self._stack.enter_context(
+            started("-m", "isf_force_ctrl.node", autostart=True, **{"wrench_timeout": 1.0, **parameters})
+        )
+        assert self._arm.wait_for_service(20.0)
+
+    def wait(self, condition: Callable[[], Any], timeout: float = 40.0) -> bool:
+        deadline = time.monotonic() + timeout
+        while not condition() and time.monotonic() < deadline:
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+        return bool(condition())
+
+    def arm(self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan")) -> Arm.Response:
+        """Arm; asks again while the wrenches have not been discovered yet."""
+        request = Arm.Request(plan_id=plan_id, count=count, job_text=JOB, support_force=support_force)
+        deadline = time.monotonic() + 20.0
+        while True:
+            future = self._arm.call_async(request)
+            assert self.wait(future.done)
+            response = future.result()
+            if response.code != ErrorCode.WRENCH_LOST or time.monotonic() > deadline:
+                return response
+
+    def form(self, contour: Any, timeout: float = 60.0) -> ContourResult:
+        seen = len(self.results)
+        self._contours.publish(conversion.contour_to_message(contour))
+        assert self.wait(lambda: len(self.results) > seen, timeout)
+        return self.results[-1]
+
+    def armed(self, **options: Any) -> None:
+        deadline = time.monotonic() + 20.0
+        response = self.arm(**options)
+        while (
+            response.code == ErrorCode.NO_TARE and time.monotonic() < deadline
+        ):  # machine/state comes ten times a second
+            response = self.arm(**options)
+        assert (response.code, response.message) == (0, "")
+
+
+@pytest.fixture
+def cell() -> Iterator[Cell]:
+    rclpy.init()
+    node = rclpy.create_node("observer")
+    with ExitStack() as stack:
+        yield Cell(node, stack)
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def small_ring(index: int = 0, count: int = 1) -> Any:
+    return ring(index, count, radius=10e-3, points=60)
+
+
+def test_forms_a_part_in_lockstep(cell: Cell) -> None:
+    cell.start()
+    cell.armed(count=2)
+    for index in range(2):
+        result = conversion.result_from_message(cell.form(small_ring(index, 2)))
+        assert (result.completed, result.code, result.index) == (True, 0, index)
+        force = result.tick_normal_force[result.tick_engaged]
+        # The sandbox's force is constant but for noise of 1.2 N and steps of 1 N.
+        assert np.mean(np.abs(force - 120.0) <= 10.0) >= 0.99
+        assert result.lost_messages == 0
+        assert np.diff(result.tick_time) == pytest.approx(0.002, abs=1e-6)
+    assert cell.wait(lambda: cell.states and cell.states[-1].mode == ForceCtrlState.IDLE)
+    modes = {state.mode for state in cell.states}
+    assert {ForceCtrlState.ENGAGE, ForceCtrlState.CONTROL, ForceCtrlState.LIFT} <= modes
+    # Parked: nothing is streamed any more, not even repeated.
+    cell.wait(lambda: False, 0.5)
+    before = cell.targets
+    cell.wait(lambda: False, 0.7)
+    assert cell.targets == before
+
+
+def test_nan_wrench_holds_with_its_code(cell: Cell) -> None:
+    cell.start({"nan_at": 1000})
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.WRENCH_NOT_FINITE)
+    assert cell.wait(lambda: cell.states[-1].mode == ForceCtrlState.HOLD)
+    before = cell.targets
+    assert cell.wait(lambda: cell.targets > before + 2)  # still alive: the last targets are repeated
+
+
+def test_wrenches_that_stop_end_the_contour(cell: Cell) -> None:
+    cell.start({"silent_at": 1000})
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.WRENCH_LOST)
+    assert "machine" in result.message
+
+
+def test_refusals(cell: Cell) -> None:
+    cell.start({"tared": False})
+    cell._contours.publish(conversion.contour_to_message(small_ring()))
+    response = cell.arm()
+    deadline = time.monotonic() + 20.0
+    assert response.code == ErrorCode.NO_TARE
+    while "not tared" not in response.message and time.monotonic() < deadline:
+        response = cell.arm()
+    assert cell.targets == 0  # the contour came before anything was armed
+    assert cell.results == []
+    disarmed = cell.arm(plan_id="")
+    assert disarmed.code == 0
+
+
+def test_contours_out_of_order_are_answered(cell: Cell) -> None:
+    cell.start()
+    cell.armed(count=3)
+    result = cell.form(small_ring(1, 3))
+    assert (result.completed, result.code, result.index) == (False, ErrorCode.CONTOUR_REJECTED, 1)
+    assert cell.targets == 0
+
+
+def test_stop_and_disarm(cell: Cell) -> None:
+    cell.start()
+    cell.armed()
+    client = cell.node.create_client(Trigger, "force_ctrl/stop")
+    assert client.wait_for_service(20.0)
+    cell._contours.publish(conversion.contour_to_message(small_ring()))
+    assert cell.wait(lambda: any(state.mode == ForceCtrlState.APPROACH for state in cell.states))
+    assert cell.wait(client.call_async(Trigger.Request()).done)
+    assert cell.wait(lambda: cell.results)
+    assert cell.results[-1].code == ErrorCode.STOPPED
+    assert cell.arm(plan_id="").code == 0
+    assert cell.wait(lambda: cell.states[-1].mode == ForceCtrlState.IDLE)
+
+
+def test_real_time_forms_a_contour(cell: Cell) -> None:
+    cell.start({"lockstep": False}, lockstep=False)
+    cell.armed()
+    result = conversion.result_from_message(cell.form(small_ring()))
+    # Timing depends on the machine the test runs on; forming and counting must work on any.
+    assert (result.completed, result.code) == (True, 0)
+    assert result.contact_fraction > 0.9
+    assert len(result.tick_time) > 500
