@@ -26,6 +26,9 @@ LEVEL_TOLERANCE = 0.05e-3
 TOO_LARGE = 3.0
 """A part this many times larger than the clamp is taken for a mesh in another unit."""
 
+CENTRED = 0.05e-3
+"""m, an outline this close to the centre stays where it is: facets make a round outline this uneven."""
+
 PLACED = 1e-6
 """m, shifts below this are not worth a warning."""
 
@@ -69,6 +72,8 @@ def check_and_place(mesh: Mesh, clamp: tuple[float, float], tool_radius: float) 
     _check_outline(mesh)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     shift = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[2]])
+    if np.abs(shift[:2]).max() < CENTRED:
+        shift[:2] = 0.0
     warnings: tuple[str, ...] = ()
     if np.abs(shift).max() > PLACED:
         text = ", ".join(f"{value * 1e3:.3f}" for value in shift)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ FEWEST_POINTS = 12
 
 def perimeter(loop: Array) -> float:
     """m, length of a closed loop (N, 2)."""
-    return float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum())
+    return _Ring.of(loop).length
 
 
 def first_start(loop: Array) -> Array:
@@ -31,27 +33,46 @@ def first_start(loop: Array) -> Array:
 
 def resample(loop: Array, spacing: float, start: Array) -> Array:
     """(M, 2) m, points at equal arc length near ``spacing`` on the closed loop (N, 2), the first nearest ``start``."""
-    ring = shapely.LinearRing(loop)
-    count = max(FEWEST_POINTS, round(ring.length / spacing))
-    begin = ring.project(shapely.Point(start))
-    distance = np.mod(begin + ring.length * np.arange(count) / count, ring.length)
-    return np.asarray(shapely.get_coordinates(shapely.line_interpolate_point(ring, distance)))
+    line = _Ring.of(loop)
+    return line.at(line.nearest(start) + line.length * np.arange(line.count(spacing)) / line.count(spacing))
 
 
 def with_equal_chords(loop: Array, spacing: float, start: Array) -> Array:
     """As :func:`resample`, with equal straight distances between the points also where the loop turns sharply."""
-    ring = shapely.LinearRing(loop)
-    count = max(FEWEST_POINTS, round(ring.length / spacing))
-    begin = ring.project(shapely.Point(start))
-    distance = ring.length * np.arange(count + 1) / count
+    line = _Ring.of(loop)
+    count = line.count(spacing)
+    begin = line.nearest(start)
+    distance = line.length * np.arange(count + 1) / count
     for _ in range(4):
-        points = _at(ring, begin + distance)
-        chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        chord = np.linalg.norm(np.diff(line.at(begin + distance), axis=0), axis=1)
         reached = np.concatenate([[0.0], np.cumsum(chord)])
         distance = np.interp(reached[-1] * np.arange(count + 1) / count, reached, distance)
-    return _at(ring, begin + distance[:-1])
+    return line.at(begin + distance[:-1])
 
 
-def _at(ring: shapely.LinearRing, distance: Array) -> Array:
-    points = shapely.line_interpolate_point(ring, np.mod(distance, ring.length))
-    return np.asarray(shapely.get_coordinates(points))
+@dataclass(frozen=True)
+class _Ring:
+    """A closed loop by arc length: ``points`` (N + 1, 2) m with the first one repeated, at ``arc`` (N + 1,) m."""
+
+    points: Array
+    arc: Array
+
+    @staticmethod
+    def of(loop: Array) -> _Ring:
+        points = np.vstack([loop, loop[:1]])
+        chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        return _Ring(points, np.concatenate([[0.0], np.cumsum(chord)]))
+
+    @property
+    def length(self) -> float:
+        return float(self.arc[-1])
+
+    def count(self, spacing: float) -> int:
+        return max(FEWEST_POINTS, round(self.length / spacing))
+
+    def at(self, distance: Array) -> Array:
+        arc = np.mod(distance, self.length)
+        return np.column_stack([np.interp(arc, self.arc, self.points[:, axis]) for axis in range(2)])
+
+    def nearest(self, point: Array) -> float:
+        return float(shapely.LinearRing(self.points).project(shapely.Point(point)))

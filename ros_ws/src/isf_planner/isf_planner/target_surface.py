@@ -109,7 +109,7 @@ def fine_surface(mesh: Mesh, radius: float) -> TargetSurface:
 def target_map(mesh: Mesh, clamp: tuple[float, float]) -> HeightMap:
     """Upper target surface over the clamp (m x m) on a grid of 1 mm with a node at the origin; 0 beside the part."""
     half = [int(np.floor(side / 2 / MAP_PITCH + 1e-9)) for side in clamp]
-    x, y = (MAP_PITCH * np.arange(-n, n + 1) for n in half)
+    x, y = (MAP_PITCH * np.arange(-n, n + 1, dtype=np.float64) for n in half)
     z = np.zeros((len(y), len(x)))
     corners = mesh.corners()
     for facet, row, column, weight in _samples(corners[:, :, :2], np.array([x[0], y[0]]), MAP_PITCH, z.shape):
