@@ -138,7 +138,7 @@ def _process(record: PartRecord) -> Iterator[_Plan]:
             "Support force",
             "Raw force of the load cell, horizontal and normal to the wall. "
             + (
-                "Top: the whole part; middle: one contour with its ramps; bottom: error of every contour while the loop "
+                "Top: the whole part; middle: one contour, enlarged; bottom: error of every contour while the loop "
                 "was in full control."
                 if controlled
                 else "The support tool was position controlled: where the force is zero it had lost contact."

@@ -76,7 +76,7 @@ def corrections(record: PartRecord) -> Figure:
     sideways = np.array([MM * _sideways(item) for item in items])
     if np.nanmax(sideways, initial=0.0) > 1e-3:
         axes.plot(number, sideways, color=style.MUTED, linewidth=1.2, label="sideways, largest")
-    axes.set_ylabel("mm towards the part's depth")
+    axes.set_ylabel("moved deeper by [mm]")
     _contour_axis(axes, number)
     style.legend_above(axes, 2)
     return figure
@@ -99,7 +99,7 @@ def forming_force(record: PartRecord) -> Figure:
         values = [float(item.control_point_force.mean()) for item in forecasts]
         axes.plot(_numbers(forecasts), values, color=style.PREDICTION, linestyle=(0, (4, 2)), label="axial, forecast")
     axes.set_ylim(bottom=0.0)
-    axes.set_ylabel("N")
+    axes.set_ylabel("force [N]")
     _contour_axis(axes, number)
     style.legend_above(axes, 2)
     return figure
@@ -139,12 +139,24 @@ def _draw_detail(axes: Axes, result: ContourResult) -> None:
     time = result.tick_time - result.tick_time[0]
     set_point = result.tick_set_point
     axes.fill_between(time, set_point - BAND, set_point + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0)
-    axes.plot(time, result.tick_normal_force, color=style.PART, linewidth=0.7, label=f"contour {result.index + 1}")
-    axes.plot(time, set_point, color=style.SET_POINT, linewidth=1.5, label="its set-point, with ramps")
+    axes.plot(time, result.tick_normal_force, color=style.PART, linewidth=0.7, label=f"contour {result.index}")
+    axes.plot(time, set_point, color=style.SET_POINT, linewidth=1.5, label="its set-point ± 10 N")
     axes.set_ylabel("support force [N]")
     axes.set_xlabel("time from the start of the contour [s]")
     axes.margins(x=0)
+    _zoom(axes, result)
     style.legend_above(axes, 2)
+
+
+def _zoom(axes: Axes, result: ContourResult) -> None:
+    """Show what happens around the set-point; the ramps from zero are in the figure above."""
+    in_control = engaged(result)
+    if not in_control.any():
+        return
+    force, set_point = result.tick_normal_force[in_control], result.tick_set_point[in_control]
+    low = min(float(force.min()), float(set_point.min()) - 2 * BAND)
+    high = max(float(force.max()), float(set_point.max()) + 2 * BAND)
+    axes.set_ylim(low - 0.1 * BAND, high + 0.1 * BAND)
 
 
 def _draw_error_spread(axes: Axes, results: Sequence[ContourResult]) -> None:
@@ -182,15 +194,15 @@ def _by_bin(function: np.ufunc, cell: NDArray[np.intp], values: Array) -> Array:
 
 
 def _contour_axis(axes: Axes, number: Array) -> None:
-    axes.set_xlabel("contour")
+    axes.set_xlabel("contour index")
     if len(number):
         axes.set_xlim(number.min() - 0.8, number.max() + 0.8)
     axes.xaxis.get_major_locator().set_params(integer=True)
 
 
 def _numbers(items: Sequence[ContourResult] | Sequence[ContourCorrection]) -> Array:
-    """Contours as people count them, from 1."""
-    return np.array([item.index + 1 for item in items], dtype=float)
+    """Indices of contours, from 0 as in messages and errors."""
+    return np.array([item.index for item in items], dtype=float)
 
 
 def _measured(result: ContourResult) -> bool:

@@ -10,7 +10,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from isf_analysis import style
-from isf_analysis.deviation import REGIONS, Deviation
+from isf_analysis.deviation import OPENING_DEPTH, REGIONS, Deviation, flange_level
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def map_limit(*deviations: Deviation | None) -> float:
 
 def deviation_map(deviation: Deviation, target: HeightMap, limit: float) -> Figure:
     """Plan view of one part's deviation."""
-    figure = style.new_figure(6.6)
+    figure = style.new_figure(6.0, maps=True)
     axes = figure.subplots()
     image = _draw_map(axes, deviation, target, limit)
     _colour_bar(figure, image, [axes])
@@ -50,7 +50,7 @@ def deviation_pair(
     before: Deviation, before_target: HeightMap, after: Deviation, target: HeightMap, limit: float, label: str
 ) -> Figure:
     """Plan views of the uncorrected and of the corrected part with the same colours."""
-    figure = style.new_figure(5.0)
+    figure = style.new_figure(5.0, maps=True)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     _draw_map(left, before, before_target, limit)
     image = _draw_map(right, after, target, limit)
@@ -70,7 +70,7 @@ def section(angle: float, target: HeightMap, part: HeightMap, reference: HeightM
     before = None if reference is None else MM * reference.at(points)
     heights = np.concatenate([wanted, formed] + ([] if before is None else [before]))
     span = float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 1.0
-    profile_height = np.clip(style.WIDTH * 0.86 * (span + 4) / (2 * MM * extent), 0.9, 6.0)
+    profile_height = np.clip(style.WIDTH * 0.85 * (span + 4) / (2 * MM * extent), 0.9, 6.0)
     figure = style.new_figure(profile_height + 3.3)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[profile_height, 2.1])
     top.plot(MM * s, wanted, color=style.TARGET, linestyle=(0, (4, 2)), linewidth=1.5, label="target")
@@ -141,7 +141,7 @@ def _draw_map(axes: Axes, deviation: Deviation, target: HeightMap, limit: float)
     )
     axes.set_facecolor("#e9edf0")  # unknown cells are transparent
     _draw_target(axes, target)
-    axes.contour(x, y, deviation.masks["wall_and_base"], levels=[0.5], colors=style.INK, linewidths=1.3, zorder=3)
+    _draw_opening(axes, target)
     worst_x, worst_y, worst = (MM * value for value in deviation.whole.worst)
     if np.isfinite(worst):
         axes.plot(
@@ -184,6 +184,21 @@ def _draw_target(axes: Axes, target: HeightMap) -> None:
             linestyles="solid",
             zorder=2,
         )
+
+
+def _draw_opening(axes: Axes, target: HeightMap) -> None:
+    """The edge of the opening, found between the cells so that it looks as smooth as the part."""
+    level = MM * (flange_level(target) - OPENING_DEPTH)
+    axes.contour(
+        MM * target.x,
+        MM * target.y,
+        np.ma.masked_invalid(MM * target.z),
+        levels=[level],
+        colors=style.INK,
+        linewidths=1.5,
+        linestyles="solid",
+        zorder=3,
+    )
 
 
 def _frame_opening(axes: Axes, deviation: Deviation) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 
 from isf_analysis import figures, report_tables, style
-from isf_analysis.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, Deviation
+from isf_analysis.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE
 from isf_analysis.figures import Picture
 from isf_analysis.record import PartRecord
 from isf_analysis.summary import deviation_of, summarise
@@ -122,31 +123,41 @@ def _figure(picture: Picture) -> str:
     data = base64.b64encode(picture.png).decode("ascii")
     alt = escape(f"{picture.title}. {picture.caption}", quote=True)
     return (
-        f'<figure id="{picture.name}"><h3>{escape(picture.title)}</h3><div class="scroll">'
-        f'<img alt="{alt}" src="data:image/png;base64,{data}"></div>'
+        f'<figure id="{picture.name}"><h3>{escape(picture.title)}</h3>'
+        f'<img alt="{alt}" src="data:image/png;base64,{data}">'
         f"<figcaption>{escape(picture.caption)}</figcaption></figure>"
     )
 
 
 def _reading(record: PartRecord, numbers: dict[str, Any]) -> str:
     """What colours, signs and regions mean, and what the numbers do not tell."""
-    base, wall = (round(float(_degrees(angle))) for angle in (BASE_SLOPE, WALL_SLOPE))
+    base, wall = (round(math.degrees(angle)) for angle in (BASE_SLOPE, WALL_SLOPE))
     items = [
         "<b>Deviation</b> is the measured minus the wanted height. Positive (red) is too high: the part sprang back or "
         "was not formed deep enough. Negative (blue) is too deep. <i>Normal to the surface</i> is the same distance "
         "measured square to the wanted surface, smaller on steep walls.",
-        f"<b>Regions</b> are those of the target. <i>Whole part</i>: everything more than {1e3 * OPENING_DEPTH:g} mm below "
-        f"the flange, with the fillets. <i>Wall</i>: steeper than {wall}°. <i>Base</i>: flatter than {base}° and deeper "
-        f"than half the part. <i>Rim</i>: {1e3 * RIM_WIDTH:g} mm of flange around the opening. Largest and mean error on "
-        "the cards are of the whole part.",
-        f"<b>Colours of lines</b>: {_key(style.PART)}this part, {_key(style.UNCORRECTED)}uncorrected, "
-        f"{_key(style.TARGET)}target, {_key(style.SET_POINT)}set-point and tolerance, {_key(style.PREDICTION)}what a model "
-        "predicted.",
+        "<b>Regions</b> are those of the target. "
+        f"<i>Whole part</i>: everything more than {1e3 * OPENING_DEPTH:g} mm below the flange, with the fillets. "
+        f"<i>Wall</i>: steeper than {wall}°. <i>Base</i>: flatter than {base}° and deeper than half the part. "
+        f"<i>Rim</i>: {1e3 * RIM_WIDTH:g} mm of flange around the opening. "
+        "Largest and mean error on the cards are of the whole part.",
+        "<b>Colours of lines</b>: "
+        + ", ".join(
+            _key(colour, words)
+            for colour, words in (
+                (style.PART, "this part"),
+                (style.UNCORRECTED, "uncorrected"),
+                (style.TARGET, "target"),
+                (style.SET_POINT, "set-point and tolerance"),
+                (style.PREDICTION, "what a model predicted"),
+            )
+        )
+        + ".",
     ]
     if numbers["force"] is not None:
         items.append(
-            "<b>Support force</b> is the raw reading of the load cell with its noise. It is judged only while the loop is "
-            "in full control: ramps at the start and end of contours are left out (grey in the figure)."
+            "<b>Support force</b> is the raw reading of the load cell with its noise. It is judged only while the "
+            "loop is in full control: ramps at the start and end of contours are left out (grey in the figure)."
         )
     limits = [
         "The shape is measured <b>in the clamp</b> and not aligned to the target. Unclamping and trimming let the part "
@@ -161,12 +172,8 @@ def _reading(record: PartRecord, numbers: dict[str, Any]) -> str:
     return "<ul>" + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
 
 
-def _key(colour: str) -> str:
-    return f'<span class="key" style="background:{colour}"></span>'
-
-
-def _degrees(angle: float) -> float:
-    return float(angle * 180.0 / 3.141592653589793)
+def _key(colour: str, words: str) -> str:
+    return f'<span class="nowrap"><span class="key" style="background:{colour}"></span>{words}</span>'
 
 
 def _silent(_: str) -> None:

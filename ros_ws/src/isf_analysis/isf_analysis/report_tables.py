@@ -7,14 +7,18 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import yaml
+from isf_core import yaml_file
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
+from isf_core.shared_files import find_named
 
 from isf_analysis.deviation import REGIONS
 from isf_analysis.figures_shape import REGION_LABELS
 from isf_analysis.record import PartRecord
 
 DASH = "–"
+_SOURCES = ("", "value", "source")
 Numbers = dict[str, Any]
 
 
@@ -143,19 +147,23 @@ def job_table(record: PartRecord) -> str:
 def constants(record: PartRecord) -> str:
     """Constants of material and rig with where each comes from, by the names in the job; text when they are unknown."""
     try:
-        files = JobFile(record.job_text, Path())
+        job = JobFile(record.job_text, Path()).job
+        parts = [
+            _sources("Material", find_named("materials", job.sheet.material)),
+            _sources("Rig", find_named("rigs", job.rig)),
+        ]
     except (IsfError, OSError) as error:
         words = error.message if isinstance(error, IsfError) else str(error)
         return f"<p>The constants of material and rig are not shown: {escape(words)}</p>"
-    parts = []
-    for title, model in (("Material", files.material), ("Rig", files.rig)):
-        values = model.model_dump(exclude={"name", "provenance"})
-        rows = [[escape(key), escape(text), _value_text(values, key)] for key, text in model.provenance.items()]
-        rows = [[row[0], row[2], row[1]] for row in rows]
-        parts.append(
-            table(f"{title} {escape(model.name)}: constants and their sources", ["", "SI value", "source"], rows)
-        )
     return "\n".join(parts)
+
+
+def _sources(title: str, path: Path) -> str:
+    """Table of one file: values as written there, with their units, and the source of each."""
+    content = yaml.safe_load(yaml_file.read(path))
+    provenance = content.get("provenance", {})
+    rows = [[escape(key), _value_text(content, key), escape(str(text))] for key, text in provenance.items()]
+    return table(f"{title} {escape(str(content.get('name', path.stem)))}: constants and their sources", _SOURCES, rows)
 
 
 def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -233,11 +241,11 @@ def _code_name(code: int) -> str:
 
 
 def _value_text(values: dict[str, Any], key: str) -> str:
-    """Value of "servo.bandwidth"-like names where they name one; a dash for names of a group."""
+    """Value of a dotted name; nothing for the name of a group that the file spells differently."""
     current: Any = values
     for part in key.split("."):
         if not isinstance(current, dict) or part not in current:
-            return DASH
+            return ""
         current = current[part]
     if isinstance(current, dict):
         return escape(", ".join(f"{name} {_plain(value)}" for name, value in current.items()))
@@ -245,6 +253,4 @@ def _value_text(values: dict[str, Any], key: str) -> str:
 
 
 def _plain(value: Any) -> str:
-    if isinstance(value, tuple | list):
-        return " × ".join(_plain(item) for item in value)
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return " × ".join(str(item) for item in value) if isinstance(value, list) else str(value)
