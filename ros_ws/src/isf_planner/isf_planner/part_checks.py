@@ -89,17 +89,12 @@ def check_reach(surface: TargetSurface, tip_height: Array, depth: float, radius:
             where=f"mesh at {place_text(np.append(deepest, -depth))}",
             advice="use a smaller tool, or a larger radius or floor in the part",
         )
-    left = tip_surface.unreached(surface, tip_height, radius)
-    if left.max() <= UNREACHED_TOLERANCE:
+    left, place = tip_surface.unreached(surface, tip_height, radius, UNREACHED_TOLERANCE)
+    if left <= UNREACHED_TOLERANCE:
         return ()
-    row, column = np.unravel_index(int(np.argmax(left)), left.shape)
-    stride = tip_surface.STRIDE
-    place = np.array(
-        [surface.x[::stride][column], surface.y[::stride][row], surface.z[::stride, ::stride][row, column]]
-    )
     return (
         f"at {place_text(place)} a radius of the part is smaller than the tool ({radius * 1e3:.2f} mm): "
-        f"up to {left.max() * 1e3:.2f} mm of material stay there",
+        f"up to {left * 1e3:.2f} mm of material stay there",
     )
 
 

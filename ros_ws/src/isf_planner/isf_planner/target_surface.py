@@ -89,18 +89,13 @@ def fine_surface(mesh: Mesh, radius: float) -> TargetSurface:
     normals = corner_normals(mesh)
     for facet, row, column, weight in _samples(corners[:, :, :2], low, pitch, (shape[0], shape[1])):
         height = np.einsum("kc,kc->k", weight, corners[facet, :, 2])
-        twice = covered[row, column] & (np.abs(z[row, column] - height) > OVERLAP_TOLERANCE)
+        before = covered[row, column] & (np.abs(z[row, column] - height) > OVERLAP_TOLERANCE)
+        z[row, column] = height
+        twice = before | (np.abs(z[row, column] - height) > OVERLAP_TOLERANCE)
         if twice.any():
             k = int(np.argmax(twice))
-            place = np.array([low[0] + pitch * column[k], low[1] + pitch * row[k], height[k]])
-            raise IsfError(
-                ErrorCode.MESH_NOT_HEIGHT_FIELD,
-                "two layers of the surface lie over each other",
-                where=f"mesh at {place_text(place)}",
-                advice="export only the upper face of the formed sheet",
-            )
+            _refuse_layers(np.array([low[0] + pitch * column[k], low[1] + pitch * row[k], height[k]]))
         normal = np.einsum("kc,kcd->kd", weight, normals[facet])
-        z[row, column] = height
         normal_xy[row, column] = normal[:, :2] / np.linalg.norm(normal, axis=1, keepdims=True)
         covered[row, column] = True
     return TargetSurface(low, pitch, z, normal_xy)
@@ -115,6 +110,15 @@ def target_map(mesh: Mesh, clamp: tuple[float, float]) -> HeightMap:
     for facet, row, column, weight in _samples(corners[:, :, :2], np.array([x[0], y[0]]), MAP_PITCH, z.shape):
         z[row, column] = np.einsum("kc,kc->k", weight, corners[facet, :, 2])
     return HeightMap(x, y, z)
+
+
+def _refuse_layers(place: Array) -> None:
+    raise IsfError(
+        ErrorCode.MESH_NOT_HEIGHT_FIELD,
+        "two layers of the surface lie over each other",
+        where=f"mesh at {place_text(place)}",
+        advice="export only the upper face of the formed sheet",
+    )
 
 
 def _samples(

@@ -19,6 +19,8 @@ Indices = NDArray[np.int64]
 STRIDE = 5
 """Coarse search: every fifth node of the fine grid."""
 
+_WORST = 6
+
 CONSISTENT = 0.02
 """Part of the tool radius: a contact whose smooth normal misses the ball's centre by more lies on an edge."""
 
@@ -33,17 +35,36 @@ def tip_grid(surface: TargetSurface, radius: float) -> tuple[Array, Array, Array
     return surface.x[::STRIDE], surface.y[::STRIDE], height
 
 
-def unreached(surface: TargetSurface, tip_height: Array, radius: float) -> Array:
-    """(ny, nx) m, material above the target that the ball leaves because it does not fit there (morphological closing).
+def unreached(surface: TargetSurface, tip_height: Array, radius: float, tolerance: float) -> tuple[float, Array]:
+    """Most material (m) that the ball leaves above the target because it does not fit there, and the place (3,) m.
 
-    ``tip_height`` as from :func:`tip_grid`.
+    Morphological closing of the target by the ball: a coarse one from ``tip_height`` (as from :func:`tip_grid`)
+    finds the worst places and, missing the best tip by up to half a coarse cell, errs to the high side; those
+    above ``tolerance`` (m) are then repeated with exact drops on a grid of R / 25.
     """
     z = surface.z[::STRIDE, ::STRIDE]
     formed = np.full(z.shape, np.inf)
     for row, column, drop in _ball(radius, surface.pitch * STRIDE):
         here, there = _overlap(z.shape, row, column)
         formed[here] = np.minimum(formed[here], tip_height[there] + drop)
-    return np.asarray(np.where(np.isfinite(formed), formed - z, 0.0))
+    coarse = np.where(np.isfinite(formed), formed - z, 0.0)
+    worst = np.argsort(coarse, axis=None)[::-1][:_WORST]
+    rows, columns = np.unravel_index(worst, coarse.shape)
+    points = np.column_stack([surface.x[::STRIDE][columns], surface.y[::STRIDE][rows], z[rows, columns]])
+    first = coarse[rows, columns]
+    left = np.array(
+        [_left_at(surface, p, radius) if value > tolerance else value for p, value in zip(points, first, strict=True)]
+    )
+    most = int(np.argmax(left))
+    return float(left[most]), points[most]
+
+
+def _left_at(surface: TargetSurface, point: Array, radius: float) -> float:
+    """m between the target at ``point`` (3,) m and the lowest ball over it."""
+    offsets = surface.pitch * 2 * _disc(int(radius / surface.pitch / 2), 1).astype(np.float64)
+    height, _ = drop_tool(surface, point[:2] + offsets, radius)
+    ball = radius - np.sqrt(np.maximum(radius**2 - (offsets**2).sum(axis=1), 0.0))
+    return float((height + ball).min() - point[2])
 
 
 def drop_tool(surface: TargetSurface, points: Array, radius: float, near: Array | None = None) -> tuple[Array, Array]:
