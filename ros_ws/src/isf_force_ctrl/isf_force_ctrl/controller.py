@@ -10,7 +10,6 @@ Frame ``sheet``, SI. Tool 1 (upper) forms, tool 2 supports. Wrenches are those o
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -25,7 +24,8 @@ from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import ControlState, Flag, Mode, Targets
 from isf_force_ctrl.learned_offset import expected_offset
 from isf_force_ctrl.load_cell_filter import Fir
-from isf_force_ctrl.segments import Column, Row, Segment, contour_segments, lift_segments, posture_of
+from isf_force_ctrl.playback import Playback
+from isf_force_ctrl.segments import Row, Segment, contour_segments, lift_segments, posture_of
 from isf_force_ctrl.wrench_check import fault_of, plausible
 
 NAN = float("nan")
@@ -41,12 +41,11 @@ class ForceController:
         self.fault: tuple[ErrorCode, str] | None = None
         """Why the controller is in HOLD; None when it is not."""
         self._mode = Mode.IDLE
-        self._queue: deque[Segment] = deque()
+        self._playback = Playback([0.0] * 12, config.acceleration, config.rate)
         self._log: ContourLog | None = None
         self._result: ContourResult | None = None
         self._plan_id = ""
         self._ticks = 0
-        self._row: Row = [0.0] * len(Column) + [0.0] * 4
 
     # -- commands ------------------------------------------------------------------------------
 
@@ -82,8 +81,8 @@ class ForceController:
         self._plan_id, self._next, self._count = plan_id, first_index, count
         override = contour_support_force_override
         self._support_force = config.support_force if override is None else override
-        self._row = [*tips[0].tolist(), *tips[1].tolist(), 1.0, 0.0, NAN, NAN, 0.0, 0.0]
-        self._queue.clear()
+        row = [*tips[0].tolist(), *tips[1].tolist(), 1.0, 0.0, NAN, NAN, 0.0, 0.0]
+        self._playback = Playback(row, config.acceleration, config.rate)
         self._log = self._result = self.fault = None
         self._index = first_index
         self._previous: tuple[np.ndarray, np.ndarray] | None = None
@@ -91,9 +90,8 @@ class ForceController:
         self._clear, self._support_used, self._engaged = True, False, False
         self._stopping: tuple[ErrorCode, str] | None = None
         self._lift_after_stop = self._idle_after = False
-        self._position, self._pace = 0.0, 1.0
-        self._set_point = self._wanted = self._error = NAN
-        self._normal_force = self._filtered = self._feed = 0.0
+        self._set_point = self._error = NAN
+        self._normal_force = self._filtered = 0.0
         self._settled = self._waited = 0
         self._flags = 0
         self._ticks, self._last_tick = 0, -1
@@ -114,13 +112,13 @@ class ForceController:
             raise IsfError(ErrorCode.CONTOUR_REJECTED, f"plan '{self._plan_id}' is armed", where=where)
         if self.busy or contour.index != self._next:
             raise IsfError(ErrorCode.CONTOUR_REJECTED, f"out of order, contour {self._next} is expected", where=where)
-        path = contour_path(contour, self.config, np.array(self._row[3:6]), self._support_force)
+        path = contour_path(contour, self.config, np.array(self._playback.row[3:6]), self._support_force)
         forced = bool(np.isfinite(path.set_point[0]))
         segments = contour_segments(
             self.config,
             path,
             contour.feed,
-            posture_of(self._row),
+            posture_of(self._playback.row),
             engaged=self._engaged,
             clear=self._clear,
             normal=self._lift_normal,
@@ -134,22 +132,21 @@ class ForceController:
             segments += lift_segments(self.config, end, self._lift_normal, with_support=self._support_used)
         self._log = ContourLog(contour, forced)
         self._index, self._next = contour.index, contour.index + 1
-        self._queue.extend(segments)
         self._clear = False
-        self._enter(self._queue[0])
+        self._play(segments)
 
     def stop(self, reason: str) -> None:
         """Decelerate smoothly and hold; the contour's result carries STOPPED."""
         if self._mode is not Mode.IDLE:
             self._stop(ErrorCode.STOPPED, f"stopped: {reason}")
-            if not self._queue and self._stopping is not None:
+            if not self._playback and self._stopping is not None:
                 self._hold()
 
     def fail(self, code: ErrorCode, text: str, *, ticking: bool = False) -> None:
         """End the contour with ``code`` and hold: after braking when ticks go on, at once when none will come."""
         if self._mode is not Mode.IDLE:
             self._stop(code, text)
-            if self._stopping is not None and not (ticking and self._queue):
+            if self._stopping is not None and not (ticking and self._playback):
                 self._hold()
 
     def disarm(self) -> None:
@@ -157,7 +154,7 @@ class ForceController:
         if self._mode is Mode.IDLE:
             return
         self._idle_after = True
-        if self._queue and self._stopping is None:
+        if self._playback and self._stopping is None:
             self._stop(ErrorCode.STOPPED, "stopped: disarmed")
         if self._stopping is not None:
             self._lift_after_stop = True
@@ -184,7 +181,7 @@ class ForceController:
     @property
     def busy(self) -> bool:
         """True while targets change: from start of a contour to its end (of the last: until parked)."""
-        return bool(self._queue) or (self._mode is not Mode.IDLE and self._stopping is not None)
+        return bool(self._playback) or (self._mode is not Mode.IDLE and self._stopping is not None)
 
     @property
     def targets(self) -> Targets:
@@ -198,7 +195,7 @@ class ForceController:
 
     def take_result(self) -> ContourResult | None:
         """Result of the contour that ended, once; None when there is none."""
-        if self._result is None or (self._queue and self.fault is None):
+        if self._result is None or (self._playback and self.fault is None):
             return None
         result, self._result = self._result, None
         return result
@@ -206,7 +203,7 @@ class ForceController:
     def state(self) -> ControlState:
         """Snapshot after the last tick."""
         forced = self._mode in _TRACKING
-        row, offset = self._row, self._loop.offset if self._mode is not Mode.IDLE else 0.0
+        row, offset = self._playback.row, self._loop.offset if self._mode is not Mode.IDLE else 0.0
         compliance = (self._compliance.x, self._compliance.y, 0.0) if self._mode is not Mode.IDLE else (0.0, 0.0, 0.0)
         idle = self._mode is Mode.IDLE
         return ControlState(
@@ -221,7 +218,7 @@ class ForceController:
             forming_offset=compliance,
             support_offset=(-offset * row[6], -offset * row[7], 0.0),
             contact_stiffness=self.config.contact_stiffness,
-            feed=0.0 if idle else self._feed,
+            feed=0.0 if idle else self._playback.feed,
             flags=0 if idle else self._flags,
         )
 
@@ -244,7 +241,7 @@ class ForceController:
         if self.fault is None and not plausible(wrench_1, wrench_2, self.config.force_limit):
             self._stop(*fault_of(wrench_1, wrench_2, self.config.force_limit))
         blind = self.fault is not None
-        row = self._row
+        row = self._playback.row
         if not blind:
             self._normal_force = row[6] * f2x + row[7] * f2y
             self._filtered = self._normal_filter.step(self._normal_force)
@@ -264,7 +261,7 @@ class ForceController:
             )
         self._advance()
         self._control(row)
-        row = self._row
+        row = self._playback.row
         if blind:
             self._compliance.freeze()
         else:
@@ -279,7 +276,7 @@ class ForceController:
 
     def _control(self, last_row: Row) -> None:
         """Force loop of one tick, by mode."""
-        mode, row, loop = self._mode, self._row, self._loop
+        mode, row, loop = self._mode, self._playback.row, self._loop
         self._flags = 0
         if mode in _TRACKING:
             ramp = self.config.set_point_rate / self.config.rate
@@ -295,39 +292,22 @@ class ForceController:
 
     def _advance(self) -> None:
         """Move on by one tick along the present segment, or to the next one."""
-        if not self._queue:
-            self._feed = 0.0
-            if self._stopping is not None:
+        playback, stopping = self._playback, self._stopping is not None
+        if not playback:
+            if stopping:
                 self._hold()
             return
-        segment = self._queue[0]
-        self._pace += min(max(self._wanted_pace() - self._pace, -self._pace_step), self._pace_step)
-        if self._stopping is not None and self._pace <= 0.0:
+        if playback.segment.waits:
+            if stopping:
+                self._hold()
+            elif self._engagement_over(playback.segment.rows[0][8]):
+                self._leave()
+            return
+        ended = playback.advance(self._wanted_pace())
+        if stopping and (ended or playback.pace <= 0.0):
             self._hold()
-            return
-        if segment.waits:
-            if self._stopping is not None:
-                self._hold()
-            elif self._engagement_over(segment.rows[0][8]):
-                self._leave()
-            return
-        last = len(segment.rows) - 1
-        position = self._position + self._pace
-        if position >= last:
-            self._row = segment.rows[last]
-            if self._stopping is not None:
-                self._hold()
-            else:
-                self._leave()
-            return
-        self._position = position
-        index = int(position)
-        part = position - index
-        row = segment.rows[index]
-        if part > 0.0:
-            row = [a + (b - a) * part for a, b in zip(row, segment.rows[index + 1], strict=True)]
-        self._row = row
-        self._feed = row[10] * self._pace
+        elif ended:
+            self._leave()
 
     def _wanted_pace(self) -> float:
         if self._stopping is not None:
@@ -350,41 +330,32 @@ class ForceController:
             or self._waited >= ramp_ticks + config.engage_timeout * config.rate
         )
 
-    def _enter(self, segment: Segment) -> None:
-        """Begin a segment."""
-        if segment.mode is Mode.ENGAGE and self._mode not in (Mode.ENGAGE, Mode.FREEZE):
+    def _play(self, segments: list[Segment]) -> None:
+        self._playback.load(segments)
+        self._enter()
+
+    def _enter(self) -> None:
+        """Take up the mode of the present segment."""
+        mode = self._playback.segment.mode
+        if mode is Mode.ENGAGE and self._mode not in (Mode.ENGAGE, Mode.FREEZE):
             self._set_point = max(0.0, self._filtered)
-        self._mode = segment.mode
-        self._row = segment.rows[0]
-        self._position, self._pace = 0.0, 1.0
+        self._mode = mode
         self._waited = self._settled = 0
-        fastest = max(max(row[10] for row in segment.rows), 1e-3)
-        self._pace_step = 0.5 * self.config.acceleration / fastest / self.config.rate
 
     def _leave(self) -> None:
         """End the present segment: on to the next, or rest."""
-        done = self._queue.popleft()
-        self._feed = 0.0
-        if done.mode in (Mode.CONTROL, Mode.POSITION):
-            self._finish_contour()
-        if self._queue:
-            self._enter(self._queue[0])
+        done = self._playback.leave()
+        if done.mode is Mode.CONTROL and self._log is not None:
+            self._previous = self._log.profile()
+        if self._playback:
+            self._enter()
             return
         self._engaged = done.mode is Mode.CONTROL
         self._mode = Mode.FREEZE if self._engaged else Mode.ARMED
         if done.mode is Mode.LIFT:
             self._clear = True
-            self._close_result()
             if self._idle_after or self._next >= self._count:
                 self._mode = Mode.IDLE
-        else:
-            self._close_result()
-
-    def _finish_contour(self) -> None:
-        if self._log is not None and self._log.forced:
-            self._previous = self._log.profile()
-
-    def _close_result(self) -> None:
         if self._log is not None:
             self._result, self._log = self._log.result(True), None
 
@@ -399,9 +370,8 @@ class ForceController:
 
     def _hold(self) -> None:
         """At rest after a stop: drop the rest of the path and hand out what was done."""
-        self._queue.clear()
+        self._playback.clear()
         self._stopping = None
-        self._pace, self._feed = 1.0, 0.0
         self._mode = Mode.HOLD
         if self._log is not None and self.fault is not None:
             self._result = self._log.result(False, int(self.fault[0]), self.fault[1])
@@ -411,16 +381,11 @@ class ForceController:
             self._lift()
 
     def _lift(self) -> None:
-        segments = [] if self._clear else self._lift_segments()
-        if not segments:
+        if self._clear:
             self._mode = Mode.IDLE
             return
-        self._queue.extend(segments)
-        self._enter(segments[0])
-
-    def _lift_segments(self) -> list[Segment]:
-        here = posture_of(self._row)
-        return lift_segments(self.config, here, self._lift_normal, with_support=self._support_used)
+        here = posture_of(self._playback.row)
+        self._play(lift_segments(self.config, here, self._lift_normal, with_support=self._support_used))
 
     # -- helpers -------------------------------------------------------------------------------
 

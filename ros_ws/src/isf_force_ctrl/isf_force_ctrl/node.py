@@ -10,6 +10,7 @@ import math
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -177,7 +178,7 @@ class ForceCtrlNode(CellNode[Parameters]):
             if controller is None or controller.mode is Mode.IDLE:
                 return
             now = self.get_clock().now().nanoseconds
-            lost = [k for k in (1, 2) if k in self._needed and self._watchdogs[k - 1].age() > self._timeout]
+            lost = [k for k in self._needed if self._watchdogs[k - 1].age() > self._timeout]
             if lost and controller.fault is None:
                 controller.fail(ErrorCode.WRENCH_LOST, self._lost_text(lost), ticking=True)
             targets = controller.tick(controller.ticks, now / stamps.NANO, *self._pair.wrench)
@@ -249,7 +250,7 @@ class ForceCtrlNode(CellNode[Parameters]):
                     publisher.publish(message)
                 self._last_publish = time.monotonic()
 
-    def _lost_text(self, tools: list[int]) -> str:
+    def _lost_text(self, tools: Sequence[int]) -> str:
         names = " and ".join(f"tool_{k}/wrench" for k in tools)
         return f"nothing on {names} for {self._timeout:g} s (is the machine node alive?)"
 
@@ -316,9 +317,9 @@ class ForceCtrlNode(CellNode[Parameters]):
         self._check_machine()
         controller = ForceController(self._config(job_file))
         park = controller.config.park_height
-        tips = [self._tip(1, (0.0, 0.0, park)), self._tip(2, (0.0, 0.0, -park))]
+        tip_1, tip_2 = self._tip(1, (0.0, 0.0, park)), self._tip(2, (0.0, 0.0, -park))
         override = None if math.isnan(request.support_force) else request.support_force
-        controller.arm(request.plan_id, request.first_index, request.count, *tips, override)
+        controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
         self._stop_loop()  # from here on no other thread sees the controller
         self._pair.restart()
         self._has_targets = False
