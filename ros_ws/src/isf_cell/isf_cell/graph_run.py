@@ -79,7 +79,7 @@ class CellClient:
             for node in group.dead():
                 raise IsfError(
                     ErrorCode.NODE_DIED,
-                    f"node '{node.name}' ended while starting: {node.last_lines(2)}",
+                    f"node '{node.name}' ended while starting: {node.last_lines(1)}",
                     advice=f"its output is in {node.log}",
                 )
             active = all(self._states.get(name) == "active" for name in ("executive", "recorder") if name in names)
@@ -127,7 +127,7 @@ class CellClient:
                 node = group["executive"]
                 raise IsfError(
                     ErrorCode.NODE_DIED,
-                    f"node 'executive' ended: {node.last_lines(2)}",
+                    f"node 'executive' ended: {node.last_lines(1)}",
                     advice=f"its output is in {node.log}",
                 )
             return future.done()

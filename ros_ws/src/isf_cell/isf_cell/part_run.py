@@ -29,6 +29,7 @@ from isf_cell.graph_client import GraphClient
 from isf_cell.heartbeat_monitor import HeartbeatMonitor
 from isf_cell.options import RunOptions
 from isf_cell.part_step import PartStep
+from isf_cell.reference_run import UNCORRECTED
 
 MANAGED = ("machine", "planner", "springback", "force_ctrl")
 """Nodes brought up in this order, down in reverse."""
@@ -123,12 +124,19 @@ class PartRun:
         options = RunOptions(
             goal.correction or None, None if np.isnan(goal.support_force) else goal.support_force, goal.world, goal.seed
         )
+        if goal.first_index > 0 and options.method(job_file) != UNCORRECTED:
+            raise IsfError(
+                ErrorCode.CORRECTION_FAILED,
+                f"a part corrected by '{options.method(job_file)}' cannot start at contour {goal.first_index}",
+                advice="its corrections would start from zero under a formed sheet; resume with correction 'none'",
+            )
         self._tell("bringing up the nodes")
         for name in MANAGED:
             self._client.bring_up(name, self._watch)
         self._prepare_machine()
         self._tell("planning")
         count = self._plan()
+        self._client.set_parameter("springback", "base_folder", goal.base_folder, self._watch)
         self._client.set_parameter("springback", "method", options.method(job_file), self._watch)
         self._outlet.publish_info(self._info(job_file, options))
         self._client.checked_call(
@@ -237,6 +245,11 @@ class PartRun:
         state = self._machine
         if state is not None and state.fault_codes:
             raise IsfError(ErrorCode(state.fault_codes[0]), state.fault_messages[0], where="machine")
+        for correction in list(self._corrections.values()):
+            if correction.code and not len(correction.offset):  # refused: no corrected contour will follow
+                raise IsfError(
+                    ErrorCode(correction.code), correction.message, where=f"springback, contour {correction.index}"
+                )
 
     def _watch_nodes(self) -> None:
         for name in self._monitor.silent():
