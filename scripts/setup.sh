@@ -42,7 +42,8 @@ fi
 isf_started=$SECONDS
 isf_step_total=4
 packages_current || isf_step_total=$((isf_step_total + 2))
-[ -f "$isf_workspace/src/isf_sim/isf_sim/warm_up.py" ] || isf_step_total=$((isf_step_total - 1))
+has_warm_up=$([ ! -f "$isf_workspace/src/isf_sim/isf_sim/warm_up.py" ] || echo yes)
+[ -n "$has_warm_up" ] || isf_step_total=$((isf_step_total - 1))
 
 if ! packages_current; then
   find_python
@@ -54,7 +55,7 @@ fi
 build_workspace
 write_environment
 check_installation
-if [ -f "$isf_workspace/src/isf_sim/isf_sim/warm_up.py" ]; then
+if [ -n "$has_warm_up" ]; then
   warm_up
 fi
 step_end
