@@ -120,7 +120,9 @@ def advance_point(
         if not is_fresh(points, x, y, z, constants.fresh_depth, constants.fresh_distance):
             return NEEDS_SOLUTION
         loop = contact.path[LOOP]
-        if path - contact.path[LAST_BASE] > (max(loop / 16.0, 0.8 * radius) if loop > 0.0 else 6.0 * radius):
+        # way travelled so far, without this step: the update marks it as done, however long the step is
+        due = max(loop / 16.0, 0.8 * radius) if loop > 0.0 else 6.0 * radius
+        if contact.path[TRAVELLED] - contact.path[LAST_BASE] > due:
             return NEEDS_BASE
     contact.path[TRAVELLED] = path
     contact.last[0], contact.last[1], contact.last[2] = x, y, z
