@@ -1,0 +1,170 @@
+"""Node ``planner``: plans parts on request (action ``plan_part``) and hands out their contours."""
+
+from __future__ import annotations
+
+import sys
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point
+from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile
+from isf_msgs.action import PlanPart
+from isf_msgs.srv import GetContour
+from isf_node import process, qos
+from isf_node.background import in_thread
+from isf_node.conversion import FRAME, contour_to_message, height_map_to_message, path_to_message
+from isf_node.lifecycle import CellNode
+from isf_node.parameters import parameter
+from nav_msgs.msg import Path as PathMessage
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import Marker, MarkerArray
+
+from isf_planner.planning import Plan, plan
+
+MARKER_POINTS = 200
+"""Points of a contour in the view for people."""
+
+
+@dataclass(frozen=True)
+class PlannerParameters:
+    """Parameters of the node ``planner``."""
+
+    plans_kept: int = parameter(8, "plans that get_contour can still serve; the oldest is dropped first")
+    path_poses: int = parameter(2000, "most poses in tool_1/path and tool_2/path")
+
+
+class PlannerNode(CellNode[PlannerParameters]):
+    """ROS side of :func:`isf_planner.plan`."""
+
+    def __init__(self) -> None:
+        super().__init__("planner", PlannerParameters)
+        self._plans: OrderedDict[str, Plan] = OrderedDict()
+        self._busy = False
+        self._entities: list[Callable[[], Any]] = []
+
+    # -- lifecycle ---------------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        self._parameters = self.values()
+        self._target = self.create_publisher(PointCloud2, "part/target", qos.LATCHED)
+        self._markers = self.create_publisher(MarkerArray, "part/markers", qos.LATCHED)
+        self._paths = [self.create_publisher(PathMessage, f"tool_{k}/path", qos.LATCHED) for k in (1, 2)]
+        service = self.create_service(GetContour, "planner/get_contour", self._on_get_contour)
+        server = ActionServer(
+            self,
+            PlanPart,
+            "plan_part",
+            self._execute,
+            goal_callback=self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+        self._entities = [
+            *(
+                lambda item=item: self.destroy_publisher(item)  # type: ignore[misc]
+                for item in (self._target, self._markers, *self._paths)
+            ),
+            lambda: self.destroy_service(service),
+            server.destroy,
+        ]
+
+    def cleanup(self) -> None:
+        for destroy in self._entities:
+            destroy()
+        self._entities = []
+
+    def health_values(self) -> dict[str, object]:
+        return {"plans": len(self._plans), "busy": self._busy}
+
+    # -- planning --------------------------------------------------------------------------------
+
+    def _on_goal(self, _: PlanPart.Goal) -> GoalResponse:
+        return GoalResponse.ACCEPT if self.is_active and not self._busy else GoalResponse.REJECT
+
+    async def _execute(self, handle: ServerGoalHandle) -> PlanPart.Result:
+        self._busy = True
+        try:
+            made = await in_thread(lambda: self._plan(handle), self.executor)
+        except IsfError as error:
+            if error.code == ErrorCode.PLAN_CANCELLED:
+                handle.canceled()
+            else:
+                self.report(error)
+                handle.abort()
+            return PlanPart.Result(code=int(error.code), message=error.message)
+        finally:
+            self._busy = False
+        self.report_ok()
+        self._keep(made)
+        self._publish(made)
+        handle.succeed()
+        return PlanPart.Result(plan_id=made.plan_id, count=len(made.contours), warnings=list(made.warnings))
+
+    def _plan(self, handle: ServerGoalHandle) -> Plan:
+        request = handle.request
+        job_file = JobFile(request.job_text, Path(request.base_folder or "."), "job")
+        return plan(
+            job_file,
+            progress=lambda phase, share: handle.publish_feedback(PlanPart.Feedback(phase=phase, progress=share)),
+            cancelled=lambda: bool(handle.is_cancel_requested),
+        )
+
+    def _keep(self, made: Plan) -> None:
+        self._plans[made.plan_id] = made
+        self._plans.move_to_end(made.plan_id)
+        while len(self._plans) > max(self._parameters.plans_kept, 1):
+            self._plans.popitem(last=False)
+
+    def _on_get_contour(self, request: GetContour.Request, response: GetContour.Response) -> GetContour.Response:
+        made = self._plans.get(request.plan_id)
+        if made is None or request.index >= len(made.contours):
+            known = ", ".join(self._plans) or "none"
+            what = f"no plan '{request.plan_id}'" if made is None else f"no contour {request.index} in that plan"
+            error = IsfError(ErrorCode.PLAN_UNKNOWN, what, advice=f"plans here: {known}; plan the part again")
+            response.code, response.message = int(error.code), error.message
+        else:
+            response.contour = contour_to_message(made.contours[request.index], self._now())
+        return response
+
+    # -- views -------------------------------------------------------------------------------------
+
+    def _publish(self, made: Plan) -> None:
+        stamp = self._now()
+        self._target.publish(height_map_to_message(made.target, stamp))
+        forming = np.vstack([contour.forming_tip for contour in made.contours])
+        support = np.vstack([contour.support_tip for contour in made.contours])
+        tips = (forming, support) if made.contours[0].forming_tool == 1 else (support, forming)
+        for publisher, tip in zip(self._paths, tips, strict=True):
+            publisher.publish(path_to_message(tip, stamp, self._parameters.path_poses))
+        self._markers.publish(MarkerArray(markers=[self._marker(contour, stamp) for contour in made.contours]))
+
+    def _marker(self, contour: Contour, stamp: Any) -> Marker:
+        marker = Marker(type=Marker.LINE_STRIP, action=Marker.ADD, ns="contours", id=contour.index)
+        marker.header.frame_id, marker.header.stamp = FRAME, stamp
+        marker.pose.orientation.w = 1.0
+        marker.scale.x = 0.2e-3
+        share = contour.index / max(contour.count - 1, 1)
+        marker.color.r, marker.color.g, marker.color.b, marker.color.a = 0.2 + 0.7 * share, 0.5, 0.9 - 0.7 * share, 1.0
+        points = contour.contact[:: max(1, len(contour) // MARKER_POINTS)]
+        closed = np.vstack([points, points[:1]]) if contour.closed else points
+        marker.points = [Point(x=x, y=y, z=z) for x, y, z in closed.tolist()]
+        return marker
+
+    def _now(self) -> Any:
+        return self.get_clock().now().to_msg()
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run isf_planner planner``."""
+    sys.exit(process.run(PlannerNode, args))
+
+
+if __name__ == "__main__":
+    main()
