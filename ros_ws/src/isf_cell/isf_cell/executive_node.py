@@ -33,7 +33,7 @@ class ExecutiveParameters:
     service_timeout: float = parameter(20.0, "s, longest wait for an answer of another node")
     plan_timeout: float = parameter(600.0, "s, longest planning")
     contour_timeout: float = parameter(1800.0, "s of wall time, longest contour")
-    silence_timeout: float = parameter(3.0, "s without diagnostics after which a node counts as dead")
+    silence_timeout: float = parameter(5.0, "s without diagnostics after which a node counts as dead")
     checkpoint: str = parameter("", "file written after every contour; empty: none")
 
 

@@ -22,6 +22,7 @@ from isf_msgs.action import FormPart, PlanPart
 from isf_msgs.msg import Contour, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
 from isf_node.conversion import contour_from_message
+from isf_node.lifecycle import failure
 from std_srvs.srv import Trigger
 
 from isf_cell.checkpoint import Checkpoint
@@ -139,19 +140,7 @@ class PartRun:
         self._client.set_parameter("springback", "base_folder", goal.base_folder, self._watch)
         self._client.set_parameter("springback", "method", options.method(job_file), self._watch)
         self._outlet.publish_info(self._info(job_file, options))
-        self._client.checked_call(
-            Arm,
-            "force_ctrl/arm",
-            Arm.Request(
-                plan_id=self._plan_id,
-                first_index=goal.first_index,
-                count=count,
-                job_text=goal.job_text,
-                base_folder=goal.base_folder,
-                support_force=goal.support_force,
-            ),
-            self._watch,
-        )
+        self._arm(count)
         for index in range(goal.first_index, count):
             self._pause_here(index, count)
             self._form_contour(index)
@@ -200,6 +189,28 @@ class PartRun:
             raise IsfError(ErrorCode(result.code), result.message)
         self._plan_id = result.plan_id
         return int(result.count)
+
+    def _arm(self, count: int) -> None:
+        """Arm the force controller; it may first have to hear the machine, which takes a moment after activation."""
+        goal = self._goal
+        request = Arm.Request(
+            plan_id=self._plan_id,
+            first_index=goal.first_index,
+            count=count,
+            job_text=goal.job_text,
+            base_folder=goal.base_folder,
+            support_force=goal.support_force,
+        )
+        deadline = time.monotonic() + self._settings.service_timeout
+        pause = threading.Event()
+        while True:
+            response = self._client.call(Arm, "force_ctrl/arm", request, self._watch)
+            if not response.code:
+                return
+            error = failure(response.code, response.message)
+            if error.code not in (ErrorCode.WRENCH_LOST, ErrorCode.NO_TARE) or time.monotonic() > deadline:
+                raise error
+            pause.wait(0.2)
 
     def _form_contour(self, index: int) -> None:
         response = self._client.checked_call(

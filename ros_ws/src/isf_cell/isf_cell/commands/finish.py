@@ -9,7 +9,6 @@ from typing import Any
 
 from isf_analysis.bag_reader import read_bag
 from isf_analysis.report import write_report
-from isf_analysis.summary import summary
 from isf_core.contour import ContourResult
 from isf_core.errors import ErrorCode, IsfError
 
@@ -46,14 +45,14 @@ def finish(
             raise failure from None
         raise
     reference = read_bag(reference_bag) if reference_bag else None
-    page = write_report(record, folder, reference=reference)
-    data = {**summary(record, reference), **(counts or {}), "bag": str(bag), "report": str(page)}
+    made = write_report(record, folder, reference=reference)
+    data = {**made.numbers, **(counts or {}), "bag": str(bag), "report": str(made.html)}
     if failure:
         data["error"] = {"code": failure.code.value, "name": failure.code.name, "message": failure.message}
     (folder / "summary.json").write_text(json.dumps(terminal.without_nan(data), indent=2), encoding="utf-8")
     if as_json:
         terminal.print_json(data)
-    terminal.show_summary(data, summary(reference) if reference else None)
-    terminal.console.print(f"report  {page}", soft_wrap=True)
+    terminal.show_summary(data, made.numbers.get("reference"))
+    terminal.console.print(f"report  {made.html}", soft_wrap=True)
     if failure:
         raise ReportedError(failure)
