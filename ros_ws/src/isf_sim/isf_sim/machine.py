@@ -10,6 +10,7 @@ real machine.
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -236,24 +237,26 @@ class SimulatedMachine:
 
     def release(self) -> MachineSample:
         """Move the tools clear over internal ticks: forming tool up, support tool away along its measured force."""
+        for _ in self.release_steps():
+            pass
+        return self.sample()
+
+    def release_steps(self) -> Iterator[MachineSample]:
+        """The ticks of :meth:`release`, one by one."""
         axes = self._axes
         push = axes.force_2.copy()
         size = float(np.linalg.norm(push))
         away = push / size if size > 1.0 else np.array([0.0, 0.0, -1.0])
-        direction = np.concatenate([[0.0, 0.0, 1.0], away])
-        step = RELEASE_SPEED / self.control_rate
+        step = RELEASE_SPEED / self.control_rate * np.concatenate([[0.0, 0.0, 1.0], away])
+        limit = np.tile(self._travel, 2)
         free_way = moved = 0.0
         while free_way < RELEASE_CLEARANCE and moved < LARGEST_RELEASE:
-            moved += step
-            target = axes.target + step * direction
-            for k in range(6):
-                target[k] = min(max(target[k], -self._travel[k % 3]), self._travel[k % 3])
-            self._advance(target)
+            yield self._advance(np.clip(axes.target + step, -limit, limit))
             touching = np.abs(axes.force_1).max() > 0.0 or np.abs(axes.force_2).max() > 0.0
-            free_way = 0.0 if touching else free_way + step
+            free_way = 0.0 if touching else free_way + RELEASE_SPEED / self.control_rate
+            moved += RELEASE_SPEED / self.control_rate
         while self.moving:
-            self.hold()
-        return self.sample()
+            yield self.hold()
 
     def reset(self) -> None:
         """Clear latched faults and limit flags; the tools stay where they are."""

@@ -1,0 +1,215 @@
+"""Node ``machine`` in a process of its own, driven over DDS by a small client."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_core.errors import ErrorCode
+from isf_msgs.msg import MachineState
+from isf_msgs.srv import Reset, Scan, Stop, Tare
+from isf_node import conversion, qos, stamps
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import PointCloud2
+
+pytestmark = pytest.mark.graph
+
+RATE = 500.0
+JOB = """
+name: node-test
+part: {mesh: none.stl, unit: mm}
+process: DSIF
+rig: ren2018
+sheet: {material: AA5754-O, thickness: 1 mm}
+tool_1: {radius: 5 mm}
+tool_2: {radius: 5 mm}
+path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
+control: {rate: 500 Hz}
+"""
+PARKED = (np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]))
+
+
+class Client:
+    """Answers wrenches with targets, as force_ctrl does."""
+
+    def __init__(self) -> None:
+        self.node = rclpy.create_node("client")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.wrenches: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
+        self.received = 0
+        self.states: list[MachineState] = []
+        self.scans: list[PointCloud2] = []
+        for k in (0, 1):
+            self.node.create_subscription(
+                WrenchStamped, f"tool_{k + 1}/wrench", lambda m, k=k: self._on_wrench(k, m), qos.STREAM
+            )
+        self.node.create_subscription(MachineState, "machine/state", self.states.append, qos.STREAM)
+        self.node.create_subscription(PointCloud2, "scan", self.scans.append, qos.LATCHED)
+        self.targets = [self.node.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM) for k in (1, 2)]
+
+    def _on_wrench(self, tool: int, message: WrenchStamped) -> None:
+        self.received += 1
+        self.wrenches[tool][stamps.to_nanoseconds(message.header.stamp)] = conversion.wrench_array(message)
+
+    def wait(self, condition: Callable[[], bool], timeout: float = 20.0) -> bool:
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.05)
+        return True
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(20.0), name
+        future = client.call_async(request)
+        assert self.wait(future.done), name
+        return future.result()
+
+    def send(self, stamp: int, tips: tuple[Any, Any]) -> None:
+        for publisher, tip in zip(self.targets, tips, strict=True):
+            message = conversion.make_pose()
+            message.header.stamp = stamps.to_stamp(stamp)
+            conversion.set_tip(message, tip)
+            publisher.publish(message)
+
+    def tick(self, number: int, tips: tuple[Any, Any]) -> bool:
+        """Send the targets of tick ``number``; True when both wrenches of its stamp have come."""
+        stamp = stamps.tick_nanoseconds(number, RATE)
+        self.send(stamp, tips)
+        return self.wait(lambda: stamp in self.wrenches[0] and stamp in self.wrenches[1])
+
+    def newest(self) -> int:
+        return max(self.wrenches[0], default=-1)
+
+    def ready(self) -> None:
+        """Fresh blank, tare, first wrenches, and the machine listens to the targets."""
+        request = Reset.Request(new_blank=True, job_text=JOB, seed=3)
+        assert self.call(Reset, "machine/reset", request).code == 0
+        assert self.call(Tare, "machine/tare", Tare.Request()).code == 0
+        assert self.wait(lambda: all(p.get_subscription_count() == 1 for p in self.targets))
+        assert self.wait(lambda: 0 in self.wrenches[0] and 0 in self.wrenches[1])
+
+    def fault_codes(self) -> list[int]:
+        return list(self.states[-1].fault_codes) if self.states else []
+
+
+@pytest.fixture
+def machine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Client]:
+    parameters = getattr(request, "param", [])
+    log = (tmp_path / "machine.log").open("w")
+    arguments = [part for item in ["autostart:=true", *parameters] for part in ("-p", item)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "isf_sim.node", "--ros-args", *arguments], stdout=log, stderr=log, env=os.environ
+    )
+    rclpy.init()
+    client = Client()
+    try:
+        yield client
+    finally:
+        client.executor.shutdown()
+        client.node.destroy_node()
+        rclpy.try_shutdown()
+        process.send_signal(signal.SIGINT)
+        code = process.wait(20)
+        log.close()
+        print((tmp_path / "machine.log").read_text())
+        assert code == 0
+
+
+def press(client: Client, depth: float) -> int:
+    """Bring the tool from its park position to ``depth`` m below the sheet at the speed limit; last tick."""
+    ticks = int(np.ceil((0.1 + depth) / 0.0002))
+    for number in range(1, ticks + 1):
+        z = max(0.1 - 0.0002 * number, -depth)
+        assert client.tick(number, (np.array([0.0, 0.0, z]), PARKED[1]))
+    return ticks
+
+
+def test_ticks_in_lockstep_and_stops_on_faults(machine: Client) -> None:
+    """200 ticks with exact stamps; a NaN target latches 1401 and holds; stop, reset and scan answer."""
+    machine.ready()
+    for number in range(1, 201):
+        assert machine.tick(number, PARKED)
+    assert sorted(machine.wrenches[0]) == [stamps.tick_nanoseconds(k, RATE) for k in range(201)]
+    # an unloaded, tared cell: noise floor 0.5 N, steps of 1 N, drift of 2 N over 300 s
+    assert np.abs(list(machine.wrenches[0].values())).max() < 10.0
+
+    # a stamp handled before is a sign of life only
+    machine.send(stamps.tick_nanoseconds(200, RATE), PARKED)
+    before = machine.received
+    assert machine.wait(lambda: machine.received >= before + 4)  # the repeated wrenches
+    assert machine.newest() == stamps.tick_nanoseconds(200, RATE)
+
+    machine.send(stamps.tick_nanoseconds(201, RATE), (np.array([np.nan, 0.0, 0.1]), PARKED[1]))
+    assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.TARGET_NOT_FINITE])
+    assert machine.states[-1].mode == MachineState.PROTECTIVE_STOP
+    held = machine.wait(lambda: machine.newest() > stamps.tick_nanoseconds(201, RATE))
+    assert held  # the release ticked on its own
+    newest = machine.newest()
+    machine.send(newest + stamps.tick_nanoseconds(1, RATE), PARKED)
+    before = machine.received
+    assert machine.wait(lambda: machine.received >= before + 4)
+    assert machine.newest() == newest  # targets are ignored while the fault is latched
+    assert machine.call(Tare, "machine/tare", Tare.Request()).code == ErrorCode.MACHINE_FAULTED
+
+    assert machine.call(Reset, "machine/reset", Reset.Request()).code == 0
+    assert machine.wait(lambda: machine.fault_codes() == [])
+    assert machine.call(Stop, "machine/stop", Stop.Request(reason="test")).code == 0
+    assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.STOP_REQUESTED])
+    response = machine.call(Scan, "machine/scan", Scan.Request(clamped=True))
+    assert (response.code, response.points) == (0, 251 * 251)
+    assert machine.wait(lambda: len(machine.scans) == 1)
+    assert conversion.height_map_from_message(machine.scans[0]).z == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("machine", [["target_timeout:=0.5"]], indirect=True)
+def test_lost_targets_release_a_loaded_tool(machine: Client) -> None:
+    """A stream that ends while the tool presses latches 1404 and the tool is lifted until the sheet is free."""
+    machine.ready()
+    press(machine, 4e-3)
+    newest = machine.newest()
+    assert machine.wrenches[0][newest][2] > 20.0
+    assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.TARGET_LOST])
+    assert machine.wait(lambda: machine.newest() > newest and abs(machine.wrenches[0][machine.newest()][2]) < 10.0)
+
+
+@pytest.mark.parametrize("machine", [["lockstep:=false"]], indirect=True)
+def test_real_time_ticks_by_the_clock(machine: Client) -> None:
+    """Wrenches come without targets at the control rate; at rest the end of a stream is no fault."""
+    request = Reset.Request(new_blank=True, job_text=JOB)
+    assert machine.call(Reset, "machine/reset", request).code == 0
+    assert machine.call(Tare, "machine/tare", Tare.Request()).code == 0
+    assert machine.wait(lambda: len(machine.wrenches[0]) > 300)
+    times = np.array(sorted(machine.wrenches[0]))
+    period = stamps.NANO / RATE
+    # every stamp lies on the grid of periods, whatever was missed
+    assert np.abs(np.diff(times) / period - np.round(np.diff(times) / period)).max() < 1e-6
+    assert all(p.get_subscription_count() == 1 for p in machine.targets)
+    machine.send(0, PARKED)
+    assert machine.wait(lambda: any(s.mode == MachineState.FOLLOWING for s in machine.states))
+    assert machine.wait(lambda: machine.states[-1].mode == MachineState.IDLE)
+    assert machine.fault_codes() == []
+
+
+def test_services_name_what_is_wrong(machine: Client) -> None:
+    """Without a blank every service answers with its code; a job that cannot be read is told with its place."""
+    assert machine.call(Tare, "machine/tare", Tare.Request()).code == ErrorCode.NO_BLANK
+    assert machine.call(Scan, "machine/scan", Scan.Request()).code == ErrorCode.NO_BLANK
+    assert machine.call(Reset, "machine/reset", Reset.Request()).code == ErrorCode.NO_BLANK
+    wrong = Reset.Request(new_blank=True, job_text=JOB.replace("1 mm}", "1}"))
+    response = machine.call(Reset, "machine/reset", wrong)
+    assert response.code == ErrorCode.FILE_UNIT
+    assert "job:6" in response.message
+    assert machine.call(Stop, "machine/stop", Stop.Request()).code == 0
