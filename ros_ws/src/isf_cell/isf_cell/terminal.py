@@ -121,7 +121,9 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
 def unexpected(error: BaseException) -> IsfError:
     """An unforeseen failure in the same form as the expected ones."""
     return IsfError(
-        ErrorCode.INTERNAL, f"{type(error).__name__}: {error}", advice="a fault of this software; run with ISF_TRACEBACK=1"
+        ErrorCode.INTERNAL,
+        f"{type(error).__name__}: {error}",
+        advice="a fault of this software; ISF_TRACEBACK=1 shows more",
     )
 
 

@@ -39,15 +39,28 @@ def test_an_unknown_node_names_what_there_is(prefix: Path) -> None:
 
 
 def test_even_a_process_that_ignores_signals_is_ended(prefix: Path) -> None:
-    with pytest.raises(RuntimeError, match="a fault"), ProcessGroup(prefix / "logs") as group:
-        node = group.start("some_package", "stubborn", {"speed": 0.5, "text": "it's", "flag": True})
-        deadline = time.monotonic() + 10
-        while "started" not in node.last_lines() and time.monotonic() < deadline:
-            os.sched_yield()
-        assert "speed:=0.5 -p text:='it''s' -p flag:=true" in node.last_lines()
-        group.stop(patience=0.1)
-        assert not node.alive
-        raise RuntimeError("a fault")
+    group = ProcessGroup(prefix / "logs")
+    node = group.start("some_package", "stubborn", {"speed": 0.5, "text": "it's", "flag": True})
+    deadline = time.monotonic() + 10
+    while "started" not in node.last_lines() and time.monotonic() < deadline:
+        os.sched_yield()
+    assert "speed:=0.5 -p text:='it''s' -p flag:=true" in node.last_lines()
+    group.stop(patience=0.1)
+    assert not node.alive
+
+
+def test_processes_end_with_their_owner_s_failure(prefix: Path) -> None:
+    group = ProcessGroup(prefix / "logs")
+
+    def fail() -> None:
+        with group:
+            group.start("some_package", "stubborn", {})
+            group.stop(patience=0.1)
+            raise RuntimeError("a fault")
+
+    with pytest.raises(RuntimeError, match="a fault"):
+        fail()
+    assert all(not node.alive for node in group.nodes)
 
 
 def test_a_process_that_ended_is_reported_with_its_output(prefix: Path) -> None:

@@ -74,7 +74,7 @@ def examine(*, as_json: bool) -> None:
 
 def _python() -> list[Check]:
     version = platform.python_version()
-    good = (3, 10) <= sys.version_info[:2]
+    good = sys.version_info[:2] >= (3, 10)
     return [Check("Python", "ok" if good else "failed", f"{version} ({sys.executable})", "" if good else "needs 3.10+")]
 
 
