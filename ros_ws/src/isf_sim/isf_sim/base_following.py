@@ -48,9 +48,7 @@ def follow(surface: Surface, track: TipTrack, path: float, loop: float, pillow: 
 
 
 @kernel
-def _find_enclosed(
-    track: TipTrack, first: float, j0: int, j1: int, i0: int, i1: int, stack: NDArray[np.int64]
-) -> int:
+def _find_enclosed(track: TipTrack, first: float, j0: int, j1: int, i0: int, i1: int, stack: NDArray[np.int64]) -> int:
     """Flood the box from its border; what neither the flood nor the track covers is enclosed. Returns its cells."""
     region, width = track.region, i1 - i0
     region[:] = OUTSIDE

@@ -20,14 +20,14 @@ CAPACITY = 64
 
 
 class ControlPoints(NamedTuple):
-    """Newest solutions, CAPACITY rows of which ``count[0]`` are in use.
+    """Newest solutions, CAPACITY rows of which ``used[0]`` are in use.
 
     Attributes
     ----------
     place : (K, 3) m, commanded tip ; displacement : (K, 3) m ; force : (K,) N, axial ; exponent : (K,) b
     """
 
-    count: NDArray[np.int64]
+    used: NDArray[np.int64]
     place: Array
     displacement: Array
     force: Array
@@ -37,7 +37,7 @@ class ControlPoints(NamedTuple):
 def no_control_points() -> ControlPoints:
     """None yet."""
     return ControlPoints(
-        count=np.zeros(1, dtype=np.int64),
+        used=np.zeros(1, dtype=np.int64),
         place=np.zeros((CAPACITY, 3)),
         displacement=np.zeros((CAPACITY, 3)),
         force=np.ones(CAPACITY),
@@ -48,7 +48,7 @@ def no_control_points() -> ControlPoints:
 @kernel
 def is_fresh(points: ControlPoints, x: float, y: float, z: float, depth: float, distance: float) -> bool:
     """True when a control point lies within ``depth`` m in z and ``distance`` m in the plane."""
-    for k in range(points.count[0]):
+    for k in range(points.used[0]):
         place = points.place[k]
         if abs(place[2] - z) < depth and (place[0] - x) ** 2 + (place[1] - y) ** 2 < distance**2:
             return True
@@ -60,7 +60,7 @@ def blend(points: ControlPoints, x: float, y: float, force: float, length: float
     """Displacement out (3,) m at ``force`` N and the exponent there, weights exp(-(r / length)^2)."""
     total = exponent = 0.0
     out[:] = 0.0
-    for k in range(points.count[0]):
+    for k in range(points.used[0]):
         square = ((points.place[k, 0] - x) ** 2 + (points.place[k, 1] - y) ** 2) / length**2
         if square > 16.0:
             continue

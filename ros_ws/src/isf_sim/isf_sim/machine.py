@@ -10,7 +10,7 @@ real machine.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -143,7 +143,7 @@ class SimulatedMachine:
         """True while a fault is latched: targets are ignored and the position is held."""
         return bool(self.faults)
 
-    def tick(self, target_1: Array, target_2: Array) -> MachineSample:
+    def tick(self, target_1: Sequence[float] | Array, target_2: Sequence[float] | Array) -> MachineSample:
         """One control tick towards tip targets (3,), (3,) m; never raises: see ``faults``."""
         target = self._target
         target[:3], target[3:] = target_1, target_2

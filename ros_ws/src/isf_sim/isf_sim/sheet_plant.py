@@ -20,7 +20,6 @@ from isf_sim.bending_yield import lasting_deflection
 from isf_sim.bulge import bulge_overlay
 from isf_sim.control_points import CAPACITY, ControlPoints, no_control_points
 from isf_sim.plant_constants import PlantConstants
-from isf_sim.shell import Deflection, Elastic, Shell
 from isf_sim.sheet_point import (
     DONE,
     LAST_BASE,
@@ -32,6 +31,7 @@ from isf_sim.sheet_point import (
     advance_point,
     no_contact,
 )
+from isf_sim.shell import Deflection, Elastic, Shell
 from isf_sim.surface import Surface, TipTrack, bilinear_grid, empty_track, flat_surface, onto, sample_mean
 from isf_sim.world import World
 
@@ -123,11 +123,11 @@ class SheetPlant:
         overlay = bulge_overlay(self.surface, coarse, strength, self.thickness, self.material)
         stride = max(1, round(spacing / self.surface.h))
         z = self.surface.height[::stride, ::stride]
-        rows, columns = (stride / coarse * np.arange(n) for n in z.shape)
+        rows, columns = (stride / coarse * np.arange(n, dtype=np.float64) for n in z.shape)
         bulge = np.empty(z.shape)
         bilinear_grid(overlay, rows, columns, bulge)
-        x = self.surface.x0 + stride * self.surface.h * np.arange(z.shape[1])
-        y = self.surface.y0 + stride * self.surface.h * np.arange(z.shape[0])
+        x = self.surface.x0 + stride * self.surface.h * np.arange(z.shape[1], dtype=np.float64)
+        y = self.surface.y0 + stride * self.surface.h * np.arange(z.shape[0], dtype=np.float64)
         return HeightMap(x, y, z + bulge)
 
     # -- coarse solution -----------------------------------------------------------------------------
@@ -157,7 +157,7 @@ class SheetPlant:
 
     def _start(self, tip: Array, axial: float) -> Array | None:
         """Deflection of the nearest earlier solution, scaled to the present force."""
-        count = int(self.points.count[0])
+        count = int(self.points.used[0])
         if count == 0:
             return None
         away = (self.points.place[:count] - tip) * np.array([1.0, 1.0, 3.0])
@@ -170,7 +170,7 @@ class SheetPlant:
     def _keep(self, tip: Array, axial: float, deflection: Deflection) -> None:
         """Add a control point; older ones close by, or far above or below, are dropped."""
         points, constants = self.points, self.constants
-        count = int(points.count[0])
+        count = int(points.used[0])
         away = points.place[:count] - tip
         keep = (away[:, 0] ** 2 + away[:, 1] ** 2 > (0.6 * constants.fresh_distance) ** 2) & (
             np.abs(away[:, 2]) < 2.5 * constants.fresh_depth
@@ -185,7 +185,7 @@ class SheetPlant:
         points.displacement[n] = deflection.displacement
         points.force[n] = axial
         points.exponent[n] = float(np.clip(deflection.axial_compliance * axial / sag, 0.3, 1.0))
-        points.count[0] = n + 1
+        points.used[0] = n + 1
 
     def _yield(self, state: Array, tip: Array) -> None:
         """Lasting bending of flange, wall and base; the whole surface takes its share."""

@@ -210,8 +210,8 @@ def _amplitude(wall: Array, step: float, constants: PointConstants) -> float:
 def _mark_track(track: TipTrack, contact: Contact, radius: float) -> None:
     """Note the tip on the track grid; a place met again after a while tells the length of the loop."""
     path = contact.path[TRAVELLED]
-    i = int(round((contact.formed_tip[0] - track.x0) / track.h))
-    j = int(round((contact.formed_tip[1] - track.y0) / track.h))
+    i = round((contact.formed_tip[0] - track.x0) / track.h)
+    j = round((contact.formed_tip[1] - track.y0) / track.h)
     ny, nx = track.tip.shape
     if 0 <= i < nx and 0 <= j < ny:
         since = path - track.visited[j, i]

@@ -150,10 +150,11 @@ class Shell:
         distance = (self.node_x - x) ** 2 + (self.node_y - y) ** 2
         weight = np.clip(1.0 - distance / (2.0 * radius) ** 2, 0.0, None) ** 2
         weight[self.boundary] = 0.0
-        total = weight.sum()
+        total = float(weight.sum())
         if total < 1e-9:  # all of the patch lies in the clamp
             weight = np.zeros(self.count)
-            weight[np.argmin(distance)] = total = 1.0
+            weight[np.argmin(distance)] = 1.0
+            total = 1.0
         return np.asarray(weight / total)
 
     def membrane_force(self, state: Array) -> Array:
@@ -187,19 +188,16 @@ class Shell:
                 trial = q + shrink * step
                 trial_residual = load - self._assemble(trial, tangent=False)
                 trial_size = float(np.linalg.norm(trial_residual))
-                if trial_size < 1.5 * size or shrink < 0.1 or (fresh and iterations <= 2):
-                    break
-                if not fresh:
+                accepted = trial_size < 1.5 * size or shrink < 0.1 or iterations <= 2
+                if accepted or not fresh:
                     break
                 shrink *= 0.5
-            slow = trial_size > SLOW_CONVERGENCE * size
-            if not fresh and not trial_size < 1.5 * size:
-                trial, trial_residual, trial_size = q, residual, size  # an old matrix misled: stay, and renew it
-            moved = trial is not q
-            q, residual, size = trial, trial_residual, trial_size
-            converged = size < RESIDUAL_TOLERANCE * scale or (moved and fresh and largest * shrink < STEP_TOLERANCE)
+            slow = not accepted or trial_size > SLOW_CONVERGENCE * size
+            if accepted or fresh:
+                q, residual, size = trial, trial_residual, trial_size
+                converged = size < RESIDUAL_TOLERANCE * scale or (fresh and largest * shrink < STEP_TOLERANCE)
             fresh = False
-            if slow and not converged:
+            if slow and not converged:  # the old matrix misled, or is not good enough any more
                 self._assemble(q, tangent=True)
                 factor = self._factorise()
                 factorisations += 1

@@ -134,9 +134,7 @@ def _add_membrane(q: Array, section: Section, pattern: Pattern, tangent: bool, f
                 values[slot[a, s]] += k
                 values[slot[4 + a, 4 + s]] += k
                 values[slot[8 + a, 8 + s]] += (
-                    stress[0] * gx[a] * gx[s]
-                    + stress[1] * gy[a] * gy[s]
-                    + stress[2] * (gx[a] * gy[s] + gy[a] * gx[s])
+                    stress[0] * gx[a] * gx[s] + stress[1] * gy[a] * gy[s] + stress[2] * (gx[a] * gy[s] + gy[a] * gx[s])
                 )
 
 

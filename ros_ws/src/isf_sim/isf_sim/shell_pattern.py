@@ -56,20 +56,20 @@ def make_numbering(nx: int, ny: int, dx: float, dy: float, dof: Index) -> Number
     unique, place = np.unique(key, return_inverse=True)
     if held.any():  # the largest key stands for all held dofs: one slot past the end
         unique = unique[:-1]
-    place = place.reshape(-1).astype(np.int32)
+    slot: Index = place.reshape(-1).astype(np.int32)
     a, b = cell_dof.size * 12, star_dof.size * 5
     pattern = Pattern(
         cells=cells,
         cell_dof=cell_dof,
-        cell_slot=place[:a].reshape(-1, 12, 12),
+        cell_slot=slot[:a].reshape(-1, 12, 12),
         star=star,
         star_dof=star_dof,
-        star_slot=place[a : a + b].reshape(-1, 5, 5),
+        star_slot=slot[a : a + b].reshape(-1, 5, 5),
         star_xx=star_xx,
         star_yy=star_yy,
     )
     starts = np.searchsorted(unique // count, np.arange(count + 1)).astype(np.int32)
-    return Numbering(dof, count, pattern, (unique % count).astype(np.int32), starts, place[a + b :])
+    return Numbering(dof, count, pattern, (unique % count).astype(np.int32), starts, slot[a + b :])
 
 
 def _cells(nx: int, ny: int) -> Index:

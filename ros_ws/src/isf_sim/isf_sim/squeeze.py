@@ -97,8 +97,8 @@ def _local_thickness(x: float, y: float, surface: Surface, contact: Contact, c: 
     slope = contact.wall[0]
     formed = c.thickness / math.sqrt(1.0 + slope * slope)
     ny, nx = surface.height.shape
-    i = int(round((x - surface.x0) / surface.h))
-    j = int(round((y - surface.y0) / surface.h))
+    i = round((x - surface.x0) / surface.h)
+    j = round((y - surface.y0) / surface.h)
     if not (0 <= i < nx and 0 <= j < ny):
         return formed
     recent = contact.path[TRAVELLED] - surface.squeezed[j, i] < c.window
