@@ -5,7 +5,9 @@ The tool gives way by C F; the command is moved by the opposite amount, so that 
     offset = - factor * C_xy * F_forming          (F: force of the sheet on the tool)
 
 Z is left alone: that axis is ten times stiffer. The feedback is positive; it is stable only while K_p K_c < 1
-(K_p = factor * C), see :mod:`isf_force_ctrl.stability`.
+(K_p = factor * C), see :mod:`isf_force_ctrl.stability`. A compensated tool is a stiffer contact, K_c / (1 - K_p K_c),
+for whatever disturbs the gap. So the compensation is slow (first-order, ``smoothing_time``): it cancels the mean
+deflection, which shows in the part, and leaves the fast, small rest as compliance, on which the force loop lives.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ class ComplianceSettings:
     coefficients : FIR, after the limiters so that the rate of the offset cannot jump
     offset_slew : m/s, fastest change of the offset
     offset_limit : m, largest offset per axis
+    smoothing_time : s, time constant of the first-order low-pass on the force; 0 = none
     """
 
     rate: float
@@ -37,18 +40,36 @@ class ComplianceSettings:
     coefficients: NDArray[np.float64]
     offset_slew: float
     offset_limit: float
+    smoothing_time: float = 0.0
 
 
 class ComplianceCompensation:
     """Offset of the forming tool in x and y; one call per tick."""
 
-    __slots__ = ("_fir_x", "_fir_y", "_gain_x", "_gain_y", "_limit", "_raw_x", "_raw_y", "_slew", "flags", "x", "y")
+    __slots__ = (
+        "_fir_x",
+        "_fir_y",
+        "_gain_x",
+        "_gain_y",
+        "_limit",
+        "_raw_x",
+        "_raw_y",
+        "_share",
+        "_slew",
+        "_slow_x",
+        "_slow_y",
+        "flags",
+        "x",
+        "y",
+    )
 
     def __init__(self, settings: ComplianceSettings) -> None:
         self._gain_x, self._gain_y = settings.gain
         self._slew = settings.offset_slew / settings.rate
         self._limit = settings.offset_limit
         self._fir_x, self._fir_y = Fir(settings.coefficients), Fir(settings.coefficients)
+        self._share = 1.0 / (1.0 + settings.smoothing_time * settings.rate)
+        self._slow_x = self._slow_y = 0.0
         self._raw_x = self._raw_y = 0.0
         self.x = self.y = 0.0
         """m, present offset."""
@@ -56,7 +77,9 @@ class ComplianceCompensation:
 
     def step(self, force_x: float, force_y: float) -> None:
         """Take in the force of the sheet on the forming tool (N) of one tick."""
-        wanted_x, wanted_y = -self._gain_x * force_x, -self._gain_y * force_y
+        self._slow_x += self._share * (force_x - self._slow_x)
+        self._slow_y += self._share * (force_y - self._slow_y)
+        wanted_x, wanted_y = -self._gain_x * self._slow_x, -self._gain_y * self._slow_y
         raw_x = _limited(wanted_x, self._raw_x, self._slew, self._limit)
         raw_y = _limited(wanted_y, self._raw_y, self._slew, self._limit)
         self.flags = 0 if raw_x == wanted_x and raw_y == wanted_y else int(Flag.SATURATED_COMPLIANCE)

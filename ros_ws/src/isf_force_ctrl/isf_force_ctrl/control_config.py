@@ -36,9 +36,10 @@ class ControlConfig:
     filter_cutoff : Hz (40, 2.3.4)
     error_clamp : N (128 um at 2 um/N, Appendix B)
     error_slew : N/s (16 um per update at 440 Hz and 2 um/N)
-    dead_zone : N (6 um at 2 um/N)
+    dead_zone : N (6 um at 2 um/N = 3 N in Appendix B, for 5 mm/s; 1 N here for higher feeds)
     offset_limit : m, of the force offset and of the compliance offset per axis
     compliance_slew : m/s (16 um per update at 440 Hz)
+    compliance_time : s, time constant of the compliance compensation
     set_point_rate : N/s, ramp of the set-point while engaging
     settled_error : N, filtered error below which engaging is over
     settled_time : s, for so long
@@ -72,8 +73,9 @@ class ControlConfig:
     filter_cutoff: float = 40.0
     error_clamp: float = 64.0
     error_slew: float = 3520.0
-    dead_zone: float = 3.0
+    dead_zone: float = 1.0
     compliance_slew: float = 7.04e-3
+    compliance_time: float = 0.2
     set_point_rate: float = 400.0
     settled_error: float = 6.0
     settled_time: float = 0.05
@@ -121,7 +123,8 @@ class ControlConfig:
         gain = self.compensation * max(self.forming_compliance)
         check_compliance_gain(gain, self.contact_stiffness)
         delay = group_delay(len(self.coefficients()), self.rate) + 1.5 / self.rate
-        check_force_gain(self.loop_gain, self.servo_bandwidth, delay, gain * self.contact_stiffness)
+        coupling = gain * self.contact_stiffness
+        check_force_gain(self.loop_gain, self.servo_bandwidth, delay, coupling, self.compliance_time)
 
     def coefficients(self) -> NDArray:  # type: ignore[type-arg]
         """FIR low-pass of both loops."""
@@ -148,4 +151,5 @@ class ControlConfig:
             coefficients=self.coefficients(),
             offset_slew=self.compliance_slew,
             offset_limit=self.offset_limit,
+            smoothing_time=self.compliance_time,
         )

@@ -56,6 +56,7 @@ class Parameters:
     set_point_rate: float = parameter(ControlConfig.set_point_rate, "N/s, ramp of the set-point while engaging")
     learning: float = parameter(ControlConfig.learning, "0..1, share of the previous contour's offsets fed forward")
     feed_error: float = parameter(ControlConfig.feed_error, "N, force error from which the feed is reduced")
+    compliance_time: float = parameter(ControlConfig.compliance_time, "s, time constant of the compliance compensation")
     contact_threshold: float = parameter(ControlConfig.contact_threshold, "N, support force that counts as contact")
     acceleration: float = parameter(ControlConfig.acceleration, "m/s^2 of a tool tip")
 

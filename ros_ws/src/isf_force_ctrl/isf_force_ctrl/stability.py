@@ -20,7 +20,9 @@ def servo_response(bandwidth: float, omega: NDArray[np.float64]) -> Complex:
     return np.asarray(corner**3 / (s**3 + 2 * corner * s**2 + 2 * corner**2 * s + corner**3))
 
 
-def ultimate_loop_gain(bandwidth: float, delay: float = 0.0, compensation: float = 0.0) -> float:
+def ultimate_loop_gain(
+    bandwidth: float, delay: float = 0.0, compensation: float = 0.0, smoothing_time: float = 0.0
+) -> float:
     """1/s, loop gain K_i K_c at which the integral force loop starts to oscillate.
 
     Parameters
@@ -28,12 +30,14 @@ def ultimate_loop_gain(bandwidth: float, delay: float = 0.0, compensation: float
     bandwidth : Hz of the servo
     delay : s, filter, transport and hold delays in the force loop
     compensation : K_p K_c of the compliance compensation that acts at the same time; it works as positive
-        feedback inside the loop, G_m -> G_m / (1 - K_p K_c G_m e^(-s delay))
+        feedback inside the loop, G_m -> G_m / (1 - K_p K_c H G_m e^(-s delay))
+    smoothing_time : s, of H = 1 / (1 + s smoothing_time) in the compensation
     """
     omega = np.linspace(1.0, 4 * np.pi * bandwidth, 8000)
     transport = np.exp(-1j * omega * delay)
     servo = servo_response(bandwidth, omega)
-    open_loop = servo * transport / (1 - compensation * servo * transport) / (1j * omega)
+    stiffened = 1 - compensation * servo * transport / (1 + 1j * omega * smoothing_time)
+    open_loop = servo * transport / stiffened / (1j * omega)
     phase = np.unwrap(np.angle(open_loop))
     crossing = int(np.argmax(phase <= -np.pi))
     if phase[crossing] > -np.pi:
@@ -55,10 +59,16 @@ def check_compliance_gain(gain: float, contact_stiffness: float) -> None:
 
 
 def check_force_gain(
-    loop_gain: float, bandwidth: float, delay: float, compensation: float, *, margin: float = 1.5
+    loop_gain: float,
+    bandwidth: float,
+    delay: float,
+    compensation: float,
+    smoothing_time: float = 0.0,
+    *,
+    margin: float = 1.5,
 ) -> None:
     """Raise UNSTABLE_GAIN unless the integral force loop keeps the gain ``margin`` to its limit."""
-    ultimate = ultimate_loop_gain(bandwidth, delay, compensation)
+    ultimate = ultimate_loop_gain(bandwidth, delay, compensation, smoothing_time)
     if loop_gain * margin > ultimate:
         raise IsfError(
             ErrorCode.UNSTABLE_GAIN,

@@ -9,7 +9,7 @@ from isf_force_ctrl.compliance import ComplianceCompensation
 from isf_force_ctrl.control_state import Flag
 
 
-def pull(force, factor, ticks=400):
+def pull(force, factor, ticks=1500):
     """m, error of the tip left after pulling with ``force`` N at a tool of 1 um/N."""
     config = make_config(compensation=factor)
     compensation = ComplianceCompensation(config.compliance())
@@ -33,9 +33,13 @@ def test_partial_compensation():
 
 
 def coupled(product, ticks=3000):
-    """(T,) N, response of compensation and contact spring to 1 N, K_p K_c = ``product``; no limits, no FIR."""
+    """(T,) N, response of compensation and contact spring to 1 N, K_p K_c = ``product``; no limits, no smoothing."""
     config = make_config(
-        compensation=1.0, forming_compliance=(product / 0.45e6,) * 2, compliance_slew=1e9, offset_limit=1e9
+        compensation=1.0,
+        forming_compliance=(product / 0.45e6,) * 2,
+        compliance_slew=1e9,
+        offset_limit=1e9,
+        compliance_time=0.0,
     )
     compensation = ComplianceCompensation(config.compliance())
     servo = Servo(np.zeros(1))
@@ -76,8 +80,19 @@ def test_offset_is_limited_and_slew_limited(forces):
 
 def test_saturation_is_told():
     compensation = ComplianceCompensation(make_config(compensation=1.0).compliance())
-    compensation.step(1000.0, 0.0)
+    compensation.step(5000.0, 0.0)
     assert compensation.flags & Flag.SATURATED_COMPLIANCE
     compensation = ComplianceCompensation(make_config(compensation=1.0).compliance())
     compensation.step(1.0, 0.0)
     assert not compensation.flags
+
+
+def test_fast_forces_are_left_to_the_tool():
+    # First-order, 0.2 s: at 4 Hz the gain is 1/sqrt(1 + (2 pi 4 0.2)^2) = 0.195; FIR and sampling change it by < 5 %.
+    config = make_config(compensation=1.0)
+    compensation = ComplianceCompensation(config.compliance())
+    offsets = []
+    for k in range(2000):
+        compensation.step(20.0 * np.sin(2 * np.pi * 4.0 * k / config.rate), 0.0)
+        offsets.append(compensation.x)
+    assert np.ptp(offsets[1000:]) / 2 == pytest.approx(20e-6 * 0.195, rel=0.05)

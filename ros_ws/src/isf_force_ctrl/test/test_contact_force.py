@@ -14,8 +14,8 @@ FREE = {"error_clamp": 1e9, "error_slew": 1e12, "dead_zone": 0.0}
 
 
 def closed_loop(set_point, seconds=1.0, stiffness=STIFFNESS, disturbance=lambda t: 0.0, noise=0.0, **changes):
-    """(T,) N, force of the loop around servo and spring, starting at rest at 100 N."""
-    config = make_config(**changes)
+    """(T,) N, force of the loop around servo and spring, starting at rest at 100 N; published dead zone of 3 N."""
+    config = make_config(**{"dead_zone": 3.0, **changes})
     loop = ContactForceLoop(config.contact_force())
     servo = Servo(np.array([0.0]))
     random = np.random.default_rng(0)

@@ -8,7 +8,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_force_ctrl import ControlConfig, ForceController, Mode
 
-PARK_1, PARK_2 = (0.0, 0.0, 0.1), (0.0, 0.0, -0.1)
+PARK_1, PARK_2 = (0.0, 0.0, 0.03), (0.0, 0.0, -0.03)
 FREE = [0.0] * 6
 
 
@@ -138,7 +138,7 @@ def test_contact_stiffness_may_be_wrong(stiffness):
 
 
 def test_lost_contact_is_told_and_regained():
-    gap = lambda time, angle: 1e-3 if 4.0 < time < 4.1 else 0.0  # noqa: E731
+    gap = lambda time, angle: 1e-3 if 3.0 < time < 3.1 else 0.0  # noqa: E731
     result = run(part(1), make_config(), gap=gap).results[0]
     assert result.completed
     assert 0.9 < result.contact_fraction < 1.0
@@ -171,7 +171,7 @@ def spoil(tick_of_fault, value):
         (1501.0, ErrorCode.WRENCH_OUT_OF_RANGE),
     ],
 )
-@pytest.mark.parametrize("tick", [300, 3000])
+@pytest.mark.parametrize("tick", [200, 1500])
 def test_bad_wrench_holds(value, code, tick):
     outcome = run(part(2), make_config(compensation=1.0), on_tick=spoil(tick, value))
     (result,) = outcome.results
@@ -188,7 +188,7 @@ def test_bad_wrench_holds(value, code, tick):
 
 
 def test_points_that_were_not_reached_are_nan():
-    outcome = run(part(1), make_config(), on_tick=spoil(3000, float("nan")))
+    outcome = run(part(1), make_config(), on_tick=spoil(1500, float("nan")))
     force = outcome.results[0].forming_force
     reached = np.isfinite(force[:, 0])
     assert 0 < reached.sum() < len(force)
@@ -199,7 +199,7 @@ def test_stop_decelerates_and_disarm_lifts():
     stopped = []
 
     def on_tick(tick, controller, wrench_1, wrench_2):
-        if tick == 3000:
+        if tick == 1500:
             controller.stop("operator")
             stopped.append(tick)
         return wrench_1, wrench_2
@@ -213,7 +213,7 @@ def test_stop_decelerates_and_disarm_lifts():
     assert controller.busy
     targets = [outcome.targets[-1]]
     while controller.busy:
-        pair = controller.tick(3001, 0.0, FREE, FREE)
+        pair = controller.tick(1501, 0.0, FREE, FREE)
         targets.append([*pair.tip_1, *pair.tip_2])
     assert controller.mode is Mode.IDLE
     assert targets[-1] == pytest.approx([*PARK_1, *PARK_2], abs=1e-4)
@@ -225,10 +225,10 @@ def test_disarm_while_moving_gives_a_result_and_parks():
     controller = ForceController(config)
     controller.arm("plan", 0, 1, PARK_1, PARK_2)
     controller.start(ring())
-    for tick in range(2000):
+    for tick in range(1500):
         controller.tick(tick, tick * 0.002, FREE, FREE)
     controller.disarm()
-    for tick in range(2000, 10000):
+    for tick in range(1500, 10000):
         if not controller.busy:
             break
         controller.tick(tick, tick * 0.002, FREE, FREE)
@@ -266,18 +266,18 @@ def test_spif_leaves_tool_2_alone():
     contours = part(2, support_tip=np.empty((0, 3)), force=None, process=Process.SPIF)
     config = make_config(compensation=1.0)
     controller = ForceController(config)
-    controller.arm("plan", 0, 2, PARK_1, (0.01, 0.02, -0.09))
+    controller.arm("plan", 0, 2, PARK_1, (0.01, 0.02, -0.025))
     tick = 0
     for contour in contours:
         controller.start(contour)
         while controller.busy:
             pair = controller.tick(tick, tick / config.rate, [-50.0, 0, 300.0, 0, 0, 0], FREE)
-            assert pair.tip_2 == (0.01, 0.02, -0.09)
+            assert pair.tip_2 == (0.01, 0.02, -0.025)
             tick += 1
         result = controller.take_result()
         assert result is not None
         assert result.support_target.shape == (0, 3)
-        assert result.compliance_offset[:, 0] == pytest.approx(50e-6)
+        assert result.compliance_offset[:, 0] == pytest.approx(50e-6, rel=1e-3)
 
 
 def test_mixed_contours():
@@ -385,7 +385,7 @@ def test_config_from_a_job(tmp_path):
     assert config.contact_force().integral_gain == pytest.approx(53.3e-6, abs=0.1e-6)
 
 
-@pytest.mark.parametrize("rate", [100.0, 440.0, 1000.0, 2000.0])
+@pytest.mark.parametrize("rate", [100.0, 440.0, 1000.0])
 def test_other_rates_form_as_well(rate):
     outcome = run(part(1, points=60), make_config(rate=rate), max_ticks=60000)
     assert outcome.results[0].completed

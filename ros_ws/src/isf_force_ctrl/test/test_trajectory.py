@@ -45,7 +45,7 @@ path_inputs = st.integers(3, 25).flatmap(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(path_inputs, st.floats(0.005, 0.06))
 def test_limits_hold_on_any_path(inputs, feed):
     path = any_path(*inputs)
