@@ -2,7 +2,7 @@
 # Every quality gate: format, lint, types, import contracts, tests with coverage.
 #
 # usage: ./test.sh [--quick | --slow] [pytest arguments]
-#   --quick   only the tests without a node graph, no coverage (about a minute)
+#   --quick   only the tests without a node graph, no coverage
 #   --slow    also the tests marked "slow" (long parts)
 #   Any pytest argument (a path, -k ...) runs only those tests, without the other gates.
 set -uo pipefail
