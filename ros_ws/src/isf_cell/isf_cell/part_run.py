@@ -133,7 +133,9 @@ class PartRun:
             )
         self._tell("bringing up the nodes")
         for name in MANAGED:
-            self._client.bring_up(name, self._watch)
+            # a node may compile or load for long and be silent meanwhile; its answer is a sign of life
+            self._client.bring_up(name, self._watch_operator)
+            self._monitor.hear(name, "")
         self._prepare_machine()
         self._tell("planning")
         count = self._plan()
@@ -249,10 +251,13 @@ class PartRun:
 
     # -- watching, faults, end ------------------------------------------------------------------------
 
-    def _watch(self) -> None:
-        self._watch_nodes()
+    def _watch_operator(self) -> None:
         if self._outlet.cancel_requested():
             raise IsfError(ErrorCode.CANCELLED, "cancelled by the operator")
+
+    def _watch(self) -> None:
+        self._watch_nodes()
+        self._watch_operator()
         state = self._machine
         if state is not None and state.fault_codes:
             raise IsfError(ErrorCode(state.fault_codes[0]), state.fault_messages[0], where="machine")
