@@ -73,7 +73,8 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
         nominal, results
     )
     states = list(messages.of(topics.MACHINE_STATE))
-    before = [state for time, state in states if time <= start][-1:] or [state for _, state in states[:1]]
+    # the state at the start of the part, not the last one: a run of no duration has all its messages at one time
+    before = [state for time, state in states[:-1] if time <= start][-1:] or [state for _, state in states[:1]]
     after = states[-1:]
     return PartRecord(
         job_name=job.job_name,
@@ -204,7 +205,10 @@ class _Messages:
         if not names:
             known = sorted({item.topic for item in self._reader.connections})
             listed = ", ".join(known[:6]) + (" ..." if len(known) > 6 else "")
-            raise _incomplete(self._path, f"is not a bag of a forming cell; its topics are: {listed or 'none'}")
+            raise _incomplete(
+                self._path,
+                f"is not a bag of a forming cell: no topic {topics.JOB.name}; it holds {listed or 'nothing'}",
+            )
         return names[0].removesuffix(ending)
 
 

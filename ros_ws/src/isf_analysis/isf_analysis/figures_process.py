@@ -8,6 +8,7 @@ import numpy as np
 from isf_core.contour import ContourCorrection, ContourResult
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from isf_analysis import style
@@ -120,7 +121,9 @@ def _draw_over_time(axes: Axes, results: Sequence[ContourResult]) -> None:
     else:
         _fill_bins(axes, edges, time, force, style.PART, "measured, least to most")
     if controlled:
-        set_point = float(np.median(np.concatenate([r.tick_set_point[engaged(r)] for r in controlled] or [[0.0]])))
+        set_point = float(
+            np.median(np.concatenate([r.tick_set_point[engaged(r)] for r in controlled] or [np.zeros(1)]))
+        )
         axes.axhspan(set_point - BAND, set_point + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0, zorder=1)
         axes.axhline(
             set_point,
@@ -197,7 +200,7 @@ def _contour_axis(axes: Axes, number: Array) -> None:
     axes.set_xlabel("contour index")
     if len(number):
         axes.set_xlim(number.min() - 0.8, number.max() + 0.8)
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _numbers(items: Sequence[ContourResult] | Sequence[ContourCorrection]) -> Array:

@@ -70,7 +70,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._recording: Recording | None = None
         self._subscriptions_polled: list[Subscription] = []
         self._timer: Any = None
-        self._received = 0
+        self._received: dict[str, int] = {}
         self._lost = 0
         self._sequence: dict[str, int] = {}
 
@@ -81,7 +81,8 @@ class RecorderNode(CellNode[RecorderParameters]):
         check_free(self._output)
 
     def activate(self) -> None:
-        self._received = self._lost = 0
+        self._received = {topic.name: 0 for topic in self._topics}
+        self._lost = 0
         self._sequence = {}
         names = [self.resolve_topic_name(topic.name) for topic in self._topics]
         recording = Recording(
@@ -120,7 +121,13 @@ class RecorderNode(CellNode[RecorderParameters]):
 
     def health_values(self) -> dict[str, object]:
         recording = self._recording
-        values: dict[str, object] = {"output": self._output, "received": self._received, "lost": self._lost}
+        silent = [name for name, count in self._received.items() if not count]
+        values: dict[str, object] = {
+            "output": self._output,
+            "received": sum(self._received.values()),
+            "lost": self._lost,
+            "silent": ", ".join(silent),
+        }
         if recording is not None:
             values["written"] = recording.written
             values["longest_queue"] = recording.longest_queue
@@ -140,11 +147,11 @@ class RecorderNode(CellNode[RecorderParameters]):
                 while (taken := handle.take_message(kind, True)) is not None:
                     data, info = taken
                     batch.append((connection, info["received_timestamp"] or time.time_ns(), data))
+                    self._received[topic.name] += 1
                     if topic.delivery in _COUNTED:
                         self._count_gap(topic.name, info["publication_sequence_number"])
         if batch:
             batch.sort(key=_received_at)
-            self._received += len(batch)
             recording.put(batch)
         if recording.error is not None:
             error, self._recording = recording.error, None

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 INK = "#1f2933"
 MUTED = "#66727f"
@@ -82,8 +83,8 @@ def applied() -> Iterator[None]:
 
 def new_figure(height: float, *, maps: bool = False) -> Figure:
     """Empty figure of the width of all and ``height`` in, without pyplot; ``maps``: for axes with equal scales."""
-    figure = Figure(figsize=(WIDTH, height), layout="compressed" if maps else "constrained")
-    figure.get_layout_engine().set(w_pad=0.09, h_pad=0.06)
+    layout = ConstrainedLayoutEngine(compress=maps, w_pad=0.09, h_pad=0.06)
+    figure = Figure(figsize=(WIDTH, height), layout=layout)
     FigureCanvasAgg(figure)
     return figure
 

@@ -1,0 +1,198 @@
+"""The recorder as a process of its own over DDS: loses nothing, changes nothing, ends in order."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from burst_publisher import target_bytes, wrench_bytes
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from isf_analysis import mcap_repair
+from isf_analysis.message_types import cell_types
+from isf_node import qos
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.node import Node
+from rosbags.rosbag2 import Reader
+
+pytestmark = pytest.mark.graph
+
+COUNT, RATE = 2000, 800.0
+
+
+@contextmanager
+def recorder(output: Path, *, autostart: bool = True, **parameters: object) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "isf_analysis.recorder_node", "--ros-args"]
+    for name, value in {"output": output, "autostart": str(autostart).lower(), **parameters}.items():
+        command += ["-p", f"{name}:={value}"]
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait(10)
+        if process.stderr is not None:
+            process.stderr.close()
+
+
+def end(process: subprocess.Popen[str], number: signal.Signals) -> str:
+    """Output on stderr after the signal; the process must end by itself and without a failure."""
+    os.killpg(process.pid, number)
+    _, text = process.communicate(timeout=20)
+    assert process.returncode == 0, text
+    return text
+
+
+def publish_burst(count: int = COUNT, rate: float = RATE) -> None:
+    script = Path(__file__).with_name("burst_publisher.py")
+    assert subprocess.run([sys.executable, str(script), str(count), str(rate)], timeout=60).returncode == 0
+
+
+def messages(bag: Path) -> dict[str, list[tuple[int, bytes]]]:
+    found: dict[str, list[tuple[int, bytes]]] = {}
+    with Reader(bag) as reader:
+        for connection, stamp, data in reader.messages():
+            found.setdefault(connection.topic, []).append((stamp, data))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("compression", "count", "ended_by"),
+    [("none", COUNT, signal.SIGINT), ("zstd", 100, signal.SIGTERM)],
+    ids=["fast", "compressed and terminated"],
+)
+def test_every_message_is_kept_byte_by_byte(
+    compression: str, count: int, ended_by: signal.Signals, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    began = time.time_ns()
+    with recorder(bag, compression=compression) as process:
+        publish_burst(count)
+        text = end(process, ended_by)
+    found = messages(bag)
+    for topic, make in (("wrench", wrench_bytes), ("target", target_bytes)):
+        sent = [make(number) for number in range(count)]
+        for tool in (1, 2):
+            assert [data for _, data in found[f"/tool_{tool}/{topic}"]][-count:] == sent  # greetings come before
+    stamps = [stamp for stamp, _ in found["/tool_1/wrench"]]
+    assert stamps == sorted(stamps)
+    assert began < stamps[0] <= stamps[-1] < time.time_ns()
+    job = cell_types().deserialize_cdr(found["/part/info"][-1][1], "isf_msgs/msg/JobInfo")
+    assert job.job_name == "burst"
+    result = cell_types().deserialize_cdr(found["/contour/result"][-1][1], "isf_msgs/msg/ContourResult")
+    assert result.index == 7
+    assert "recorded" in text
+    assert "lost" not in text
+
+
+def test_an_existing_folder_is_refused(tmp_path: Path, observer: Node) -> None:
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "precious").write_text("keep")
+    with recorder(tmp_path / "bag") as process:
+        assert spin_until(observer, lambda: any("1603" in text for text in heard(observer)))
+        end(process, signal.SIGINT)
+    assert [item.name for item in (tmp_path / "bag").iterdir()] == ["precious"]
+
+
+def test_an_unknown_topic_is_refused_with_the_known_ones(tmp_path: Path, observer: Node) -> None:
+    with recorder(tmp_path / "bag", topics="['tool_3/wrench']") as process:
+        assert spin_until(observer, lambda: any("tool_3/wrench" in text for text in heard(observer)))
+        end(process, signal.SIGINT)
+    assert not (tmp_path / "bag").exists()
+
+
+def test_deactivation_closes_the_bag_and_only_chosen_topics_are_in_it(tmp_path: Path, observer: Node) -> None:
+    bag = tmp_path / "bag"
+    topic = "tool_1/wrench"
+    publisher = observer.create_publisher(WrenchStamped, topic, qos.STREAM)
+    other = observer.create_publisher(WrenchStamped, "tool_2/wrench", qos.STREAM)
+    with recorder(bag, autostart=False, topics=f"['{topic}']") as process:
+        change(observer, Transition.TRANSITION_CONFIGURE)
+        assert not bag.exists()
+        change(observer, Transition.TRANSITION_ACTIVATE)
+
+        def heard_something() -> bool:
+            other.publish(wrench_bytes(4))
+            publisher.publish(wrench_bytes(5))
+            return any(value not in ("", "0") for value in received(observer))
+
+        assert spin_until(observer, heard_something)
+        change(observer, Transition.TRANSITION_DEACTIVATE)
+        found = messages(bag)  # while the process lives
+        assert list(found) == ["/tool_1/wrench"]
+        assert found["/tool_1/wrench"][0][1] == wrench_bytes(5)
+        end(process, signal.SIGINT)
+
+
+def test_what_was_recorded_outlives_a_killed_recorder(tmp_path: Path) -> None:
+    # everything received more than a flush period before the end is on the disk
+    bag = tmp_path / "bag"
+    with recorder(bag) as process:
+        publish_burst(COUNT, RATE)
+        wait_for_size(bag / "bag.mcap", COUNT * 4 * 50)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait(10)
+    assert not (bag / "metadata.yaml").exists()
+    assert mcap_repair.repair(bag / "bag.mcap", tmp_path / "repaired.mcap")
+    found: dict[str, int] = {}
+    with Reader(tmp_path / "repaired.mcap") as reader:
+        for connection in reader.connections:
+            found[connection.topic] = sum(1 for _ in reader.messages([connection]))
+    # the publisher took COUNT / RATE = 2.5 s; at most the last second can be missing
+    assert found["/tool_1/wrench"] >= COUNT - 1.5 * RATE
+
+
+# -- observing -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def observer() -> Iterator[Node]:
+    rclpy.init()
+    node = rclpy.create_node("observer")
+    node.heard = []  # type: ignore[attr-defined]
+    node.create_subscription(DiagnosticArray, "/diagnostics", lambda m: node.heard.extend(m.status), 10)
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def heard(node: Any) -> list[str]:
+    return [status.message for status in node.heard]
+
+
+def received(node: Any) -> list[str]:
+    return [item.value for status in node.heard for item in status.values if item.key == "received"]
+
+
+def spin_until(node: Node, condition: Callable[[], Any], timeout: float = 20.0) -> bool:
+    deadline = time.monotonic() + timeout
+    while not condition() and time.monotonic() < deadline:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    return bool(condition())
+
+
+def change(node: Node, transition: int) -> None:
+    client = node.create_client(ChangeState, "recorder/change_state")
+    assert client.wait_for_service(20.0)
+    request = ChangeState.Request(transition=Transition(id=transition))
+    future = client.call_async(request)
+    assert spin_until(node, future.done)
+    assert future.result().success
+
+
+def wait_for_size(path: Path, size: int, timeout: float = 20.0) -> None:
+    deadline = time.monotonic() + timeout
+    while not (path.exists() and path.stat().st_size >= size):
+        assert time.monotonic() < deadline, "the recorder does not write"
+        time.sleep(0.05)

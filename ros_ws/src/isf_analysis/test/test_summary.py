@@ -1,0 +1,80 @@
+"""The JSON object of a part: complete, of the same numbers as the metrics, without NaN."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from isf_analysis.deviation import compare
+from isf_analysis.force_metrics import force_metrics
+from isf_analysis.summary import summary
+from isf_core.errors import ErrorCode
+from synthetic_part import make_part
+
+PART = make_part(contours=6)
+REFERENCE = make_part(contours=6, correction="none")
+
+
+def test_the_numbers_are_those_of_the_metrics_in_the_units_of_their_names() -> None:
+    numbers = summary(PART, bag="runs/x/bag", report="runs/x/report.html")
+    assert PART.scan is not None
+    assert PART.target is not None
+    deviation = compare(PART.scan, PART.target)
+    metrics = force_metrics(PART.results, PART.control_rate)
+    assert metrics is not None
+    assert numbers["deviation"]["max_mm"] == pytest.approx(1e3 * deviation.whole.max_abs)
+    assert numbers["deviation"]["mean_abs_mm"] == pytest.approx(1e3 * deviation.whole.mean_abs)
+    assert numbers["deviation"]["rms_mm"] == pytest.approx(1e3 * deviation.whole.rms)
+    assert numbers["deviation"]["regions"]["rim"]["mean_mm"] == pytest.approx(1e3 * deviation.regions["rim"].mean)
+    assert numbers["force"]["set_N"] == 120.0
+    assert numbers["force"]["p999_abs_error_N"] == metrics.p999_abs_error
+    assert numbers["force"]["within_10N_fraction"] == metrics.within_band
+    assert (numbers["contours"], numbers["contours_planned"]) == (6, 6)
+    assert (numbers["ticks"], numbers["late_ticks"], numbers["lost_messages"]) == (PART.ticks, 3, 0)
+    assert (numbers["sim_s"], numbers["wall_s"]) == (PART.sim_time, 71.25)
+    assert (numbers["correction"], numbers["world"], numbers["seed"]) == ("analytic", 0, 3)
+    assert (numbers["bag"], numbers["report"]) == ("runs/x/bag", "runs/x/report.html")
+    assert numbers["complete"]
+    assert numbers["failure"] is numbers["reference"] is numbers["improvement"] is None
+
+
+def test_improvement_is_the_errors_before_over_after() -> None:
+    numbers = summary(PART, REFERENCE)
+    before = summary(REFERENCE)["deviation"]
+    assert numbers["reference"]["deviation"] == before
+    assert numbers["improvement"]["max"] == pytest.approx(before["max_mm"] / numbers["deviation"]["max_mm"])
+    assert numbers["improvement"]["mean_abs"] > 3  # 5.4 mm against 1.3 mm of springback in the synthetic part
+
+
+def test_everything_is_json_without_nan() -> None:
+    assert PART.scan is not None
+    blind = replace(PART, scan=replace(PART.scan, z=np.where(PART.scan.z < -20e-3, np.nan, PART.scan.z)))
+    text = json.dumps(summary(blind, REFERENCE), allow_nan=False)
+    assert json.loads(text)["job"] == "cone"
+
+
+def test_a_part_that_ended_early_tells_its_code() -> None:
+    numbers = summary(make_part(contours=6, stop_after=2))
+    assert not numbers["complete"]
+    assert numbers["contours"] == 2
+    assert numbers["failure"]["code"] == ErrorCode.WRENCH_NOT_FINITE
+    assert "contour 2" in numbers["failure"]["message"]
+
+
+def test_contours_that_were_never_reported_make_a_part_incomplete() -> None:
+    numbers = summary(replace(PART, results=PART.results[:3]))
+    assert numbers["failure"]["code"] == 0
+    assert "3 of 6" in numbers["failure"]["message"]
+
+
+def test_a_fault_of_the_machine_is_the_failure_when_no_result_tells_one() -> None:
+    faulted = replace(PART, results=PART.results[:3], faults=((1405, "force limit of tool_1"),))
+    assert summary(faulted)["failure"] == {"code": 1405, "message": "force limit of tool_1"}
+
+
+def test_without_scan_or_force_control_those_parts_are_null() -> None:
+    numbers = summary(replace(make_part(process="SPIF", support_force=0.0, contours=3), scan=None), REFERENCE)
+    assert numbers["deviation"] is numbers["force"] is numbers["improvement"] is None
+    json.dumps(numbers, allow_nan=False)
