@@ -39,7 +39,7 @@ def parse(text: str, unit: str) -> float:
     import pint
 
     try:
-        quantity = _registry().Quantity(text)
+        quantity: Any = _registry().Quantity(text)
         if not isinstance(quantity, pint.Quantity):
             quantity = _registry().Quantity(quantity)
         value = float(quantity.to(unit).magnitude)
