@@ -29,7 +29,7 @@ python_candidates() {
     return
   fi
   for minor in 12 11 13 14 10; do
-    for path in "/usr/bin/python3.$minor" "${PYENV_ROOT:-${HOME:-/root}/.pyenv}/versions/3.$minor".*/bin/python; do
+    for path in "/usr/bin/python3.$minor" "${PYENV_ROOT:-${HOME:-}/.pyenv}/versions/3.$minor".*/bin/python; do
       if [ -x "$path" ]; then
         echo "$path"
       fi
