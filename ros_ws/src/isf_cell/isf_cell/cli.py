@@ -162,8 +162,7 @@ def main() -> None:
         terminal.show_error(error, as_json=as_json and not isinstance(error, ReportedError))
         sys.exit(exit_for(error.code))
     except KeyboardInterrupt:
-        error = IsfError(ErrorCode.CANCELLED, "stopped by the operator")
-        terminal.show_error(error, as_json=as_json)
+        terminal.show_error(IsfError(ErrorCode.CANCELLED, "stopped by the operator"), as_json=as_json)
         sys.exit(Exit.CANCELLED)
     except Exception as fault:  # the last line of defence: a sentence instead of a traceback
         if os.environ.get("ISF_TRACEBACK"):

@@ -57,7 +57,7 @@ def form(
     method = make_method(options.method(job_file), job_file)
     controller = ForceController(ControlConfig.from_job(job_file, support_force=options.support_force))
     sample = machine.sample()
-    controller.arm(part_plan.plan_id, 0, len(part_plan.contours), sample.tip_1, sample.tip_2)
+    controller.arm(part_plan.plan_id, 0, len(part_plan.contours), sample.tip_1.tolist(), sample.tip_2.tolist())
 
     history = _History()
     for nominal in part_plan.contours:
@@ -108,7 +108,7 @@ def _form_contour(
     corrected = apply(nominal, correction)
     controller.start(corrected)
     while controller.busy:
-        targets = controller.tick(sample.tick, sample.time, sample.wrench_1, sample.wrench_2)
+        targets = controller.tick(sample.tick, sample.time, sample.wrench_1.tolist(), sample.wrench_2.tolist())
         sample = machine.tick(targets.tip_1, targets.tip_2)
     result = controller.take_result()
     if result is None:

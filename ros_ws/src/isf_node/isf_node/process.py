@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import rclpy
 from isf_core.errors import IsfError
@@ -29,9 +30,9 @@ def spin(node: Node) -> None:
         executor.remove_node(node)
 
 
-def run(make_node: Callable[[], CellNode], args: list[str] | None = None) -> int:
+def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None) -> int:
     """Run one node in this process; returns the exit code."""
-    node: CellNode | None = None
+    node: CellNode[Any] | None = None
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.ALL)
     try:
         node = make_node()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
@@ -64,7 +65,7 @@ def _job_of(part: Path, unit: str | None) -> JobFile:
     return JobFile(text, part.resolve().parent, str(part))
 
 
-def _numbers(result: Plan) -> dict[str, object]:
+def _numbers(result: Plan) -> dict[str, Any]:
     contours = result.contours
     lengths = np.array([contour.arc_length()[-1] for contour in contours])
     return {
