@@ -121,9 +121,7 @@ def _draw_over_time(axes: Axes, results: Sequence[ContourResult]) -> None:
     else:
         _fill_bins(axes, edges, time, force, style.PART, "measured, least to most")
     if controlled:
-        set_point = float(
-            np.median(np.concatenate([r.tick_set_point[engaged(r)] for r in controlled] or [np.zeros(1)]))
-        )
+        set_point = _usual_set_point(controlled)
         axes.axhspan(set_point - BAND, set_point + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0, zorder=1)
         axes.axhline(
             set_point,
@@ -181,6 +179,14 @@ def _draw_spread(axes: Axes, number: Array, values: Sequence[Array]) -> None:
     axes.plot(number, quantiles[:, 2], linestyle="none", marker="o", markersize=3.6, color=style.INK, label="median")
     _contour_axis(axes, number)
     style.legend_above(axes, 4)
+
+
+def _usual_set_point(controlled: Sequence[ContourResult]) -> float:
+    """N, median over the ticks in full control; the largest of the ramps when the loop never got that far."""
+    values = np.concatenate([result.tick_set_point[engaged(result)] for result in controlled])
+    if len(values):
+        return float(np.median(values))
+    return max(float(np.nanmax(result.tick_set_point, initial=0.0)) for result in controlled)
 
 
 def _fill_bins(axes: Axes, edges: Array, time: Array, force: Array, colour: str, label: str) -> None:

@@ -42,11 +42,13 @@ def write_report(
     *,
     reference: PartRecord | None = None,
     bag: Path | str | None = None,
+    failure: IsfError | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Report:
     """Write report.html, its PNG files and summary.json into ``folder``, which is made when it does not exist.
 
-    ``reference`` is the uncorrected part; ``bag`` is named in the numbers; ``progress`` hears what is being done.
+    ``reference`` is the uncorrected part; ``bag`` is named in the numbers; ``failure`` is what ended the run when the
+    record itself does not tell (a node that died, the operator); ``progress`` hears what is being done.
 
     Raises
     ------
@@ -59,6 +61,9 @@ def write_report(
     reference_deviation = deviation_of(reference) if reference is not None else None
     html = folder / HTML_NAME
     numbers = summarise(record, deviation, reference, reference_deviation, bag=bag, report=html)
+    if failure is not None:
+        numbers["complete"] = False
+        numbers["failure"] = {"code": int(failure.code), "message": failure.message}
     pictures = figures.draw(record, deviation, reference, reference_deviation, tell)
     tell("writing the report")
     page = render(record, numbers, pictures)

@@ -19,8 +19,8 @@ from isf_analysis.summary import summary
 from isf_core.errors import ErrorCode, IsfError
 from synthetic_part import make_part
 
-PART = make_part(contours=5)
-REFERENCE = make_part(contours=5, correction="none")
+PART = make_part(spacing=2.5e-3, contours=5)
+REFERENCE = make_part(spacing=2.5e-3, contours=5, correction="none")
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -126,17 +126,21 @@ def test_constants_come_with_unit_and_source(report: Report) -> None:
 CASES: dict[str, tuple[PartRecord, set[str], str]] = {
     "without reference": (PART, {"deviation_compare"}, "No reference"),
     "without force control": (
-        make_part(contours=3, process="SPIF", support_force=0.0, correction="none"),
+        make_part(spacing=2.5e-3, contours=3, process="SPIF", support_force=0.0, correction="none"),
         {"deviation_compare", "corrections", "support_force"},
         "no force control in this part",
     ),
     "position control": (
-        make_part(contours=3, support_force=0.0, correction="none"),
+        make_part(spacing=2.5e-3, contours=3, support_force=0.0, correction="none"),
         {"deviation_compare", "corrections"},
         "position controlled",
     ),
-    "stopped": (make_part(contours=5, stop_after=3), {"deviation_compare"}, "Part not complete"),
-    "stopped at once": (make_part(contours=5, stop_after=0), {"deviation_compare"}, "0 of 5 contours formed"),
+    "stopped": (make_part(spacing=2.5e-3, contours=5, stop_after=3), {"deviation_compare"}, "Part not complete"),
+    "stopped at once": (
+        make_part(spacing=2.5e-3, contours=5, stop_after=0),
+        {"deviation_compare"},
+        "0 of 5 contours formed",
+    ),
     "without scan": (
         replace(PART, scan=None, notes=("not in the bag: scan",)),
         {"deviation_compare", "deviation_map", "section_x", "section_45", "regions"},
@@ -167,9 +171,16 @@ def test_a_report_of_less_has_the_rest_and_says_so(case: str, report: Report, tm
 
 
 def test_a_part_that_ended_early_says_so_before_any_number(tmp_path: Path) -> None:
-    html = write_report(make_part(contours=5, stop_after=3), tmp_path).html.read_text(encoding="utf-8")
+    html = write_report(make_part(spacing=2.5e-3, contours=5, stop_after=3), tmp_path).html.read_text(encoding="utf-8")
     banner = html.index("1201 WRENCH_NOT_FINITE")
     assert banner < html.index('<div class="cards">')
+
+
+def test_a_failure_that_no_message_carried_is_told_too(tmp_path: Path) -> None:
+    died = IsfError(ErrorCode.NODE_DIED, "node 'springback' gives no sign of life")
+    report = write_report(replace(PART, scan=None), tmp_path, failure=died)
+    assert not report.numbers["complete"]
+    assert "1502 NODE_DIED: node 'springback' gives no sign of life" in " ".join(page_of(report).text.split())
 
 
 def test_what_a_job_says_is_text_not_markup(tmp_path: Path) -> None:
