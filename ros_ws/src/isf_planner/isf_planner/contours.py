@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 GOUGE_TOLERANCE = 20e-6
 """m, how deep a planned tip may cut into the target."""
 
+SETTLED_POINTS = 200
+"""Fewest points with which a loop is brought to its level before it gets its final points."""
+
 FLATTEST = 0.02
 """Smallest slope used to step towards the level line; on flatter ground the steps are limited anyway."""
 
@@ -51,7 +54,8 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
     IsfError : CONTOUR_LOST when a tip would cut more than 20 um into the target
     """
     radius, spacing = job.tool_1.radius, job.path.point_spacing
-    points = resampling.resample(rough, spacing, start)
+    # the loop is settled with more points than it gets in the end, so that its chords follow it also in sharp turns
+    points = resampling.resample(rough, min(spacing / 2, resampling.perimeter(rough) / SETTLED_POINTS), start)
     points, _, _ = _settle(surface, points, level, radius, steps=3)
     points = resampling.with_equal_chords(points, spacing, start)
     points, contact, height = _settle(surface, points, level, radius, steps=2)

@@ -143,7 +143,9 @@ class PlannerNode(CellNode[PlannerParameters]):
         tips = (forming, support) if made.contours[0].forming_tool == 1 else (support, forming)
         for publisher, tip in zip(self._paths, tips, strict=True):
             publisher.publish(path_to_message(tip, stamp, self._parameters.path_poses))
-        self._markers.publish(MarkerArray(markers=[self._marker(contour, stamp) for contour in made.contours]))
+        markers = [self._marker(contour, stamp) for contour in made.contours]
+        # viewers keep markers by number: those of an earlier plan with more contours would stay
+        self._markers.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL), *markers]))
 
     def _marker(self, contour: Contour, stamp: Any) -> Marker:
         marker = Marker(type=Marker.LINE_STRIP, action=Marker.ADD, ns="contours", id=contour.index)

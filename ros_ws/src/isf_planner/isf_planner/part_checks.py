@@ -80,8 +80,7 @@ def check_reach(surface: TargetSurface, tip_height: Array, depth: float, radius:
     """
     row, column = np.unravel_index(int(np.argmin(surface.z)), surface.z.shape)
     deepest = np.array([surface.x[column], surface.y[row]])
-    height, _ = tip_surface.drop_tool(surface, deepest[None], radius)
-    missing = min(float(height[0]), float(tip_height.min())) + depth
+    missing = tip_surface.lowest_tip(surface, tip_height, radius) + depth
     if missing > REACH_TOLERANCE:
         raise IsfError(
             ErrorCode.PART_TOO_SMALL_FOR_TOOL,
@@ -115,7 +114,7 @@ def check_travel(contours: tuple[Contour, ...], rig: Rig) -> None:
 
 
 def check_support(contours: tuple[Contour, ...], surface: TargetSurface, job: Job) -> tuple[str, ...]:
-    """Warning where the support ball is too large for a convex fillet and presses beside its contact."""
+    """Warning where the support ball is too large for the curvature and presses beside its contact."""
     if job.tool_2 is None or not contours or not contours[0].has_support:
         return ()
     stride = tip_surface.STRIDE
@@ -134,5 +133,5 @@ def check_support(contours: tuple[Contour, ...], surface: TargetSurface, job: Jo
         return ()
     return (
         f"contour {index} at {place_text(place)}: the support tool of radius {radius * 1e3:.2f} mm is too large for "
-        f"the fillet above it and presses {deepest * 1e3:.2f} mm deeper beside its contact",
+        f"the curvature there and presses {deepest * 1e3:.2f} mm deeper beside its contact",
     )

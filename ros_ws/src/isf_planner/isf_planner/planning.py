@@ -22,7 +22,7 @@ Progress = Callable[[str, float], None]
 Cancelled = Callable[[], bool]
 
 BOTTOM_SHARES = (0.05, 0.1, 0.2, 0.4)
-"""Parts of the incremental depth by which the last level is raised when the bottom is a dome without a floor."""
+"""Parts of the last step by which the last level is raised when the bottom is a dome without a floor."""
 
 
 @dataclass(frozen=True)
@@ -104,14 +104,19 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
 
     loops: list[TipLoop] = []
     levels = slicing.levels(part.depth, job.path.incremental_depth)
-    for index, level in enumerate(levels):
+    for index, level in enumerate(levels[:-1]):
         step(f"contour {index + 1} of {len(levels)}", 0.4 + 0.5 * index / len(levels))
-        rough = slicing.loop_at(x, y, height, float(level)) if index < len(levels) - 1 else None
-        if rough is None:
-            level, rough, raised = _bottom(x, y, height, float(level), job_file)
-            warnings += raised
+        rough = slicing.loop_at(x, y, height, float(level))
         start = loops[-1].start if loops else resampling.first_start(rough)
         loops.append(tip_loop(surface, rough, float(level), job, start))
+    step(f"contour {len(levels)} of {len(levels)}", 0.9 - 0.5 / len(levels))
+    lowest, bottom = _bottom(x, y, height, levels, job.path.point_spacing)
+    if bottom is not None:
+        start = loops[-1].start if loops else resampling.first_start(bottom)
+        loops.append(tip_loop(surface, bottom, lowest, job, start))
+    if lowest > levels[-1]:
+        above = (lowest - float(levels[-1])) * 1e3
+        warnings.append(f"the bottom has no floor: the last contour runs {above:.3f} mm above the deepest point")
 
     step("tools", 0.9)
     plan_id = _identify(job_file)
@@ -123,23 +128,31 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     return Plan(plan_id, contours, target, (part.mesh.vertices, part.mesh.faces), tuple(warnings))
 
 
-def _bottom(x: Array, y: Array, height: Array, level: float, job_file: JobFile) -> tuple[float, Array, list[str]]:
-    """Level, rough loop and warnings of the last contour: at the full depth, or just above the bottom of a dome."""
-    path = job_file.job.path
-    shortest = resampling.FEWEST_POINTS * path.point_spacing
+def _bottom(x: Array, y: Array, height: Array, levels: Array, spacing: float) -> tuple[float, Array | None]:
+    """Level (m) and rough loop of the last contour: at the full depth, or just above the bottom of a dome.
+
+    No loop when none is long enough above the last level but one, which then is the lowest.
+    """
+    shortest = resampling.FEWEST_POINTS * spacing
+    above = float(levels[-2]) if len(levels) > 1 else 0.0
     for share in (0.0, *BOTTOM_SHARES):
-        raised = level + share * path.incremental_depth
+        level = float(levels[-1]) + share * (above - float(levels[-1]))
         try:
-            rough = slicing.loop_at(x, y, height, raised)
+            rough = slicing.loop_at(x, y, height, level)
         except IsfError as error:
-            if error.code is not ErrorCode.CONTOUR_LOST or share == BOTTOM_SHARES[-1]:
-                raise
-            continue
-        if resampling.perimeter(rough) >= shortest or share == BOTTOM_SHARES[-1]:
-            break
-    above = share * path.incremental_depth * 1e3
-    text = f"the bottom has no floor: the last contour runs {above:.3f} mm above the deepest point"
-    return raised, rough, [text] if share else []
+            if error.code is ErrorCode.CONTOUR_LOST:
+                continue
+            raise
+        if resampling.perimeter(rough) >= shortest:
+            return level, rough
+    if len(levels) == 1:
+        raise IsfError(
+            ErrorCode.PART_TOO_SMALL_FOR_TOOL,
+            f"no contour of {resampling.FEWEST_POINTS} points fits into the part",
+            where=f"level {levels[-1] * 1e3:.3f} mm",
+            advice="reduce path.point_spacing or path.incremental_depth",
+        )
+    return above, None
 
 
 def _identify(job_file: JobFile) -> str:

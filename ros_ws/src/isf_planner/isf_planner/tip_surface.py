@@ -35,6 +35,24 @@ def tip_grid(surface: TargetSurface, radius: float) -> tuple[Array, Array, Array
     return surface.x[::STRIDE], surface.y[::STRIDE], height
 
 
+def lowest_tip(surface: TargetSurface, tip_height: Array, radius: float) -> float:
+    """m, lowest height the tip can reach anywhere; ``tip_height`` as from :func:`tip_grid`.
+
+    The lowest node of the grid is refined twice: a tip resting between two walls rises with their slope beside the
+    best place, so that this has to be found to a small part of the pitch.
+    """
+    row, column = np.unravel_index(int(np.argmin(tip_height)), tip_height.shape)
+    place = np.array([surface.x[::STRIDE][column], surface.y[::STRIDE][row]])
+    lowest = float(tip_height[row, column])
+    for step in (1.0, 0.1):
+        square = np.arange(-STRIDE, STRIDE + 1) * 2 * step * surface.pitch
+        points = place + np.stack(np.meshgrid(square, square), axis=-1).reshape(-1, 2)
+        height, _ = drop_tool(surface, points, radius)
+        best = int(np.argmin(height))
+        place, lowest = points[best], min(lowest, float(height[best]))
+    return lowest
+
+
 def unreached(surface: TargetSurface, tip_height: Array, radius: float, tolerance: float) -> tuple[float, Array]:
     """Most material (m) that the ball leaves above the target because it does not fit there, and the place (3,) m.
 

@@ -101,9 +101,9 @@ def test_ball_touches_the_facets_and_does_not_cut_them() -> None:
 
 
 def _distance(mesh: Mesh, point: NDArray[np.float64]) -> float:
-    corners = mesh.corners()
-    closest = trimesh.triangles.closest_point(corners, np.broadcast_to(point, (len(corners), 3)))
-    return float(np.linalg.norm(closest - point, axis=1).min())
+    corners = mesh.corners() * 1e3  # mm: closest_point compares with fixed tolerances
+    closest = trimesh.triangles.closest_point(corners, np.tile(point * 1e3, (len(corners), 1)))
+    return float(np.linalg.norm(closest - point * 1e3, axis=1).min()) * 1e-3
 
 
 def test_unreached_material_of_a_fillet_that_is_too_small() -> None:

@@ -1,0 +1,65 @@
+"""The example jobs: planned without a warning, as documented; and the parts are what the script makes."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+import trimesh
+from isf_core.job import load_job
+from isf_planner import plan
+from planner_parts import EXAMPLES
+
+NAMES = ("ren_cone", "ren_pyramid", "spif_cone", "mini_cone")
+
+
+@pytest.fixture(scope="module")
+def make_parts() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_parts", EXAMPLES / "make_parts.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["make_parts"] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_parts: ModuleType) -> None:
+    path = EXAMPLES / "parts" / f"{name}.stl"
+    assert path.stat().st_size < 400_000
+    stored = trimesh.load_mesh(path, process=False)
+    made = make_parts.make(make_parts.PARTS[name])
+    # single precision of the file: 1e-7 of up to 57 mm
+    np.testing.assert_allclose(stored.triangles, made.triangles, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "angle", "depth", "contours"),
+    [("ren_cone", 50, 21, 42), ("ren_pyramid", 50, 20, 40), ("spif_cone", 45, 15, 30), ("mini_cone", 45, 5, 10)],
+)
+def test_examples_are_planned_without_a_warning(name: str, angle: float, depth: float, contours: int) -> None:
+    result = plan(load_job(EXAMPLES / "jobs" / f"{name}.yaml"))
+    assert result.warnings == ()
+    assert len(result.contours) == contours
+    assert result.contours[-1].forming_tip[:, 2] == pytest.approx(-depth * 1e-3, abs=1e-9)
+    assert np.degrees(result.largest_wall_angle) == pytest.approx(angle, abs=0.5)
+    for contour in result.contours:
+        step = np.linalg.norm(np.roll(contour.forming_tip, -1, axis=0) - contour.forming_tip, axis=1)
+        assert np.abs(step / step.mean() - 1).max() < 0.02
+
+
+def test_straight_walls_of_the_pyramid() -> None:
+    """Plane wall of 50 deg: the tip of a ball whose centre is at z runs (R - z cos) / sin inside the opening line."""
+    radius, half, angle = 5e-3, 40e-3, np.radians(50)
+    for contour in plan(load_job(EXAMPLES / "jobs" / "ren_pyramid.yaml")).contours[10:34]:
+        tip = contour.forming_tip
+        side = (tip[:, 0] > 0) & (np.abs(tip[:, 1]) < 10e-3)  # the straight part is 36 mm long
+        z = tip[0, 2] + radius
+        inside = (radius - z * np.cos(angle)) / np.sin(angle)
+        # planes have no chord error; the drop errs by up to 2 um, single precision of the file by 0.01 um
+        np.testing.assert_allclose(tip[side, 0], half - inside, atol=4e-6)
+        np.testing.assert_allclose(contour.wall_angle[side], angle, atol=np.radians(0.5))

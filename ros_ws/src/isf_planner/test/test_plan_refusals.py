@@ -1,0 +1,148 @@
+"""Jobs that cannot be planned: every refusal has its code, a place and an advice; and what is only warned of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile
+from isf_planner import plan
+from planner_parts import Cone, grid_mesh, job_for, revolve, write
+
+
+def refusal(job_file: JobFile) -> IsfError:
+    with pytest.raises(IsfError) as caught:
+        plan(job_file)
+    assert caught.value.where
+    assert caught.value.advice
+    assert caught.value.code.owner == "planner"
+    return caught.value
+
+
+@pytest.mark.parametrize("process", ["TPIF", "ADSIF"])
+def test_processes_that_are_not_planned_yet(process: str, tmp_path: Path) -> None:
+    error = refusal(job_for(write(Cone().mesh(50e-6), tmp_path / "cone.stl"), process=process))
+    assert error.code is ErrorCode.PROCESS_NOT_SUPPORTED
+    assert process in error.what
+
+
+def test_wrong_unit_is_told_before_anything_else(tmp_path: Path) -> None:
+    path = write(Cone().mesh(50e-6), tmp_path / "cone.stl")
+    assert refusal(job_for(path, unit="m")).code is ErrorCode.MESH_UNIT_SUSPECT
+    assert refusal(job_for(write(Cone().mesh(50e-6), path, 1.0))).code is ErrorCode.MESH_UNIT_SUSPECT
+
+
+def test_part_larger_than_the_clamp(tmp_path: Path) -> None:
+    # clamp 250 mm, tool 5 mm: formed radius may be 120 mm; entry fillet begins 2.5 mm outside of the opening
+    assert refusal(job_for(write(Cone(opening=0.119).mesh(50e-6), tmp_path / "a.stl"))).code is (
+        ErrorCode.PART_DOES_NOT_FIT
+    )
+    plan(job_for(write(Cone(opening=0.116).mesh(50e-6), tmp_path / "b.stl"), depth="4 mm"))
+
+
+def test_part_deeper_than_the_travel(tmp_path: Path) -> None:
+    # travel of the rig in z: 110 mm
+    deep = Cone(opening=0.06, angle=np.radians(75), depth=0.112, floor=8e-3)
+    error = refusal(job_for(write(deep.mesh(50e-6), tmp_path / "a.stl"), depth="4.9 mm"))
+    assert error.code is ErrorCode.PART_DOES_NOT_FIT
+    assert "travel" in error.what
+
+
+def test_wall_beyond_the_limit_of_the_sheet(tmp_path: Path) -> None:
+    path = write(Cone(angle=np.radians(60)).mesh(10e-6), tmp_path / "cone.stl")
+    error = refusal(job_for(path, limit="55 deg"))
+    assert error.code is ErrorCode.WALL_TOO_STEEP
+    assert "60.0 deg" in error.what
+    # the place is on the straight wall
+    z = float(error.where.split("z = ")[1].split()[0]) * 1e-3
+    steep = Cone(angle=np.radians(60))
+    assert steep.floor_begin - 0.1e-3 <= z <= steep.entry_end + 0.1e-3
+
+
+def test_limit_of_the_material_is_used_when_the_job_has_none(tmp_path: Path) -> None:
+    path = write(Cone(angle=np.radians(70)).mesh(50e-6), tmp_path / "cone.stl")
+    text = job_for(path).text.replace("wall_angle_limit: 80 deg\n", "")
+    error = refusal(JobFile(text, tmp_path))  # AA5754-O: 66 deg
+    assert error.code is ErrorCode.WALL_TOO_STEEP
+    assert "66.0 deg" in error.what
+
+
+def test_wall_near_the_limit_is_warned_of(tmp_path: Path) -> None:
+    path = write(Cone().mesh(50e-6), tmp_path / "cone.stl")
+    (warning,) = plan(job_for(path, limit="46 deg", depth="3 mm")).warnings
+    assert "45.0 deg steep" in warning
+    assert plan(job_for(path, limit="50 deg", depth="3 mm")).warnings == ()  # 45 is 90 % of it
+
+
+def test_pocket_in_which_the_tool_does_not_reach_the_bottom(tmp_path: Path) -> None:
+    """A spherical bottom of 4 mm under a ball of 5 mm: the ball rests on the wall above it."""
+    bowl, angle = 4e-3, np.radians(60)
+    turn = np.linspace(angle, 0.02, 30)
+    lower = np.column_stack([bowl * np.sin(turn), -bowl * np.cos(turn)])
+    rise = 10e-3
+    upper = lower[0] + np.array([[rise / np.tan(angle), rise]])
+    profile = np.vstack([upper + [8e-3, 0.0], upper, lower]) - [0.0, upper[0, 1]]
+    error = refusal(job_for(write(revolve(profile, 180), tmp_path / "pit.stl")))
+    assert error.code is ErrorCode.PART_TOO_SMALL_FOR_TOOL
+    # both spheres touch the cone of 60 deg: the larger one's centre is (R - r) / cos higher, its tip R - r less
+    missing = (5.0 - 4.0) * (1 / np.cos(angle) - 1)
+    told = float(error.what.split(" stops ")[1].split()[0])
+    assert told == pytest.approx(missing, abs=0.03)  # facets, and the bottom is cut off at 0.02 rad
+
+
+def test_floor_fillet_smaller_than_the_tool_is_warned_of(tmp_path: Path) -> None:
+    path = write(Cone(floor=1.5e-3).mesh(10e-6), tmp_path / "cone.stl")
+    (warning,) = plan(job_for(path, depth="2 mm", process="SPIF")).warnings
+    assert "smaller than the tool" in warning
+    assert "z = -1" in warning  # at the floor, -12 mm, or just above
+
+
+def test_entry_fillet_too_tight_for_the_support_tool_is_warned_of(tmp_path: Path) -> None:
+    path = write(Cone(entry=2e-3).mesh(10e-6), tmp_path / "cone.stl")
+    (warning,) = plan(job_for(path, depth="1 mm")).warnings
+    assert "support tool" in warning
+    assert plan(job_for(path, depth="2 mm", process="SPIF")).warnings == ()
+
+
+def test_part_beside_the_centre_is_placed_and_told(tmp_path: Path) -> None:
+    centred = plan(job_for(write(Cone().mesh(50e-6), tmp_path / "a.stl"), depth="3 mm"))
+    moved = plan(
+        job_for(write(Cone().mesh(50e-6).moved(np.array([0.3, 0.1, -0.05])), tmp_path / "b.stl"), depth="3 mm")
+    )
+    assert "moved by" in moved.warnings[0]
+    for a, b in zip(centred.contours, moved.contours, strict=True):
+        np.testing.assert_allclose(a.forming_tip, b.forming_tip, atol=1e-6)  # single precision at 300 mm, Newton's rest
+
+
+def test_two_pockets_are_refused(tmp_path: Path) -> None:
+    x = np.linspace(-0.06, 0.06, 121)
+    gx, gy = np.meshgrid(x, x)
+    z = -8e-3 * (np.exp(-(((gx - 0.03) ** 2 + gy**2) / 0.012**2)) + np.exp(-(((gx + 0.03) ** 2 + gy**2) / 0.012**2)))
+    error = refusal(job_for(write(grid_mesh(x, x, np.where(np.hypot(gx, gy) > 0.058, 0, z)), tmp_path / "two.stl")))
+    assert error.code is ErrorCode.PROCESS_NOT_SUPPORTED
+    assert "2 separate loops" in error.what
+
+
+def test_progress_rises_and_names_the_contours(tmp_path: Path) -> None:
+    path = write(Cone().mesh(50e-6), tmp_path / "cone.stl")
+    told: list[tuple[str, float]] = []
+    plan(job_for(path, depth="3 mm"), progress=lambda phase, share: told.append((phase, share)))
+    shares = [share for _, share in told]
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+    assert "contour 4 of 4" in [phase for phase, _ in told]
+
+
+def test_cancelling_between_two_contours(tmp_path: Path) -> None:
+    path = write(Cone().mesh(50e-6), tmp_path / "cone.stl")
+    told: list[str] = []
+    with pytest.raises(IsfError) as caught:
+        plan(
+            job_for(path, depth="3 mm"),
+            progress=lambda phase, share: told.append(phase),
+            cancelled=lambda: "contour 2 of 4" in told,
+        )
+    assert caught.value.code is ErrorCode.PLAN_CANCELLED
+    assert told[-1] == "contour 2 of 4"
