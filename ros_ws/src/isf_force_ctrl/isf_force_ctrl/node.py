@@ -24,6 +24,7 @@ from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
 from isf_node.parameters import parameter
 from isf_node.watchdog import ReceiveWatchdog
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
 from isf_force_ctrl.control_config import ControlConfig
@@ -89,16 +90,19 @@ class ForceCtrlNode(CellNode[Parameters]):
         self._ticks = self._late_before = 0
         self._last_mode = Mode.IDLE
 
-        self._targets = [self.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM) for k in (1, 2)]
-        self._states = self.create_publisher(isf.ForceCtrlState, "force_ctrl/state", qos.STREAM)
-        self._results = self.create_publisher(isf.ContourResult, "contour/result", qos.EVENT)
+        # Each event handler is one more entity in every wait of the executor: a third of the time of a tick.
+        out: dict[str, Any] = {"event_callbacks": PublisherEventCallbacks(use_default_callbacks=False)}
+        into: dict[str, Any] = {"event_callbacks": SubscriptionEventCallbacks(use_default_callbacks=False)}
+        self._targets = [self.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM, **out) for k in (1, 2)]
+        self._states = self.create_publisher(isf.ForceCtrlState, "force_ctrl/state", qos.STREAM, **out)
+        self._results = self.create_publisher(isf.ContourResult, "contour/result", qos.EVENT, **out)
         subscriptions = [
-            self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM),
-            self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM),
-            self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR),
-            self.create_subscription(PoseStamped, "tool_2/pose", lambda m: self._on_pose(2, m), qos.SENSOR),
-            self.create_subscription(isf.MachineState, "machine/state", self._on_machine, qos.STREAM),
-            self.create_subscription(isf.Contour, "contour/corrected", self._on_contour, qos.LATCHED),
+            self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM, **into),
+            self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM, **into),
+            self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR, **into),
+            self.create_subscription(PoseStamped, "tool_2/pose", lambda m: self._on_pose(2, m), qos.SENSOR, **into),
+            self.create_subscription(isf.MachineState, "machine/state", self._on_machine, qos.STREAM, **into),
+            self.create_subscription(isf.Contour, "contour/corrected", self._on_contour, qos.LATCHED, **into),
         ]
         services = [
             self.create_service(Arm, "force_ctrl/arm", self._on_arm),
