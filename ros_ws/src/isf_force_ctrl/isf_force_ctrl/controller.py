@@ -393,8 +393,7 @@ class ForceController:
         """Fill the LEARNED column of a contour's rows from the contour before."""
         if self._previous is None or not len(self._previous[1]):
             return
-        config = self.config
-        places = np.array([row[0:2] for row in rows])
-        profile = expected_offset(places, *self._previous, round(config.learning_width * config.rate))
+        width = round(self.config.learning_width * self.config.rate)
+        profile = expected_offset(np.array([row[0:2] for row in rows]), *self._previous, width)
         for row, value in zip(rows, profile.tolist(), strict=True):
             row[11] = value
