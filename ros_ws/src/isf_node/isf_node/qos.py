@@ -12,6 +12,10 @@ def _profile(depth: int, reliability: ReliabilityPolicy, durability: DurabilityP
 STREAM = _profile(10, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
 """Wrenches, targets and states at or near the control rate."""
 
+STREAM_SOURCE = _profile(1000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
+"""The publishing side of STREAM: two seconds are kept until acknowledged, so that a recorder that is held up for a
+moment loses nothing; a controller's own queue stays short."""
+
 SENSOR = _profile(5, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
 """Decimated poses and the clock: the newest matters, a lost one does not."""
 

@@ -9,11 +9,15 @@ from isf_core.height_map import HeightMap
 from isf_msgs.msg import MachineState
 from isf_node import conversion, qos, stamps
 from isf_node.lifecycle import CellNode
+from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 
 from isf_sim.machine import MachineSample
+
+SCAN_PATIENCE = 5.0
+"""s of wall time for the subscribers of a scan to take it."""
 
 
 class MachineOutlet:
@@ -21,9 +25,9 @@ class MachineOutlet:
 
     def __init__(self, node: CellNode[Any], *, clock: bool) -> None:
         self._node = node
-        self._wrenches = [self._publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM) for k in (1, 2)]
+        self._wrenches = [self._publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM_SOURCE) for k in (1, 2)]
         self._poses = [self._publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
-        self._state = self._publisher(MachineState, "machine/state", qos.STREAM)
+        self._state = self._publisher(MachineState, "machine/state", qos.STREAM_SOURCE)
         self._scan = self._publisher(PointCloud2, "scan", qos.LATCHED)
         self._clock = self._publisher(Clock, "/clock", qos.SENSOR) if clock else None
         self._wrench_messages = [conversion.make_wrench() for _ in (1, 2)]
@@ -61,8 +65,9 @@ class MachineOutlet:
         self._state.publish(message)
 
     def scan(self, shape: HeightMap, nanoseconds: int) -> None:
-        """A measured shape."""
+        """A measured shape; returns when every reliable subscriber has it, so that the cell may be ended then."""
         self._scan.publish(conversion.height_map_to_message(shape, stamps.to_stamp(nanoseconds)))
+        self._scan.wait_for_all_acked(Duration(seconds=SCAN_PATIENCE))
 
     def _publisher(self, kind: Any, topic: str, profile: Any) -> Publisher[Any]:
         return self._node.create_publisher(kind, topic, profile)
