@@ -116,7 +116,7 @@ def _draw_over_time(axes: Axes, results: Sequence[ContourResult]) -> None:
         in_control = np.concatenate(
             [engaged(r) if has_set_point(r) else np.zeros(len(r.tick_time), bool) for r in results]
         )
-        _fill_bins(axes, edges, time, np.where(in_control, np.nan, force), "#aeb8c2", "ramps and approach")
+        _fill_bins(axes, edges, time, np.where(in_control, np.nan, force), "#aeb8c2", "ramps and position control")
         _fill_bins(axes, edges, time, np.where(in_control, force, np.nan), style.PART, "measured, in full control")
     else:
         _fill_bins(axes, edges, time, force, style.PART, "measured, least to most")

@@ -147,10 +147,12 @@ def _draw_map(axes: Axes, deviation: Deviation, target: HeightMap, limit: float)
         axes.plot(
             worst_x, worst_y, marker="o", markersize=8, markerfacecolor="none", markeredgecolor=style.INK, zorder=4
         )
+        right = worst_x > 0.5 * (x[0] + x[-1])  # the label goes towards the middle of the part
         axes.annotate(
-            f"{worst:+.2f} mm",
+            f"{worst:+.2f} mm".replace("-", "\N{MINUS SIGN}"),
             (worst_x, worst_y),
-            xytext=(9, 9),
+            xytext=(-9 if right else 9, 9),
+            horizontalalignment="right" if right else "left",
             textcoords="offset points",
             fontsize=11,
             weight="bold",
@@ -172,7 +174,7 @@ def _draw_target(axes: Axes, target: HeightMap) -> None:
     if deepest <= 0:
         return
     step = style.rounded_limit(deepest / 6)
-    levels = -np.arange(step, deepest, step)[::-1]
+    levels = -np.arange(step, 0.98 * deepest, step)[::-1]  # a line at the depth of a flat base is noise
     if len(levels):
         axes.contour(
             MM * target.x,

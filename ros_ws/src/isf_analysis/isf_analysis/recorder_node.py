@@ -71,7 +71,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._subscriptions_polled: list[Subscription] = []
         self._timer: Any = None
         self._received: dict[str, int] = {}
-        self._lost = 0
+        self._lost: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
 
     def configure(self) -> None:
@@ -82,7 +82,7 @@ class RecorderNode(CellNode[RecorderParameters]):
 
     def activate(self) -> None:
         self._received = {topic.name: 0 for topic in self._topics}
-        self._lost = 0
+        self._lost = {}
         self._sequence = {}
         names = [self.resolve_topic_name(topic.name) for topic in self._topics]
         recording = Recording(
@@ -125,7 +125,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         values: dict[str, object] = {
             "output": self._output,
             "received": sum(self._received.values()),
-            "lost": self._lost,
+            "lost": sum(self._lost.values()),
             "silent": ", ".join(silent),
         }
         if recording is not None:
@@ -169,7 +169,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         recording, self._recording = self._recording, None
         if recording is not None:
             recording.close()
-            lost = f", {self._lost} lost" if self._lost else ""
+            lost = "".join(f", {count} of {topic} lost" for topic, count in self._lost.items())
             print(f"recorded {recording.written} messages{lost} in {recording.path}", file=sys.stderr)
 
     def _count_gap(self, topic: str, number: int | None) -> None:
@@ -178,7 +178,7 @@ class RecorderNode(CellNode[RecorderParameters]):
             return
         last = self._sequence.get(topic)
         if last is not None and number > last + 1:
-            self._lost += number - last - 1
+            self._lost[topic] = self._lost.get(topic, 0) + number - last - 1
         self._sequence[topic] = number
 
 

@@ -162,7 +162,7 @@ def _reading(record: PartRecord, numbers: dict[str, Any]) -> str:
     if numbers["force"] is not None:
         items.append(
             "<b>Support force</b> is the raw reading of the load cell with its noise. It is judged only while the "
-            "loop is in full control: ramps at the start and end of contours are left out (grey in the figure)."
+            "loop is in full control: ramps, and contours under position control, are left out (grey in the figure)."
         )
     limits = [
         "The shape is measured <b>in the clamp</b> and not aligned to the target. Unclamping and trimming let the part "

@@ -24,7 +24,7 @@ Numbers = dict[str, Any]
 
 def number(value: float | None, digits: int = 2) -> str:
     """Number as text, a dash for an unknown one."""
-    return DASH if value is None else f"{value:.{digits}f}"
+    return DASH if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no -0.00
 
 
 def banners(numbers: Numbers, has_reference: bool) -> str:
@@ -79,29 +79,25 @@ def cards(numbers: Numbers) -> str:
 
 
 def region_table(numbers: Numbers) -> str:
-    """Deviation by region, of the reference and of this part."""
+    """Deviation by region: of the reference, where there is one, and of this part."""
     other = numbers["reference"]
     before = other["deviation"]["regions"] if other and other["deviation"] else None
-    regions = numbers["deviation"]["regions"]
-    keys = (
-        ("max_mm", "largest"),
-        ("mean_abs_mm", "mean"),
-        ("rms_mm", "rms"),
-        ("mean_mm", "signed mean"),
-        ("max_normal_mm", "largest, normal to the surface"),
-    )
-    head = ["region [mm]"] + [
-        f"{label}{' (uncorrected)' * which}" for _, label in keys for which in ((1, 0) if before else (0,))
-    ]
+    after = numbers["deviation"]["regions"]
+    keys = {
+        "max_mm": "largest",
+        "mean_abs_mm": "mean",
+        "rms_mm": "rms",
+        "mean_mm": "signed mean",
+        "max_normal_mm": "largest, normal to the surface",
+    }
     rows = []
     for name in REGIONS:
-        row = [REGION_LABELS[name]]
-        for key, _ in keys:
-            if before:
-                row.append(number(before[name][key]))
-            row.append(f"<b>{number(regions[name][key])}</b>" if before else number(regions[name][key]))
-        rows.append(row)
-    return table("Deviation by region", head, rows)
+        cells = [number(after[name][key]) for key in keys]
+        if before is not None:
+            cells = [f"{number(before[name][key])} → <b>{cell}</b>" for key, cell in zip(keys, cells, strict=True)]
+        rows.append([REGION_LABELS[name], *cells])
+    caption = "Deviation by region [mm]" + (", uncorrected → <b>this part</b>" if before is not None else "")
+    return table(caption, ["region", *keys.values()], rows)
 
 
 def force_table(force: Numbers) -> str:
