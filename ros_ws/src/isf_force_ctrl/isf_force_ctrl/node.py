@@ -93,7 +93,9 @@ class ForceCtrlNode(CellNode[Parameters]):
         # Each event handler is one more entity in every wait of the executor: a third of the time of a tick.
         out: dict[str, Any] = {"event_callbacks": PublisherEventCallbacks(use_default_callbacks=False)}
         into: dict[str, Any] = {"event_callbacks": SubscriptionEventCallbacks(use_default_callbacks=False)}
-        self._targets = [self.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM_SOURCE, **out) for k in (1, 2)]
+        self._targets = [
+            self.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM_SOURCE, **out) for k in (1, 2)
+        ]
         self._states = self.create_publisher(isf.ForceCtrlState, "force_ctrl/state", qos.STREAM_SOURCE, **out)
         self._results = self.create_publisher(isf.ContourResult, "contour/result", qos.EVENT, **out)
         subscriptions = [
