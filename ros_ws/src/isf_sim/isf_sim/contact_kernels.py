@@ -12,7 +12,7 @@ from isf_sim.surface import Surface, bilinear
 
 Array = NDArray[np.float64]
 
-PROBE_RAYS = 24
+PROBE_RAYS = 96
 PROBE_NEAR, PROBE_FAR = 0.95, 1.6
 """Radii (over the tool radius) between which the slope of the wall round the tool is taken."""
 
@@ -52,7 +52,8 @@ def probe_wall(surface: Surface, x: float, y: float, radius: float, out: Array) 
     The wrap is the integral of the slope round the tool over that of a straight wall of the same slope
     (> 1 in corners, 1 on a straight wall).
     """
-    vx = vy = steepest = integral = 0.0
+    vx = vy = integral = 0.0
+    slopes = np.empty(PROBE_RAYS)
     for k in range(PROBE_RAYS):
         angle = 2.0 * math.pi * k / PROBE_RAYS
         c, s = math.cos(angle), math.sin(angle)
@@ -62,17 +63,33 @@ def probe_wall(surface: Surface, x: float, y: float, radius: float, out: Array) 
         far = bilinear(
             surface.height, surface.x0, surface.y0, surface.h, x + PROBE_FAR * radius * c, y + PROBE_FAR * radius * s
         )
-        slope = (far - near) / ((PROBE_FAR - PROBE_NEAR) * radius)
+        slopes[k] = slope = (far - near) / ((PROBE_FAR - PROBE_NEAR) * radius)
         if slope > 0.0:
             vx += slope * c
             vy += slope * s
             integral += slope * 2.0 * math.pi / PROBE_RAYS
-            steepest = max(steepest, slope)
+    steepest = _peak(slopes)
     length = math.hypot(vx, vy)
     out[0] = steepest
     out[1] = vx / length if length > 1e-9 else 0.0
     out[2] = vy / length if length > 1e-9 else 0.0
     out[3] = integral / (2.0 * steepest) if steepest > 0.02 else 1.0
+
+
+@kernel
+def _peak(slopes: Array) -> float:
+    """Maximum of a smooth periodic function from its samples, by the parabola through the three largest.
+
+    The largest sample alone would rise and fall as the wall turns past the rays: a ripple of the wall angle, and with
+    it of force and thickness, as many times round a part as there are rays.
+    """
+    n = slopes.shape[0]
+    top = int(np.argmax(slopes))
+    here, before, after = slopes[top], slopes[(top - 1) % n], slopes[(top + 1) % n]
+    bend = 2.0 * here - before - after
+    if here <= 0.0 or bend <= 0.0:
+        return max(here, 0.0)
+    return here + (after - before) ** 2 / (8.0 * bend)
 
 
 @kernel

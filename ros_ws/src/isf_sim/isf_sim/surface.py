@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import map_coordinates, uniform_filter
 
 from isf_sim.jit import kernel
@@ -104,13 +105,17 @@ def sample_mean(surface: Surface, x: Array, y: Array, window: float) -> Array:
 
 
 def onto(grid: Surface | TipTrack, values: Array, size: tuple[float, float]) -> Array:
-    """Values (ny, nx) on nodes that span ``size`` m exactly, interpolated bilinearly to the nodes of ``grid``."""
+    """Values (ny, nx) on nodes that span ``size`` m exactly, interpolated to the nodes of ``grid``.
+
+    By cubic splines: a bilinear surface has a kink in slope at every coarse node, which tool and support tool would
+    feel as a ripple of the wall.
+    """
     shape = (grid.height if isinstance(grid, Surface) else grid.tip).shape
-    rows = (grid.y0 + grid.h * np.arange(shape[0]) + 0.5 * size[1]) * (values.shape[0] - 1) / size[1]
-    columns = (grid.x0 + grid.h * np.arange(shape[1]) + 0.5 * size[0]) * (values.shape[1] - 1) / size[0]
-    out = np.empty(shape)
-    bilinear_grid(np.ascontiguousarray(values), rows, columns, out)
-    return out
+    y = np.linspace(-0.5 * size[1], 0.5 * size[1], values.shape[0])
+    x = np.linspace(-0.5 * size[0], 0.5 * size[0], values.shape[1])
+    fine_y = np.clip(grid.y0 + grid.h * np.arange(shape[0]), y[0], y[-1])
+    fine_x = np.clip(grid.x0 + grid.h * np.arange(shape[1]), x[0], x[-1])
+    return np.asarray(RectBivariateSpline(y, x, values, kx=3, ky=3)(fine_y, fine_x))
 
 
 @kernel
