@@ -45,7 +45,7 @@ def finish(
             raise failure from None
         raise
     reference = read_bag(reference_bag) if reference_bag else None
-    made = write_report(record, folder, reference=reference)
+    made = write_report(record, folder, reference=reference, bag=bag, failure=failure)
     data = {**made.numbers, **(counts or {}), "bag": str(bag), "report": str(made.html)}
     if failure:
         data["error"] = {"code": failure.code.value, "name": failure.code.name, "message": failure.message}
