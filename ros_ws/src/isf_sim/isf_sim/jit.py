@@ -29,11 +29,11 @@ _CACHE = str(Path(numba.config.CACHE_DIR or Path(__file__).parent / "__pycache__
 
 
 def kernel(function: F) -> F:
-    """Compile ``function`` at its first call, or take it from the cache on disk."""
+    """Compile ``function`` at its first call, or take it from the cache on disk; it runs without the interpreter."""
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _CACHE  # read by numba when the function is decorated
     try:
-        compiled = numba.njit(cache=True, error_model="numpy")(function)
+        compiled = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
     finally:
         numba.config.CACHE_DIR = before
     return cast(F, compiled)

@@ -34,6 +34,10 @@ from isf_sim.warm_up import warm_up
 
 HEARTBEAT_PERIOD = 0.2
 """s of wall time after which a waiting machine repeats its wrenches."""
+BRIDGE_PERIOD = 0.02
+"""s of wall time after which a tick in real time that takes long repeats the last wrenches."""
+LONGEST_CATCH_UP = 0.5
+"""s, missed ticks beyond this are dropped."""
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 2.0, 0.1
 """s of wall time without targets after which a loaded or moving machine stops."""
 
@@ -67,7 +71,10 @@ class MachineNode(CellNode[MachineParameters]):
         self._late = 0
         self._following = False
         self._release: Iterator[MachineSample] | None = None
-        self._repeated = 0.0
+        self._published = 0.0
+        self._period = 0
+        self._sample: MachineSample | None = None
+        self._publishing = threading.Lock()
 
     # -- lifecycle ---------------------------------------------------------------------------------
 
@@ -88,7 +95,8 @@ class MachineNode(CellNode[MachineParameters]):
             self.create_service(Stop, "machine/stop", self._on_stop),
             self.create_service(Reset, "machine/reset", self._on_reset),
         ]
-        timer = self.create_timer(0.25 * HEARTBEAT_PERIOD, self._on_timer, clock=self.steady_clock)
+        look = 0.25 * HEARTBEAT_PERIOD if values.lockstep else 0.5 * BRIDGE_PERIOD
+        timer = self.create_timer(look, self._on_timer, clock=self.steady_clock)
         self._entities = [
             *((self.destroy_subscription, item) for item in subscriptions),
             *((self.destroy_service, item) for item in services),
@@ -155,6 +163,7 @@ class MachineNode(CellNode[MachineParameters]):
             self._publish(machine.sample(), decimated=True)
         else:
             self._begin = self.get_clock().now().nanoseconds
+            self._period = -1
             self._thread = PeriodicThread(machine.control_rate, self._on_period)
             self._thread.start()
 
@@ -187,22 +196,30 @@ class MachineNode(CellNode[MachineParameters]):
             self._watchdog.feed()  # a tick with a coarse solution is long; targets that wait meanwhile are not lost
 
     def _on_period(self, period: int) -> None:
-        """One tick of the wall clock (real-time thread)."""
+        """One tick of the wall clock (real-time thread), and those that a coarse solution made it miss."""
         with self._lock:
             machine = self._needed()
-            self._stamp = self._begin + stamps.tick_nanoseconds(period, machine.control_rate)
+            missed, self._period = period - self._period - 1, period
             if machine.faulted:
                 sample = self._next_release_tick(machine)
             else:
                 tips = self._targets.take_newest()
                 self._following |= tips is not None
                 self._lost += int(tips is None and self._following)
-                started = time.monotonic()
-                sample = machine.tick(*tips) if tips is not None else machine.hold()
-                if time.monotonic() - started > 1.0 / machine.control_rate:
-                    self._watchdog.feed()  # a coarse solution kept the subscriptions from being served
+                if missed > 0:
+                    self._watchdog.feed()  # the subscriptions may not have been served either
+                if tips is None:
+                    sample = machine.hold()
+                else:
+                    most = round(LONGEST_CATCH_UP * machine.control_rate)
+                    apart = round(self._targets.elapsed * machine.control_rate / stamps.NANO)  # messages may be late
+                    sample = machine.catch_up(*tips, 1 + min(missed, most), waited=min(max(apart - 1, 0), most))
                 self._check_stream(machine)
+            self._stamp = self._stamp_of(period, machine)
             self._finish_tick(machine, sample)
+
+    def _stamp_of(self, period: int, machine: SimulatedMachine) -> int:
+        return self._begin + stamps.tick_nanoseconds(period, machine.control_rate)
 
     def _finish_tick(self, machine: SimulatedMachine, sample: MachineSample) -> None:
         if machine.faulted and self._release is None:
@@ -219,23 +236,41 @@ class MachineNode(CellNode[MachineParameters]):
             return
         if self._parameters.lockstep:
             self._stamp = stamps.tick_nanoseconds(self._tick(), machine.control_rate)
-        if decimated:  # before the wrenches: who answers them knows where the tools are
-            outlet.poses(sample, self._stamp)
-            outlet.state(self._state_message(machine), self._stamp)
-        outlet.wrenches(sample, self._stamp)
-        self._repeated = time.monotonic()
+        with self._publishing:
+            if decimated:  # before the wrenches: who answers them knows where the tools are
+                outlet.poses(sample, self._stamp)
+                outlet.state(self._state_message(machine), self._stamp)
+            outlet.wrenches(sample, self._stamp)
+            self._sample, self._published = sample, time.monotonic()
 
     def _on_timer(self) -> None:
-        """While a lockstep machine waits: sign of life, and watch over the stream of targets."""
-        machine = self._machine
-        if machine is None or not self.is_active or not self._parameters.lockstep:
+        if self._machine is None or not self.is_active:
             return
+        if self._parameters.lockstep:
+            self._wait_in_lockstep(self._machine)
+        else:
+            self._bridge_a_long_tick(self._machine)
+
+    def _wait_in_lockstep(self, machine: SimulatedMachine) -> None:
+        """Sign of life, and watch over the stream of targets."""
         if not machine.faulted:
             self._check_stream(machine)
             if machine.faulted:
                 self._finish_tick(machine, machine.sample())
-        if time.monotonic() - self._repeated >= HEARTBEAT_PERIOD:
+        if time.monotonic() - self._published >= HEARTBEAT_PERIOD:
             self._publish(machine.sample(), decimated=True)
+
+    def _bridge_a_long_tick(self, machine: SimulatedMachine) -> None:
+        """Repeat the last readings while the thread works on a coarse solution: a real load cell never pauses."""
+        sample, outlet = self._sample, self._outlet
+        if outlet is None or sample is None or self._thread is None:
+            return
+        with self._publishing:
+            if time.monotonic() - self._published >= BRIDGE_PERIOD:
+                now = self.get_clock().now().nanoseconds - self._begin
+                period = int(now * machine.control_rate / stamps.NANO)
+                outlet.wrenches(sample, self._stamp_of(period, machine))
+                self._published = time.monotonic()
 
     # -- faults ----------------------------------------------------------------------------------
 

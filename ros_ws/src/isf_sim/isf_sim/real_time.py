@@ -11,7 +11,7 @@ class PeriodicThread:
     """Calls ``step(n)`` for period n = 0, 1, ... at ``rate`` Hz until :meth:`stop`.
 
     A step that ends after its deadline makes the thread skip the periods it missed, so that period n always begins
-    n / rate after the start; every missed period counts as late.
+    n / rate after the start; every missed period counts as late. ``step`` sees the gap in its numbers.
     """
 
     def __init__(self, rate: float, step: Callable[[int], None]) -> None:

@@ -20,11 +20,11 @@ class TargetPair:
 
     Attributes
     ----------
-    received : pairs taken
+    received : pairs taken ; stamp : ns, of the last pair taken ; elapsed : ns, from the pair before to that one
     """
 
     def __init__(self) -> None:
-        self.received = 0
+        self.received = self.stamp = self.elapsed = 0
         self._targets = (_Target(), _Target())
         self._lock = threading.Lock()
 
@@ -56,5 +56,6 @@ class TargetPair:
             if stamp is not None and not first.stamp == second.stamp == stamp:
                 return None
             first.fresh = second.fresh = False
+            self.elapsed, self.stamp = (first.stamp - self.stamp if self.received else 0), first.stamp
             self.received += 1
             return first.tip, second.tip
