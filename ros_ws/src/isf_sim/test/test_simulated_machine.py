@@ -246,6 +246,19 @@ def test_wrong_targets_latch_and_hold(target_1: Array, target_2: Array, code: Er
     assert machine.faults == []
 
 
+def test_a_machine_that_was_held_up_catches_up_without_a_jump() -> None:
+    """Five missed ticks are made up on a straight line; targets three periods apart may be three steps apart."""
+    goal = PARK_1 - np.array([0.0, 0.0, 1.5e-3])
+    machine = make()
+    sample = machine.catch_up(goal, PARK_2, 6)
+    assert (sample.tick, machine.faults) == (6, [])
+    machine = make()
+    machine.tick(PARK_1 - np.array([0.0, 0.0, 1.0e-3]), PARK_2, waited=2)
+    assert machine.faults == []
+    machine.tick(PARK_1 - np.array([0.0, 0.0, 2.0e-3]), PARK_2)
+    assert [c for c, _ in machine.faults] == [ErrorCode.TARGET_JUMP]
+
+
 def test_travel_limit_and_collision_latch() -> None:
     machine = make()
     for k in range(1, 60):
