@@ -141,7 +141,7 @@ def support() -> None:
         depths, forces = _form_with_support(machine, mode, opening, angle, radius)
         bands = [f"{forces[(depths >= a) & (depths < a + 2)].mean():.0f}" for a in range(4, 16, 2)]
         spread = forces[depths > 6].std()
-        row(f"support force, {mode}, depth 4-16 mm [N]", published[mode], " ".join(bands) + f" (+-{spread:.1f})", "P")
+        row(f"support force, {mode}, depth 4-16 mm [N]", published[mode], " ".join(bands) + f" +-{spread:.1f}", "P")
         if machine.faults:
             print("  faults:", machine.faults)
 
@@ -155,12 +155,12 @@ def _form_with_support(
     offset, lateral = 0.0, np.zeros(2)
     depths, forces = [], []
     circles = contours(opening, angle, 16e-3, 0.5e-3, radius)
-    first = circles[0][0]
-    low = first + reach * np.array([np.sin(angle), 0.0, -np.cos(angle)]) + np.array([0.0, 0.0, 2 * radius])
-    tip, parked = np.array([first[0], 0.0, 0.1]), np.array([low[0], 0.0, -0.1])
+    above = circles[0][0] + np.array([0.0, 0.0, 1e-3])
+    low = above + reach * np.array([np.sin(angle), 0.0, -np.cos(angle)]) + np.array([0.0, 0.0, 2 * radius])
+    tip, parked = np.array([above[0], 0.0, 0.1]), np.array([low[0], 0.0, -0.1])
     drive(machine, (np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1])), (tip, parked))
-    drive(machine, (tip, parked), (first + np.array([0.0, 0.0, 1e-3]), low))
-    tip = first + np.array([0.0, 0.0, 1e-3])
+    drive(machine, (tip, parked), (above, low))
+    tip = above
     for circle in circles:
         for point in np.vstack([line(tip, circle[0], 0.06e-3), circle[1:]]):
             outward = np.array([point[0], point[1], 0.0]) / np.hypot(point[0], point[1])
