@@ -389,7 +389,7 @@ def _tools_with_load_cell(job: Job) -> list[int]:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return process.run(ForceCtrlNode, args)
+    return process.run(ForceCtrlNode, args, streams=True)
 
 
 if __name__ == "__main__":

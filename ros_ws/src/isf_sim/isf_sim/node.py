@@ -392,7 +392,7 @@ class MachineNode(CellNode[MachineParameters]):
 def main(args: list[str] | None = None) -> int:
     """Entry point of the node."""
     warm_up()  # before the node exists: compiling would make it look dead
-    return process.run(MachineNode, args)
+    return process.run(MachineNode, args, streams=True)
 
 
 if __name__ == "__main__":
