@@ -10,7 +10,8 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ HEARTBEAT = 0.2
 FRESH = 1.0
 """s, age up to which wrenches and poses count as present when arming."""
 
-LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.1
+LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 """s without a wrench that end a contour, unless the parameter wrench_timeout says otherwise."""
 
 
@@ -48,7 +49,7 @@ class Parameters:
     """Parameters of the node; the part's own choices come with the job."""
 
     lockstep: bool = parameter(True, "one tick per pair of wrenches; false: by the wall clock")
-    wrench_timeout: float = parameter(0.0, "s without a wrench that end a contour; 0: 5 s in lockstep, 0.1 s else")
+    wrench_timeout: float = parameter(0.0, "s without a wrench that end a contour; 0: 5 s in lockstep, 0.25 s else")
     state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick")
     loop_gain: float = parameter(ControlConfig.loop_gain, "1/s, K_i K_c of the force loop")
     dead_zone: float = parameter(ControlConfig.dead_zone, "N, force error that is left alone")
@@ -87,6 +88,7 @@ class ForceCtrlNode(CellNode[Parameters]):
         self._target_messages = (conversion.make_pose(), conversion.make_pose())
         self._has_targets = False
         self._last_publish = 0.0
+        self._delayed, self._patient_until = False, 0.0
         self._ticks = self._late_before = 0
         self._last_mode = Mode.IDLE
 
@@ -185,7 +187,8 @@ class ForceCtrlNode(CellNode[Parameters]):
             if controller is None or controller.mode is Mode.IDLE:
                 return
             now = self.get_clock().now().nanoseconds
-            lost = [k for k in self._needed if self._watchdogs[k - 1].age() > self._timeout]
+            waiting = self._delayed or time.monotonic() < self._patient_until
+            lost = [] if waiting else [k for k in self._needed if self._watchdogs[k - 1].age() > self._timeout]
             if lost and controller.fault is None:
                 controller.fail(ErrorCode.WRENCH_LOST, self._lost_text(lost), ticking=True)
             targets = controller.tick(controller.ticks, now / stamps.NANO, *self._pair.wrench)
@@ -261,6 +264,16 @@ class ForceCtrlNode(CellNode[Parameters]):
         names = " and ".join(f"tool_{k}/wrench" for k in tools)
         return f"nothing on {names} for {self._timeout:g} s (is the machine node alive?)"
 
+    @contextmanager
+    def _own_delay(self) -> Iterator[None]:
+        """A long callback of this node: wrenches wait in its queue meanwhile, they are not lost."""
+        self._delayed = True
+        try:
+            yield
+        finally:
+            self._patient_until = time.monotonic() + self._timeout
+            self._delayed = False
+
     # -- other messages ------------------------------------------------------------------------
 
     def _on_pose(self, tool: int, message: PoseStamped) -> None:
@@ -273,7 +286,7 @@ class ForceCtrlNode(CellNode[Parameters]):
         self._machine = message
 
     def _on_contour(self, message: isf.Contour) -> None:
-        with self._lock:
+        with self._own_delay(), self._lock:
             controller = self._controller
             try:
                 if not self.is_active or controller is None:
@@ -304,7 +317,8 @@ class ForceCtrlNode(CellNode[Parameters]):
     def _on_arm(self, request: Arm.Request, response: Arm.Response) -> Arm.Response:
         try:
             if request.plan_id:
-                self._arm(request)
+                with self._own_delay():
+                    self._arm(request)
             else:
                 self._disarm()
         except IsfError as error:

@@ -38,7 +38,7 @@ BRIDGE_PERIOD = 0.02
 """s of wall time after which a tick in real time that takes long repeats the last wrenches."""
 LONGEST_CATCH_UP = 0.5
 """s, missed ticks beyond this are dropped."""
-LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 2.0, 0.1
+LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 2.0, 0.25
 """s of wall time without targets after which a loaded or moving machine stops."""
 
 
@@ -50,7 +50,9 @@ class MachineParameters:
     job: str = parameter("", "job file whose blank is clamped at the start; empty: by machine/reset")
     world: int = parameter(0, "plant for that blank: 0 nominal, others seeded off-nominal plants")
     seed: int = parameter(0, "seed of noise and of the off-nominal plant")
-    target_timeout: float = parameter(0.0, "s without targets before contact is released; 0: 2 lockstep, 0.1 real time")
+    target_timeout: float = parameter(
+        0.0, "s without targets before contact is released; 0: 2 lockstep, 0.25 real time"
+    )
     pose_decimation: int = parameter(0, "ticks per pose, clock and state message; 0: 50 messages per second")
 
 
