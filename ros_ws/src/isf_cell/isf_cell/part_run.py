@@ -83,6 +83,7 @@ class PartRun:
         self._machine_at_start = (0, 0, 0)
         self._plan_id = ""
         self._done = 0
+        self._begin: float | None = None
         self._sim_time = 0.0
         self._force_late = 0
         self._force_lost = 0
@@ -220,7 +221,8 @@ class PartRun:
         )
         self._outlet.publish_nominal(response.contour)
         result = self._wait_for_result(index)
-        self._sim_time = result.end
+        self._begin = result.start if self._begin is None else self._begin
+        self._sim_time = result.end - self._begin
         self._force_late += result.late_ticks
         self._force_lost += result.lost_messages
         if not result.completed:

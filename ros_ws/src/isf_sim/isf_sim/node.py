@@ -41,6 +41,9 @@ LONGEST_CATCH_UP = 0.5
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 2.0, 0.25
 """s of wall time without targets after which a loaded or moving machine stops."""
 
+LARGEST_DRY = 2
+"""Ticks without a new pair of targets that are no gap in real time."""
+
 
 @dataclass(frozen=True)
 class MachineParameters:
@@ -71,6 +74,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._stamp = 0
         self._lost = 0
         self._late = 0
+        self._dry = 0
         self._following = False
         self._release: Iterator[MachineSample] | None = None
         self._published = 0.0
@@ -207,7 +211,9 @@ class MachineNode(CellNode[MachineParameters]):
             else:
                 tips = self._targets.take_newest()
                 self._following |= tips is not None
-                self._lost += int(tips is None and self._following)
+                self._dry = 0 if tips is not None else self._dry + 1
+                # two free-running clocks leave single ticks without a pair; more of them in motion is a gap
+                self._lost += int(self._following and self._dry > LARGEST_DRY and machine.moving)
                 if missed > 0:
                     self._watchdog.feed()  # the subscriptions may not have been served either
                 if tips is None:
