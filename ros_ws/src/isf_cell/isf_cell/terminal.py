@@ -62,9 +62,10 @@ class PartProgress:
     def phase(self, text: str) -> None:
         """What is being done before or between contours."""
         self._progress.update(self._task, news=f"[dim]{text}[/dim]")
-        if not console.is_terminal and text != self._last_phase:
+        kind = "".join(c for c in text if not c.isdigit())  # "contour 3 of 42" is the same phase as "contour 2 of 42"
+        if not console.is_terminal and kind != self._last_phase:
             console.print(f"  {text}")
-        self._last_phase = text
+        self._last_phase = kind
 
     def contour(self, step: PartStep) -> None:
         """One more contour is formed."""
