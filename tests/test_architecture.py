@@ -63,7 +63,7 @@ def _imports(path: Path) -> dict[str, int]:
 
 
 def _is_node(path: Path) -> bool:
-    return path.name == "node.py" or path.name.endswith("_node.py")
+    return path.name == "node.py" or path.name.endswith("_node.py") or path.name.startswith("node_")
 
 
 def _package(path: Path) -> str:

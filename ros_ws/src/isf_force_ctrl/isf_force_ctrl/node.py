@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,6 @@ from isf_msgs import msg as isf
 from isf_msgs.srv import Arm
 from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
-from isf_node.parameters import parameter
 from isf_node.watchdog import ReceiveWatchdog
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
@@ -31,6 +30,7 @@ from std_srvs.srv import Trigger
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Mode, Targets, Vector
 from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.node_parameters import ForceCtrlParameters
 from isf_force_ctrl.real_time import PeriodicLoop
 from isf_force_ctrl.wrench_pair import WrenchPair
 
@@ -44,30 +44,11 @@ LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 """s without a wrench that end a contour, unless the parameter wrench_timeout says otherwise."""
 
 
-@dataclass(frozen=True)
-class Parameters:
-    """Parameters of the node; the part's own choices come with the job."""
-
-    lockstep: bool = parameter(True, "one tick per pair of wrenches; false: by the wall clock")
-    wrench_timeout: float = parameter(0.0, "s without a wrench that end a contour; 0: 5 s in lockstep, 0.25 s else")
-    state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick")
-    loop_gain: float = parameter(ControlConfig.loop_gain, "1/s, K_i K_c of the force loop")
-    dead_zone: float = parameter(ControlConfig.dead_zone, "N, force error that is left alone")
-    filter_cutoff: float = parameter(ControlConfig.filter_cutoff, "Hz, low-pass on force error and forming force")
-    error_clamp: float = parameter(ControlConfig.error_clamp, "N, largest force error that acts")
-    set_point_rate: float = parameter(ControlConfig.set_point_rate, "N/s, ramp of the set-point while engaging")
-    learning: float = parameter(ControlConfig.learning, "0..1, share of the previous contour's offsets fed forward")
-    feed_error: float = parameter(ControlConfig.feed_error, "N, force error from which the feed is reduced")
-    compliance_time: float = parameter(ControlConfig.compliance_time, "s, time constant of the compliance compensation")
-    contact_threshold: float = parameter(ControlConfig.contact_threshold, "N, support force that counts as contact")
-    acceleration: float = parameter(ControlConfig.acceleration, "m/s^2 of a tool tip")
-
-
-class ForceCtrlNode(CellNode[Parameters]):
+class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     """ROS side of :class:`isf_force_ctrl.ForceController`."""
 
     def __init__(self) -> None:
-        super().__init__("force_ctrl", Parameters)
+        super().__init__("force_ctrl", ForceCtrlParameters)
         self._controller: ForceController | None = None
         self._pair = WrenchPair()
         self._poses: list[tuple[float, Vector] | None] = [None, None]
@@ -355,7 +336,7 @@ class ForceCtrlNode(CellNode[Parameters]):
         """Configuration of the job with the node's parameters."""
         p = self._parameters
         names = {item.name for item in fields(ControlConfig)}
-        tuned = {item.name: getattr(p, item.name) for item in fields(Parameters) if item.name in names}
+        tuned = {item.name: getattr(p, item.name) for item in fields(ForceCtrlParameters) if item.name in names}
         return replace(ControlConfig.from_job(job_file), **tuned)
 
     def _check_machine(self) -> None:

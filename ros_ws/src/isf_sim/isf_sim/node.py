@@ -12,7 +12,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +22,11 @@ from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, Stop, Tare
 from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
-from isf_node.parameters import parameter
 from isf_node.watchdog import ReceiveWatchdog
 
 from isf_sim.machine import MachineSample, SimulatedMachine
-from isf_sim.machine_outlet import MachineOutlet
+from isf_sim.node_outlet import MachineOutlet
+from isf_sim.node_parameters import MachineParameters
 from isf_sim.real_time import PeriodicThread
 from isf_sim.target_pair import TargetPair
 from isf_sim.warm_up import warm_up
@@ -43,20 +42,6 @@ LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 2.0, 0.25
 
 LARGEST_DRY = 2
 """Ticks without a new pair of targets that are no gap in real time."""
-
-
-@dataclass(frozen=True)
-class MachineParameters:
-    """Parameters of the node ``machine``."""
-
-    lockstep: bool = parameter(True, "one tick per pair of targets; false: ticks by the wall clock")
-    job: str = parameter("", "job file whose blank is clamped at the start; empty: by machine/reset")
-    world: int = parameter(0, "plant for that blank: 0 nominal, others seeded off-nominal plants")
-    seed: int = parameter(0, "seed of noise and of the off-nominal plant")
-    target_timeout: float = parameter(
-        0.0, "s without targets before contact is released; 0: 2 lockstep, 0.25 real time"
-    )
-    pose_decimation: int = parameter(0, "ticks per pose, clock and state message; 0: 50 messages per second")
 
 
 class MachineNode(CellNode[MachineParameters]):
