@@ -14,7 +14,7 @@ from isf_planner.plan_figure import draw_plan
 from isf_cell import terminal
 from isf_cell.run_folder import make_run_folder
 
-MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf")
+MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off")
 
 _MESH_JOB = """\
 # made by isf plan for a mesh without a job file: single-point forming with common values
@@ -67,15 +67,14 @@ def _job_of(part: Path, unit: str | None) -> JobFile:
 
 def _numbers(result: Plan) -> dict[str, Any]:
     contours = result.contours
-    lengths = np.array([contour.arc_length()[-1] for contour in contours])
     return {
         "plan_id": result.plan_id,
         "contours": len(contours),
         "points": int(sum(len(contour) for contour in contours)),
-        "path_m": float(lengths.sum()),
-        "time_s": float(sum(length / contour.feed for length, contour in zip(lengths, contours, strict=True))),
-        "max_wall_angle_deg": float(np.degrees(max(contour.wall_angle.max() for contour in contours))),
-        "min_thickness_mm": float(1e3 * min(contour.thickness.min() for contour in contours)),
+        "path_m": result.path_length,
+        "time_s": result.forming_time,
+        "max_wall_angle_deg": float(np.degrees(result.largest_wall_angle)),
+        "min_thickness_mm": 1e3 * result.smallest_thickness,
         "depth_mm": float(-1e3 * min(contour.forming_tip[:, 2].min() for contour in contours)),
     }
 
