@@ -71,7 +71,7 @@ class GraphClient:
         request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
         response = self.call(SetParameters, f"{node_name}/set_parameters", request, watch)
         if not response.results[0].successful:
-            raise IsfError(ErrorCode.METHOD_UNKNOWN, response.results[0].reason, where=f"{node_name}.{name}")
+            raise IsfError(ErrorCode.METHOD_UNKNOWN, response.results[0].reason)
 
     def state_of(self, node_name: str, watch: Watch) -> int:
         """Lifecycle state id of a node."""

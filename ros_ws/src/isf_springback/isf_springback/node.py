@@ -108,7 +108,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
                         check_name(change.value)
                     self._session.choose(change.value)
                 except IsfError as error:
-                    return SetParametersResult(successful=False, reason=str(error))
+                    return SetParametersResult(successful=False, reason=error.message)
         return SetParametersResult(successful=True)
 
     def _on_info(self, message: JobInfo) -> None:
