@@ -20,7 +20,7 @@ from isf_cell import graph_run, in_process
 from isf_cell.exit_codes import Exit
 from isf_cell.options import RunOptions
 from isf_cell.process_group import ProcessGroup
-from isf_core.errors import ErrorCode
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import load_job
 
 pytestmark = pytest.mark.graph
@@ -157,3 +157,11 @@ def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:
     assert record.formed == record.planned
     assert not record.lockstep
     assert record.late_ticks <= result.late_ticks <= result.ticks
+
+
+def test_a_second_cell_in_the_same_domain_is_refused(tmp_path: Path) -> None:
+    with ProcessGroup(tmp_path / "first") as group:
+        group.start("isf_cell", "executive", {})
+        with pytest.raises(IsfError, match="another cell is running") as caught:
+            graph_run.form(load_job(JOB), RunOptions(), tmp_path / "second", quiet)
+    assert caught.value.code == ErrorCode.BUSY

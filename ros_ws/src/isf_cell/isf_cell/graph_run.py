@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_msgs.action import FormPart
-from isf_node.lifecycle import HEARTBEAT_PERIOD, failure
+from isf_node.lifecycle import failure
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -51,6 +51,7 @@ class CellClient:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._states: dict[str, str] = {}
+        self._executives: set[str] = set()
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
         self._action = ActionClient(self._node, FormPart, "form_part")
 
@@ -60,22 +61,16 @@ class CellClient:
         self._node.destroy_node()
         rclpy.try_shutdown()
 
-    def refuse_foreign_cell(self) -> None:
-        """Raise IsfError BUSY when another executive already answers in this ROS domain."""
-        self._spin_until(lambda: "executive" in self._states, 3 * HEARTBEAT_PERIOD)
-        if "executive" in self._states:
-            domain = os.environ.get("ROS_DOMAIN_ID", "0")
-            raise IsfError(
-                ErrorCode.BUSY,
-                f"another cell is running in ROS domain {domain}",
-                advice="end it, or choose another domain: ROS_DOMAIN_ID=7 ./isf form ...",
-            )
-
     def wait_ready(self, group: ProcessGroup) -> None:
-        """Wait until the executive serves and every started node gives signs of life; raises IsfError."""
+        """Wait until the executive serves and every started node gives signs of life.
+
+        Raises IsfError NODE_DIED, NODE_MISSING, or BUSY when a node of another cell answers in this ROS domain.
+        """
         names = [node.name for node in group.nodes]
+        own = {str(node.popen.pid) for node in group.nodes}
 
         def ready() -> bool:
+            self._refuse_foreign_cell(own)
             for node in group.dead():
                 raise IsfError(
                     ErrorCode.NODE_DIED,
@@ -144,10 +139,23 @@ class CellClient:
             self._executor.spin_once(timeout_sec=0.1)
         return True
 
+    def _refuse_foreign_cell(self, own: set[str]) -> None:
+        if self._executives <= own:
+            return
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        raise IsfError(
+            ErrorCode.BUSY,
+            f"another cell is running in ROS domain {domain}",
+            advice="end it, or choose another domain: ROS_DOMAIN_ID=7 ./isf form ...",
+        )
+
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            state = next((item.value for item in status.values if item.key == "state"), "")
-            self._states[status.name.rsplit("/", 1)[-1]] = state
+            values = {item.key: item.value for item in status.values}
+            name = status.name.rsplit("/", 1)[-1]
+            self._states[name] = values.get("state", "")
+            if name == "executive":
+                self._executives.add(values.get("pid", ""))
 
 
 def form(
@@ -160,7 +168,6 @@ def form(
     bag = folder / "bag"
     client = CellClient()
     try:
-        client.refuse_foreign_cell()
         with ProcessGroup(folder / "logs") as group:
             start_cell(group, bag, lockstep=lockstep)
             client.wait_ready(group)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 Array = NDArray[np.float64]
 
@@ -26,6 +25,8 @@ class HeightMap:
 
     def at(self, points: Array) -> Array:
         """(N,) m, bilinear z at ``points`` (N, 2) m; NaN outside the grid."""
+        from scipy.interpolate import RegularGridInterpolator  # late: 0.3 s that most nodes need not pay at their start
+
         interpolate = RegularGridInterpolator((self.y, self.x), self.z, bounds_error=False, fill_value=np.nan)
         return np.asarray(interpolate(np.asarray(points)[:, ::-1]))
 

@@ -8,6 +8,7 @@ a node brings itself up, for use alone in another cell.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
@@ -134,7 +135,7 @@ class CellNode(LifecycleNode, Generic[P]):
         status = DiagnosticStatus(
             level=self._level, name=self.get_fully_qualified_name(), message=self._text, hardware_id="isf"
         )
-        values = {"state": self._state_label, **self.health_values()}
+        values = {"state": self._state_label, "pid": os.getpid(), **self.health_values()}
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()

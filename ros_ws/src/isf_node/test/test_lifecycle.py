@@ -78,7 +78,7 @@ def test_a_node_waits_unconfigured_and_ends_in_order(observer: Node, tmp_path: P
     with sample(closing_note=note) as process:
         assert spin_until(observer, lambda: len(heard) >= 2)
         assert heard[-1].name == "/sample"
-        assert values(heard[-1]) == {"state": "unconfigured", "gain": "1.5"}
+        assert values(heard[-1]) == {"state": "unconfigured", "pid": str(process.pid), "gain": "1.5"}
         os.killpg(process.pid, signal.SIGTERM)
         assert process.wait(10) == 0
     assert note.read_text() == "closed"

@@ -9,7 +9,6 @@ from isf_core.job import load_job
 from isf_msgs.action import FormPart
 
 from isf_cell import graph_run, terminal
-from isf_cell.commands.finish import finish
 from isf_cell.options import RunOptions
 from isf_cell.part_step import PartStep
 from isf_cell.reference_run import UNCORRECTED, ReferenceRun
@@ -49,6 +48,8 @@ def form_part(
             progress.phase("simulating the uncorrected part")
             reference = stack.enter_context(ReferenceRun(job, options, folder / "uncorrected"))
             reference.wait()
+    from isf_cell.commands.finish import finish  # late: figures take a second to load, the nodes should start first
+
     counts = {
         "contours": result.contours,
         "ticks": result.ticks,
