@@ -14,5 +14,5 @@ lock() {  # lock OUTPUT PYTHON INPUT...
   rm -f "$output.new"
 }
 
-lock wheels.txt 3.10 ros-wheels.in runtime.in dev.in
+lock wheels.txt 3.10 ros-wheels.in runtime.in optional.in dev.in
 lock apt.txt 3.12 apt.in

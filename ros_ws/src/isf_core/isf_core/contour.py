@@ -54,6 +54,10 @@ class Contour:
     support_tip : (N, 3) m, tip of the support tool (highest point of a lower tool), or (0, 3)
     support_force : (N,) N, set-point of the horizontal normal force on the support tool
         (Ren 2018 eq. 2-3), or (0,) for position control
+    speed : (N,) m/s, largest speed of the forming tip at each point, or (0,) for ``feed`` everywhere
+    predicted_force : (N,) N, axial force on the forming tool that the planner expects, or (0,)
+    retract : both tools are lifted clear and travel above and below the sheet to the first point
+    holder_height : m, blank holder over its starting height while this contour is formed (TPIF), 0 at rest
     """
 
     plan_id: str
@@ -68,8 +72,12 @@ class Contour:
     forming_tip: Array
     support_tip: Array = field(default_factory=_empty3)
     support_force: Array = field(default_factory=_empty)
+    speed: Array = field(default_factory=_empty)
+    predicted_force: Array = field(default_factory=_empty)
     forming_tool: int = 1
     closed: bool = True
+    retract: bool = False
+    holder_height: float = 0.0
     feature: int = 0
     stage: int = 0
 
@@ -96,7 +104,7 @@ class Contour:
             "thickness": (n,),
             "forming_tip": (n, 3),
         }
-        optional = {"support_tip": (n, 3), "support_force": (n,)}
+        optional = {"support_tip": (n, 3), "support_force": (n,), "speed": (n,), "predicted_force": (n,)}
         where = f"contour {self.index} of {self.plan_id or '(no plan)'}"
         if n < 3:
             raise IsfError(ErrorCode.CONTOUR_REJECTED, f"has {n} points, needs 3 or more", where=where)
@@ -106,6 +114,10 @@ class Contour:
             )
         if not (np.isfinite(self.feed) and self.feed > 0):
             raise IsfError(ErrorCode.CONTOUR_REJECTED, f"feed is {self.feed} m/s, must be positive", where=where)
+        if not np.isfinite(self.holder_height):
+            raise IsfError(ErrorCode.CONTOUR_REJECTED, "holder_height is not finite", where=where)
+        if len(self.speed) and not (self.speed > 0).all():
+            raise IsfError(ErrorCode.CONTOUR_REJECTED, "speed must be positive at every point", where=where)
         for name, shape in {**shapes, **optional}.items():
             array = getattr(self, name)
             if name in optional and len(array) == 0:
@@ -150,6 +162,9 @@ class ContourCorrection:
     saturated : (N,) bool, a limit (gradient, magnitude) changed the point
     code, message : ErrorCode value (0 = ok) and its text
     solve_time : s of wall time
+    uncertainty : (N,) m, standard deviation of the predicted springback, or (0,)
+    residual : (N,) m, error along +z that will remain as far as the method can tell, or (0,)
+    remarks : what cannot be corrected on this contour, where and why
     """
 
     plan_id: str
@@ -164,6 +179,9 @@ class ContourCorrection:
     code: int = 0
     message: str = ""
     solve_time: float = 0.0
+    uncertainty: Array = field(default_factory=_empty)
+    residual: Array = field(default_factory=_empty)
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -183,6 +201,7 @@ class ContourResult:
     compliance_offset : (N, 3) m, offset of the forming tool
     contact_fraction : fraction of the engaged ticks with the support force above the contact threshold
     saturations : ticks in which a limiter of the force loop was active
+    backoffs : times the gain was lowered because the force loop oscillated
     late_ticks, lost_messages : counted by the control node
     tick_time : (T,) s ; tick_set_point, tick_normal_force : (T,) N ; tick_engaged : (T,) bool
     """
@@ -206,6 +225,7 @@ class ContourResult:
     support_measured: Array = field(default_factory=_empty3)
     contact_fraction: float = 0.0
     saturations: int = 0
+    backoffs: int = 0
     late_ticks: int = 0
     lost_messages: int = 0
     code: int = 0

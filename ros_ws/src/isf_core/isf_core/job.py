@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Literal
 
@@ -10,66 +9,15 @@ from pydantic import Field, model_validator
 
 from isf_core import yaml_file
 from isf_core.contour import Process
+from isf_core.job_control import ControlSpec
+from isf_core.job_part import PartSpec
+from isf_core.job_path import PathSpec
+from isf_core.job_springback import SpringbackSpec
+from isf_core.job_tooling import BackingPlateSpec, DieSpec, SheetSpec, ToolSpec
 from isf_core.material import Material, load_material
 from isf_core.model_base import FileModel
-from isf_core.quantity import Angle, Force, Frequency, Length, Speed
+from isf_core.quantity import Angle
 from isf_core.rig import Rig, load_rig
-
-
-class PartSpec(FileModel):
-    """The CAD surface: the upper face of the formed sheet, opening towards +z."""
-
-    mesh: str
-    """Path of the mesh file, relative to the job file."""
-    unit: Literal["m", "cm", "mm", "in"]
-    """Unit of the mesh coordinates; never guessed."""
-
-
-class SheetSpec(FileModel):
-    """The blank."""
-
-    material: str
-    thickness: Length = Field(gt=0.05e-3, lt=10e-3)
-
-
-class ToolSpec(FileModel):
-    """A hemispherical tool."""
-
-    radius: Length = Field(gt=0.5e-3, lt=50e-3)
-
-
-class PathSpec(FileModel):
-    """How the surface is turned into contours."""
-
-    incremental_depth: Length = Field(gt=0.01e-3, lt=5e-3)
-    point_spacing: Length = Field(gt=0.05e-3, lt=5e-3)
-    feed: Speed = Field(gt=0.1e-3, lt=1.0)
-    squeeze_factor: float = Field(default=1.0, gt=0.3, le=1.2)
-    """Planned tool gap over predicted thickness; 1 = sine-law gap."""
-
-
-class ControlSpec(FileModel):
-    """Force and compliance control."""
-
-    rate: Frequency = Field(default=500.0, ge=100.0, le=2000.0)
-    """Rate f_s of wrenches and targets."""
-    support_force: Force = Field(default=0.0, ge=0.0, le=1500.0)
-    """Set-point of the horizontal normal force on the support tool; 0 = position control."""
-    engage_depth: Length = Field(default=0.0, ge=0.0)
-    """Force control acts on contours at least this deep: not on the entry fillet (Ren 2018, 2.4.1)."""
-    engage_wall_angle: Angle = Field(default=math.radians(15.0), ge=0.0, lt=1.5708)
-    """Force control acts on contours at least this steep: on flat sheet the horizontal normal force has no
-    authority (Ren 2018, section 2.4); the default is assumed."""
-    compliance_compensation: float = Field(default=1.0, ge=0.0, le=1.0)
-    """Factor on the compliance compensation of the forming tool."""
-
-
-class SpringbackSpec(FileModel):
-    """Correction of each contour before it is formed."""
-
-    method: str = "none"
-    """Name of a method of isf_springback ("none", "analytic", ...)."""
-    gain: float = Field(default=1.0, ge=0.0, le=2.0)
 
 
 class Job(FileModel):
@@ -82,6 +30,8 @@ class Job(FileModel):
     sheet: SheetSpec
     tool_1: ToolSpec
     tool_2: ToolSpec | None = None
+    backing_plate: BackingPlateSpec | None = None
+    die: DieSpec | None = None
     path: PathSpec
     control: ControlSpec = ControlSpec()
     springback: SpringbackSpec = SpringbackSpec()
@@ -92,8 +42,12 @@ class Job(FileModel):
     def _tools(self) -> Job:
         if self.process in ("DSIF", "ADSIF") and self.tool_2 is None:
             raise ValueError(f"process {self.process} needs tool_2")
-        if self.process == "SPIF" and self.control.support_force > 0:
-            raise ValueError("process SPIF has no support tool: control.support_force must be 0 N")
+        if self.process == "TPIF" and self.die is None:
+            raise ValueError("process TPIF needs die (mesh and unit)")
+        if self.die is not None and self.process != "TPIF":
+            raise ValueError(f"process {self.process} has no die: use TPIF, or leave die out")
+        if self.process in ("SPIF", "TPIF") and self.control.support_force > 0:
+            raise ValueError(f"process {self.process} has no support tool: control.support_force must be 0 N")
         return self
 
     @property

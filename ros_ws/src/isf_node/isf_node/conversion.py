@@ -131,6 +131,8 @@ def _fill(message: Any, source: Any, table: dict[str, str], stamp: Time | None) 
             value = fields.to_flat(value)
         elif kind == fields.FLAGS:
             value = fields.to_flag_bytes(value)
+        elif kind == fields.TEXTS:
+            value = list(value)
         elif kind == fields.TIME:
             value = stamps.from_seconds(value)
         elif isinstance(value, np.generic):

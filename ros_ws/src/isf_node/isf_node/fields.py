@@ -15,7 +15,7 @@ from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.height_map import HeightMap
 from numpy.typing import NDArray
 
-SCALAR, TIME, N, N3, FLAGS = "scalar", "time", "(N,)", "(N, 3)", "(N,) bool"
+SCALAR, TIME, N, N3, FLAGS, TEXTS = "scalar", "time", "(N,)", "(N, 3)", "(N,) bool", "(K,) str"
 
 CONTOUR = {
     "plan_id": SCALAR,
@@ -26,6 +26,8 @@ CONTOUR = {
     "process": SCALAR,
     "forming_tool": SCALAR,
     "closed": SCALAR,
+    "retract": SCALAR,
+    "holder_height": SCALAR,
     "feed": SCALAR,
     "contact": N3,
     "normal": N3,
@@ -34,6 +36,8 @@ CONTOUR = {
     "forming_tip": N3,
     "support_tip": N3,
     "support_force": N,
+    "speed": N,
+    "predicted_force": N,
 }
 
 CORRECTION = {
@@ -46,6 +50,9 @@ CORRECTION = {
     "control_point_springback": N,
     "control_point_force": N,
     "saturated": FLAGS,
+    "uncertainty": N,
+    "residual": N,
+    "remarks": TEXTS,
     "code": SCALAR,
     "message": SCALAR,
     "solve_time": SCALAR,
@@ -69,6 +76,7 @@ RESULT = {
     "compliance_offset": N3,
     "contact_fraction": SCALAR,
     "saturations": SCALAR,
+    "backoffs": SCALAR,
     "late_ticks": SCALAR,
     "lost_messages": SCALAR,
     "tick_time": N,
@@ -102,6 +110,8 @@ def values_of(message: Any, table: dict[str, str], to_seconds: Callable[[Any], f
     """Constructor arguments of a core dataclass from a message; arrays are views of the message's memory."""
     values: dict[str, Any] = {}
     for name, kind in table.items():
+        if not hasattr(message, name):
+            continue  # a bag of an older version: the default of the dataclass
         value = getattr(message, name)
         if kind == N3:
             value = from_flat(value, 3)
@@ -109,6 +119,8 @@ def values_of(message: Any, table: dict[str, str], to_seconds: Callable[[Any], f
             value = from_flat(value)
         elif kind == FLAGS:
             value = np.asarray(value, dtype=np.uint8).astype(bool)
+        elif kind == TEXTS:
+            value = tuple(str(text) for text in value)
         elif kind == TIME:
             value = to_seconds(value)
         values[name] = value

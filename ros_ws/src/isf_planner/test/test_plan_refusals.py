@@ -21,7 +21,7 @@ def refusal(job_file: JobFile) -> IsfError:
     return caught.value
 
 
-@pytest.mark.parametrize("process", ["TPIF", "ADSIF"])
+@pytest.mark.parametrize("process", ["ADSIF"])
 def test_processes_that_are_not_planned_yet(process: str, tmp_path: Path) -> None:
     error = refusal(job_for(write(Cone().mesh(50e-6), tmp_path / "cone.stl"), process=process))
     assert error.code is ErrorCode.PROCESS_NOT_SUPPORTED

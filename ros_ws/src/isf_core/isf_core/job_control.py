@@ -1,0 +1,26 @@
+"""The control section of a job file: force and compliance control."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field
+
+from isf_core.model_base import FileModel
+from isf_core.quantity import Angle, Force, Frequency, Length
+
+
+class ControlSpec(FileModel):
+    """Force and compliance control."""
+
+    rate: Frequency = Field(default=500.0, ge=100.0, le=2000.0)
+    """Rate f_s of wrenches and targets."""
+    support_force: Force = Field(default=0.0, ge=0.0, le=1500.0)
+    """Set-point of the horizontal normal force on the support tool; 0 = position control."""
+    engage_depth: Length = Field(default=0.0, ge=0.0)
+    """Force control acts on contours at least this deep: not on the entry fillet (Ren 2018, 2.4.1)."""
+    engage_wall_angle: Angle = Field(default=math.radians(15.0), ge=0.0, lt=1.5708)
+    """Force control acts on contours at least this steep: on flat sheet the horizontal normal force has no
+    authority (Ren 2018, section 2.4); the default is assumed."""
+    compliance_compensation: float = Field(default=1.0, ge=0.0, le=1.0)
+    """Factor on the compliance compensation of the forming tool."""
