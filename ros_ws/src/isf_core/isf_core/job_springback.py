@@ -2,9 +2,48 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+import math
+from typing import Literal
+
+from pydantic import Field, model_validator
 
 from isf_core.model_base import FileModel
+from isf_core.quantity import Angle, Length
+
+
+class MpcSpec(FileModel):
+    """Model-predictive control from scans; the defaults are those of Lu 2016 (Tables 3-5) unless said otherwise."""
+
+    horizon: int = Field(default=6, ge=0, le=100)
+    """Contours looked ahead; 0: to the end of the part."""
+    vertical_weight: float = Field(default=0.2, ge=0.0, le=100.0)
+    """lambda_z, damps the step depth."""
+    horizontal_weight: float = Field(default=0.7, ge=0.0, le=100.0)
+    """lambda_h, holds the horizontal increment near the planned one."""
+    smallest_step: float = Field(default=0.5, gt=0.0, le=1.0)
+    """Smallest step depth, in planned steps."""
+    largest_step: float = Field(default=2.0, gt=1.0, le=10.0)
+    """Largest step depth, in planned steps; above 1, or a lag could never be made good."""
+    horizontal_change: Length = Field(default=0.5e-3, gt=0.0, lt=5e-3)
+    """Largest departure e of a horizontal increment from the planned one."""
+    largest_offset: Length = Field(default=10e-3, gt=0.0, lt=30e-3)
+    """Largest departure from the planned path in all (assumed)."""
+    reference_angles: tuple[Angle, ...] = (math.radians(45.0),)
+    """Directions whose section is optimised, seen from the middle of the contour; one is published for the pyramid,
+    five (0, 45, 90, 180, 270 deg) for the asymmetric cone."""
+    distribution: Literal["none", "uniform", "interpolated", "dense"] = "interpolated"
+    """Horizontal springback between the reference directions; dense: every direction is measured and optimised."""
+    step: Literal["common", "per_direction"] = "common"
+    """One step depth for the whole contour (published), or one for every direction."""
+    coupled: bool = False
+    """Optimise step depth and horizontal increment in one problem, with slope and offset as constraints."""
+    solver: Literal["scipy", "piqp"] = "scipy"
+
+    @model_validator(mode="after")
+    def _directions(self) -> MpcSpec:
+        if not self.reference_angles:
+            raise ValueError("reference_angles needs one direction or more")
+        return self
 
 
 class SpringbackSpec(FileModel):
@@ -13,3 +52,12 @@ class SpringbackSpec(FileModel):
     method: str = "none"
     """Name of a method of isf_springback ("none", "analytic", ...)."""
     gain: float = Field(default=1.0, ge=0.0, le=2.0)
+    scan_every: int = Field(default=0, ge=0)
+    """The shape is measured after every so many contours, for methods that use it; 0: never."""
+    scan_sensor: bool = False
+    """Simulated machine: scans as a scanner sees the part (noise, holes, registration) instead of exact ones."""
+    open_loop_contours: int = Field(default=3, ge=0)
+    """Contours at the start whose shape is too shallow to be used (published: 3, Lu 2016, 4.2.1)."""
+    mpc: MpcSpec = MpcSpec()
+    learning: str | None = None
+    """Correction file made by ``isf learn`` from parts formed before, relative to the job file."""
