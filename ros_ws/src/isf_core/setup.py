@@ -13,6 +13,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
         (f"share/{package_name}/materials", glob("materials/*.yaml")),
+        (f"share/{package_name}/adsif", glob("adsif/*.yaml")),
         (f"share/{package_name}/rigs", glob("rigs/*.yaml")),
     ],
     install_requires=["setuptools"],

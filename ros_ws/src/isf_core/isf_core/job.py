@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from isf_core import yaml_file
 from isf_core.contour import Process
+from isf_core.job_adsif import AdsifSpec
 from isf_core.job_control import ControlSpec
 from isf_core.job_part import PartSpec
 from isf_core.job_path import PathSpec
@@ -33,6 +34,7 @@ class Job(FileModel):
     backing_plate: BackingPlateSpec | None = None
     die: DieSpec | None = None
     path: PathSpec
+    adsif: AdsifSpec | None = None
     control: ControlSpec = ControlSpec()
     springback: SpringbackSpec = SpringbackSpec()
     wall_angle_limit: Angle | None = Field(default=None, gt=0.0, lt=1.5708)
@@ -42,6 +44,8 @@ class Job(FileModel):
     def _tools(self) -> Job:
         if self.process in ("DSIF", "ADSIF") and self.tool_2 is None:
             raise ValueError(f"process {self.process} needs tool_2")
+        if self.adsif is not None and self.process != "ADSIF":
+            raise ValueError(f"process {self.process} has no section adsif: use ADSIF, or leave adsif out")
         if self.process == "TPIF" and self.die is None:
             raise ValueError("process TPIF needs die (mesh and unit)")
         if self.die is not None and self.process != "TPIF":

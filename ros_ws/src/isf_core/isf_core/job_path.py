@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Literal
+
+from pydantic import Field, model_validator
 
 from isf_core.model_base import FileModel
-from isf_core.quantity import Length, Speed
+from isf_core.quantity import Acceleration, Length, Speed
 
 
 class PathSpec(FileModel):
@@ -16,3 +18,31 @@ class PathSpec(FileModel):
     feed: Speed = Field(gt=0.1e-3, lt=1.0)
     squeeze_factor: float = Field(default=1.0, gt=0.3, le=1.2)
     """Planned tool gap over predicted thickness; 1 = sine-law gap."""
+
+    style: Literal["contours", "spiral"] = "contours"
+    """Separate contours, or one continuous spiral per feature."""
+    direction: Literal["ccw", "cw", "alternating"] = "ccw"
+    """Sense of travel seen from above; alternating: every other contour the other way round."""
+    transition: Literal["step", "ramp"] = "step"
+    """From contour to contour straight down at the seam, or along a ramp within the wall."""
+    ramp_length: Length = Field(default=10e-3, gt=0.5e-3, lt=1.0)
+    """Length of the ramp along the contour; the seam moves on by as much with every contour."""
+    stagger: Length = Field(default=0.0, ge=0.0, lt=1.0)
+    """Transition step: by how much the start of every contour lies further along than that of the one before."""
+    order: Literal["out_to_in", "in_to_out"] = "out_to_in"
+    """Contours from the edge to the centre, or from the centre to the edge."""
+    acceleration: Acceleration | None = Field(default=None, gt=1e-3, lt=100.0)
+    """Largest acceleration of the forming tip: it slows down in corners and at both ends; None: feed everywhere."""
+    support: Literal["opposite", "on_blank"] = "opposite"
+    """DSIF: the support tool is opposite the contact, or stays under the blank along the first contour."""
+    thickness: Literal["sine_law", "overlap"] = "sine_law"
+    """How the formed thickness is predicted that the support tool's gap follows."""
+
+    @model_validator(mode="after")
+    def _path_choices(self) -> PathSpec:
+        joined = self.style == "spiral" or self.transition == "ramp"
+        if joined and self.direction == "alternating":
+            raise ValueError("direction alternating needs style contours and transition step: joined paths run one way")
+        if joined and self.stagger > 0:
+            raise ValueError("stagger needs style contours and transition step: joined paths have no seams to spread")
+        return self

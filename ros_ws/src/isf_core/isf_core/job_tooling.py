@@ -31,6 +31,16 @@ class ToolSpec(FileModel):
             raise ValueError("corner_radius must not exceed radius")
         return self
 
+    @property
+    def ball_radius(self) -> float:
+        """m, radius of the rounding that touches the wall: of the hemisphere, or of a flat tip's corner."""
+        return self.radius if self.corner_radius is None else self.corner_radius
+
+    @property
+    def flat_radius(self) -> float:
+        """m, radius of the flat of the tip, 0 for a hemisphere."""
+        return self.radius - self.ball_radius
+
 
 class BackingPlateSpec(FileModel):
     """A rigid plate under the sheet with an opening around the path, centred in the clamp."""
