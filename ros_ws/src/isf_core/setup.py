@@ -14,7 +14,7 @@ setup(
         (f"share/{package_name}", ["package.xml"]),
         (f"share/{package_name}/materials", glob("materials/*.yaml")),
         (f"share/{package_name}/adsif", glob("adsif/*.yaml")),
-        (f"share/{package_name}/rigs", glob("rigs/*.yaml")),
+        (f"share/{package_name}/rigs", glob("rigs/*.yaml") + glob("rigs/*.csv")),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -9,7 +10,7 @@ from pydantic import Field, model_validator
 
 from isf_core import yaml_file
 from isf_core.model_base import FileModel
-from isf_core.quantity import Compliance, Force, Frequency, Length, Speed, Stiffness
+from isf_core.quantity import Compliance, Force, Frequency, Length, Speed, Stiffness, Time, Torque
 from isf_core.shared_files import find_named
 
 
@@ -29,13 +30,37 @@ class Clamp(FileModel):
 
 
 class LoadCell(FileModel):
-    """A six-axis load cell in series with a tool."""
+    """A six-axis load cell in series with a tool.
+
+    Channels are Fx, Fy, Fz, Mx, My, Mz in axes of frame ``sheet``.
+    """
 
     force_range: tuple[Force, Force, Force]
     resolution: Force = Field(ge=0)
     noise_ratio: float = Field(ge=0, lt=0.5)
     noise_floor: Force = Field(ge=0)
     crosstalk: float = Field(ge=0, lt=0.5)
+    """Largest share of one force channel in another, drawn for each cell; without meaning beside ``matrix``."""
+    torque_range: tuple[Torque, Torque, Torque] = (1e3, 1e3, 1e3)
+    torque_noise_floor: Torque = Field(default=0.0, ge=0)
+    matrix: tuple[tuple[float, float, float, float, float, float], ...] | None = None
+    """Six rows of six: reading (N and N m) = matrix times load."""
+    adc_bits: int | None = Field(default=None, ge=6, le=32)
+    """Converter over plus and minus the range of each channel; None: steps of ``resolution``."""
+    drift: Force | None = Field(default=None, ge=0)
+    """Standard deviation of the slow drift of a force channel; None: the plant's default."""
+    drift_time: Time | None = Field(default=None, gt=0)
+    """Correlation time of the drift; None: the plant's default."""
+    zero_offset: Force | None = Field(default=None, ge=0)
+    """Largest reading of the unloaded cell before tare; None: the plant's default."""
+    tip_distance: Length = Field(default=0.0, ge=0)
+    """From the centre of the cell to the tip of the tool, along the tool; 0: torques are not known and read zero."""
+
+    @model_validator(mode="after")
+    def _six_rows(self) -> LoadCell:
+        if self.matrix is not None and len(self.matrix) != 6:
+            raise ValueError("matrix must have six rows")
+        return self
 
 
 class Servo(FileModel):
@@ -43,12 +68,39 @@ class Servo(FileModel):
 
     bandwidth: Frequency = Field(gt=0.1)
     rate: Frequency = Field(gt=10)
+    velocity_feedforward: float = Field(default=0.0, ge=0.0, le=1.5)
+    """1: no following error at constant speed."""
+    following_error_limit: Length | None = Field(default=None, gt=0)
+    """The controller's output saturates at this difference of set-point and position; None: it does not."""
+
+
+ErrorTable = tuple[tuple[Length, Length], ...]
+"""Rows of (commanded position, error there): true = commanded + error, linear between rows, constant beyond."""
 
 
 class ToolAxis(FileModel):
-    """Compliance of one tool with its axes (x, y, z)."""
+    """One tool with its axes (x, y, z): compliance, and what its encoders do not see."""
 
     compliance: tuple[Compliance, Compliance, Compliance]
+    error_x: ErrorTable = ()
+    error_y: ErrorTable = ()
+    error_z: ErrorTable = ()
+    error_map: str | None = None
+    """Volumetric error: CSV beside the rig file, columns x, y, z in mm and ex, ey, ez in um on a complete grid."""
+    backlash: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """Play between encoder and tip."""
+    weight: Force = Field(default=0.0, ge=0)
+    """Of the tool on its load cell."""
+
+    @model_validator(mode="after")
+    def _tables(self) -> ToolAxis:
+        for name in ("error_x", "error_y", "error_z"):
+            places = [place for place, _ in getattr(self, name)]
+            if any(b <= a for a, b in pairwise(places)):
+                raise ValueError(f"positions of {name} must rise")
+        if min(self.backlash) < 0:
+            raise ValueError("backlash must not be negative")
+        return self
 
 
 class Limits(FileModel):
@@ -75,6 +127,8 @@ class Rig(FileModel):
     tool_2: ToolAxis
     contact_stiffness: Stiffness = Field(gt=0)
     """Overall horizontal contact stiffness K_c (Ren 2018 eq. 2-8)."""
+    kinematics: Literal["gantry_xyz_uvw", "hexapod_spif_a"] = "gantry_xyz_uvw"
+    """How the axes make a pose of the tips: see isf_core.kinematics."""
     servo: Servo
     load_cell: LoadCell
     limits: Limits
@@ -84,5 +138,12 @@ class Rig(FileModel):
 
 
 def load_rig(name_or_path: str, base: Path | None = None) -> Rig:
-    """Rig by name ("ren2018") or by path relative to ``base``; raises IsfError."""
-    return yaml_file.load(find_named("rigs", name_or_path, base), Rig)
+    """Rig by name ("ren2018") or by path relative to ``base``, paths of error maps made absolute; raises IsfError."""
+    path = find_named("rigs", name_or_path, base)
+    rig = yaml_file.load(path, Rig)
+    tools = {}
+    for name in ("tool_1", "tool_2"):
+        tool: ToolAxis = getattr(rig, name)
+        if tool.error_map is not None:
+            tools[name] = tool.model_copy(update={"error_map": str(path.parent / tool.error_map)})
+    return rig.model_copy(update=tools)
