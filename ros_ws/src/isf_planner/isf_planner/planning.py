@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from isf_core.contour import Contour
@@ -13,16 +13,22 @@ from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
 from numpy.typing import NDArray
 
-from isf_planner import mesh_checks, mesh_input, part_checks, resampling, slicing, target_surface, tip_surface
-from isf_planner.contours import TipLoop, make_contour, tip_loop
+from isf_planner import (
+    mesh_checks,
+    mesh_input,
+    part_checks,
+    sections,
+    slicing,
+    target_surface,
+    tip_surface,
+    tool_paths,
+)
+from isf_planner.feature_tree import LoopTree
 
 Array = NDArray[np.float64]
 
 Progress = Callable[[str, float], None]
 Cancelled = Callable[[], bool]
-
-BOTTOM_SHARES = (0.05, 0.1, 0.2, 0.4)
-"""Parts of the last step by which the last level is raised when the bottom is a dome without a floor."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,7 @@ class Plan:
     target : upper target surface over the clamp on a 1 mm grid, 0 beside the part
     mesh : vertices (V, 3) m in frame ``sheet`` and faces (F, 3) of the placed part
     warnings : what to look at before forming
+    tree : loops of the forming tool's tip with normals, curvatures and features, or None for a plan from a file
     """
 
     plan_id: str
@@ -43,6 +50,7 @@ class Plan:
     target: HeightMap
     mesh: tuple[Array, NDArray[np.int64]]
     warnings: tuple[str, ...]
+    tree: LoopTree | None = field(default=None, repr=False, compare=False)
 
     @property
     def smallest_thickness(self) -> float:
@@ -102,57 +110,19 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     x, y, height = tip_surface.tip_grid(surface, radius)
     warnings += part_checks.check_reach(surface, height, part.depth, radius)
 
-    loops: list[TipLoop] = []
     levels = slicing.levels(part.depth, job.path.incremental_depth)
-    for index, level in enumerate(levels[:-1]):
-        step(f"contour {index + 1} of {len(levels)}", 0.4 + 0.5 * index / len(levels))
-        rough = slicing.loop_at(x, y, height, float(level))
-        start = loops[-1].start if loops else resampling.first_start(rough)
-        loops.append(tip_loop(surface, rough, float(level), job, start))
-    step(f"contour {len(levels)} of {len(levels)}", 0.9 - 0.5 / len(levels))
-    lowest, bottom = _bottom(x, y, height, levels, job.path.point_spacing)
-    if bottom is not None:
-        start = loops[-1].start if loops else resampling.first_start(bottom)
-        loops.append(tip_loop(surface, bottom, lowest, job, start))
-    if lowest > levels[-1]:
-        above = (lowest - float(levels[-1])) * 1e3
-        warnings.append(f"the bottom has no floor: the last contour runs {above:.3f} mm above the deepest point")
+    nodes, told = sections.trace(sections.TipGrid(x, y, height, part.depth), levels, job)
+    warnings += told
+    tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
 
     step("tools", 0.9)
     plan_id = _identify(job_file)
-    contours = tuple(make_contour(loop, job, plan_id, index, len(loops)) for index, loop in enumerate(loops))
+    contours = tool_paths.make_contours(tree, surface, job_file, plan_id)
     part_checks.check_travel(contours, rig)
     warnings += part_checks.check_support(contours, surface, job)
     target = target_surface.target_map(part.mesh, rig.clamp.size)
     step("done", 1.0)
-    return Plan(plan_id, contours, target, (part.mesh.vertices, part.mesh.faces), tuple(warnings))
-
-
-def _bottom(x: Array, y: Array, height: Array, levels: Array, spacing: float) -> tuple[float, Array | None]:
-    """Level (m) and rough loop of the last contour: at the full depth, or just above the bottom of a dome.
-
-    No loop when none is long enough above the last level but one, which then is the lowest.
-    """
-    shortest = resampling.FEWEST_POINTS * spacing
-    above = float(levels[-2]) if len(levels) > 1 else 0.0
-    for share in (0.0, *BOTTOM_SHARES):
-        level = float(levels[-1]) + share * (above - float(levels[-1]))
-        try:
-            rough = slicing.loop_at(x, y, height, level)
-        except IsfError as error:
-            if error.code is ErrorCode.CONTOUR_LOST:
-                continue
-            raise
-        if resampling.perimeter(rough) >= shortest:
-            return level, rough
-    if len(levels) == 1:
-        raise IsfError(
-            ErrorCode.PART_TOO_SMALL_FOR_TOOL,
-            f"no contour of {resampling.FEWEST_POINTS} points fits into the part",
-            where=f"level {levels[-1] * 1e3:.3f} mm",
-            advice="reduce path.point_spacing or path.incremental_depth",
-        )
-    return above, None
+    return Plan(plan_id, contours, target, (part.mesh.vertices, part.mesh.faces), tuple(warnings), tree)
 
 
 def _identify(job_file: JobFile) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contourpy
 import numpy as np
+import shapely
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
@@ -28,8 +29,10 @@ def levels(depth: float, incremental_depth: float) -> Array:
     return -np.append(incremental_depth * np.arange(1, count), depth)
 
 
-def loop_at(x: Array, y: Array, height: Array, level: float) -> Array:
-    """(N, 2) m, the closed loop around all nodes at or below ``level``, counter-clockwise, first point not repeated.
+def loops_at(x: Array, y: Array, height: Array, level: float) -> list[tuple[Array, bool]]:
+    """All closed loops at ``level``: points (N, 2) m, first point not repeated, and whether it surrounds an island.
+
+    Pockets (below the level inside) run counter-clockwise, islands in them (above the level inside) clockwise.
 
     Parameters
     ----------
@@ -38,29 +41,36 @@ def loop_at(x: Array, y: Array, height: Array, level: float) -> Array:
 
     Raises
     ------
-    IsfError : CONTOUR_LOST (no loop), PROCESS_NOT_SUPPORTED (several loops)
+    IsfError : CONTOUR_LOST when a loop is not closed
     """
-    where = f"level {level * 1e3:.3f} mm"
     lines = contourpy.contour_generator(x, y, height, corner_mask=False).lines(level + LIFT)
-    loops = [np.asarray(line, dtype=np.float64) for line in lines if len(line) > 3]
-    if not loops:
-        raise IsfError(
-            ErrorCode.CONTOUR_LOST, "there is no contour", where=where, advice="reduce the tool radius or the depth"
-        )
-    if len(loops) > 1:
-        sizes = sorted(((float(np.ptp(loop, axis=0).max()), loop) for loop in loops), key=lambda pair: -pair[0])
-        second = sizes[1][1].mean(axis=0) * 1e3
-        raise IsfError(
-            ErrorCode.PROCESS_NOT_SUPPORTED,
-            f"{len(loops)} separate loops, the second around x = {second[0]:.1f}, y = {second[1]:.1f} mm",
-            where=where,
-            advice="parts with several pockets or islands must be split into single features",
-        )
-    loop = loops[0]
-    if not np.array_equal(loop[0], loop[-1]):
-        raise IsfError(ErrorCode.CONTOUR_LOST, "the contour is not closed", where=where, advice="add a plane flange")
-    loop = loop[:-1]
-    return loop if signed_area(loop) > 0 else loop[::-1]
+    loops = []
+    for line in lines:
+        loop = np.asarray(line, dtype=np.float64)
+        if len(loop) <= 3:
+            continue
+        if not np.array_equal(loop[0], loop[-1]):
+            where = f"level {level * 1e3:.3f} mm at x = {loop[0, 0] * 1e3:.1f}, y = {loop[0, 1] * 1e3:.1f} mm"
+            raise IsfError(
+                ErrorCode.CONTOUR_LOST, "the contour is not closed", where=where, advice="add a plane flange"
+            )
+        loops.append(loop[:-1])
+    islands = _surround_higher_ground(loops)
+    return [
+        (loop if (signed_area(loop) > 0) != island else loop[::-1], island)
+        for loop, island in zip(loops, islands, strict=True)
+    ]
+
+
+def _surround_higher_ground(loops: list[Array]) -> list[bool]:
+    """Outside all loops the ground is above the level, and every loop crossed inwards changes the side."""
+    if len(loops) < 2:
+        return [False] * len(loops)
+    shapes = [shapely.Polygon(loop) for loop in loops]
+    return [
+        sum(other is not shape and shapely.contains_xy(other, *loop[0]) for other in shapes) % 2 == 1
+        for loop, shape in zip(loops, shapes, strict=True)
+    ]
 
 
 def signed_area(loop: Array) -> float:

@@ -11,7 +11,8 @@ from isf_core.contour import Contour, Process
 from isf_core.job import ControlSpec, load_job
 from isf_core.tip_geometry import tool_gap
 from isf_planner import Plan, plan
-from isf_planner.contours import TipLoop, make_contour
+from isf_planner.contours import make_contour
+from isf_planner.tip_loops import TipLoop
 from planner_parts import EXAMPLES, Cone, job_for, write
 
 R = 5e-3

@@ -9,7 +9,7 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_planner import plan
-from planner_parts import Cone, grid_mesh, job_for, revolve, write
+from planner_parts import Cone, job_for, revolve, write
 
 
 def refusal(job_file: JobFile) -> IsfError:
@@ -114,15 +114,6 @@ def test_part_beside_the_centre_is_placed_and_told(tmp_path: Path) -> None:
     assert "moved by" in moved.warnings[0]
     for a, b in zip(centred.contours, moved.contours, strict=True):
         np.testing.assert_allclose(a.forming_tip, b.forming_tip, atol=1e-6)  # single precision at 300 mm, Newton's rest
-
-
-def test_two_pockets_are_refused(tmp_path: Path) -> None:
-    x = np.linspace(-0.06, 0.06, 121)
-    gx, gy = np.meshgrid(x, x)
-    z = -8e-3 * (np.exp(-(((gx - 0.03) ** 2 + gy**2) / 0.012**2)) + np.exp(-(((gx + 0.03) ** 2 + gy**2) / 0.012**2)))
-    error = refusal(job_for(write(grid_mesh(x, x, np.where(np.hypot(gx, gy) > 0.058, 0, z)), tmp_path / "two.stl")))
-    assert error.code is ErrorCode.PROCESS_NOT_SUPPORTED
-    assert "2 separate loops" in error.what
 
 
 def test_progress_rises_and_names_the_contours(tmp_path: Path) -> None:

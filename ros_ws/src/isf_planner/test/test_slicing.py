@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from isf_core.errors import ErrorCode, IsfError
-from isf_planner.slicing import levels, loop_at, signed_area
+from isf_planner.slicing import levels, loops_at, signed_area
+
+
+def loop_at(x: np.ndarray, y: np.ndarray, height: np.ndarray, level: float) -> np.ndarray:
+    """The only loop at a level, which is a pocket."""
+    ((loop, island),) = loops_at(x, y, height, level)
+    assert not island
+    return loop
+
 
 X = np.linspace(-0.03, 0.03, 61)
 GX, GY = np.meshgrid(X, X)
@@ -46,26 +54,37 @@ def test_a_terrace_exactly_on_the_level_is_inside() -> None:
     assert np.hypot(*loop.T).min() > 0.013  # outer border of the terrace (14 mm), not the inner one (8 mm)
 
 
-def test_no_loop_is_an_error_with_the_level() -> None:
-    with pytest.raises(IsfError) as caught:
-        loop_at(X, X, np.maximum(BOWL, -5e-3), -6e-3)
-    assert caught.value.code is ErrorCode.CONTOUR_LOST
-    assert "-6.000 mm" in caught.value.where
+def test_below_the_deepest_place_there_is_no_loop() -> None:
+    assert loops_at(X, X, np.maximum(BOWL, -5e-3), -6e-3) == []
 
 
 def test_a_loop_that_leaves_the_grid_is_an_error() -> None:
     with pytest.raises(IsfError) as caught:
-        loop_at(X, X, GX - 0.01, 0.0)
+        loops_at(X, X, GX - 0.01, 0.0)
     assert caught.value.code is ErrorCode.CONTOUR_LOST
 
 
-@pytest.mark.parametrize("kind", ["two pockets", "island"])
-def test_several_loops_are_refused_with_a_place(kind: str) -> None:
-    if kind == "two pockets":
-        height = np.minimum(np.hypot(GX - 0.012, GY), np.hypot(GX + 0.012, GY)) - 0.008
-    else:
-        height = np.abs(DISTANCE - 0.015) - 0.005
-    with pytest.raises(IsfError) as caught:
-        loop_at(X, X, height, -2e-3)
-    assert caught.value.code is ErrorCode.PROCESS_NOT_SUPPORTED
-    assert "2 separate loops" in caught.value.what
+def test_two_pockets_are_two_loops() -> None:
+    height = np.minimum(np.hypot(GX - 0.012, GY), np.hypot(GX + 0.012, GY)) - 0.008
+    found = loops_at(X, X, height, -2e-3)
+    assert [island for _, island in found] == [False, False]
+    np.testing.assert_allclose([signed_area(loop) for loop, _ in found], np.pi * 0.006**2, rtol=0.02)
+
+
+def test_an_island_runs_clockwise_inside_its_pocket() -> None:
+    height = np.abs(DISTANCE - 0.015) - 0.005
+    found = loops_at(X, X, height, -2e-3)
+    area = {island: signed_area(loop) for loop, island in found}
+    assert area[False] == pytest.approx(np.pi * 0.018**2, rel=0.01)
+    assert area[True] == pytest.approx(-np.pi * 0.012**2, rel=0.01)
+
+
+def test_a_pocket_in_an_island_is_a_pocket() -> None:
+    height = np.abs(DISTANCE - 0.015) - 0.005
+    height = np.where(DISTANCE < 0.008, np.minimum(height, DISTANCE - 0.006), height)
+    found = loops_at(X, X, height, -2e-3)
+    assert sorted((island, round(np.sqrt(abs(signed_area(loop)) / np.pi), 3)) for loop, island in found) == [
+        (False, 0.004),
+        (False, 0.018),
+        (True, 0.012),
+    ]
