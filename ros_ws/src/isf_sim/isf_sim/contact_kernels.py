@@ -46,6 +46,27 @@ def touch_heights(surface: Surface, path: float, window: float, x: float, y: flo
 
 
 @kernel
+def support_height(surface: Surface, x: float, y: float, radius: float) -> float:
+    """Tip height (m) at which a ball over (x, y) presses the sheet against the support; -inf without one."""
+    if surface.holder[0] == 0.0:
+        return -math.inf
+    z = surface.support
+    ny, nx = z.shape
+    h = surface.h
+    i0, i1 = max(int((x - radius - surface.x0) / h), 0), min(int((x + radius - surface.x0) / h) + 2, nx)
+    j0, j1 = max(int((y - radius - surface.y0) / h), 0), min(int((y + radius - surface.y0) / h) + 2, ny)
+    highest = -math.inf
+    for j in range(j0, j1):
+        dy = surface.y0 + j * h - y
+        for i in range(i0, i1):
+            dx = surface.x0 + i * h - x
+            rest = radius * radius - dx * dx - dy * dy
+            if rest > 0.0:
+                highest = max(highest, z[j, i] + math.sqrt(rest) - radius)
+    return highest + surface.holder[1]
+
+
+@kernel
 def probe_wall(surface: Surface, x: float, y: float, radius: float, out: Array) -> None:
     """Wall round the ball: out[0] steepest slope, out[1:3] unit horizontal vector towards the wall, out[3] wrap.
 
@@ -125,13 +146,17 @@ def axial_force(
     guess: float,
     sink: float,
     sink_exponent: float,
+    tool_compliance: float = 0.0,
+    die_gap: float = -math.inf,
 ) -> float:
     """N, force F that satisfies gap = c F + S(F) + step (F / A)^(1/m): tool, sheet and plastic step in series.
 
     ``gap`` m: first touch minus commanded tip; ``compliance`` c m/N; S(F) = sink (F / guess)^b; ``step`` = 0 for
-    the elastic branch. Monotone in F; Newton with bisection as the safeguard.
+    the elastic branch. Monotone in F; Newton with bisection as the safeguard. A tool that presses the sheet against
+    a support stops there, ``die_gap`` m above the commanded tip, instead of giving way by ``tool_compliance`` F:
+    F is then what the sheet alone carries.
     """
-    if gap <= 0.0:
+    if gap <= max(die_gap, 0.0):
         return 0.0
     low, high = 0.0, 4.0 * amplitude + 1.0
     force = min(max(guess, 1.0), high)
@@ -139,7 +164,8 @@ def axial_force(
     for _ in range(60):
         sag = sink * (force / guess) ** sink_exponent
         plastic = step * (force / amplitude) ** inverse
-        rest = gap - compliance * force - sag - plastic
+        give = max(tool_compliance * force, die_gap)
+        rest = gap - give - (compliance - tool_compliance) * force - sag - plastic
         if rest > 0.0:
             low = force
         else:

@@ -32,6 +32,8 @@ from isf_sim.sheet_point import (
     no_contact,
 )
 from isf_sim.shell import Deflection, Elastic, Shell
+from isf_sim.squeeze import indentation_stiffness
+from isf_sim.support import support_points
 from isf_sim.surface import Surface, TipTrack, bilinear_grid, empty_track, flat_surface, onto, sample_mean
 from isf_sim.world import World
 
@@ -99,6 +101,30 @@ class SheetPlant:
                 return
             self.serve(request, tip)
 
+    def set_support(self, height: Array, offset: float = 0.0) -> None:
+        """Put a rigid one-sided surface under the sheet, or move it.
+
+        ``height`` (ny, nx) m on the nodes of ``surface``, -inf where there is none: the surface that the *lower*
+        face of the sheet would touch, in frame ``sheet``. The lower face of the flat blank is at
+        ``-plant.thickness``, so a backing plate flush with the clamp stands at that height. ``offset`` m is added
+        to it; calling again with the same array and another offset raises a die towards the sheet (TPIF).
+
+        Raises
+        ------
+        ValueError : wrong shape, or values that are NaN or +inf
+        """
+        surface = self.surface
+        height = np.asarray(height, dtype=float)
+        if height.shape != surface.height.shape:
+            raise ValueError(f"support is {height.shape}, the sheet's grid {surface.height.shape}")
+        if np.isnan(height).any() or np.isposinf(height).any() or not math.isfinite(offset):
+            raise ValueError("heights of the support must be finite or -inf, its offset finite")
+        moved = surface.holder[1] != offset
+        surface.support[...] = height + self.thickness
+        surface.holder[:] = (1.0 if np.isfinite(height).any() else 0.0, offset)
+        if moved or not surface.holder[0]:
+            self.points.used[0] = 0  # solutions over another support are no solutions any more
+
     def serve(self, request: int, tip: Array) -> None:
         """Do what the kernel asked for at ``tip`` (3,) m."""
         started = time.perf_counter()
@@ -154,6 +180,8 @@ class SheetPlant:
         zy, zx = np.gradient(height.reshape(shell.ny, shell.nx), shell.dy, shell.dx)
         cosine = 1.0 / np.sqrt(1.0 + zx**2 + zy**2).ravel()
         shell.set_shape(height, self.thickness * np.clip(cosine, 0.25, 1.0))
+        if self.surface.holder[0]:
+            shell.set_support(support_points(shell, self.surface))
 
     def _start(self, tip: Array, axial: float) -> Array | None:
         """Deflection of the nearest earlier solution, scaled to the present force."""
@@ -231,8 +259,14 @@ class SheetPlant:
             wrap_exponent=constants.wrap_exponent,
             compliance=np.array(compliance) * world.compliance,
             local_compliance=max(self.shell.dx, self.shell.dy) ** 2 / (16.0 * math.pi * rigidity),
+            die_stiffness=self._die_stiffness(),
             window=constants.window_radii * self.radius,
             lag_length=constants.lag_length,
             fresh_depth=constants.fresh_depth,
             fresh_distance=constants.fresh_distance,
         )
+
+    def _die_stiffness(self) -> float:
+        """N/m, plastic indentation of the sheet between the tool and a rigid, nearly flat support."""
+        flow = 0.5 * self.constants.flow_factor * (self.material.yield_strength + self.material.tensile_strength)
+        return indentation_stiffness(self.radius, 1e3 * self.radius, flow, self.constants.indentation_factor)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from isf_sim.contact_kernels import axial_force, envelope, probe_wall, touch_heights
+from isf_sim.contact_kernels import axial_force, envelope, probe_wall, support_height, touch_heights
 from isf_sim.control_points import ControlPoints, blend, is_fresh
 from isf_sim.jit import kernel
 from isf_sim.surface import LONG_AGO, Surface, TipTrack
@@ -33,6 +33,7 @@ class PointConstants(NamedTuple):
     radius : forming tool ; amplitude : N, force regression without angle and scallop ; step : reference step
     friction, tangential_share, exponent, wrap_exponent : see PlantConstants
     compliance : (3,) m/N, tool with its axes ; local_compliance : m/N, sheet below the coarse grid's scale
+    die_stiffness : N/m, indentation of the sheet between tool and support
     window, lag_length, fresh_depth, fresh_distance : m
     """
 
@@ -45,6 +46,7 @@ class PointConstants(NamedTuple):
     wrap_exponent: float
     compliance: Array
     local_compliance: float
+    die_stiffness: float
     window: float
     lag_length: float
     fresh_depth: float
@@ -59,8 +61,9 @@ class Contact(NamedTuple):
     path : (3,) m, way travelled, way at the last base update, length of the last loop
     last : (3,) m, last tip ; lateral : (2,) N, lagged horizontal force on the sheet ; drift : (2,) m, lagged
         horizontal motion of the sheet
-    force : (3,) N, force on the sheet (z negative: pressed down), zero without contact
-    axial : (1,) N, magnitude of its z component ; sag : (1,) m, deflection of the sheet at the tool, positive down
+    force : (3,) N, force on the sheet and a support below it (z negative: pressed down), zero without contact
+    axial : (1,) N, axial force that the sheet carries ; on_die : (1,) N, squeezed through it against a support
+    sag : (1,) m, deflection of the sheet at the tool, positive down
     wall : (4,) steepest slope, unit vector towards the wall (2), wrap
     formed_tip : (3,) m, tip in the coordinates of the unloaded sheet
     """
@@ -71,6 +74,7 @@ class Contact(NamedTuple):
     drift: Array
     force: Array
     axial: Array
+    on_die: Array
     sag: Array
     wall: Array
     formed_tip: Array
@@ -85,6 +89,7 @@ def no_contact(tip: Array) -> Contact:
         drift=np.zeros(2),
         force=np.zeros(3),
         axial=np.zeros(1),
+        on_die=np.zeros(1),
         sag=np.zeros(1),
         wall=np.zeros(4),
         formed_tip=tip.copy(),
@@ -129,13 +134,14 @@ def advance_point(
     blending = min(way / constants.lag_length, 1.0)
     contact.formed_tip[0], contact.formed_tip[1], contact.formed_tip[2] = xe, ye, z
     contact.force[:] = 0.0
+    contact.on_die[0] = 0.0
     contact.sag[0] = 0.0
     contact.wall[:] = 0.0
     axial = 0.0
     if in_contact:
         axial = _press(xe, ye, z, dx, dy, way, touch, blending, surface, points, contact, constants)
     contact.axial[0] = axial
-    if axial > 0.0:
+    if axial + contact.on_die[0] > 0.0:
         envelope(surface, path, constants.window, xe, ye, contact.formed_tip[2], radius)
         _mark_track(track, contact, radius)
     else:
@@ -159,7 +165,7 @@ def _press(
     contact: Contact,
     constants: PointConstants,
 ) -> float:
-    """Equilibrium of the tool in contact; returns the axial force, N."""
+    """Equilibrium of the tool in contact; returns the axial force on the sheet, N."""
     radius, step = constants.radius, min(constants.step, constants.radius)
     wall = contact.wall
     probe_wall(surface, xe, ye, radius, wall)
@@ -168,17 +174,23 @@ def _press(
     shift = np.empty(3)
     length = 0.7 * constants.fresh_distance
     exponent = blend(points, contact.last[0], contact.last[1], guess, length, shift)
-    compliance = constants.compliance[2] + constants.local_compliance
+    own = constants.compliance[2]
+    compliance = own + constants.local_compliance
+    # the support stands still in the room: neither sag nor drift of the sheet moves it
+    die = support_height(surface, xe + contact.drift[0], ye + contact.drift[1], radius) - z
     sink = max(-shift[2], 0.0)
     m = constants.exponent
-    plastic = axial_force(touch[0] - z, amplitude, m, step, compliance, guess, sink, exponent)
-    elastic = axial_force(touch[1] - z, amplitude, m, 0.0, compliance, guess, sink, exponent)
+    plastic = axial_force(touch[0] - z, amplitude, m, step, compliance, guess, sink, exponent, own, die)
+    elastic = axial_force(touch[1] - z, amplitude, m, 0.0, compliance, guess, sink, exponent, own, die)
     axial = min(plastic, elastic)
-    if axial <= 0.0:
+    stiffness = constants.die_stiffness
+    squeezed = stiffness * max(die - own * axial, 0.0) / (1.0 + stiffness * own)
+    contact.on_die[0] = squeezed
+    if axial + squeezed <= 0.0:
         return 0.0
     scale = (axial / guess) ** exponent
     contact.sag[0] = sink * scale
-    formed = z + compliance * axial + contact.sag[0]
+    formed = z + max(own * axial, die) + constants.local_compliance * axial + contact.sag[0]
     contact.formed_tip[2] = formed
     groove = math.acos(max(1.0 - max(touch[0] - formed, 0.0) / radius, -1.0))
     radial = axial * math.tan(max(0.5 * (math.atan(wall[0]) - groove), 0.0))
@@ -187,7 +199,8 @@ def _press(
     contact.lateral[1] += blending * (radial * wall[2] + tangential * dy - contact.lateral[1])
     contact.drift[0] += blending * (shift[0] * scale - contact.drift[0])
     contact.drift[1] += blending * (shift[1] * scale - contact.drift[1])
-    contact.force[0], contact.force[1], contact.force[2] = contact.lateral[0], contact.lateral[1], -axial
+    contact.force[0], contact.force[1] = contact.lateral[0], contact.lateral[1]
+    contact.force[2] = -axial - squeezed
     return axial
 
 

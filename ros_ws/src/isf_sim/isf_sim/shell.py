@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
-from isf_sim.shell_assembly import Section, assemble, membrane_force
+from isf_sim.shell_assembly import Section, SupportPoints, add_support, assemble, membrane_force
 from isf_sim.shell_pattern import make_numbering, number_dofs
 
 Array = NDArray[np.float64]
@@ -101,8 +101,7 @@ class Shell:
         self.node_area[np.isclose(np.abs(self.node_y), size[1] / 2)] *= 0.5
         self.height = np.zeros(self.count)
         self.thickness = np.full(self.count, thickness)
-        self.support: Array | None = None
-        self.support_stiffness = 2.0e6
+        self.support: SupportPoints | None = None
         self._number(None)
         self.set_shape(self.height, self.thickness)
         self._number(self._fill_reducing_order())
@@ -127,9 +126,9 @@ class Shell:
             twist=0.25 * corner.ravel() * self.dx * self.dy,
         )
 
-    def set_support(self, height: Array, stiffness: float = 2.0e6) -> None:
-        """One-sided support (backing plate, die): ``height`` (N,) m, stiffness per node N/m."""
-        self.support, self.support_stiffness = height, stiffness
+    def set_support(self, support: SupportPoints | None) -> None:
+        """One-sided rigid support under the sheet (backing plate, die), see :func:`isf_sim.support.support_points`."""
+        self.support = support
 
     @property
     def rigidity(self) -> Array:
@@ -239,17 +238,11 @@ class Shell:
     def _assemble(self, q: Array, *, tangent: bool) -> Array:
         numbering = self._numbering
         assemble(q, self._section, numbering.pattern, tangent, self._force, self._values)
-        inner = self._force[:-1] + self._springs * self._flat(q)
+        if self.support is not None:
+            add_support(q, self.support, numbering.pattern, tangent, self._force, self._values)
         if tangent:
             self._values[numbering.diagonal] += self._springs
-        if self.support is not None:
-            depth = self.support - (self.height + q[:, 2])
-            touching = (depth > 0.0) & self._active[:, 2]
-            at = numbering.dof[touching, 2]
-            inner[at] -= self.support_stiffness * depth[touching]
-            if tangent:
-                self._values[numbering.diagonal[at]] += self.support_stiffness
-        return np.asarray(inner)
+        return np.asarray(self._force[:-1] + self._springs * self._flat(q))
 
     def _matrix(self) -> csc_matrix:
         numbering = self._numbering

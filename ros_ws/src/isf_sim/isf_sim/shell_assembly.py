@@ -47,6 +47,21 @@ class Pattern(NamedTuple):
     star_yy: Array
 
 
+class SupportPoints(NamedTuple):
+    """Points of a one-sided rigid support under the cells.
+
+    Attributes
+    ----------
+    cell : (P,) cell over each point ; share : (P, 4) bilinear weights of its nodes
+    clearance : (P,) m, lower face of the unloaded sheet minus support ; stiffness : (P,) N/m
+    """
+
+    cell: Index
+    share: Array
+    clearance: Array
+    stiffness: Array
+
+
 class Section(NamedTuple):
     """Sheet as the kernels need it: dx, dy m; E Pa; nu; (N,) height m, thickness m, bending weight N m^3,
     (C,) twist weight N m^3."""
@@ -182,6 +197,25 @@ def _add_bending(q: Array, section: Section, pattern: Pattern, tangent: bool, fo
             if tangent:
                 for s in range(4):
                     values[pattern.cell_slot[c, 8 + a, 8 + s]] += weight * sign[a] * sign[s]
+
+
+@kernel
+def add_support(q: Array, support: SupportPoints, pattern: Pattern, tangent: bool, force: Array, values: Array) -> None:
+    """Add the reaction of the support where the sheet lies on it (penalty, one-sided)."""
+    for p in range(support.cell.shape[0]):
+        c = support.cell[p]
+        gap = support.clearance[p]
+        for a in range(4):
+            gap += support.share[p, a] * q[pattern.cells[c, a], 2]
+        if gap >= 0.0:
+            continue
+        stiffness = support.stiffness[p]
+        for a in range(4):
+            force[pattern.cell_dof[c, 8 + a]] += stiffness * gap * support.share[p, a]
+            if tangent:
+                for s in range(4):
+                    share = support.share[p, a] * support.share[p, s]
+                    values[pattern.cell_slot[c, 8 + a, 8 + s]] += stiffness * share
 
 
 @kernel

@@ -30,6 +30,8 @@ class Surface(NamedTuple):
     touched : (ny, nx) path length at which the present pass first touched a node
     formed : (ny, nx) 1 where the tool has formed
     squeeze, squeeze_before, squeezed : (ny, nx) largest squeeze force, the same before the present pass, path length
+    support : (ny, nx) upper face of a sheet that lies on the rigid surface below, at rest; -inf where there is none
+    holder : (2,) 1 where a support stands at all, its rise m
     """
 
     x0: float
@@ -42,6 +44,8 @@ class Surface(NamedTuple):
     squeeze: Array
     squeeze_before: Array
     squeezed: Array
+    support: Array
+    holder: Array
 
 
 class TipTrack(NamedTuple):
@@ -78,6 +82,8 @@ def flat_surface(size: tuple[float, float], h: float) -> Surface:
         squeeze=np.zeros(shape),
         squeeze_before=np.zeros(shape),
         squeezed=np.full(shape, LONG_AGO),
+        support=np.full(shape, -np.inf),
+        holder=np.zeros(2),
     )
 
 
