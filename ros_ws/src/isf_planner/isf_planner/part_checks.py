@@ -8,9 +8,8 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import Job
 from isf_core.rig import Rig
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-from isf_planner import tip_surface
+from isf_planner import surface_kernels, tip_surface
 from isf_planner.mesh_checks import PlacedPart, place_text
 from isf_planner.mesh_input import Mesh
 from isf_planner.surface_normals import facet_normals
@@ -118,14 +117,13 @@ def check_support(contours: tuple[Contour, ...], surface: TargetSurface, job: Jo
     if job.tool_2 is None or not contours or not contours[0].has_support:
         return ()
     stride = tip_surface.STRIDE
-    gx, gy = np.meshgrid(surface.x[::stride], surface.y[::stride])
-    tree = KDTree(np.column_stack([gx.ravel(), gy.ravel(), surface.z[::stride, ::stride].ravel()]))
+    nodes = np.ascontiguousarray(surface.z[::stride, ::stride])
     radius = job.tool_2.radius
     deepest, place, index = 0.0, np.zeros(3), 0
     for contour in contours:
         centre = contour.support_tip - np.array([0.0, 0.0, radius])
         gap = job.path.squeeze_factor * contour.thickness
-        pressing = radius + gap - tree.query(centre)[0]
+        pressing = surface_kernels.ball_cut(nodes, surface.origin, stride * surface.pitch, centre, radius + gap)
         worst = int(np.argmax(pressing))
         if pressing[worst] > deepest:
             deepest, place, index = float(pressing[worst]), contour.support_tip[worst], contour.index

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from isf_planner import surface_kernels
 from isf_planner.mesh_input import Mesh
 
 Array = NDArray[np.float64]
@@ -21,28 +22,13 @@ CREASE = np.radians(15.0)
 
 
 def facet_normals(mesh: Mesh) -> Array:
-    """(F, 3) unit normals of the facets."""
-    corners = mesh.corners()
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.asarray(cross / np.linalg.norm(cross, axis=1, keepdims=True))
+    """(F, 3) unit normals of the facets; zero for a facet without area."""
+    return surface_kernels.vertex_normals(mesh.vertices, mesh.faces)[1]
 
 
 def corner_normals(mesh: Mesh) -> Array:
     """(F, 3, 3) unit normals of the smooth surface at every facet's three corners."""
-    corners = mesh.corners()
-    following = np.roll(corners, -1, axis=1) - corners
-    preceding = np.roll(corners, 1, axis=1) - corners
-    cross = np.cross(following, preceding)
-    double_area = np.linalg.norm(cross, axis=2)
-    angle = np.arctan2(double_area, np.einsum("fcd,fcd->fc", following, preceding))
-    facet = cross[:, 0] / double_area[:, :1]
-    weighted = facet[:, None, :] * (angle * double_area)[:, :, None]
-    vertex = np.zeros_like(mesh.vertices)
-    for axis in range(3):
-        vertex[:, axis] = np.bincount(
-            mesh.faces.ravel(), weights=weighted[:, :, axis].ravel(), minlength=len(mesh.vertices)
-        )
-    vertex /= np.maximum(np.linalg.norm(vertex, axis=1, keepdims=True), 1e-30)
+    vertex, facet = surface_kernels.vertex_normals(mesh.vertices, mesh.faces)
     normals = vertex[mesh.faces]
     on_edge = np.einsum("fcd,fd->fc", normals, facet) < np.cos(CREASE)
     normals[on_edge] = np.broadcast_to(facet[:, None, :], normals.shape)[on_edge]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from isf_planner import surface_kernels
 from isf_planner.target_surface import TargetSurface
 
 Array = NDArray[np.float64]
@@ -27,11 +28,8 @@ CONSISTENT = 0.02
 
 def tip_grid(surface: TargetSurface, radius: float) -> tuple[Array, Array, Array]:
     """x (nx,), y (ny,) and tip height h (ny, nx), m, on every fifth node of the fine grid."""
-    z = surface.z[::STRIDE, ::STRIDE]
-    height = np.full(z.shape, -np.inf)
-    for row, column, drop in _ball(radius, surface.pitch * STRIDE):
-        here, there = _overlap(z.shape, row, column)
-        height[here] = np.maximum(height[here], z[there] - drop)
+    z = np.ascontiguousarray(surface.z[::STRIDE, ::STRIDE])
+    height = surface_kernels.dilate(z, *_ball(radius, surface.pitch * STRIDE))
     return surface.x[::STRIDE], surface.y[::STRIDE], height
 
 
@@ -60,11 +58,8 @@ def unreached(surface: TargetSurface, tip_height: Array, radius: float, toleranc
     finds the worst places and, missing the best tip by up to half a coarse cell, errs to the high side; those
     above ``tolerance`` (m) are then repeated with exact drops on a grid of R / 25.
     """
-    z = surface.z[::STRIDE, ::STRIDE]
-    formed = np.full(z.shape, np.inf)
-    for row, column, drop in _ball(radius, surface.pitch * STRIDE):
-        here, there = _overlap(z.shape, row, column)
-        formed[here] = np.minimum(formed[here], tip_height[there] + drop)
+    z = np.ascontiguousarray(surface.z[::STRIDE, ::STRIDE])
+    formed = -surface_kernels.dilate(-tip_height, *_ball(radius, surface.pitch * STRIDE))
     coarse = np.where(np.isfinite(formed), formed - z, 0.0)
     worst = np.argsort(coarse, axis=None)[::-1][:_WORST]
     rows, columns = np.unravel_index(worst, coarse.shape)
@@ -124,26 +119,11 @@ def contact_normals(surface: TargetSurface, points: Array, contact: Array, radiu
     return np.column_stack([horizontal, vertical])
 
 
-def _ball(radius: float, pitch: float) -> list[tuple[int, int, float]]:
-    """Node offsets (row, column) within the radius and how far the ball's surface lies above its tip there."""
-    reach = int(radius / pitch)
-    return [
-        (row, column, float(radius - np.sqrt(radius**2 - (row**2 + column**2) * pitch**2)))
-        for row in range(-reach, reach + 1)
-        for column in range(-reach, reach + 1)
-        if (row**2 + column**2) * pitch**2 <= radius**2
-    ]
-
-
-def _overlap(shape: tuple[int, ...], row: int, column: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Slices of an array and of the same array shifted by (row, column)."""
-    here = (_cut(shape[0], -row), _cut(shape[1], -column))
-    there = (_cut(shape[0], row), _cut(shape[1], column))
-    return here, there
-
-
-def _cut(size: int, shift: int) -> slice:
-    return slice(max(shift, 0), size + min(shift, 0))
+def _ball(radius: float, pitch: float) -> tuple[Indices, Array]:
+    """Node offsets (M, 2) row, column within the radius and how far the ball's surface lies above its tip there."""
+    offsets = _disc(int(radius / pitch), 1)
+    distance = (offsets**2).sum(axis=1) * pitch**2
+    return offsets, radius - np.sqrt(np.maximum(radius**2 - distance, 0.0))
 
 
 def _disc(reach: int, stride: int) -> Indices:
@@ -161,26 +141,9 @@ def _best(
     surface: TargetSurface, points: Array, start: Indices, offsets: Indices, radius: float
 ) -> tuple[Array, Indices]:
     """Highest tip over the nodes start (N, 2) + offsets (M, 2): height (N,) and node (N, 2)."""
-    ny, nx = surface.z.shape
-    row = np.clip(start[:, None, 0] + offsets[None, :, 0], 0, ny - 1)
-    column = np.clip(start[:, None, 1] + offsets[None, :, 1], 0, nx - 1)
-    dx = surface.origin[0] + surface.pitch * column - points[:, None, 0]
-    dy = surface.origin[1] + surface.pitch * row - points[:, None, 1]
-    rest = radius**2 - dx**2 - dy**2
-    height = np.where(rest >= 0, surface.z.ravel()[row * nx + column] + np.sqrt(np.maximum(rest, 0)), -np.inf)
-    best = np.argmax(height, axis=1)
-    line = np.arange(len(points))
-    return height[line, best] - radius, np.column_stack([row[line, best], column[line, best]])
+    return surface_kernels.best_drop(surface.z, surface.origin, surface.pitch, points, start, offsets, radius)
 
 
 def _normal_xy(surface: TargetSurface, points: Array) -> Array:
     """(N, 2) bilinear horizontal part of the normals at ``points`` (N, 2) m."""
-    ny, nx = surface.z.shape
-    u = np.clip((points[:, 0] - surface.origin[0]) / surface.pitch, 0, nx - 1.001)
-    v = np.clip((points[:, 1] - surface.origin[1]) / surface.pitch, 0, ny - 1.001)
-    i, j = u.astype(np.int64), v.astype(np.int64)
-    fu, fv = (u - i)[:, None], (v - j)[:, None]
-    n = surface.normal_xy
-    lower = n[j, i] * (1 - fu) + n[j, i + 1] * fu
-    upper = n[j + 1, i] * (1 - fu) + n[j + 1, i + 1] * fu
-    return np.asarray(lower * (1 - fv) + upper * fv)
+    return surface_kernels.horizontal_normals(surface.normal_xy, surface.origin, surface.pitch, points)
