@@ -1,0 +1,54 @@
+"""Predicted thickness along the paths of a feature: sine law, or the overlap method section by section."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from isf_core import thickness
+from isf_core.job import Job
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from isf_planner.joined_paths import TipPath
+from isf_planner.loop_family import family
+from isf_planner.tip_loops import TipLoop
+
+Array = NDArray[np.float64]
+
+SECTIONS = 16
+"""Vertical sections around a feature in which the overlap method is run."""
+
+
+def along(chain: Sequence[TipLoop], paths: Sequence[TipPath], job: Job) -> list[Array | None]:
+    """Thickness (N,) m of every path; None where the sine law of its own wall angle holds."""
+    if job.path.thickness == "sine_law" or len(chain) < 3 or chain[0].island:
+        return [None] * len(paths)
+    tool = job.tool_1 if chain[0].forming_tool == 1 or job.tool_2 is None else job.tool_2
+    points, formed = by_overlap(chain, tool.ball_radius, job.sheet.thickness)
+    tree = KDTree(points)
+    result: list[Array | None] = []
+    for path in paths:
+        distance, nearest = tree.query(path.points, k=4)
+        weight = 1.0 / np.maximum(distance, 1e-6) ** 2
+        result.append(np.asarray((formed[nearest] * weight).sum(axis=1) / weight.sum(axis=1)))
+    return result
+
+
+def by_overlap(chain: Sequence[TipLoop], radius: float, initial: float) -> tuple[Array, Array]:
+    """Tips (K * S, 3) m of K loops in S sections around, and the thickness (K * S,) m at their contacts."""
+    tips = family([loop.tip for loop in chain], 1e-3).points
+    contacts, angles = [], []
+    for loop, row in zip(chain, tips, strict=True):
+        nearest = KDTree(loop.tip).query(row)[1]
+        contacts.append(loop.contact(radius)[nearest])
+        angles.append(np.arccos(np.clip(np.abs(loop.normal[nearest, 2]), 0.0, 1.0)))
+    contact, angle = np.array(contacts), np.array(angles)
+    columns = np.unique(np.linspace(0, tips.shape[1], SECTIONS, endpoint=False).astype(np.int64))
+    formed = np.empty((len(chain), len(columns)))
+    for s, column in enumerate(columns):
+        step = np.linalg.norm(np.diff(contact[:, column, :2], axis=0), axis=1)
+        x = np.concatenate([[0.0], np.cumsum(step)])
+        z = -np.maximum.accumulate(np.abs(contact[:, column, 2]))
+        formed[:, s] = thickness.overlap(x, z, angle[:, column], radius, initial)
+    return tips[:, columns].reshape(-1, 3), formed.ravel()

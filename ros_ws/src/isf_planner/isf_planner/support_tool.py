@@ -1,0 +1,54 @@
+"""Where the support tool goes: opposite the contact, or under the blank along the first contour (DSIF).
+
+Both tools are given point by point at the same path parameter, so that they arrive together (Praveen 2020, 2.5).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from isf_core import tip_geometry
+from isf_core.job import Job
+from isf_core.job_tooling import ToolSpec
+from numpy.typing import NDArray
+
+from isf_planner.loop_family import matched
+
+Array = NDArray[np.float64]
+
+
+def opposite(contact: Array, normal: Array, gap: Array, tool: ToolSpec, away: Array, *, upper: bool) -> Array:
+    """(N, 3) m, tips of a support tool whose rounding is ``gap`` (N,) m from the contacts along the normals.
+
+    ``normal`` (N, 3) points to the forming tool, ``away`` (N, 3) horizontally from the forming tool to the wall; the
+    axis of a flat tip is its flat radius further in that direction. ``upper``: the support tool is the upper one.
+    """
+    tip = tip_geometry.support_tip(contact, normal, tool.ball_radius, gap, upper=upper)
+    return np.asarray(tip + tool.flat_radius * away)
+
+
+def along_first(first: Array, points: Array, *, closed: bool) -> Array:
+    """(N, 3) m, for every forming tip (N, 3) the place opposite it on the closed line ``first`` (K, 3) of support tips.
+
+    The first contour is formed with support opposite; later ones keep the tool there, under the undeformed blank
+    beside the opening, where it acts as a backing plate that goes along.
+    """
+    share = matched(points[:, :2], first[:, :2], closed=closed)
+    ring = np.vstack([first, first[:1]])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ring[:, :2], axis=0), axis=1))])
+    place = np.mod(share, 1.0) * arc[-1]
+    return np.column_stack([np.interp(place, arc, column) for column in ring.T])
+
+
+def set_points(job: Job, depth: float, wall_angle: Array) -> Array:
+    """(N,) N, force set-points of a contour whose shallowest tip lies ``depth`` m deep, or (0,) for position control.
+
+    None on the entry fillet and on walls too flat for a horizontal force (Ren 2018, 2.4.1), nor under the blank.
+    """
+    control = job.control
+    forced = (
+        control.support_force > 0
+        and job.path.support == "opposite"
+        and depth >= control.engage_depth - 1e-9
+        and wall_angle.min() >= control.engage_wall_angle
+    )
+    return np.full(len(wall_angle), control.support_force) if forced else np.empty(0)
