@@ -1,0 +1,185 @@
+"""The sheet as it stands when contour k is formed, as a shell mesh: flange, walls down to the contour, flat floor.
+
+This is the truncated target of Ren 2018, 4.2.3, told by the contact loops of the contours up to k. What lies below is
+not formed yet: the floor is flat at the depth of the loop. Frame ``sheet``, lengths in m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import cKDTree
+
+from isf_springback.shell.plan_mesh import SizeField, mesh_in_plan, place_along
+from isf_springback.shell.sheet_model import SheetMesh
+
+Array = NDArray[np.float64]
+
+_LOOP_SPACING = 2.5e-3
+"""m, spacing of the loop points that tell the height: finer than any facet of the wall."""
+
+_LOOP_DROP = 1.2e-3
+"""m, drop or run from loop to loop below which a loop is left out."""
+
+_FLATTEST = np.radians(10.0)
+"""rad, wall angle with which the first loop is continued to the flange at least: a fillet begins at zero."""
+
+_LONGEST_CONTINUATION = 6e-3
+"""m; a first loop further below the flange than this begins inside another feature and is not continued."""
+
+
+@dataclass(frozen=True)
+class FacetSize:
+    """Wanted size of facets, m.
+
+    Attributes
+    ----------
+    at_load, wall, flange : size at the loaded points, in walls, far from both
+    growth_from_load, growth_from_wall : m of size per m of distance
+    """
+
+    at_load: float = 3e-3
+    wall: float = 6e-3
+    flange: float = 14e-3
+    growth_from_load: float = 0.25
+    growth_from_wall: float = 0.3
+
+    @staticmethod
+    def coarse() -> FacetSize:
+        """For previews and for corrections without a database; the deflection errs by up to 0.1 mm."""
+        return FacetSize(4e-3, 8e-3, 16e-3, 0.3, 0.3)
+
+
+@dataclass(frozen=True)
+class FormedSheet:
+    """Shape in plan view.
+
+    Attributes
+    ----------
+    rims : loops (N, 2) m where the wall of a feature begins
+    floors : loops (N, 3) m where the wall of a feature ends now
+    wall : (N, 2) m, places all over the walls
+    height : piecewise linear function of (x, y) m
+    half_size : (2,) m, half of the free sheet
+    """
+
+    rims: tuple[Array, ...]
+    floors: tuple[Array, ...]
+    wall: Array
+    height: LinearNDInterpolator
+    half_size: Array
+
+
+def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float]) -> FormedSheet:
+    """Shape after ``contours`` (0 to k, in their order) in a clamp of ``clamp_size`` m.
+
+    Raises
+    ------
+    IsfError : SHEET_MESH_FAILED, no contours, or one outside the clamp
+    """
+    half = 0.5 * np.asarray(clamp_size, dtype=np.float64)
+    if not contours:
+        raise IsfError(ErrorCode.SHEET_MESH_FAILED, "no contour is formed yet", where="shell mesh")
+    features: dict[tuple[int, int], list[Contour]] = {}
+    for contour in contours:
+        features.setdefault((contour.feature, contour.stage), []).append(contour)
+    latest_stage = {feature: max(s for f, s in features if f == feature) for feature, _ in features}
+    rims, floors, loops = [], [], []
+    for (feature, stage), members in features.items():
+        if stage != latest_stage[feature]:
+            continue  # a later stage has formed this shape anew
+        kept = _spaced(members)
+        rim = _rim(kept[0], float(np.median(members[0].wall_angle)))
+        rims.append(rim[:, :2])
+        floors.append(kept[-1])
+        loops += [rim, *kept]
+    corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
+    places = np.vstack(loops)
+    over = np.abs(places[:, :2]).max(axis=0) - half
+    if (over >= -1e-4).any():
+        raise IsfError(
+            ErrorCode.SHEET_MESH_FAILED,
+            f"the contours reach within {-1e3 * float(over.max()):.1f} mm of the clamped edge",
+            where=f"contour {contours[-1].index}",
+            advice="check the clamp size of the rig and the unit of the part",
+        )
+    height = LinearNDInterpolator(np.vstack([places[:, :2], corner]), np.concatenate([places[:, 2], np.zeros(4)]))
+    return FormedSheet(tuple(rims), tuple(floors), places[:, :2], height, half)
+
+
+def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> SheetMesh:
+    """Shell mesh with a node on every one of ``control_points`` (M, 2) m.
+
+    Raises
+    ------
+    IsfError : SHEET_MESH_FAILED
+    """
+    walls = cKDTree(sheet.wall)
+    loads = cKDTree(control_points)
+
+    def wanted(places: Array) -> Array:
+        from_load, _ = loads.query(places)
+        from_wall, _ = walls.query(places)
+        near = size.at_load + size.growth_from_load * from_load
+        return np.minimum(np.minimum(near, size.wall + size.growth_from_wall * from_wall), size.flange)
+
+    fixed = control_points
+    loops = [floor[:, :2] for floor in sheet.floors] + list(sheet.rims)
+    for loop in loops:
+        start = int(np.argmin(loads.query(loop)[0]))
+        fixed = _with_room(fixed, place_along(loop, wanted, start=start), wanted)
+    corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * sheet.half_size
+    points, triangles, edge = mesh_in_plan(corner, fixed, wanted)
+    height = np.nan_to_num(sheet.height(points))
+    height[edge] = 0.0
+    return SheetMesh(np.column_stack([points, height]), triangles, edge, np.arange(len(control_points), dtype=np.int64))
+
+
+def _spaced(contours: list[Contour]) -> list[Array]:
+    """Contact loops (N, 3) m, first and last kept, those between where they add shape."""
+    kept = [_thinned(contours[0])]
+    for contour in contours[1:-1]:
+        loop = _thinned(contour)
+        drop = abs(float(loop[:, 2].mean() - kept[-1][:, 2].mean()))
+        if drop >= _LOOP_DROP:
+            kept.append(loop)
+    if len(contours) > 1:
+        kept.append(_thinned(contours[-1]))
+    return kept
+
+
+def _thinned(contour: Contour) -> Array:
+    """(N, 3) m, contact loop at about even spacing."""
+    loop = contour.contact
+    step = np.linalg.norm(np.diff(np.vstack([loop, loop[:1]]), axis=0), axis=1)
+    position = np.concatenate([[0.0], np.cumsum(step)])
+    count = max(24, round(float(position[-1]) / _LOOP_SPACING))
+    at = np.arange(count) * position[-1] / count
+    closed = np.vstack([loop, loop[:1]])
+    return np.column_stack([np.interp(at, position, closed[:, axis]) for axis in range(3)])
+
+
+def _rim(loop: Array, wall_angle: float) -> Array:
+    """(N, 3) m, the loop continued outwards to the flange at ``wall_angle`` rad; the loop itself when too deep."""
+    reach = abs(float(loop[:, 2].mean())) / np.tan(max(wall_angle, _FLATTEST))
+    if reach > _LONGEST_CONTINUATION:
+        return loop
+    ahead = np.roll(loop[:, :2], -1, axis=0) - np.roll(loop[:, :2], 1, axis=0)
+    outward = np.column_stack([ahead[:, 1], -ahead[:, 0]])
+    outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-12)[:, None]
+    x, y = loop[:, 0], loop[:, 1]
+    if float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) < 0.0:
+        outward = -outward
+    return np.column_stack([loop[:, :2] + reach * outward, np.zeros(len(loop))])
+
+
+def _with_room(kept: Array, added: Array, wanted: SizeField) -> Array:
+    """``kept`` and those of ``added`` that are at least 0.55 of the local size away from them."""
+    distance, _ = cKDTree(kept).query(added)
+    return np.vstack([kept, added[distance > 0.55 * wanted(added)]])
