@@ -1,0 +1,127 @@
+"""A whole plan in one file: JSON head and arrays in a NumPy archive (.npz), nothing executable, any platform.
+
+All points of all contours stand behind each other in one array per field; the head tells how many belong to each
+contour. A field that a later version adds to the contour is written and read like the others.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_core.contour import Contour, Process
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.height_map import HeightMap
+from numpy.typing import NDArray
+
+from isf_planner.planning import Plan
+
+Array = NDArray[np.float64]
+
+VERSION = 1
+
+_ARRAYS = tuple(item.name for item in fields(Contour) if item.type == "Array")
+_VALUES = tuple(item.name for item in fields(Contour) if item.type != "Array")
+
+
+def save_plan(plan: Plan, path: Path) -> Path:
+    """Write ``plan`` to ``path`` (.npz) and return it; the loop tree is left out. IsfError FILE_NOT_WRITABLE."""
+    head = {
+        "format": "isf plan",
+        "version": VERSION,
+        "plan_id": plan.plan_id,
+        "warnings": list(plan.warnings),
+        "contours": [
+            {name: _plain(getattr(contour, name)) for name in _VALUES}
+            | {"lengths": {name: len(getattr(contour, name)) for name in _ARRAYS}}
+            for contour in plan.contours
+        ],
+    }
+    contents: dict[str, Any] = {
+        f"contour_{name}": np.concatenate([getattr(contour, name).ravel() for contour in plan.contours])
+        for name in _ARRAYS
+    }
+    contents |= {f"target_{axis}": getattr(plan.target, axis) for axis in "xyz"}
+    contents |= {"head": np.array(json.dumps(head)), "mesh_vertices": plan.mesh[0], "mesh_faces": plan.mesh[1]}
+    try:
+        with path.open("wb") as file:
+            np.savez_compressed(file, **contents)
+    except OSError as error:
+        what = f"the plan cannot be written: {error.strerror}"
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(path)) from error
+    return path
+
+
+def load_plan(path: Path) -> Plan:
+    """Plan of a file of :func:`save_plan`, without a loop tree; IsfError FILE_NOT_FOUND or PLAN_FILE_UNREADABLE."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            head = json.loads(str(data["head"]))
+            _check_head(head, path)
+            stored = {name: data[f"contour_{name}"] for name in _ARRAYS if f"contour_{name}" in data}
+            contours = _contours(head["contours"], stored)
+            target = HeightMap(*(data[f"target_{axis}"] for axis in "xyz"))
+            mesh = (data["mesh_vertices"], data["mesh_faces"])
+            return Plan(head["plan_id"], contours, target, mesh, tuple(head["warnings"]))
+    except FileNotFoundError as error:
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path)) from error
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        EOFError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        raise _unreadable(path, "is not a complete plan file") from error
+
+
+def _check_head(head: Any, path: Path) -> None:
+    if not isinstance(head, dict) or head.get("format") != "isf plan":
+        raise _unreadable(path, "is not a plan file")
+    if head.get("version") != VERSION:
+        raise _unreadable(path, f"is a plan file of version {head.get('version')}, this software reads {VERSION}")
+
+
+def _unreadable(path: Path, what: str) -> IsfError:
+    return IsfError(
+        ErrorCode.PLAN_FILE_UNREADABLE, what, where=str(path), advice="plan the part again with isf plan --export"
+    )
+
+
+def _contours(heads: list[dict[str, Any]], stored: dict[str, Array]) -> tuple[Contour, ...]:
+    at = dict.fromkeys(stored, 0)
+    contours = []
+    for head in heads:
+        values: dict[str, Any] = {}
+        for name, array in stored.items():
+            width = 3 if _is_vector(name) else 1
+            size = head["lengths"][name] * width
+            piece = array[at[name] : at[name] + size]
+            if len(piece) != size:
+                raise ValueError(f"{name} ends early")
+            values[name] = piece.reshape(-1, 3) if width == 3 else piece
+            at[name] += size
+        values |= {name: head[name] for name in _VALUES if name in head}
+        values["process"] = Process(values["process"])
+        contours.append(Contour(**values).validate())
+    return tuple(contours)
+
+
+def _is_vector(name: str) -> bool:
+    """True for fields of shape (N, 3)."""
+    default = next(item.default_factory for item in fields(Contour) if item.name == name)
+    if default is not MISSING:
+        return default().ndim == 2
+    return name in ("contact", "normal", "forming_tip")
+
+
+def _plain(value: Any) -> Any:
+    return int(value) if isinstance(value, Process) else value

@@ -1,0 +1,133 @@
+"""Machine programs from line templates: a post-processor is a YAML file, not code.
+
+A template is a line of text with fields in braces, ``X{x1:.4f}``; braces of the machine's own language are doubled.
+The same template, read as a pattern, takes a program apart again, so that a program can be checked against its plan.
+"""
+
+from __future__ import annotations
+
+import re
+import string
+from pathlib import Path
+
+from isf_core import yaml_file
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.model_base import FileModel
+from pydantic import Field, model_validator
+
+FIELDS = {
+    "x1": "mm, tip of the upper tool",
+    "y1": "mm",
+    "z1": "mm",
+    "x2": "mm, tip of the lower tool",
+    "y2": "mm",
+    "z2": "mm",
+    "force": "N, set-point of the support force, 0 = position control",
+    "feed": "mm/s",
+    "feed_min": "mm/min",
+    "feed_m": "m/s",
+    "n": "number of the line in its file",
+    "point": "number of the point in the part, from 1",
+    "contour": "number of the contour, from 1",
+    "contours": "how many contours there are",
+    "file": "number of the file of a split program, from 1",
+    "name": "name of the part",
+    "program": "name of the part with letters, digits and underscores only, at most 24",
+    "plan_id": "of the plan",
+}
+"""What a template may contain."""
+
+FOLDER = Path(__file__).resolve().parent / "posts"
+
+_NUMBER = r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
+
+
+class Channel(FileModel):
+    """One program: the lines for one controller channel or robot."""
+
+    suffix: str = ""
+    """Added to the file name."""
+    plans: str = Field(pattern="^(one tool|two tools)$")
+    """For which plans this program is written."""
+    header: list[str] = Field(default_factory=list)
+    contour: list[str] = Field(default_factory=list)
+    """Before the first point of every contour."""
+    lift: list[str] = Field(default_factory=list)
+    """Before a contour that is reached with lifted tools: the point is the one above (below) its first point."""
+    feed_change: list[str] = Field(default_factory=list)
+    """Before a point with another speed than the one before, for languages that set it apart from the move."""
+    point: str
+    contour_end: list[str] = Field(default_factory=list)
+    footer: list[str] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _fields(self) -> Channel:
+        for line in self.templates:
+            try:
+                used = {name for _, name, _, _ in string.Formatter().parse(line) if name is not None}
+            except ValueError as error:
+                raise ValueError(f"template '{line}': {error}; double the braces of the machine's language") from error
+            unknown = used - set(FIELDS)
+            if unknown:
+                known = ", ".join(FIELDS)
+                raise ValueError(f"template '{line}' has unknown field {', '.join(sorted(unknown))}; known: {known}")
+        if not {"x1", "x2"} & {name for _, name, _, _ in string.Formatter().parse(self.point)}:
+            raise ValueError("template point needs the position of a tool, such as X{x1:.4f} Y{y1:.4f} Z{z1:.4f}")
+        return self
+
+    @property
+    def templates(self) -> tuple[str, ...]:
+        """All lines."""
+        before = (*self.header, *self.contour, *self.lift, *self.feed_change)
+        return (*before, self.point, *self.contour_end, *self.footer)
+
+    @property
+    def tools(self) -> tuple[int, ...]:
+        """Tools whose position the point template tells."""
+        names = {name for _, name, _, _ in string.Formatter().parse(self.point)}
+        return tuple(k for k in (1, 2) if f"x{k}" in names)
+
+
+class PostProcessor(FileModel):
+    """One program format."""
+
+    name: str
+    description: str
+    extension: str = Field(pattern=r"^\.\w+$")
+    lines_per_file: int | None = Field(default=None, ge=50)
+    """A longer program is split into files of at most this many lines."""
+    clearance: float = Field(default=20.0, gt=0.0)
+    """mm, how far the tools are lifted off the sheet plane."""
+    channels: list[Channel] = Field(min_length=1)
+
+
+def load_post(name_or_path: str) -> PostProcessor:
+    """Post-processor by name ("pmac") or from a user's YAML file; IsfError EXPORT_FORMAT_UNKNOWN or of the file."""
+    path = Path(name_or_path)
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        path = FOLDER / f"{name_or_path}.yaml"
+        if not path.is_file():
+            raise IsfError(
+                ErrorCode.EXPORT_FORMAT_UNKNOWN,
+                f"no program format '{name_or_path}'",
+                advice=f"known: {', '.join(post_names())}; or give a YAML file of your own",
+            )
+    return yaml_file.load(path, PostProcessor)
+
+
+def post_names() -> tuple[str, ...]:
+    """Names of the formats that come with the planner."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+
+
+def pattern(template: str) -> re.Pattern[str]:
+    """Regular expression that matches the lines of ``template`` and takes their numbers out by name."""
+    parts, seen = [], set()
+    for literal, name, _, _ in string.Formatter().parse(template):
+        parts.append(re.sub(r"(?:\\?\s)+", r"\\s+", re.escape(literal)))
+        if name is None:
+            continue
+        value = r"\S+?" if name in ("name", "program", "plan_id") else _NUMBER
+        parts.append(f"({value})" if name in seen else f"(?P<{name}>{value})")
+        seen.add(name)
+    return re.compile(r"\s*" + "".join(parts) + r"\s*")

@@ -1,0 +1,199 @@
+"""Writing machine programs with a post-processor, and reading them back."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
+from numpy.typing import NDArray
+
+from isf_planner.exports.path_points import PathPoints, path_points
+from isf_planner.exports.post_processor import Channel, PostProcessor, pattern
+
+Array = NDArray[np.float64]
+
+MM = 1e3
+
+
+def write_programs(contours: Sequence[Contour], post: PostProcessor, path: Path) -> list[Path]:
+    """Write all programs of a plan beside each other and return their paths.
+
+    Parameters
+    ----------
+    contours : of the plan
+    post : format
+    path : file name; channels add their suffix, a split program adds _001, _002, ...
+
+    Raises
+    ------
+    IsfError : EXPORT_FORMAT_UNKNOWN when the format has no program for this number of tools; FILE_NOT_WRITABLE
+    """
+    points = path_points(contours)
+    wanted = "two tools" if points.two_tools else "one tool"
+    channels = [channel for channel in post.channels if channel.plans == wanted]
+    if not channels:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"format {post.name} has no program for {wanted}",
+            advice=f"add a channel with 'plans: {wanted}' to a copy of it",
+        )
+    name = contours[0].plan_id.rsplit("-", 1)[0]
+    known = {
+        "name": name,
+        "program": re.sub(r"\W", "_", name)[:24],
+        "plan_id": contours[0].plan_id,
+        "contours": len(contours),
+    }
+    written = []
+    for channel in channels:
+        body = list(_body(points, channel, post.clearance, known))
+        for number, lines in enumerate(_files(body, channel, post.lines_per_file, known), start=1):
+            split = f"_{number:03d}" if post.lines_per_file and len(body) > _room(channel, post.lines_per_file) else ""
+            target = path.with_name(f"{path.stem}{channel.suffix}{split}{path.suffix or post.extension}")
+            try:
+                target.write_text("\n".join(lines) + "\n", encoding="ascii", errors="replace")
+            except OSError as error:
+                what = f"the program cannot be written: {error.strerror}"
+                raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(target)) from error
+            written.append(target)
+    return written
+
+
+def read_programs(paths: Sequence[Path], post: PostProcessor) -> list[tuple[Array, Array]]:
+    """Tips (tool_1, tool_2) of every contour, each (n, 3) m, of the files of one program in their order.
+
+    Contours are told apart by the ``contour`` lines of the format; without such lines there is one. The tips of a
+    tool that the program does not move are NaN; which tool a program moves is told by the suffix of its file name. The
+    repeated first point of a closed contour is dropped.
+
+    Raises
+    ------
+    IsfError : EXPORT_UNREADABLE when no line is a point of this format; FILE_NOT_FOUND
+    """
+    lines: list[str] = []
+    for path in paths:
+        try:
+            lines += path.read_text(encoding="ascii", errors="replace").splitlines()
+        except OSError as error:
+            raise IsfError(ErrorCode.FILE_NOT_FOUND, "cannot be read", where=str(path)) from error
+    best: list[tuple[Array, Array]] = []
+    for channel in _candidates(post, paths):
+        found = _contours_of(lines, channel)
+        if sum(len(first) for first, _ in found) > sum(len(first) for first, _ in best):
+            best = found
+    if not best:
+        raise IsfError(
+            ErrorCode.EXPORT_UNREADABLE,
+            f"no line is a point of format {post.name}",
+            where=str(paths[0]) if paths else "",
+            advice="name the format the program was written with",
+        )
+    return best
+
+
+def _body(
+    points: PathPoints, channel: Channel, clearance: float, known: dict[str, object]
+) -> Iterator[tuple[str, dict[str, object]]]:
+    """Templates with their values, line by line; the numbers of line and file come when files are made."""
+    tips = np.column_stack([points.tool_1, points.tool_2]) * MM
+    lifted = tips.copy()
+    lifted[:, 2], lifted[:, 5] = clearance, -clearance
+    names = ("x1", "y1", "z1", "x2", "y2", "z2")
+    feed = points.speed * MM
+    last = len(tips) - 1
+    for k in range(len(tips)):
+        begins = k == 0 or points.contour[k] != points.contour[k - 1]
+        values = known | {
+            "contour": int(points.contour[k]) + 1,
+            "point": k + 1,
+            "feed": feed[k],
+            "feed_min": 60.0 * feed[k],
+            "feed_m": points.speed[k],
+            "force": points.force[k],
+        }
+        at = values | dict(zip(names, tips[k].tolist(), strict=True))
+        if begins:
+            for line in channel.contour:
+                yield line, at
+            if points.lift[k]:
+                if k > 0:
+                    above = values | dict(zip(names, lifted[k - 1].tolist(), strict=True))
+                    yield from ((line, above) for line in channel.lift)
+                above = values | dict(zip(names, lifted[k].tolist(), strict=True))
+                yield from ((line, above) for line in channel.lift)
+        if k == 0 or points.lift[k] or points.speed[k] != points.speed[k - 1]:
+            yield from ((line, at) for line in channel.feed_change)
+        yield channel.point, at
+        if k == last or points.contour[k + 1] != points.contour[k]:
+            for line in channel.contour_end:
+                yield line, at
+    above = values | dict(zip(names, lifted[last].tolist(), strict=True))
+    yield from ((line, above) for line in channel.lift)
+
+
+def _room(channel: Channel, lines_per_file: int) -> int:
+    return lines_per_file - len(channel.header) - len(channel.footer)
+
+
+def _files(
+    body: list[tuple[str, dict[str, object]]], channel: Channel, lines_per_file: int | None, known: dict[str, object]
+) -> Iterator[list[str]]:
+    """Lines of every file."""
+    room = _room(channel, lines_per_file) if lines_per_file else len(body)
+    for number, begin in enumerate(range(0, len(body), room), start=1):
+        piece = body[begin : begin + room]
+        count = 1
+        lines = []
+        ends = known | {"file": number}
+        for template, values in [
+            *((line, ends) for line in channel.header),
+            *piece,
+            *((line, ends) for line in channel.footer),
+        ]:
+            lines.append(template.format_map(_Values(values, n=count, file=number)))
+            count += 1
+        yield lines
+
+
+class _Values(dict[str, object]):
+    """Values of one line; a position in a header, where there is none, is 0."""
+
+    def __init__(self, values: dict[str, object], **more: object) -> None:
+        super().__init__(values, **more)
+
+    def __missing__(self, key: str) -> object:
+        return 0.0
+
+
+def _candidates(post: PostProcessor, paths: Sequence[Path]) -> list[Channel]:
+    """Channels that may have written these files: those whose suffix the first name ends with, else those without."""
+    stem = re.sub(r"_[0-9]{3}$", "", paths[0].stem) if paths else ""
+    named = [channel for channel in post.channels if channel.suffix and stem.endswith(channel.suffix)]
+    return named or [channel for channel in post.channels if not channel.suffix]
+
+
+def _contours_of(lines: list[str], channel: Channel) -> list[tuple[Array, Array]]:
+    point = pattern(channel.point)
+    marks = [pattern(line) for line in channel.contour if "{contour}" in line]
+    contours: list[list[list[float]]] = []
+    for line in lines:
+        if any(mark.fullmatch(line) for mark in marks) or not contours:
+            contours.append([])
+        match = point.fullmatch(line)
+        if match:
+            values = match.groupdict()
+            contours[-1].append([float(values.get(f"{axis}{k}") or "nan") / MM for k in (1, 2) for axis in "xyz"])
+    result = []
+    for rows in contours:
+        if not rows:
+            continue
+        table = np.array(rows)
+        known = table[:, 3 * channel.tools[0] - 3 :][:, :3]
+        if len(table) > 3 and np.array_equal(known[0], known[-1]):
+            table = table[:-1]
+        result.append((table[:, :3], table[:, 3:]))
+    return result

@@ -1,0 +1,55 @@
+"""One call for every format: which one a file name stands for, and writing it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from isf_core.errors import ErrorCode, IsfError
+
+from isf_planner.exports.ampl_csv import write_csv
+from isf_planner.exports.plan_file import save_plan
+from isf_planner.exports.post_processor import load_post, post_names
+from isf_planner.exports.programs import write_programs
+from isf_planner.planning import Plan
+
+FORMATS = {
+    ".npz": "plan",
+    ".csv": "csv",
+    ".nc": "iso",
+    ".mpf": "iso_two_channels",
+    ".pmc": "pmac",
+    ".src": "krl",
+    ".mod": "rapid",
+}
+"""File name ending to format."""
+
+
+def export(plan: Plan, path: Path, form: str | None = None) -> list[Path]:
+    """Write ``plan`` and return the files.
+
+    Parameters
+    ----------
+    plan : to be written
+    path : file name; some formats write several files beside it
+    form : "plan", "csv", a post-processor's name or YAML file; None: by the ending of the file name
+
+    Raises
+    ------
+    IsfError : EXPORT_FORMAT_UNKNOWN, FILE_NOT_WRITABLE, or a fault in the user's post-processor
+    """
+    known = form or FORMATS.get(path.suffix.lower())
+    if known is None:
+        endings = ", ".join(f"{ending} {name}" for ending, name in FORMATS.items())
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"'{path.suffix}' does not tell a format",
+            where=str(path),
+            advice=f"add --format NAME (plan, csv, {', '.join(post_names())}), or use one of the endings {endings}",
+        )
+    if not path.parent.is_dir():
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "no such folder", where=str(path.parent), advice="make it first")
+    if known == "plan":
+        return [save_plan(plan, path)]
+    if known == "csv":
+        return write_csv(plan, path)
+    return write_programs(plan.contours, load_post(known), path)
