@@ -1,68 +1,56 @@
 """The simulated two-tool machine: one blank, two tools on servo axes, two load cells, protective limits.
 
 Frame ``sheet``; a wrench is what the sheet does to the tool, after tare. The upper tool (tool_1) forms; the lower one
-(tool_2) squeezes the sheet against it. Not modelled: a lower tool that forms on its own, dies, torques.
+(tool_2) squeezes the sheet against it, or both form together (ADSIF). Not modelled: a lower tool that forms alone.
 
-Reported tips are those of the axes' encoders: the deflection of tool and frame under load is not in them, as on a
-real machine.
+Reported tips are those of the axes' encoders: backlash, errors of the axes and the deflection of tool and frame under
+load are not in them, as on a real machine.
 """
 
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
+from isf_core.kinematics import Gantry, make_kinematics
 from numpy.typing import NDArray
 
+from isf_sim import adsif
 from isf_sim import machine_tick as mt
-from isf_sim.load_cell import BLOCK, DRAWS, make_cell
+from isf_sim.load_cell import BLOCK, DRAWS, take_zero
+from isf_sim.machine_build import make_parts
+from isf_sim.machine_checks import LIMIT_FORCE, LIMIT_SPEED, LIMIT_TRAVEL, force_faults, reach_fault, target_faults
+from isf_sim.machine_event import EventWatch, MachineEvent
+from isf_sim.machine_facts import tick_facts, touches_support
+from isf_sim.machine_sample import MachineSample
 from isf_sim.plant_constants import PlantConstants
-from isf_sim.servo import make_servo
+from isf_sim.scan_sensor import SCAN_TIME, measured_points
 from isf_sim.sheet_plant import SheetPlant
 from isf_sim.sheet_point import DONE
-from isf_sim.squeeze import SqueezeConstants, indentation_stiffness, no_squeeze
+from isf_sim.squeeze import no_squeeze
+from isf_sim.tool_release import release_steps
 from isf_sim.world import World, make_world
 
 Array = NDArray[np.float64]
 
-LIMIT_TRAVEL, LIMIT_SPEED, LIMIT_FORCE = 1, 2, 4
-"""Flags of limits that were hit, as in isf_msgs/msg/MachineState."""
+__all__ = ["LIMIT_FORCE", "LIMIT_SPEED", "LIMIT_TRAVEL", "MachineSample", "SimulatedMachine"]
 
 TARE_READINGS = 200
 LARGEST_TARE_FORCE = 20.0
 """N, true force above which a tool is not free."""
-RELEASE_SPEED = 20.0e-3
-"""m/s, at which tools are moved clear in a protective stop."""
-RELEASE_CLEARANCE = 3.0e-3
-"""m, way beyond the loss of contact."""
-LARGEST_RELEASE = 25.0e-3
-"""m, a release ends here at the latest."""
-
-
-class MachineSample(NamedTuple):
-    """What the machine tells after a tick.
-
-    Attributes
-    ----------
-    tick, time : number of the tick and its time, s
-    wrench_1, wrench_2 : (6,) N and N m, load cells after tare
-    tip_1, tip_2 : (3,) m, tips by the encoders
-    true_force_1, true_force_2 : (3,) N, force of the sheet on each tool without errors of the cells
-    """
-
-    tick: int
-    time: float
-    wrench_1: Array
-    wrench_2: Array
-    tip_1: Array
-    tip_2: Array
-    true_force_1: Array
-    true_force_2: Array
+LARGEST_CLIPPED = 5
+"""Readings in a row at the end of a load cell's range, after which it is no measurement any more."""
+HOLDER_STEP = 0.1e-3
+"""m of blank holder after which the sheet is brought over the die anew."""
+SUPPORT_LOOK = 20
+"""Ticks between two looks at the support under the tool."""
+MOST_EVENTS = 1000
 
 
 class SimulatedMachine:
@@ -72,7 +60,8 @@ class SimulatedMachine:
     ----------
     control_rate : Hz ; tick_count : ticks since the blank was clamped ; world : World
     faults : latched faults (code, text), oldest first ; limits : flags of limits hit since the last reset
-    tared : True after :meth:`tare`
+    events : what happened to the part, oldest first ; tared : True after :meth:`tare`
+    holder_height : m, blank holder over its start (TPIF: negative as the sheet comes down over the die)
     """
 
     def __init__(
@@ -80,55 +69,43 @@ class SimulatedMachine:
     ) -> None:
         job, rig = job_file.job, job_file.rig
         self.job_file = job_file
+        self.world_number, self.seed = world, seed
         self.world: World = make_world(world, seed)
+        self.plant_constants = constants = constants or PlantConstants()
         self.control_rate = job.control.rate
         self.tick_count = 0
         self.faults: list[tuple[ErrorCode, str]] = []
+        self.events: list[MachineEvent] = []
         self.limits = 0
         self.tared = False
-        constants = constants or PlantConstants()
+        self.holder_height = 0.0
         park_1, park_2 = np.array([0.0, 0.0, rig.park_height]), np.array([0.0, 0.0, -rig.park_height])
-        self.plant = SheetPlant(
-            rig.clamp,
-            job_file.material,
-            job.sheet.thickness,
-            job.tool_1.radius,
-            job.path.incremental_depth,
-            rig.tool_1.compliance,
-            world=self.world,
-            constants=constants,
-            tip=park_1,
-        )
-        generator = np.random.default_rng([seed % 2**63, world])
-        cell = rig.load_cell
-        gain = self.world.load_cell_gain
-        cell_1, self._cell_1 = make_cell(cell, constants, self.control_rate, gain, generator)
-        cell_2, self._cell_2 = make_cell(cell, constants, self.control_rate, gain, generator)
-        self._generator = generator
-        self._axes = mt.parked_axes(park_1, park_2)
+        self._generator = np.random.default_rng([seed % 2**63, world])
+        self._more_generator = np.random.default_rng([seed % 2**63, world, 1])
+        parts = make_parts(job_file, self.world, constants, park_1, self._generator)
+        self.plant: SheetPlant = parts.plant
+        self._support = parts.support
+        self._constants = parts.constants
+        self._cell_1, self._cell_2 = parts.cells
+        self._ring = parts.adsif
+        self._adsif = adsif.no_ring(self.plant.surface) if parts.adsif else None
+        self._axes = mt.parked_axes(park_1, park_2, self._constants.errors)
         self._squeeze = no_squeeze()
-        self._constants = mt.MachineConstants(
-            servo=make_servo(
-                rig.servo.bandwidth,
-                rig.servo.rate,
-                self.control_rate,
-                constants.servo_damping,
-                constants.servo_pole_ratio,
-            ),
-            point=self.plant.point_constants,
-            squeeze=self._squeeze_constants(constants),
-            cell_1=cell_1,
-            cell_2=cell_2,
-            force_limit=np.array(rig.limits.force),
-        )
+        self._kinematics = make_kinematics(rig.kinematics)
+        self._linear = all(isinstance(item, Gantry) for item in self._kinematics)
+        radius_2 = job.tool_2.radius if job.tool_2 else 0.0
+        self._watch = EventWatch(parts.event_limits)
         self._travel = np.array(rig.limits.travel)
         self._speed_step = rig.limits.speed / self.control_rate
         self._jump_step = constants.jump_margin * self._speed_step
-        self._radii = np.array([job.tool_1.radius, job.tool_2.radius if job.tool_2 else 0.0])
+        self._balls = (job.tool_1.radius, radius_2)
+        self._radii = np.array(self._balls)
         # force and compliance offsets may both drive the balls towards each other
         self._overlap = 2.0 * rig.limits.offset
         self._target = np.empty(6)
-        self._draws = np.empty((0, 2 * DRAWS))
+        self._draws = np.empty((0, 2 * DRAWS + 6))
+        self._on_support = False
+        self._holder_asked = 0.0
         self._read()
 
     # -- ticking -------------------------------------------------------------------------------------
@@ -144,9 +121,14 @@ class SimulatedMachine:
         return bool(self.faults)
 
     def tick(
-        self, target_1: Sequence[float] | Array, target_2: Sequence[float] | Array, *, waited: int = 0
+        self,
+        target_1: Sequence[float] | Array,
+        target_2: Sequence[float] | Array,
+        holder_height: float = 0.0,
+        *,
+        waited: int = 0,
     ) -> MachineSample:
-        """One control tick towards tip targets (3,), (3,) m; never raises: see ``faults``.
+        """One control tick towards tip targets (3,), (3,) m and a blank holder height m; never raises: see ``faults``.
 
         ``waited``: periods between these targets and the last ones, less one (real time only, where messages may
         be late): the step may be larger by as many ticks.
@@ -167,18 +149,29 @@ class SimulatedMachine:
             )
             if bits:
                 self._judge_target(bits, target, self._jump_step * (1 + waited))
+            elif not self._linear and (finding := reach_fault(self._kinematics, target)) is not None:
+                self.limits |= LIMIT_TRAVEL
+                self.latch(*finding)
+                target[:] = self._axes.target
+            self._move_holder(holder_height)
         return self._advance(target)
 
     def catch_up(
-        self, target_1: Sequence[float] | Array, target_2: Sequence[float] | Array, ticks: int, *, waited: int = 0
+        self,
+        target_1: Sequence[float] | Array,
+        target_2: Sequence[float] | Array,
+        ticks: int,
+        holder_height: float = 0.0,
+        *,
+        waited: int = 0,
     ) -> MachineSample:
         """``ticks`` control ticks straight from the last targets to these, after a time without ticks."""
         start = self._axes.target.copy()
         way = np.concatenate([target_1, target_2]) - start
         for k in range(1, ticks):
             point = start + (k / ticks) * way
-            self.tick(point[:3], point[3:], waited=waited)
-        return self.tick(target_1, target_2, waited=waited)
+            self.tick(point[:3], point[3:], holder_height, waited=waited)
+        return self.tick(target_1, target_2, holder_height, waited=waited)
 
     def hold(self) -> MachineSample:
         """One control tick with the last targets."""
@@ -188,14 +181,12 @@ class SimulatedMachine:
     def sample(self) -> MachineSample:
         """The present readings and tips."""
         axes = self._axes
-        wrench_1, wrench_2 = np.zeros(6), np.zeros(6)
-        wrench_1[:3], wrench_2[:3] = self._cell_1.reading, self._cell_2.reading
         tips = axes.state[:, 0].copy()
         return MachineSample(
             self.tick_count,
             self.tick_count / self.control_rate,
-            wrench_1,
-            wrench_2,
+            self._cell_1.reading.copy(),
+            self._cell_2.reading.copy(),
             tips[:3],
             tips[3:],
             axes.force_1.copy(),
@@ -215,18 +206,10 @@ class SimulatedMachine:
             raise IsfError(ErrorCode.MACHINE_FAULTED, "the load cells cannot be tared", advice="call machine/reset")
         if self.loaded:
             raise IsfError(ErrorCode.FORCE_LIMIT, "a tool is loaded", advice="lift the tools clear before tare")
-        zeros = []
-        for cell, state in ((self._constants.cell_1, self._cell_1), (self._constants.cell_2, self._cell_2)):
-            noise = np.maximum(cell.noise_floor, 0.0) * self._generator.standard_normal((TARE_READINGS, 3))
-            raw = state.offset + state.drift + noise
-            if cell.resolution > 0:
-                raw = np.round(raw / cell.resolution) * cell.resolution
-            before = state.zero.copy()
-            state.zero[:] = raw.mean(axis=0)
-            state.reading[:] += before - state.zero
-            zeros.append(np.concatenate([state.zero, np.zeros(3)]))
+        zero_1 = take_zero(self._constants.cell_1, self._cell_1, TARE_READINGS, self._generator)
+        zero_2 = take_zero(self._constants.cell_2, self._cell_2, TARE_READINGS, self._generator)
         self.tared = True
-        return zeros[0], zeros[1]
+        return zero_1, zero_2
 
     @property
     def loaded(self) -> bool:
@@ -242,8 +225,25 @@ class SimulatedMachine:
         return bool(np.abs(self._axes.state[:, 1]).max() > 1.0e-3)
 
     def measured_shape(self) -> HeightMap:
-        """Unloaded upper surface, 1 mm grid."""
+        """Unloaded upper surface without errors of a sensor, 1 mm grid."""
+        if self._adsif is not None:
+            return adsif.measured_shape(self._adsif, self.plant.surface)
         return self.plant.measured_shape()
+
+    def measured_cloud(self, *, clamped: bool = True, duration: bool = True) -> Array:
+        """(N, 3) m, unordered, as a scanner sees the sheet; see :mod:`isf_sim.scan_sensor`.
+
+        ``duration``: the machine waits for the 2.5 s that a scan takes, ticks at rest. Not ``clamped``: after release
+        and trimming.
+        """
+        tips = self._axes.tips.copy()
+        points = measured_points(
+            self.measured_shape(), self.plant.surface, tips, self._radii, self.world, self._more_generator, clamped
+        )
+        if duration:
+            for _ in range(round(SCAN_TIME * self.control_rate)):
+                self.hold()
+        return points
 
     # -- faults --------------------------------------------------------------------------------------
 
@@ -260,20 +260,7 @@ class SimulatedMachine:
 
     def release_steps(self) -> Iterator[MachineSample]:
         """The ticks of :meth:`release`, one by one."""
-        axes = self._axes
-        push = axes.force_2.copy()
-        size = float(np.linalg.norm(push))
-        away = push / size if size > 1.0 else np.array([0.0, 0.0, -1.0])
-        step = RELEASE_SPEED / self.control_rate * np.concatenate([[0.0, 0.0, 1.0], away])
-        limit = np.tile(self._travel, 2)
-        free_way = moved = 0.0
-        while free_way < RELEASE_CLEARANCE and moved < LARGEST_RELEASE:
-            yield self._advance(np.clip(axes.target + step, -limit, limit))
-            touching = np.abs(axes.force_1).max() > 0.0 or np.abs(axes.force_2).max() > 0.0
-            free_way = 0.0 if touching else free_way + RELEASE_SPEED / self.control_rate
-            moved += RELEASE_SPEED / self.control_rate
-        while self.moving:
-            yield self.hold()
+        yield from release_steps(self._axes, self._travel, self.control_rate, self._advance)
 
     def reset(self) -> None:
         """Clear latched faults and limit flags; the tools stay where they are."""
@@ -295,12 +282,44 @@ class SimulatedMachine:
     def _advance(self, target: Array) -> MachineSample:
         row = self.tick_count % BLOCK
         if row == 0 or len(self._draws) == 0:
-            self._draws = self._generator.standard_normal((BLOCK, 2 * DRAWS))
-        plant, axes = self.plant, self._axes
+            self._draws = np.hstack(
+                [
+                    self._generator.standard_normal((BLOCK, 2 * DRAWS)),
+                    self._more_generator.standard_normal((BLOCK, 6)),
+                ]
+            )
+        outcome = self._advance_sheet(target, self._draws[row])
+        self.tick_count += 1
+        axes = self._axes
+        if axes.flags[0]:
+            flags, found = force_faults(int(axes.flags[0]), axes.force_1, axes.force_2, self._constants.force_limit)
+            self.limits |= flags
+            for finding in found:
+                self.latch(*finding)
+        self._look_for_events(outcome)
+        return self.sample()
+
+    def _advance_sheet(self, target: Array, draws: Array) -> int:
+        """The kernels of one tick; returns what accumulative forming did, STABLE for the other processes."""
+        plant, axes, constants = self.plant, self._axes, self._constants
+        if self._adsif is not None and self._ring is not None:
+            return int(
+                mt.advance_adsif_tick(
+                    target,
+                    draws,
+                    axes,
+                    plant.surface,
+                    self._adsif,
+                    self._ring,
+                    self._cell_1,
+                    self._cell_2,
+                    constants,
+                )
+            )
         while True:
             request = mt.advance_tick(
                 target,
-                self._draws[row],
+                draws,
                 axes,
                 plant.surface,
                 plant.track,
@@ -309,15 +328,45 @@ class SimulatedMachine:
                 self._squeeze,
                 self._cell_1,
                 self._cell_2,
-                self._constants,
+                constants,
             )
             if request == DONE:
-                break
-            plant.serve(request, axes.state[:3, 0].copy())
-        self.tick_count += 1
-        if axes.flags[0]:
-            self._judge_forces(int(axes.flags[0]))
-        return self.sample()
+                return adsif.STABLE
+            plant.serve(request, axes.tips[0].copy())
+
+    def _look_for_events(self, outcome: int) -> None:
+        clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
+        if self.tick_count % SUPPORT_LOOK == 0:
+            self._on_support = touches_support(self.plant)
+        unstable = self._adsif is not None and outcome == adsif.BUCKLES
+        facts = tick_facts(
+            self.tick_count,
+            self._axes,
+            self.plant,
+            self._squeeze,
+            self._balls,
+            buckles=float(self._adsif.local[1]) if self._adsif is not None and unstable else math.nan,
+            on_support=self._on_support,
+            clipped=clipped,
+        )
+        found = self._watch.look(facts)
+        if len(self.events) < MOST_EVENTS:
+            self.events += found
+        if clipped >= LARGEST_CLIPPED and not self.faults:
+            self.latch(
+                ErrorCode.LOAD_CELL_RANGE, f"a load cell has been at the end of its range for {clipped} readings"
+            )
+
+    def _move_holder(self, height: float) -> None:
+        """Bring the sheet over the die in steps, and exactly to where the holder stops."""
+        stopped = height == self._holder_asked
+        self._holder_asked = height
+        if not math.isfinite(height):
+            self.latch(ErrorCode.TARGET_NOT_FINITE, f"blank holder height {height} is no height")
+        elif height != self.holder_height and (stopped or abs(height - self.holder_height) >= HOLDER_STEP):
+            self.holder_height = height
+            if self._support is not None:
+                self.plant.set_support(self._support, -height)
 
     def _read(self) -> None:
         """First reading of the unloaded cells, noise left out."""
@@ -326,64 +375,23 @@ class SimulatedMachine:
 
     def _judge_target(self, bits: int, target: Array, allowed: float) -> None:
         """Latch what is wrong with a target, and put the held target in its place."""
-        if bits == mt.FAST:
-            self.limits |= LIMIT_SPEED
-            return
-        held = self._axes.target
-        if bits & mt.NOT_FINITE:
-            self.latch(ErrorCode.TARGET_NOT_FINITE, f"target {_millimetres(target)} is not a position")
-        if bits & mt.JUMP:
-            self.limits |= LIMIT_SPEED
-            steps = np.linalg.norm((target - held).reshape(2, 3), axis=1)
-            self.latch(
-                ErrorCode.TARGET_JUMP,
-                f"target of tool {1 + int(np.argmax(steps))} jumps by {1e3 * steps.max():.3f} mm in one tick, "
-                f"{1e3 * allowed:.3f} mm allowed",
-            )
-        if bits & mt.OUTSIDE:
-            self.limits |= LIMIT_TRAVEL
-            self.latch(
-                ErrorCode.TARGET_OUT_OF_WORKSPACE,
-                f"target {_millimetres(target)} is outside the travel of +-{_millimetres(self._travel)}",
-            )
-        if bits & mt.OVERLAP:
-            self.latch(ErrorCode.TOOL_COLLISION, f"the tools would run into each other at {_millimetres(target)}")
-        target[:] = held
-
-    def _judge_forces(self, flags: int) -> None:
-        axes = self._axes
-        if flags & mt.FORCE_EXCEEDED:
-            self.limits |= LIMIT_FORCE
-            self.latch(
-                ErrorCode.FORCE_LIMIT,
-                f"force on tool 1 {np.round(axes.force_1)} N, on tool 2 {np.round(axes.force_2)} N; "
-                f"limit {self._constants.force_limit} N per axis",
-            )
-        if flags & mt.TOOLS_TOUCH:
-            self.latch(ErrorCode.TOOL_COLLISION, "the tools press through the sheet")
-
-    def _squeeze_constants(self, constants: PlantConstants) -> SqueezeConstants:
-        job, rig, material = self.job_file.job, self.job_file.rig, self.plant.material
-        flow = 0.5 * constants.flow_factor * (material.yield_strength + material.tensile_strength)
-        radius_1 = job.tool_1.radius
-        radius_2 = job.tool_2.radius if job.tool_2 else radius_1
-        return SqueezeConstants(
-            present=job.tool_2 is not None,
-            forming_radius=radius_1,
-            support_radius=radius_2,
-            stiffness=indentation_stiffness(
-                radius_1, radius_2, flow * self.world.force_level, constants.indentation_factor
-            ),
-            memory=constants.squeeze_memory,
-            thickness=self.plant.thickness,
-            window=constants.window_radii * radius_1,
-            forming_compliance=np.array(rig.tool_1.compliance) * self.world.compliance,
-            support_compliance=np.array(rig.tool_2.compliance) * self.world.compliance,
-        )
+        flags, found = target_faults(bits, target, self._axes.target, allowed, self._travel)
+        self.limits |= flags
+        for finding in found:
+            self.latch(*finding)
+        if bits != mt.FAST:
+            target[:] = self._axes.target
 
 
-_UNCHANGING = {"job_file", "world", "_constants", "_travel", "_radii"}
-
-
-def _millimetres(position: Array) -> str:
-    return "(" + ", ".join(f"{1e3 * value:.3f}" for value in position) + ") mm"
+_UNCHANGING = {
+    "job_file",
+    "world",
+    "plant_constants",
+    "_constants",
+    "_ring",
+    "_support",
+    "_kinematics",
+    "_travel",
+    "_balls",
+    "_radii",
+}

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from isf_sim.adsif import Adsif, AdsifConstants, form_ring
+from isf_sim.axis_error import AxisErrors, true_tips
 from isf_sim.control_points import ControlPoints
 from isf_sim.jit import kernel
 from isf_sim.load_cell import CellConstants, CellState, read_cell
@@ -23,9 +25,10 @@ FORCE_EXCEEDED, TOOLS_TOUCH = 1, 2
 
 
 class MachineConstants(NamedTuple):
-    """Constants of every part the kernel needs."""
+    """Constants of every part the kernels need."""
 
     servo: ServoConstants
+    errors: AxisErrors
     point: PointConstants
     squeeze: SqueezeConstants
     cell_1: CellConstants
@@ -34,24 +37,45 @@ class MachineConstants(NamedTuple):
 
 
 class Axes(NamedTuple):
-    """Both tools' axes: state (6, 3) of x, y, z of tool 1, then of tool 2; target (6,) m held at the last tick;
-    moved (1,) 1 when the servo has done the present tick already; force_1, force_2 (3,) N true force of the sheet
-    on each tool; flags (1,)."""
+    """Both tools' axes.
+
+    Attributes
+    ----------
+    state : (6, 3) encoder position m, speed, acceleration of x, y, z of tool 1, then of tool 2
+    target : (6,) m held at the last tick ; play : (6,) m, driven side of the backlash ; tips : (2, 3) m, true tips
+    moved : (1,) 1 when the servo has done the present tick already
+    force_1, force_2 : (3,) N, true force of the sheet on each tool ; flags : (1,) ; saturated : (1,) a bit per axis
+    """
 
     state: Array
     target: Array
+    play: Array
+    tips: Array
     moved: NDArray[np.int64]
     force_1: Array
     force_2: Array
     flags: NDArray[np.int64]
+    saturated: NDArray[np.int64]
 
 
-def parked_axes(tip_1: Array, tip_2: Array) -> Axes:
-    """At rest with the tips at (3,), (3,) m."""
+def parked_axes(tip_1: Array, tip_2: Array, errors: AxisErrors) -> Axes:
+    """At rest with the tips at (3,), (3,) m by the encoders."""
     target = np.concatenate([tip_1, tip_2])
     state = np.zeros((6, 3))
     state[:, 0] = target
-    return Axes(state, target, np.zeros(1, dtype=np.int64), np.zeros(3), np.zeros(3), np.zeros(1, dtype=np.int64))
+    play, tips = target.copy(), target.reshape(2, 3).copy()
+    true_tips(target, play, errors, tips)
+    return Axes(
+        state=state,
+        target=target,
+        play=play,
+        tips=tips,
+        moved=np.zeros(1, dtype=np.int64),
+        force_1=np.zeros(3),
+        force_2=np.zeros(3),
+        flags=np.zeros(1, dtype=np.int64),
+        saturated=np.zeros(1, dtype=np.int64),
+    )
 
 
 @kernel
@@ -68,36 +92,75 @@ def advance_tick(
     cell_2: CellState,
     constants: MachineConstants,
 ) -> int:
-    """Advance one tick towards ``target`` (6,) m with the normal numbers ``draws`` (12,).
+    """Advance one tick towards ``target`` (6,) m with the normal numbers ``draws`` (18,).
 
     Returns DONE, or what the sheet needs first; the caller serves the request and calls again.
     """
-    if axes.moved[0] == 0:
-        follow_targets(axes.state, axes.target, target, constants.servo)
-        axes.target[:] = target
-        axes.moved[0] = 1
-    tip_1, tip_2 = np.empty(3), np.empty(3)
+    _move_axes(target, axes, constants)
+    tip_1, tip_2 = axes.tips[0], axes.tips[1]
     pull = np.empty(2)
-    for k in range(3):
-        tip_1[k] = axes.state[k, 0]
-        tip_2[k] = axes.state[3 + k, 0]
     pull[0], pull[1] = -squeeze.force[0], -squeeze.force[1]
     request = advance_point(tip_1, pull, surface, track, points, contact, constants.point)
     if request != DONE:
         return request
-    axes.moved[0] = 0
     squeeze_sheet(tip_1, tip_2, surface, contact, squeeze, constants.squeeze)
-    axes.flags[0] = 0
     for k in range(3):
         axes.force_1[k] = -contact.force[k] - squeeze.force[k]
         axes.force_2[k] = squeeze.force[k]
-        if max(abs(axes.force_1[k]), abs(axes.force_2[k])) > constants.force_limit[k]:
-            axes.flags[0] |= FORCE_EXCEEDED
+    _finish(draws, axes, cell_1, cell_2, constants)
     if squeeze.indentation[0] > 0.0 and squeeze.indentation[0] >= squeeze.thickness[0]:
         axes.flags[0] |= TOOLS_TOUCH
-    read_cell(axes.force_1, draws[:6], constants.cell_1, cell_1)
-    read_cell(axes.force_2, draws[6:], constants.cell_2, cell_2)
     return DONE
+
+
+@kernel
+def advance_adsif_tick(
+    target: Array,
+    draws: Array,
+    axes: Axes,
+    surface: Surface,
+    state: Adsif,
+    ring: AdsifConstants,
+    cell_1: CellState,
+    cell_2: CellState,
+    constants: MachineConstants,
+) -> int:
+    """Advance one tick of accumulative forming; returns what the sheet did (adsif.STABLE, BUCKLES, FREE)."""
+    _move_axes(target, axes, constants)
+    outcome = form_ring(axes.tips[0], axes.tips[1], surface, state, ring)
+    for k in range(3):
+        axes.force_1[k] = -state.force[k]
+        axes.force_2[k] = state.force[k]
+    _finish(draws, axes, cell_1, cell_2, constants)
+    return outcome
+
+
+@kernel
+def _move_axes(target: Array, axes: Axes, constants: MachineConstants) -> None:
+    """Servo towards ``target`` once per tick, and the true tips that follow from the encoders' positions."""
+    if axes.moved[0] != 0:
+        return
+    axes.saturated[0] = follow_targets(axes.state, axes.target, target, constants.servo)
+    axes.target[:] = target
+    axes.moved[0] = 1
+    if constants.errors.present:
+        true_tips(axes.state[:, 0], axes.play, constants.errors, axes.tips)
+    else:
+        for k in range(3):
+            axes.tips[0, k] = axes.state[k, 0]
+            axes.tips[1, k] = axes.state[3 + k, 0]
+
+
+@kernel
+def _finish(draws: Array, axes: Axes, cell_1: CellState, cell_2: CellState, constants: MachineConstants) -> None:
+    """Limits and readings of a tick whose forces are known."""
+    axes.moved[0] = 0
+    axes.flags[0] = 0
+    for k in range(3):
+        if max(abs(axes.force_1[k]), abs(axes.force_2[k])) > constants.force_limit[k]:
+            axes.flags[0] |= FORCE_EXCEEDED
+    read_cell(axes.force_1, draws[:6], draws[12:15], constants.cell_1, cell_1)
+    read_cell(axes.force_2, draws[6:12], draws[15:], constants.cell_2, cell_2)
 
 
 NOT_FINITE, JUMP, OUTSIDE, OVERLAP, FAST = 1, 2, 4, 8, 16

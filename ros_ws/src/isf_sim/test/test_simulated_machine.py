@@ -315,6 +315,8 @@ def test_worlds_are_seeded_and_world_zero_is_nominal() -> None:
     for number in range(1, 30):
         factors = make_world(number).as_dict()
         assert 0.0 <= factors.pop("edge_spring") <= 60e6
+        assert abs(factors.pop("registration_turn")) <= 0.0035
+        assert all(abs(factors.pop(f"registration_{axis}")) <= 0.2e-3 for axis in "xyz")
         assert all(0.8 <= value <= 1.2 for value in factors.values())
     with pytest.raises(IsfError):
         make_world(-1)

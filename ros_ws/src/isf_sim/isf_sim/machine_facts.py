@@ -1,0 +1,62 @@
+"""The facts of a tick that events are found in, read from the state of axes, contact and squeeze."""
+
+from __future__ import annotations
+
+import math
+
+from isf_sim.contact_kernels import support_height
+from isf_sim.machine_event import TickFacts
+from isf_sim.machine_tick import Axes
+from isf_sim.sheet_plant import SheetPlant
+from isf_sim.sheet_point import TRAVELLED
+from isf_sim.squeeze import Squeeze
+
+
+def tick_facts(
+    tick: int,
+    axes: Axes,
+    plant: SheetPlant,
+    squeeze: Squeeze,
+    radii: tuple[float, float],
+    *,
+    buckles: float,
+    on_support: bool,
+    clipped: int,
+) -> TickFacts:
+    """Facts after tick number ``tick``; ``radii`` m of both balls (0: no second tool)."""
+    contact = plant.contact
+    forming, support = axes.tips.tolist()
+    fx, fy, fz = axes.force_2.tolist()
+    gap = math.inf
+    if radii[1] > 0.0:
+        apart = math.dist(forming[:2], support[:2])
+        gap = math.hypot(apart, support[2] - radii[1] - forming[2] - radii[0]) - radii[0] - radii[1]
+    strain = 0.0
+    if contact.axial[0] > 0.0:
+        slope = float(contact.wall[0])
+        left = plant.thickness / math.sqrt(1.0 + slope * slope)
+        if fz != 0.0:
+            left = min(left, float(squeeze.thickness[0]))
+        strain = math.log(plant.thickness / left)
+    return TickFacts(
+        tick=tick,
+        forming=tuple(forming),
+        support=tuple(support),
+        axial=float(axes.force_1[2]),
+        support_force=math.sqrt(fx * fx + fy * fy + fz * fz),
+        gap=gap,
+        strain=strain,
+        travelled=float(contact.path[TRAVELLED]),
+        buckles=buckles,
+        on_support=on_support,
+        clipped=clipped,
+        saturated=bool(axes.saturated[0]),
+    )
+
+
+def touches_support(plant: SheetPlant) -> bool:
+    """True when the sheet under the pressing tool lies on the die or the backing plate."""
+    if plant.contact.axial[0] <= 0.0 or plant.surface.holder[0] == 0.0:
+        return False
+    x, y, z = plant.contact.formed_tip
+    return bool(z <= support_height(plant.surface, x, y, plant.radius) + 1e-6)
