@@ -26,13 +26,18 @@ class Material(FileModel):
     tensile_strength: Stress = Field(gt=1e6, lt=5e9)
     friction: float = Field(ge=0, lt=1)
     max_wall_angle: Angle = Field(gt=0.1, lt=1.5708)
+    strength_coefficient: Stress | None = Field(default=None, gt=1e6, lt=5e9)
+    """K of the flow curve K strain^n; without it the curve is estimated (:mod:`isf_core.flow_curve`)."""
+    hardening_exponent: float | None = Field(default=None, ge=0, lt=1)
+    """n of the flow curve."""
     provenance: dict[str, str]
 
 
 def load_material(name_or_path: str, base: Path | None = None) -> Material:
     """Material by name ("AA5754-O") or by path relative to ``base``; raises IsfError."""
     material = yaml_file.load(find_named("materials", name_or_path, base), Material)
-    constants = set(Material.model_fields) - {"name", "provenance"}
+    constants = {name for name in Material.model_fields if getattr(material, name) is not None}
+    constants -= {"name", "provenance"}
     missing = constants - set(material.provenance)
     if missing:
         raise IsfError(
