@@ -21,11 +21,13 @@ SECTIONS = 16
 
 
 def along(chain: Sequence[TipLoop], paths: Sequence[TipPath], job: Job) -> list[Array | None]:
-    """Thickness (N,) m of every path; None where the sine law of its own wall angle holds."""
+    """Thickness (N,) m of every path; None where the sine law of its own wall angle holds.
+
+    ``job`` with the forming tool as tool_1, loops and paths as that tool sees them.
+    """
     if job.path.thickness == "sine_law" or len(chain) < 3 or chain[0].island:
         return [None] * len(paths)
-    tool = job.tool_1 if chain[0].forming_tool == 1 or job.tool_2 is None else job.tool_2
-    points, formed = by_overlap(chain, tool.ball_radius, job.sheet.thickness)
+    points, formed = by_overlap(chain, job.tool_1.ball_radius, job.sheet.thickness)
     tree = KDTree(points)
     result: list[Array | None] = []
     for path in paths:

@@ -10,10 +10,12 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
+from isf_core.job import Job, JobFile
 from numpy.typing import NDArray
 
 from isf_planner import (
+    finishing,
+    adsif_path,
     mesh_checks,
     mesh_input,
     part_checks,
@@ -22,8 +24,10 @@ from isf_planner import (
     target_surface,
     tip_surface,
     tool_paths,
+    tpif_path,
 )
 from isf_planner.feature_tree import LoopTree
+from isf_planner.sides import UPSIDE_DOWN, HalfPart, Side, halves, merged, swapped
 
 Array = NDArray[np.float64]
 
@@ -87,20 +91,50 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     IsfError : codes 1101-1112 with the place and an advice; PLAN_CANCELLED
     """
     job, rig = job_file.job, job_file.rig
-    if job.process not in ("SPIF", "DSIF"):
-        raise IsfError(
-            ErrorCode.PROCESS_NOT_SUPPORTED,
-            f"process {job.process} cannot be planned yet",
-            where="process",
-            advice="use SPIF (one tool) or DSIF (two tools)",
-        )
     step = _Steps(progress or (lambda phase, share: None), cancelled or (lambda: False))
-    radius = job.tool_1.radius
-
     step("reading the mesh", 0.0)
     loaded = mesh_input.load_mesh(job_file.mesh, job.part.unit)
-    part = mesh_checks.check_and_place(loaded, rig.clamp.size, radius)
+    warnings: list[str] = []
+    tpif: tpif_path.TpifPart | None = None
+    if job.process == "TPIF":
+        tpif = tpif_path.plan_part(loaded, job_file, step)
+        planned, mesh = [tpif.side], tpif.mesh
+        warnings += tpif.warnings
+    else:
+        planned, shift = [], np.zeros(3)
+        for part in halves(loaded) if job.process == "DSIF" else [HalfPart(loaded, 1)]:
+            side, shift, told = _plan_half(part, job_file, step)
+            planned.append(side)
+            warnings += told
+        mesh = loaded.moved(shift)
+
+    step("tools", 0.9)
+    plan_id = _identify(job_file)
+    if tpif is not None:
+        contours = tpif_path.make_contours(tpif, job_file, plan_id)
+    elif job.process == "ADSIF":
+        contours, flat = adsif_path.make_contours(planned[0].tree, planned[0].surface, job_file, plan_id)
+        warnings += flat
+    else:
+        contours = tool_paths.make_contours(planned, job_file, plan_id)
+    contours, told = finishing.finish(contours, job_file)
+    warnings += told
+    part_checks.check_travel(contours, rig)
+    warnings += part_checks.check_support(_supported(contours, job), planned[0].surface, job)
+    target = target_surface.target_map(mesh, rig.clamp.size)
+    step("done", 1.0)
+    tree = merged(planned)
+    return Plan(plan_id, contours, target, (mesh.vertices, mesh.faces), tuple(dict.fromkeys(warnings)), tree)
+
+
+def _plan_half(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, Array, list[str]]:
+    """Loops of what one tool forms, in the view of that tool; the shift (3,) m of the mesh in frame ``sheet``."""
+    job, rig = swapped(job_file.job, half.forming_tool), job_file.rig
+    radius = job.tool_1.ball_radius
+    part = mesh_checks.check_and_place(half.mesh, rig.clamp.size, job.tool_1.radius)
     part_checks.check_fit(part, job, rig)
+    if job.process == "ADSIF":
+        adsif_path.check_reachable(part.mesh, adsif_path.surface_for(job_file))
     limit = job.wall_angle_limit or job_file.material.max_wall_angle
     warnings = list(part.warnings + part_checks.check_wall_angle(part.mesh, limit))
 
@@ -114,15 +148,15 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     nodes, told = sections.trace(sections.TipGrid(x, y, height, part.depth), levels, job)
     warnings += told
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
+    shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
+    return Side(tree, surface, half.forming_tool), shift * (UPSIDE_DOWN if half.forming_tool == 2 else 1.0), warnings
 
-    step("tools", 0.9)
-    plan_id = _identify(job_file)
-    contours = tool_paths.make_contours(tree, surface, job_file, plan_id)
-    part_checks.check_travel(contours, rig)
-    warnings += part_checks.check_support(contours, surface, job)
-    target = target_surface.target_map(part.mesh, rig.clamp.size)
-    step("done", 1.0)
-    return Plan(plan_id, contours, target, (part.mesh.vertices, part.mesh.faces), tuple(warnings), tree)
+
+def _supported(contours: tuple[Contour, ...], job: Job) -> tuple[Contour, ...]:
+    """Contours whose support ball is opposite the contact from below: those that can press beside it."""
+    opposite = job.process == "DSIF" and job.path.support == "opposite"
+    ball = job.tool_2 is not None and job.tool_2.flat_radius == 0
+    return tuple(contour for contour in contours if opposite and ball and contour.forming_tool == 1)
 
 
 def _identify(job_file: JobFile) -> str:

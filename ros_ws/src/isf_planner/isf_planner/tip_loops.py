@@ -86,7 +86,7 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
     ------
     IsfError : CONTOUR_LOST when a tip would cut more than 20 um into the target
     """
-    radius, spacing = job.tool_1.radius, job.path.point_spacing
+    radius, spacing = job.tool_1.ball_radius, job.path.point_spacing
     # the loop is settled with more points than it gets in the end, so that its chords follow it also in sharp turns
     points = resampling.resample(rough, min(spacing / 2, resampling.perimeter(rough) / SETTLED_POINTS), start)
     points, _, _ = settle(surface, points, level, radius, steps=3)

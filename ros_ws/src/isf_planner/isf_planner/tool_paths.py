@@ -4,8 +4,8 @@ Features are formed one after the other, parents before children, each from the 
 between features. Within a feature the loops become separate contours, contours joined by ramps, or one spiral, in the
 direction the job asks for.
 
-A loop of a feature with ``forming_tool`` 2 (it rises above the blank) has its contacts on the given surface, too; the
-lower tool touches the other face of the sheet, one thickness below it.
+A feature that rises above the blank is formed by the lower tool, which touches the other face of the sheet, one
+thickness below the given surface.
 """
 
 from __future__ import annotations
@@ -20,22 +20,20 @@ from numpy.typing import NDArray
 
 from isf_planner import feed_profile, formed_thickness, joined_paths
 from isf_planner.contours import contour_of, path_of
-from isf_planner.feature_tree import LoopTree
 from isf_planner.joined_paths import TipPath
+from isf_planner.sides import UPSIDE_DOWN, Side, swapped
 from isf_planner.slicing import signed_area
-from isf_planner.target_surface import TargetSurface
 from isf_planner.tip_loops import TipLoop
 
 Array = NDArray[np.float64]
 
 
-def make_contours(tree: LoopTree, surface: TargetSurface, job_file: JobFile, plan_id: str) -> tuple[Contour, ...]:
-    """Contours of all loops.
+def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tuple[Contour, ...]:
+    """Contours of all loops, upper tool first.
 
     Parameters
     ----------
-    tree : loops and features
-    surface : the sampled target, on which joined paths are settled
+    sides : loops, features and sampled target as the forming tool of each side sees them
     job_file : the job with its rig and material
     plan_id : of the plan
 
@@ -44,16 +42,22 @@ def make_contours(tree: LoopTree, surface: TargetSurface, job_file: JobFile, pla
     IsfError : PATH_BROKEN, PART_TOO_SMALL_FOR_TOOL (flat tip), FEATURES_MIXED (no lower tool)
     """
     job = job_file.job
-    chains = [[tree.loops[k] for k in feature.loops] for feature in tree.features]
-    groups = [feature_paths(chain, surface, job) for chain in chains if chain]
+    chains = [
+        (side, number, [side.tree.loops[k] for k in feature.loops])
+        for side, start in zip(sides, _first_numbers(sides), strict=True)
+        for number, feature in enumerate(side.tree.features, start)
+        if feature.loops
+    ]
+    groups = [feature_paths(chain, side, job) for side, _, chain in chains]
     count = sum(len(paths) for paths in groups)
     contours: list[Contour] = []
     joins: list[bool] = []
-    for chain, paths in zip(chains, groups, strict=True):
-        formed = formed_thickness.along(chain, paths, job)
+    for (side, number, chain), paths in zip(chains, groups, strict=True):
+        formed = formed_thickness.along(chain, paths, swapped(job, side.forming_tool))
         first: Array | None = None
         for k, (path, thickness) in enumerate(zip(paths, formed, strict=True)):
-            contour = contour_of(path, job, plan_id, len(contours), count, formed=thickness, first=first)
+            seen = replace(_from_below(path) if side.forming_tool == 2 else path, feature=number)
+            contour = contour_of(seen, job, plan_id, len(contours), count, formed=thickness, first=first)
             if job.path.support == "on_blank" and contour.has_support and first is None:
                 first = contour.support_tip
             contours.append(replace(contour, retract=k == 0 and bool(contours)))
@@ -61,23 +65,21 @@ def make_contours(tree: LoopTree, surface: TargetSurface, job_file: JobFile, pla
     return tuple(feed_profile.with_speed(contours, joins, job.path.acceleration))
 
 
-def feature_paths(chain: Sequence[TipLoop], surface: TargetSurface, job: Job) -> list[TipPath]:
-    """Paths of one feature's loops in the style and sense of travel the job asks for."""
+def feature_paths(chain: Sequence[TipLoop], side: Side, job: Job) -> list[TipPath]:
+    """Paths of one feature's loops in the style and sense of travel the job asks for, as the forming tool sees them."""
     options = job.path
-    tool = job.tool_1 if chain[0].forming_tool == 1 or job.tool_2 is None else job.tool_2
-    radius, spacing = tool.ball_radius, options.point_spacing
+    radius, spacing = swapped(job, side.forming_tool).tool_1.ball_radius, options.point_spacing
     paths = [_directed(path_of(loop), options.direction, k) for k, loop in enumerate(chain)]
     if len(chain) < 2 or (options.style == "contours" and options.transition == "step"):
         return [_staggered(path, k * options.stagger) for k, path in enumerate(paths)]
-    lower = chain[0].forming_tool == 2
-    if lower:  # joined paths are settled as on a pocket: the part seen from below
-        paths = [_mirrored(path) for path in paths]
-        surface = replace(surface, z=-surface.z, normal_xy=-surface.normal_xy)
     if options.style == "spiral":
-        paths = joined_paths.spiral(surface, paths, radius, spacing)
-    else:
-        paths = joined_paths.ramps(surface, paths, options.ramp_length, radius, spacing)
-    return [_mirrored(path) for path in paths] if lower else paths
+        return joined_paths.spiral(side.surface, paths, radius, spacing)
+    return joined_paths.ramps(side.surface, paths, options.ramp_length, radius, spacing)
+
+
+def _first_numbers(sides: Sequence[Side]) -> list[int]:
+    """Number of the first feature of every side."""
+    return [sum(len(side.tree.features) for side in sides[:k]) for k in range(len(sides))]
 
 
 def _directed(path: TipPath, direction: str, number: int) -> TipPath:
@@ -94,6 +96,6 @@ def _staggered(path: TipPath, distance: float) -> TipPath:
     return replace(path, points=np.roll(path.points, -shift, axis=0), normal=np.roll(path.normal, -shift, axis=0))
 
 
-def _mirrored(path: TipPath) -> TipPath:
-    flip = np.array([1.0, 1.0, -1.0])
-    return replace(path, points=path.points * flip, normal=path.normal * flip)
+def _from_below(path: TipPath) -> TipPath:
+    """A path planned on the part turned over, in frame ``sheet``."""
+    return replace(path, points=path.points * UPSIDE_DOWN, normal=path.normal * UPSIDE_DOWN, forming_tool=2)

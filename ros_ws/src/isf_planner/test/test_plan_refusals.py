@@ -21,13 +21,6 @@ def refusal(job_file: JobFile) -> IsfError:
     return caught.value
 
 
-@pytest.mark.parametrize("process", ["ADSIF"])
-def test_processes_that_are_not_planned_yet(process: str, tmp_path: Path) -> None:
-    error = refusal(job_for(write(Cone().mesh(50e-6), tmp_path / "cone.stl"), process=process))
-    assert error.code is ErrorCode.PROCESS_NOT_SUPPORTED
-    assert process in error.what
-
-
 def test_wrong_unit_is_told_before_anything_else(tmp_path: Path) -> None:
     path = write(Cone().mesh(50e-6), tmp_path / "cone.stl")
     assert refusal(job_for(path, unit="m")).code is ErrorCode.MESH_UNIT_SUSPECT
