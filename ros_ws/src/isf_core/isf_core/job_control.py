@@ -24,3 +24,6 @@ class ControlSpec(FileModel):
     authority (Ren 2018, section 2.4); the default is assumed."""
     compliance_compensation: float = Field(default=1.0, ge=0.0, le=1.0)
     """Factor on the compliance compensation of the forming tool."""
+    support_compensation: float | None = Field(default=None, ge=0.0, le=1.0)
+    """Factor on the compliance compensation of the support tool, on contours without force control. None: as much as
+    is stable in ADSIF, where no wall guides the tools (Ren 2018, 3.3.1), nothing in other processes."""

@@ -50,13 +50,26 @@ class ContactForceSettings:
 class ContactForceLoop:
     """The integral law with its limiters; one call per tick."""
 
-    __slots__ = ("_clamp", "_dead", "_error", "_fir", "_gain", "_limit", "_ramp_back", "_slew", "flags", "offset")
+    __slots__ = (
+        "_clamp",
+        "_dead",
+        "_error",
+        "_fir",
+        "_gain",
+        "_limit",
+        "_ramp_back",
+        "_rate",
+        "_slew",
+        "flags",
+        "offset",
+    )
 
     def __init__(self, settings: ContactForceSettings) -> None:
         self._clamp = settings.error_clamp
         self._slew = settings.error_slew / settings.rate
         self._dead = settings.dead_zone
         self._limit = settings.offset_limit
+        self._rate = settings.rate
         self._gain = settings.integral_gain / settings.rate
         self._ramp_back = 1.0 / (settings.integral_gain * settings.ramp_back_time)
         self._fir = Fir(settings.coefficients)
@@ -65,6 +78,10 @@ class ContactForceLoop:
         """m, present offset along the horizontal normal, positive towards the forming tool."""
         self.flags = 0
         """Limits that were active in the last tick, a sum of :class:`Flag`."""
+
+    def set_gain(self, integral_gain: float) -> None:
+        """New K_i (m/(N s)); the offset goes on from where it is."""
+        self._gain = integral_gain / self._rate
 
     def control(self, error: float, advance: float = 0.0) -> float:
         """Offset (m) after one tick with force error ``error`` = set-point - measured (N).

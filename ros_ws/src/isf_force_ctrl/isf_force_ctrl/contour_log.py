@@ -22,8 +22,9 @@ class ContourLog:
     A row belongs to the time of a wrench: the wrench, and the targets that were valid at that time.
     """
 
-    def __init__(self, contour: Contour, forced: bool) -> None:
+    def __init__(self, contour: Contour, forced: bool, backoffs: int = 0) -> None:
         self.contour = contour
+        self._backoffs_before = backoffs
         self.forced = forced
         self.lost_messages = 0
         self._rows: list[tuple[float, ...]] = []
@@ -34,31 +35,36 @@ class ContourLog:
 
     def add(
         self,
-        time: float,
-        mode: int,
-        flags: int,
-        set_point: float,
-        normal_force: float,
-        coordinate: float,
-        offset: float,
+        state: tuple[float, int, int, float, float, float, float],
         compliance: tuple[float, float],
         forces: tuple[float, ...],
         tips: tuple[float, ...],
     ) -> None:
-        """Keep one tick; ``forces`` and ``tips`` are (6,): tool 1, then tool 2."""
-        self._rows.append((time, mode, flags, set_point, normal_force, coordinate, offset, *compliance, *forces, *tips))
+        """Keep one tick.
+
+        ``state``: time, mode, flags, set-point, normal force, contour coordinate, force offset. ``forces`` and ``tips``
+        are (6,): tool 1, then tool 2.
+        """
+        self._rows.append((*state, *compliance, *forces, *tips))
 
     def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:
         """Keep a tip (3,) m reported by the machine."""
         self._measured[tool - 1].append((time, *tip))
 
-    def result(self, completed: bool, code: int = 0, message: str = "") -> ContourResult:
-        """Everything that happened; values at points that were not reached are NaN."""
+    def result(self, completed: bool, code: int = 0, message: str = "", *, backoffs: int = 0) -> ContourResult:
+        """Everything that happened; values at points that were not reached are NaN.
+
+        ``backoffs``: oscillations found since arming.
+        """
         table = np.array(self._rows, dtype=float).reshape(len(self._rows), -1) if self._rows else np.empty((0, 21))
         time, mode, flags, set_point, normal_force = table[:, :5].T
-        at_points = _point_times(table[:, 5], time, len(self.contour))
+        at_points = _point_times(table[:, 5], time, len(self.contour), completed=completed)
         values = _interpolated(at_points, time, table[:, 6:21])
         contour = self.contour
+        forming, support = (slice(3, 6), slice(6, 9)) if contour.forming_tool == 1 else (slice(6, 9), slice(3, 6))
+        forming_tip, support_tip = (slice(9, 12), slice(12, 15))
+        if contour.forming_tool == 2:
+            forming_tip, support_tip = support_tip, forming_tip
         engaged = mode == Mode.CONTROL
         contact = (flags.astype(int) & Flag.CONTACT_LOST) == 0
         looped = np.isin(mode, _LOOP_MODES)
@@ -69,20 +75,21 @@ class ContourLog:
             start=float(time[0]) if len(time) else 0.0,
             end=float(time[-1]) if len(time) else 0.0,
             completed=completed,
-            forming_force=values[:, 3:6],
-            support_force=values[:, 6:9] if contour.has_support else none3,
-            forming_target=values[:, 9:12],
-            support_target=values[:, 12:15] if contour.has_support else none3,
+            forming_force=values[:, forming],
+            support_force=values[:, support] if contour.has_support else none3,
+            forming_target=values[:, forming_tip],
+            support_target=values[:, support_tip] if contour.has_support else none3,
             force_offset=values[:, 0] if self.forced else np.empty(0),
             compliance_offset=np.column_stack([values[:, 1:3], np.zeros(len(values))]),
             tick_time=time,
             tick_set_point=np.nan_to_num(set_point) if self.forced else np.empty(0),
             tick_normal_force=normal_force,
             tick_engaged=engaged,
-            forming_measured=self._measured_at(0, at_points),
-            support_measured=self._measured_at(1, at_points) if contour.has_support else none3,
+            forming_measured=self._measured_at(contour.forming_tool - 1, at_points),
+            support_measured=self._measured_at(2 - contour.forming_tool, at_points) if contour.has_support else none3,
             contact_fraction=float(contact[engaged].mean()) if engaged.any() else 0.0,
             saturations=int(np.count_nonzero(looped & ((flags.astype(int) & _FORCE_LOOP) != 0))),
+            backoffs=backoffs - self._backoffs_before,
             lost_messages=self.lost_messages,
             code=code,
             message=message,
@@ -93,7 +100,8 @@ class ContourLog:
         table = np.array([row for row in self._rows if row[1] == Mode.CONTROL], dtype=float)
         if not len(table):
             return np.empty((0, 2)), np.empty(0)
-        return table[:, 15:17] - table[:, 7:9], table[:, 6]
+        tip = 15 if self.contour.forming_tool == 1 else 18
+        return table[:, tip : tip + 2] - table[:, 7:9], table[:, 6]
 
     def _measured_at(self, tool: int, at_points: Array) -> Array:
         if not self._measured[tool]:
@@ -102,15 +110,18 @@ class ContourLog:
         return _interpolated(at_points, rows[:, 0], rows[:, 1:])
 
 
-def _point_times(coordinate: Array, time: Array, count: int) -> Array:
-    """(N,) s, when each contour point was passed; NaN where it was not reached."""
+def _point_times(coordinate: Array, time: Array, count: int, *, completed: bool) -> Array:
+    """(N,) s, when each contour point was passed; NaN where it was not reached.
+
+    A path that runs on is at its last point in the tick after the last one of the log.
+    """
     on_path = np.isfinite(coordinate)
     if not on_path.any():
         return np.full(count, np.nan)
     passed = np.maximum.accumulate(coordinate[on_path])
     points = np.arange(count, dtype=float)
     times = np.interp(points, passed, time[on_path])
-    return np.where(points <= passed[-1] + 1e-6, times, np.nan)
+    return times if completed else np.where(points <= passed[-1] + 1e-6, times, np.nan)
 
 
 def _interpolated(at: Array, time: Array, columns: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
@@ -16,8 +16,10 @@ LEAST_CENTRE_DISTANCE = 0.5e-3
 """m, horizontal distance of the ball centres below which d_n is not defined well enough."""
 
 
-def contour_path(contour: Contour, config: ControlConfig, resting_tip: Array, support_force: float | None) -> ToolPath:
-    """Path of both tools along ``contour``; ``resting_tip`` (3,) m is where tool_2 stays when it has no path.
+def contour_path(
+    contour: Contour, config: ControlConfig, tips: tuple[Array, Array], support_force: float | None
+) -> ToolPath:
+    """Path of both tools along ``contour``; ``tips`` (3,), (3,) m are where a tool stays that has no path.
 
     ``support_force`` N replaces the set-points of a force-controlled contour; 0 means position control.
 
@@ -25,27 +27,22 @@ def contour_path(contour: Contour, config: ControlConfig, resting_tip: Array, su
     """
     contour.validate()
     where = f"contour {contour.index} of {contour.plan_id}"
-    if contour.forming_tool != 1:
-        raise IsfError(
-            ErrorCode.CONTOUR_REJECTED,
-            "is formed by tool_2, and swapped roles are not supported yet",
-            where=where,
-            advice="plan the part with its cavity opening towards tool_1",
-        )
+    _check_tools(contour, where)
     _check_limits(contour, config, where)
 
     index = np.arange(len(contour) + (1 if contour.closed else 0))
     forming = contour.forming_tip[index % len(contour)]
-    support = np.tile(resting_tip, (len(index), 1))
+    support = np.tile(tips[2 - contour.forming_tool], (len(index), 1))
     if contour.has_support:
         support = contour.support_tip[index % len(contour)]
     set_point = np.full(len(index), np.nan)
-    if contour.force_controlled and contour.has_support and support_force != 0.0:
+    if contour.force_controlled and support_force != 0.0:
         set_point = contour.support_force[index % len(contour)].astype(float)
         if support_force is not None:
             set_point[:] = support_force
     forced = bool(np.isfinite(set_point).all())
-    direction = horizontal_direction(forming, support, LEAST_CENTRE_DISTANCE) if contour.has_support else None
+    tip_1, tip_2 = (forming, support) if contour.forming_tool == 1 else (support, forming)
+    direction = horizontal_direction(tip_1, tip_2, LEAST_CENTRE_DISTANCE) if contour.has_support else None
     if direction is None:
         if forced:
             raise IsfError(
@@ -60,13 +57,30 @@ def contour_path(contour: Contour, config: ControlConfig, resting_tip: Array, su
     if keep.sum() < 2:
         raise IsfError(ErrorCode.CONTOUR_REJECTED, "has no length", where=where)
     return ToolPath(
-        tip_1=forming[keep],
-        tip_2=support[keep],
+        tip_1=tip_1[keep],
+        tip_2=tip_2[keep],
         direction=direction[keep],
         set_point=set_point[keep],
         coordinate=index[keep].astype(float),
         arm=config.offset_limit if forced else 0.0,
+        forming=contour.forming_tool,
+        speed=contour.speed[index % len(contour)][keep] if len(contour.speed) else np.empty(0),
+        holder=np.full(int(keep.sum()), contour.holder_height) if contour.holder_height else np.empty(0),
     )
+
+
+def _check_tools(contour: Contour, where: str) -> None:
+    if contour.has_support:
+        return
+    if contour.process in (Process.DSIF, Process.ADSIF):
+        raise IsfError(
+            ErrorCode.CONTOUR_REJECTED,
+            f"has a path for one tool only, {contour.process.name} needs two",
+            where=where,
+            advice="plan it with tool_2, or use process SPIF",
+        )
+    if contour.force_controlled:
+        raise IsfError(ErrorCode.CONTOUR_REJECTED, "has force set-points, but no support tool", where=where)
 
 
 def _check_limits(contour: Contour, config: ControlConfig, where: str) -> None:

@@ -17,6 +17,10 @@ from isf_force_ctrl.stability import check_compliance_gain, check_force_gain
 
 Vector = tuple[float, float, float]
 
+MOST_OF_BOTH = 0.8
+"""Largest K_p K_c when both tools are compensated: their sum comes near to 1 / K_c, and what is over-estimated by a
+quarter would run away (Ren 2018, section 2.3.3)."""
+
 
 @dataclass(frozen=True)
 class ControlConfig:
@@ -29,8 +33,9 @@ class ControlConfig:
     travel, speed_limit, force_limit : limits of the rig (m per axis, m/s, N per axis)
     servo_bandwidth : Hz
     contact_stiffness : N/m, K_c
-    forming_compliance : (2,) m/N, x and y of the forming tool
-    compensation : factor 0..1 on the compliance compensation
+    forming_compliance, support_compliance : (2,) m/N, x and y of tool 1 and of tool 2
+    compensation : factor 0..1 on the compliance compensation of the forming tool
+    support_compensation : the same of the support tool, on contours without force control
     support_force : N, replaces the set-points of force-controlled contours; None: as in the contours
     loop_gain : 1/s, K_i K_c (24 in Ren 2018, 2.3.3)
     filter_cutoff : Hz (40, 2.3.4)
@@ -56,6 +61,10 @@ class ControlConfig:
     contact_speed : m/s, most, for the last ``clearance`` before contact
     clearance : m, distance kept from the sheet while traversing nearby
     link_length : m, longest move from contour to contour that stays in contact
+    runs_on : turns of a spiral are joined in motion; only where the next contour comes without a delay (lockstep)
+    set_point_forward : 0..1, share of a change of the set-point that is fed forward as offset, by K_c
+    adapt_stiffness : K_c is estimated on line while the set-point moves
+    oscillation_swing : N, least swing of the force error that counts as oscillation; infinite = not watched
     """
 
     rate: float
@@ -93,6 +102,12 @@ class ControlConfig:
     contact_speed: float = 0.02
     clearance: float = 8e-3
     link_length: float = 5e-3
+    support_compliance: tuple[float, float] = (0.0, 0.0)
+    support_compensation: float = 0.0
+    runs_on: bool = True
+    set_point_forward: float = 0.0
+    adapt_stiffness: bool = False
+    oscillation_swing: float = 15.0
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
@@ -113,6 +128,8 @@ class ControlConfig:
             compensation=job.control.compliance_compensation,
             offset_limit=rig.limits.offset,
             support_force=support_force,
+            support_compliance=(rig.tool_2.compliance[0], rig.tool_2.compliance[1]),
+            support_compensation=_support_compensation(job_file),
             rapid_speed=min(ControlConfig.rapid_speed, 0.6 * rig.limits.speed),
         )
         config.check()
@@ -120,8 +137,12 @@ class ControlConfig:
 
     def check(self) -> None:
         """Raise IsfError UNSTABLE_GAIN when a loop would not be stable on this rig."""
-        gain = self.compensation * max(self.forming_compliance)
+        forming, support = max(self.forming_compliance), max(self.support_compliance)
+        gain = self.compensation * forming
         check_compliance_gain(gain, self.contact_stiffness)
+        if self.support_compensation > 0.0:
+            both = max(gain + self.support_compensation * support, self.compensation * support)
+            check_compliance_gain(both, self.contact_stiffness, most=MOST_OF_BOTH, where="control.support_compensation")
         delay = group_delay(len(self.coefficients()), self.rate) + 1.5 / self.rate
         coupling = gain * self.contact_stiffness
         check_force_gain(self.loop_gain, self.servo_bandwidth, delay, coupling, self.compliance_time)
@@ -143,13 +164,28 @@ class ControlConfig:
             ramp_back_time=self.ramp_back_time,
         )
 
-    def compliance(self) -> ComplianceSettings:
-        """Settings of the forming tool's compliance compensation."""
+    def compliance(self, tool: int = 1) -> ComplianceSettings:
+        """Settings of the compliance compensation of ``tool`` (1, 2); the roles decide when it acts."""
+        compliance = self.forming_compliance if tool == 1 else self.support_compliance
+        factor = self.compensation if tool == 1 or not self.support_compensation else self.support_compensation
         return ComplianceSettings(
             rate=self.rate,
-            gain=(self.compensation * self.forming_compliance[0], self.compensation * self.forming_compliance[1]),
+            gain=(factor * compliance[0], factor * compliance[1]),
             coefficients=self.coefficients(),
             offset_slew=self.compliance_slew,
             offset_limit=self.offset_limit,
             smoothing_time=self.compliance_time,
         )
+
+
+def _support_compensation(job_file: JobFile) -> float:
+    """Factor on the compensation of the support tool: the job's; else in ADSIF as much as both tools can bear."""
+    control, rig = job_file.job.control, job_file.rig
+    if control.support_compensation is not None:
+        return control.support_compensation
+    compliance = max(rig.tool_2.compliance[0], rig.tool_2.compliance[1])
+    if job_file.job.process != "ADSIF" or compliance <= 0.0:
+        return 0.0
+    first = control.compliance_compensation * max(rig.tool_1.compliance[0], rig.tool_1.compliance[1])
+    left = (0.95 * MOST_OF_BOTH / rig.contact_stiffness - first) / compliance
+    return max(0.0, min(control.compliance_compensation, left))

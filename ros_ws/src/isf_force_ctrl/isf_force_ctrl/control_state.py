@@ -35,17 +35,19 @@ class Flag(IntFlag):
     SATURATED_OFFSET = 4
     SATURATED_COMPLIANCE = 8
     CONTACT_LOST = 16
+    OSCILLATION = 32
 
 
 SATURATED = 15
-"""Sum of the flags that count as saturation; losing contact is not one."""
+"""Sum of the flags that count as saturation; losing contact or oscillating is not one."""
 
 
 class Targets(NamedTuple):
-    """Tips to be reached at the next tick, m in frame ``sheet``, all offsets included."""
+    """Tips to be reached at the next tick, m in frame ``sheet``, offsets included; height of the blank holder, m."""
 
     tip_1: Vector
     tip_2: Vector
+    holder_height: float = 0.0
 
 
 @dataclass(frozen=True)

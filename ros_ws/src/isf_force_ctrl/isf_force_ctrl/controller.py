@@ -4,7 +4,7 @@ It moves the tools to a contour, forms it under force or position control, links
 tools after the last one. Per tick it does plain scalar arithmetic; everything else is computed when a contour
 starts. Offsets and their rates never jump: every change of mode goes through the same limiters.
 
-Frame ``sheet``, SI. Tool 1 (upper) forms, tool 2 supports. Wrenches are those of the sheet on the tool.
+Frame ``sheet``, SI. The contour tells which tool forms. Wrenches are those of the sheet on the tool.
 """
 
 from __future__ import annotations
@@ -16,20 +16,27 @@ import numpy as np
 from isf_core.contour import Contour, ContourResult
 from isf_core.errors import ErrorCode, IsfError
 
-from isf_force_ctrl.compliance import ComplianceCompensation
-from isf_force_ctrl.contact_force import ContactForceLoop
 from isf_force_ctrl.contour_log import ContourLog
 from isf_force_ctrl.contour_path import contour_path
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.control_state import ControlState, Flag, Mode, Targets
-from isf_force_ctrl.learned_offset import expected_offset
-from isf_force_ctrl.load_cell_filter import Fir
+from isf_force_ctrl.control_laws import TRACKING, ControlLaws
+from isf_force_ctrl.control_state import ControlState, Mode, Targets
+from isf_force_ctrl.learned_offset import feed_forward
 from isf_force_ctrl.playback import Playback
-from isf_force_ctrl.segments import Row, Segment, contour_segments, lift_segments, posture_of
+from isf_force_ctrl.segments import (
+    RESTING,
+    Present,
+    Segment,
+    braking,
+    contour_segments,
+    joins,
+    lift_segments,
+    posture_of,
+)
+from isf_force_ctrl.tool_moves import Tools
 from isf_force_ctrl.wrench_check import fault_of, plausible
 
 NAN = float("nan")
-_TRACKING = (Mode.ENGAGE, Mode.CONTROL)
 
 
 class ForceController:
@@ -41,7 +48,7 @@ class ForceController:
         self.fault: tuple[ErrorCode, str] | None = None
         """Why the controller is in HOLD; None when it is not."""
         self._mode = Mode.IDLE
-        self._playback = Playback([0.0] * 12, config.acceleration, config.rate)
+        self._playback = Playback(RESTING, config.acceleration, config.rate)
         self._log: ContourLog | None = None
         self._result: ContourResult | None = None
         self._plan_id = ""
@@ -72,28 +79,25 @@ class ForceController:
             raise IsfError(ErrorCode.NOT_ARMED, f"no contours to form: plan '{plan_id}', {first_index} of {count}")
         if tips.shape != (2, 3) or not np.isfinite(tips).all():
             raise IsfError(ErrorCode.NOT_ARMED, "the positions of the tools are not known")
-        if contour_support_force_override is not None and not contour_support_force_override >= 0.0:
-            raise IsfError(ErrorCode.NOT_ARMED, f"support force of {contour_support_force_override} N is not possible")
-        config = self.config
-        self._loop = ContactForceLoop(config.contact_force())
-        self._compliance = ComplianceCompensation(config.compliance())
-        self._normal_filter = Fir(config.coefficients())
-        self._plan_id, self._next, self._count = plan_id, first_index, count
         override = contour_support_force_override
+        if override is not None and not override >= 0.0:
+            raise IsfError(ErrorCode.NOT_ARMED, f"support force of {override} N is not possible")
+        config = self.config
+        self._laws = ControlLaws(config)
+        self._plan_id, self._next, self._count = plan_id, first_index, count
         self._support_force = config.support_force if override is None else override
-        row = [*tips[0].tolist(), *tips[1].tolist(), 1.0, 0.0, NAN, NAN, 0.0, 0.0]
+        row = [*tips[0].tolist(), *tips[1].tolist(), *RESTING[6:]]
         self._playback = Playback(row, config.acceleration, config.rate)
         self._log = self._result = self.fault = None
         self._index = first_index
         self._previous: tuple[np.ndarray, np.ndarray] | None = None
         self._lift_normal = np.array([0.0, 0.0, 1.0])
-        self._clear, self._support_used, self._engaged = True, False, False
+        self._clear, self._engaged = True, False
+        self._tools = Tools(forming=1, with_support=False)
+        self._open_end = False
         self._stopping: tuple[ErrorCode, str] | None = None
         self._lift_after_stop = self._idle_after = False
-        self._set_point = self._error = NAN
-        self._normal_force = self._filtered = 0.0
         self._settled = self._waited = 0
-        self._flags = 0
         self._ticks, self._last_tick = 0, -1
         self._targets = Targets((tips[0, 0], tips[0, 1], tips[0, 2]), (tips[1, 0], tips[1, 1], tips[1, 2]))
         self._mode = Mode.ARMED
@@ -112,25 +116,32 @@ class ForceController:
             raise IsfError(ErrorCode.CONTOUR_REJECTED, f"plan '{self._plan_id}' is armed", where=where)
         if self.busy or contour.index != self._next:
             raise IsfError(ErrorCode.CONTOUR_REJECTED, f"out of order, contour {self._next} is expected", where=where)
-        path = contour_path(contour, self.config, np.array(self._playback.row[3:6]), self._support_force)
+        here = posture_of(self._playback.row)
+        path = contour_path(contour, self.config, (here.tip_1, here.tip_2), self._support_force)
         forced = bool(np.isfinite(path.set_point[0]))
+        present = self._present()
+        last = contour.index == self._count - 1
         segments = contour_segments(
             self.config,
             path,
             contour.feed,
-            posture_of(self._playback.row),
-            engaged=self._engaged,
-            clear=self._clear,
-            normal=self._lift_normal,
+            present,
+            retract=contour.retract,
+            continues=self._open_end and not contour.closed and not contour.retract and joins(path, present),
+            runs_on=self._runs_on(contour) and not last,
         )
         if forced and self.config.learning > 0.0 and self._previous is not None:
-            self._feed_forward(segments[-1].rows)
+            width = round(self.config.learning_width * self.config.rate)
+            feed_forward(segments[-1].rows, path.forming, *self._previous, width)
         self._lift_normal = contour.normal[0] if contour.closed else contour.normal[-1]
-        self._support_used |= contour.has_support
-        if contour.index == self._count - 1:
+        kept = path.forming == self._tools.forming and self._tools.with_support
+        self._tools = Tools(path.forming, contour.has_support or kept)
+        self._open_end = not contour.closed
+        if last:
             end = posture_of(segments[-1].rows[-1])
-            segments += lift_segments(self.config, end, self._lift_normal, with_support=self._support_used)
-        self._log = ContourLog(contour, forced)
+            segments += lift_segments(self.config, end, self._lift_normal, self._tools)
+        self._log = ContourLog(contour, forced, self._laws.backoffs)
+        self._laws.assign(path.forming, forced=forced)
         self._index, self._next = contour.index, contour.index + 1
         self._clear = False
         self._play(segments)
@@ -139,6 +150,7 @@ class ForceController:
         """Decelerate smoothly and hold; the contour's result carries STOPPED."""
         if self._mode is not Mode.IDLE:
             self._stop(ErrorCode.STOPPED, f"stopped: {reason}")
+            self._brake()
             if not self._playback and self._stopping is not None:
                 self._hold()
 
@@ -202,24 +214,25 @@ class ForceController:
 
     def state(self) -> ControlState:
         """Snapshot after the last tick."""
-        forced = self._mode in _TRACKING
-        row, offset = self._playback.row, self._loop.offset if self._mode is not Mode.IDLE else 0.0
-        compliance = (self._compliance.x, self._compliance.y, 0.0) if self._mode is not Mode.IDLE else (0.0, 0.0, 0.0)
-        idle = self._mode is Mode.IDLE
+        if self._mode is Mode.IDLE:
+            nothing = (0.0, 0.0, 0.0)
+            stiffness = self.config.contact_stiffness
+            return ControlState("", 0, 0, Mode.IDLE, NAN, 0.0, 0.0, NAN, nothing, nothing, stiffness, 0.0, 0)
+        laws, forced = self._laws, self._mode in TRACKING
         return ControlState(
-            plan_id="" if idle else self._plan_id,
-            index=0 if idle else self._index,
-            tick=0 if idle else self._ticks,
+            plan_id=self._plan_id,
+            index=self._index,
+            tick=self._ticks,
             mode=self._mode,
-            set_point=self._set_point if forced else NAN,
-            normal_force=0.0 if idle else self._normal_force,
-            normal_force_filtered=0.0 if idle else self._filtered,
-            error=self._error if forced else NAN,
-            forming_offset=compliance,
-            support_offset=(-offset * row[6], -offset * row[7], 0.0),
-            contact_stiffness=self.config.contact_stiffness,
-            feed=0.0 if idle else self._playback.feed,
-            flags=0 if idle else self._flags,
+            set_point=laws.set_point if forced else NAN,
+            normal_force=laws.normal_force,
+            normal_force_filtered=laws.filtered,
+            error=laws.error if forced else NAN,
+            forming_offset=(*laws.forming_offset, 0.0),
+            support_offset=(*laws.support_offset(self._playback.row), 0.0),
+            contact_stiffness=laws.contact_stiffness,
+            feed=self._playback.feed,
+            flags=laws.flags,
         )
 
     # -- one tick ------------------------------------------------------------------------------
@@ -236,65 +249,35 @@ class ForceController:
             self._log.lost_messages += tick - self._last_tick - 1
         self._last_tick = tick
         self._ticks += 1
-        f1x, f1y, f1z = float(wrench_1[0]), float(wrench_1[1]), float(wrench_1[2])
-        f2x, f2y, f2z = float(wrench_2[0]), float(wrench_2[1]), float(wrench_2[2])
+        forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
         if self.fault is None and not plausible(wrench_1, wrench_2, self.config.force_limit):
             self._stop(*fault_of(wrench_1, wrench_2, self.config.force_limit))
         blind = self.fault is not None
-        row = self._playback.row
+        laws, row = self._laws, self._playback.row
         if not blind:
-            self._normal_force = row[6] * f2x + row[7] * f2y
-            self._filtered = self._normal_filter.step(self._normal_force)
+            laws.sense(row, forces)
         if self._log is not None:
-            targets, compliance = self._targets, self._compliance
+            targets = self._targets
             self._log.add(
-                time,
-                self._mode,
-                self._flags,
-                self._set_point,
-                self._normal_force,
-                row[9],
-                self._loop.offset,
-                (compliance.x, compliance.y),
-                (f1x, f1y, f1z, f2x, f2y, f2z),
+                (time, self._mode, laws.flags, laws.set_point, laws.normal_force, row[9], laws.offset),
+                laws.forming_offset,
+                forces,
                 (*targets.tip_1, *targets.tip_2),
             )
+        mode = self._mode
         self._advance()
-        self._control(row)
-        row = self._playback.row
-        if blind:
-            self._compliance.freeze()
-        else:
-            self._compliance.step(f1x, f1y)
-        offset = self._loop.offset
-        self._flags |= self._loop.flags | self._compliance.flags
-        self._targets = Targets(
-            (row[0] + self._compliance.x, row[1] + self._compliance.y, row[2]),
-            (row[3] - offset * row[6], row[4] - offset * row[7], row[5]),
-        )
+        if not self._playback.moving:
+            mode = self._mode
+        self._targets = laws.step(mode, self._playback.row, row, None if blind else forces)
         return self._targets
-
-    def _control(self, last_row: Row) -> None:
-        """Force loop of one tick, by mode."""
-        mode, row, loop = self._mode, self._playback.row, self._loop
-        self._flags = 0
-        if mode in _TRACKING:
-            ramp = self.config.set_point_rate / self.config.rate
-            self._set_point += min(max(row[8] - self._set_point, -ramp), ramp)
-            self._error = self._set_point - self._normal_force
-            loop.control(self._error, self.config.learning * (row[11] - last_row[11]))
-            if mode is Mode.CONTROL and self._normal_force < self.config.contact_threshold:
-                self._flags = int(Flag.CONTACT_LOST)
-        elif mode in (Mode.LIFT, Mode.APPROACH, Mode.POSITION):
-            loop.ramp_back()
-        else:
-            loop.freeze()
 
     def _advance(self) -> None:
         """Move on by one tick along the present segment, or to the next one."""
         playback, stopping = self._playback, self._stopping is not None
         if not playback:
-            if stopping:
+            if playback.moving:
+                self._brake()
+            elif stopping:
                 self._hold()
             return
         if playback.segment.waits:
@@ -305,24 +288,28 @@ class ForceController:
             return
         ended = playback.advance(self._wanted_pace())
         if stopping and (ended or playback.pace <= 0.0):
-            self._hold()
+            if ended and playback.segment.runs_on:
+                playback.clear(in_motion=True)
+                self._brake()
+            else:
+                self._hold()
         elif ended:
             self._leave()
 
     def _wanted_pace(self) -> float:
         if self._stopping is not None:
-            return 0.0
+            return 1.0 if self._playback.segment.mode is Mode.HOLD else 0.0
         config = self.config
         if self._mode is not Mode.CONTROL or config.feed_error == math.inf:
             return 1.0
-        excess = (abs(self._set_point - self._filtered) - config.feed_error) / config.feed_error
+        excess = (abs(self._laws.set_point - self._laws.filtered) - config.feed_error) / config.feed_error
         return max(config.feed_floor, min(1.0, 1.0 - excess))
 
     def _engagement_over(self, wanted: float) -> bool:
         self._waited += 1
         config = self.config
-        ramped = self._set_point == wanted
-        near = ramped and abs(wanted - self._filtered) <= config.settled_error
+        ramped = self._laws.set_point == wanted
+        near = ramped and abs(wanted - self._laws.filtered) <= config.settled_error
         self._settled = self._settled + 1 if near else 0
         ramp_ticks = abs(wanted) / config.set_point_rate * config.rate
         return (
@@ -337,8 +324,8 @@ class ForceController:
     def _enter(self) -> None:
         """Take up the mode of the present segment."""
         mode = self._playback.segment.mode
-        if mode is Mode.ENGAGE and self._mode not in (Mode.ENGAGE, Mode.FREEZE):
-            self._set_point = max(0.0, self._filtered)
+        if mode in TRACKING and self._mode not in (*TRACKING, Mode.FREEZE):
+            self._laws.engage()
         self._mode = mode
         self._waited = self._settled = 0
 
@@ -357,7 +344,7 @@ class ForceController:
             if self._idle_after or self._next >= self._count:
                 self._mode = Mode.IDLE
         if self._log is not None:
-            self._result, self._log = self._log.result(True), None
+            self._result, self._log = self._log.result(True, backoffs=self._laws.backoffs), None
 
     # -- stopping ------------------------------------------------------------------------------
 
@@ -374,7 +361,8 @@ class ForceController:
         self._stopping = None
         self._mode = Mode.HOLD
         if self._log is not None and self.fault is not None:
-            self._result = self._log.result(False, int(self.fault[0]), self.fault[1])
+            code, text = self.fault
+            self._result = self._log.result(False, int(code), text, backoffs=self._laws.backoffs)
             self._log = None
         if self._lift_after_stop:
             self._lift_after_stop = False
@@ -384,16 +372,28 @@ class ForceController:
         if self._clear:
             self._mode = Mode.IDLE
             return
-        here = posture_of(self._playback.row)
-        self._play(lift_segments(self.config, here, self._lift_normal, with_support=self._support_used))
+        self._brake()
+        here = posture_of(self._playback.last_row)
+        self._play(lift_segments(self.config, here, self._lift_normal, self._tools))
 
-    # -- helpers -------------------------------------------------------------------------------
+    # -- spirals -------------------------------------------------------------------------------
 
-    def _feed_forward(self, rows: list[Row]) -> None:
-        """Fill the LEARNED column of a contour's rows from the contour before."""
-        if self._previous is None or not len(self._previous[1]):
-            return
-        width = round(self.config.learning_width * self.config.rate)
-        profile = expected_offset(np.array([row[0:2] for row in rows]), *self._previous, width)
-        for row, value in zip(rows, profile.tolist(), strict=True):
-            row[11] = value
+    def _runs_on(self, contour: Contour) -> bool:
+        """Is the contour left in motion? Not with a feed that varies: its last step would not be a whole one."""
+        return self.config.runs_on and not contour.closed and self.config.feed_error == math.inf
+
+    def _present(self) -> Present:
+        return Present(
+            posture_of(self._playback.row),
+            self._tools,
+            self._engaged,
+            self._clear,
+            self._lift_normal,
+            self._playback.velocity(self.config.rate) if self._playback.moving else None,
+        )
+
+    def _brake(self) -> None:
+        """Come to rest straight on, when the contour before was left in motion."""
+        if self._playback.moving:
+            segment = braking(self.config, self._present(), Mode.HOLD if self._stopping else Mode.FREEZE)
+            self._playback.load([segment])

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from isf_force_ctrl.segments import Column, Row
+
 Array = NDArray[np.float64]
 
 
@@ -26,6 +28,16 @@ def expected_offset(places: Array, previous_places: Array, previous_offset: Arra
     nearest = np.asarray(cKDTree(previous_places).query(places)[1])
     smooth = _averaged(_averaged(previous_offset[nearest], width), width)
     return np.asarray(smooth - smooth[0])
+
+
+def feed_forward(rows: list[Row], forming_tool: int, places: Array, offset: Array, width: int) -> None:
+    """Fill the column LEARNED of a contour's ``rows`` from the profile of the contour before; see above."""
+    if not len(offset):
+        return
+    tip = Column.TIP_1 if forming_tool == 1 else Column.TIP_2
+    at = np.array([row[tip : tip + 2] for row in rows])
+    for row, value in zip(rows, expected_offset(at, places, offset, width).tolist(), strict=True):
+        row[Column.LEARNED] = value
 
 
 def _averaged(profile: Array, width: int) -> Array:

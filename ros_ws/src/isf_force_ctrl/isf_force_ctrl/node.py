@@ -24,12 +24,14 @@ from isf_msgs.srv import Arm
 from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
 from isf_node.watchdog import ReceiveWatchdog
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.control_state import Mode, Targets, Vector
+from isf_force_ctrl.control_state import Mode, Vector
 from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.latency import LatencyMeter
+from isf_force_ctrl.node_outlet import ForceCtrlOutlet
 from isf_force_ctrl.node_parameters import ForceCtrlParameters
 from isf_force_ctrl.real_time import PeriodicLoop
 from isf_force_ctrl.wrench_pair import WrenchPair
@@ -66,21 +68,14 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             raise IsfError(ErrorCode.FILE_FIELD, "state_decimation must be 1 or more, wrench_timeout 0 or more")
         self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
         self._watchdogs = (ReceiveWatchdog(self._timeout), ReceiveWatchdog(self._timeout))
-        self._target_messages = (conversion.make_pose(), conversion.make_pose())
-        self._has_targets = False
-        self._last_publish = 0.0
         self._delayed, self._patient_until = False, 0.0
         self._ticks = self._late_before = 0
+        self._latency = LatencyMeter()
         self._last_mode = Mode.IDLE
 
-        # Each event handler is one more entity in every wait of the executor: a third of the time of a tick.
-        out: dict[str, Any] = {"event_callbacks": PublisherEventCallbacks(use_default_callbacks=False)}
+        self._outlet = ForceCtrlOutlet(self)
+        # Each event handler is one more entity in every wait of the executor.
         into: dict[str, Any] = {"event_callbacks": SubscriptionEventCallbacks(use_default_callbacks=False)}
-        self._targets = [
-            self.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM_SOURCE, **out) for k in (1, 2)
-        ]
-        self._states = self.create_publisher(isf.ForceCtrlState, "force_ctrl/state", qos.STREAM_SOURCE, **out)
-        self._results = self.create_publisher(isf.ContourResult, "contour/result", qos.EVENT, **out)
         subscriptions = [
             self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM, **into),
             self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM, **into),
@@ -94,9 +89,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self.create_service(Trigger, "force_ctrl/stop", self._on_stop),
         ]
         timers = [self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)]
-        publishers = [*self._targets, self._states, self._results]
         self._entities = [
-            *((self.destroy_publisher, item) for item in publishers),
             *((self.destroy_subscription, item) for item in subscriptions),
             *((self.destroy_service, item) for item in services),
             *((self.destroy_timer, item) for item in timers),
@@ -115,6 +108,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         for destroy, entity in self._entities:
             destroy(entity)
         self._entities = []
+        self._outlet.close()
 
     def close(self) -> None:
         self._stop_loop()
@@ -128,6 +122,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         }
         if controller is not None:
             values |= {"mode": controller.mode.name, "contour": controller.state().index, "ticks": controller.ticks}
+        values |= self._latency.values()
         if self._loop is not None:
             values["real_time_priority"] = self._loop.real_time_priority
         return values
@@ -142,6 +137,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _on_wrench(self, tool: int, message: WrenchStamped) -> None:
         self._watchdogs[tool - 1].feed()
+        self._latency.wrench()
         stamp = message.header.stamp
         self._pair.put(tool, stamp.sec * stamps.NANO + stamp.nanosec, conversion.wrench_array(message))
         if self._loop is None:
@@ -158,7 +154,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         rate = controller.config.rate
         tick = round(stamp * rate / stamps.NANO)
         targets = controller.tick(tick, stamp / stamps.NANO, *self._pair.wrench)
-        self._publish_targets(targets, stamps.tick_nanoseconds(tick + 1, rate))
+        self._outlet.targets(targets, stamps.tick_nanoseconds(tick + 1, rate))
         self._after_tick(controller, stamp)
 
     def _step_in_real_time(self) -> None:
@@ -173,20 +169,11 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if lost and controller.fault is None:
                 controller.fail(ErrorCode.WRENCH_LOST, self._lost_text(lost), ticking=True)
             targets = controller.tick(controller.ticks, now / stamps.NANO, *self._pair.wrench)
-            self._publish_targets(targets, now)
+            self._outlet.targets(targets, now)
             self._after_tick(controller, now)
 
-    def _publish_targets(self, targets: Targets, stamp: int) -> None:
-        seconds, rest = divmod(stamp, stamps.NANO)
-        for message, tip, publisher in zip(self._target_messages, targets, self._targets, strict=True):
-            message.header.stamp.sec, message.header.stamp.nanosec = seconds, rest
-            position = message.pose.position
-            position.x, position.y, position.z = tip
-            publisher.publish(message)
-        self._has_targets = True
-        self._last_publish = time.monotonic()
-
     def _after_tick(self, controller: ForceController, stamp: int) -> None:
+        self._latency.targets()
         self._ticks += 1
         if self._ticks % self._parameters.state_decimation == 0 or controller.mode is not self._last_mode:
             self._publish_state(controller, stamp)
@@ -197,18 +184,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _publish_state(self, controller: ForceController, stamp: int) -> None:
         self._last_mode = controller.mode
-        state = controller.state()
-        message = isf.ForceCtrlState()
-        message.header.frame_id = conversion.FRAME
-        message.header.stamp = stamps.to_stamp(stamp)
-        for item in fields(state):
-            value = getattr(state, item.name)
-            if item.name in ("forming_offset", "support_offset"):
-                vector = getattr(message, item.name)
-                vector.x, vector.y, vector.z = value
-            else:
-                setattr(message, item.name, int(value) if item.name == "mode" else value)
-        self._states.publish(message)
+        self._outlet.state(controller.state(), stamp, self._latency.last)
 
     def _publish_result(self) -> None:
         result = self._controller.take_result() if self._controller is not None else None
@@ -217,9 +193,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         late = self._late_ticks() - self._late_before
         if result.code:
             self.report(IsfError(ErrorCode(result.code), result.message, where=f"contour {result.index}"))
-        self._results.publish(
-            conversion.result_to_message(replace(result, late_ticks=late), self.get_clock().now().to_msg())
-        )
+        self._outlet.result(replace(result, late_ticks=late))
 
     def _late_ticks(self) -> int:
         return self._loop.late_ticks if self._loop is not None else 0
@@ -236,10 +210,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 controller.fail(ErrorCode.WRENCH_LOST, self._lost_text(lost))
                 self._publish_state(controller, self.get_clock().now().nanoseconds)
                 self._publish_result()
-            if self._has_targets and time.monotonic() - self._last_publish >= HEARTBEAT:
-                for message, publisher in zip(self._target_messages, self._targets, strict=True):
-                    publisher.publish(message)
-                self._last_publish = time.monotonic()
+            if self._outlet.has_targets and time.monotonic() - self._outlet.last_publish >= HEARTBEAT:
+                self._outlet.repeat()
 
     def _lost_text(self, tools: Sequence[int]) -> str:
         names = " and ".join(f"tool_{k}/wrench" for k in tools)
@@ -274,7 +246,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                     raise IsfError(
                         ErrorCode.NOT_ARMED, "a contour came, but no plan is armed", where=f"contour {message.index}"
                     )
-                controller.start(conversion.contour_from_message(message))
+                contour = conversion.contour_from_message(message)
+                self._check_wrench_of(contour.forming_tool)
+                controller.start(contour)
             except IsfError as error:
                 self._refused += 1
                 self.get_logger().warning(f"contour refused: {error}")
@@ -287,11 +261,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         """A result that says why, so that nobody waits for the contour; a contour of another plan is only logged."""
         if self._controller is None or message.plan_id != self._controller.plan_id or self._controller.busy:
             return
-        result = isf.ContourResult(plan_id=message.plan_id, index=message.index, code=int(error.code))
-        result.message = error.message
-        result.header.frame_id = conversion.FRAME
-        result.header.stamp = self.get_clock().now().to_msg()
-        self._results.publish(result)
+        self._outlet.refusal(message, int(error.code), error.message)
 
     # -- services ------------------------------------------------------------------------------
 
@@ -324,7 +294,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
         self._stop_loop()  # from here on no other thread sees the controller
         self._pair.restart()
-        self._has_targets = False
+        self._outlet.has_targets = False
+        self._outlet.with_holder = job_file.job.process == "TPIF"
         self._controller = controller
         self._publish_state(controller, self.get_clock().now().nanoseconds)
         if not self._parameters.lockstep:
@@ -337,7 +308,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         p = self._parameters
         names = {item.name for item in fields(ControlConfig)}
         tuned = {item.name: getattr(p, item.name) for item in fields(ForceCtrlParameters) if item.name in names}
-        return replace(ControlConfig.from_job(job_file), **tuned)
+        config = replace(ControlConfig.from_job(job_file), **tuned, runs_on=p.lockstep)
+        config.check()
+        return config
 
     def _check_machine(self) -> None:
         stale = [k for k in self._needed if self._watchdogs[k - 1].age() > FRESH]
@@ -348,6 +321,14 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             )
         if self._machine is None or not self._machine.tared:
             raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="call machine/tare")
+
+    def _check_wrench_of(self, forming_tool: int) -> None:
+        """The forming tool may change from contour to contour; its load cell is needed from here on."""
+        if forming_tool in self._needed or forming_tool not in (1, 2):
+            return
+        if self._watchdogs[forming_tool - 1].age() > FRESH:
+            raise IsfError(ErrorCode.WRENCH_LOST, f"nothing on tool_{forming_tool}/wrench, which forms this contour")
+        self._needed = [1, 2]
 
     def _tip(self, tool: int, parked: Vector) -> Vector:
         """Where a tool is: its fresh pose, else parked (a machine that is elsewhere faults on the jump)."""
@@ -368,6 +349,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._publish_state(self._controller, self.get_clock().now().nanoseconds)
                 if not self._controller.busy:
                     self._publish_result()
+                self._step_in_lockstep()
         response.success = True
         return response
 

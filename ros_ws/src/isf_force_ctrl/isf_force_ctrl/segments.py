@@ -1,7 +1,7 @@
 """The queue of segments one contour is made of: approach or link, engage, contour, lift, park.
 
 A segment holds one row of plain floats per control tick, ready for the controller's per-tick scalar arithmetic.
-Consecutive segments meet at rest.
+Consecutive segments meet at rest, but for an open contour that is left in motion and continued by the next one.
 """
 
 from __future__ import annotations
@@ -15,11 +15,15 @@ from numpy.typing import NDArray
 from isf_force_ctrl import tool_moves
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Mode
-from isf_force_ctrl.tool_moves import Posture
+from isf_force_ctrl.tool_moves import Posture, Tools
 from isf_force_ctrl.trajectory import Motion, ToolPath, sample
 
 Array = NDArray[np.float64]
 Row = list[float]
+
+JOIN_LENGTH = 1.0e-3
+"""m, largest gap between the end of an open contour and the begin of the next one that continues it; springback
+correction moves the one against the other."""
 
 
 class Column(IntEnum):
@@ -33,61 +37,163 @@ class Column(IntEnum):
     COORDINATE = 9
     SPEED = 10
     LEARNED = 11
+    HOLDER = 12
+
+
+RESTING: Row = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, float("nan"), float("nan"), 0.0, 0.0, 0.0]
+"""A row in which nothing moves."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Rows of one mode; ``waits``: stay at the only row until the force has settled."""
+    """Rows of one mode.
+
+    ``waits``: stay at the only row until the force has settled. ``runs_on``: the last row is passed in motion.
+    """
 
     mode: Mode
     rows: list[Row]
     waits: bool = False
+    runs_on: bool = False
+
+
+@dataclass(frozen=True)
+class Present:
+    """What the tools are doing when a contour is started.
+
+    Attributes
+    ----------
+    here : Posture
+    tools : Tools of the contour before
+    engaged : the support tool is in contact under force control
+    clear : the tools are clear of the sheet, so that a long way needs no lift
+    normal : (3,) of the sheet where the tools are, for lifting
+    velocity : (3,), (3,) m/s of both tips when the last contour was left in motion
+    """
+
+    here: Posture
+    tools: Tools
+    engaged: bool
+    clear: bool
+    normal: Array
+    velocity: tuple[Array, Array] | None = None
+
+
+def joins(path: ToolPath, present: Present) -> bool:
+    """True when ``path`` begins where the tools are in contact: the next turn of a spiral."""
+    here = present.here
+    return (
+        not present.clear
+        and path.forming == present.tools.forming
+        and float(np.linalg.norm(path.tip_1[0] - here.tip_1)) <= JOIN_LENGTH
+        and float(np.linalg.norm(path.tip_2[0] - here.tip_2)) <= JOIN_LENGTH
+    )
 
 
 def contour_segments(
-    config: ControlConfig, path: ToolPath, feed: float, here: Posture, *, engaged: bool, clear: bool, normal: Array
+    config: ControlConfig,
+    path: ToolPath,
+    feed: float,
+    present: Present,
+    *,
+    retract: bool = False,
+    continues: bool = False,
+    runs_on: bool = False,
 ) -> list[Segment]:
-    """Segments from ``here`` along ``path``.
+    """Segments from where the tools are along ``path``.
 
-    Parameters
-    ----------
-    engaged : the support tool is in contact under force control now
-    clear : the tools are clear of the sheet, so that a long way needs no lift
-    normal : (3,) of the sheet where the tools are, for lifting
+    ``retract``: lifted clear before. ``continues``: the path goes on from the contour before and :func:`joins` it.
+    ``runs_on``: another one will continue it, so it is left in motion.
     """
-    start = Posture(path.tip_1[0], path.tip_2[0], float(path.direction[0]))
+    here, clear = present.here, present.clear
+    start = Posture(path.tip_1[0], path.tip_2[0], float(path.direction[0]), _holder_of(path))
     forced = bool(np.isfinite(path.set_point[0]))
-    with_support = bool(np.abs(path.tip_2 - here.tip_2).max() > 1e-9)
+    if present.velocity is not None and continues:
+        return _onward(config, path, feed, present, forced=forced, runs_on=runs_on)
+    resting = here.tip_2 if path.forming == 1 else here.tip_1
+    tools = Tools(path.forming, bool(np.abs(path.support_tip - resting).max() > 1e-9))
     segments: list[Segment] = []
-    short = None if clear else tool_moves.link(config, here, start, feed)
+    if present.velocity is not None:
+        segments.append(braking(config, present))
+        here = posture_of(segments[-1].rows[-1])
+    short = None
+    if not (clear or retract or path.forming != present.tools.forming):
+        short = tool_moves.link(config, here, start, feed, tools)
     if short is not None:
-        keep = forced and engaged
+        keep = forced and present.engaged
         set_point = float(path.set_point[0]) if keep else float("nan")
         segments.append(Segment(Mode.ENGAGE if keep else Mode.APPROACH, rows_of(short, set_point)))
     else:
         if not clear:
-            segments += _segments(Mode.LIFT, tool_moves.lift(config, here, normal, with_support=with_support))
+            lifting = tools if path.forming == present.tools.forming else present.tools
+            segments += _segments(Mode.LIFT, tool_moves.lift(config, here, present.normal, lifting))
             if segments:
                 here = posture_of(segments[-1].rows[-1])
-        moves = tool_moves.approach(config, here, start, feed, with_support=with_support)
+        moves = tool_moves.approach(config, here, start, feed, tools)
         segments += _segments(Mode.APPROACH, moves)
-    motion = sample(path, feed, tool_moves.limits_of(config))
+    motion = sample(path, feed, tool_moves.limits_of(config), runs_on=runs_on)
     rows = rows_of(motion)
-    if forced:
+    if forced and not (continues and present.engaged):
         wait = list(rows[0])
         wait[Column.COORDINATE] = float("nan")
         segments.append(Segment(Mode.ENGAGE, [wait], waits=True))
-    segments.append(Segment(Mode.CONTROL if forced else Mode.POSITION, rows))
+    segments.append(Segment(Mode.CONTROL if forced else Mode.POSITION, rows, runs_on=runs_on))
     return segments
 
 
-def lift_segments(config: ControlConfig, here: Posture, normal: Array, *, with_support: bool) -> list[Segment]:
+def _onward(
+    config: ControlConfig, path: ToolPath, feed: float, present: Present, *, forced: bool, runs_on: bool
+) -> list[Segment]:
+    """The next turn of a spiral, entered in motion; what the two ends differ by fades out along its begin."""
+    assert present.velocity is not None
+    entry = float(np.linalg.norm(present.velocity[path.forming - 1]))
+    rows = rows_of(sample(path, feed, tool_moves.limits_of(config), entry=max(entry, 1e-4), runs_on=runs_on))
+    _fade_in(config, rows, present, feed)
+    if forced and not present.engaged:
+        least = float(path.set_point[0]) / config.set_point_rate + config.settled_time
+        ticks = min(len(rows) - 2, int(np.ceil((least + 0.2) * config.rate)))
+        return [
+            Segment(Mode.ENGAGE, rows[: ticks + 1], runs_on=True),
+            Segment(Mode.CONTROL, rows[ticks:], runs_on=runs_on),
+        ]
+    return [Segment(Mode.CONTROL if forced else Mode.POSITION, rows, runs_on=runs_on)]
+
+
+def _fade_in(config: ControlConfig, rows: list[Row], present: Present, feed: float) -> None:
+    """Begin where and as fast as the tools are: what differs fades out with a fifth of feed and acceleration."""
+    assert present.velocity is not None
+    here = present.here
+    columns = [0, 1, 2, 3, 4, 5, int(Column.NORMAL_X), int(Column.NORMAL_Y), int(Column.HOLDER)]
+    first, second = (np.array([row[c] for c in columns]) for row in rows[:2])
+    apart = np.array([*here.tip_1, *here.tip_2, np.cos(here.angle), np.sin(here.angle), here.holder]) - first
+    drift = np.zeros(len(columns))
+    drift[:6] = np.concatenate(present.velocity) / config.rate - (second - first)[:6]
+    largest = float(np.abs(apart).max(initial=0.0, where=[True] * 6 + [False] * 2 + [True]))
+    speed = float(np.abs(drift).max()) * config.rate
+    time = max(0.15, 9.4 * largest / feed, float(np.sqrt(29.0 * largest / config.acceleration)))
+    time = max(time, 15.0 * speed / config.acceleration)
+    ticks = min(len(rows) - 1, int(np.ceil(time * config.rate)))
+    for k in range(ticks):
+        s = k / ticks
+        weight = 1.0 - s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+        for column, value in zip(columns, (weight * (apart + k * drift)).tolist(), strict=True):
+            rows[k][column] += value
+
+
+def braking(config: ControlConfig, present: Present, mode: Mode = Mode.FREEZE) -> Segment:
+    """Straight on and down to rest, for a contour that was left in motion and is not continued."""
+    assert present.velocity is not None
+    motion = tool_moves.brake(config, present.here, present.velocity, present.tools.forming)
+    return Segment(mode, rows_of(motion))
+
+
+def lift_segments(config: ControlConfig, here: Posture, normal: Array, tools: Tools) -> list[Segment]:
     """Lift both tools clear and park them."""
-    moves = tool_moves.lift(config, here, normal, with_support=with_support)
+    moves = tool_moves.lift(config, here, normal, tools)
     segments = _segments(Mode.LIFT, moves)
     if segments:
         here = posture_of(segments[-1].rows[-1])
-    return segments + _segments(Mode.LIFT, tool_moves.park(config, here, with_support=with_support))
+    return segments + _segments(Mode.LIFT, tool_moves.park(config, here, tools))
 
 
 def rows_of(motion: Motion, set_point: float | None = None) -> list[Row]:
@@ -102,6 +208,7 @@ def rows_of(motion: Motion, set_point: float | None = None) -> list[Row]:
             motion.coordinate,
             motion.speed,
             np.zeros(len(motion)),
+            motion.holder,
         ]
     )
     rows: list[Row] = table.tolist()
@@ -109,12 +216,17 @@ def rows_of(motion: Motion, set_point: float | None = None) -> list[Row]:
 
 
 def posture_of(row: Row) -> Posture:
-    """Tips and direction of d_n of a row."""
+    """Tips, direction of d_n and height of the blank holder of a row."""
     return Posture(
         np.array(row[Column.TIP_1 : Column.TIP_1 + 3]),
         np.array(row[Column.TIP_2 : Column.TIP_2 + 3]),
         float(np.arctan2(row[Column.NORMAL_Y], row[Column.NORMAL_X])),
+        row[Column.HOLDER],
     )
+
+
+def _holder_of(path: ToolPath) -> float:
+    return float(path.holder[0]) if len(path.holder) else 0.0
 
 
 def _segments(mode: Mode, moves: list[Motion]) -> list[Segment]:

@@ -8,7 +8,7 @@ per axis (2.3.3, Butterworth) fed through a first-order hold, 1 % or 0.5 N noise
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from isf_core.contour import Contour, Process
@@ -78,6 +78,7 @@ class Sandbox:
     gap: Callable[[float, float], float] = lambda time, angle: 0.0
     sheet: Callable[[float, float], float] = lambda time, angle: 0.0
     noise: bool = True
+    forming_tool: int = 1
     seed: int = 0
     rate: float = 500.0
     tick: int = 0
@@ -114,8 +115,8 @@ class Sandbox:
         force = max(0.0, self.contact_stiffness * squeeze)
         self.force = force
         normal = apart / distance if distance > 0 else np.zeros(2)
-        on_2 = force * normal
-        on_1 = -(force + sheet) * normal
+        on_2 = (force + (sheet if self.forming_tool == 2 else 0.0)) * normal
+        on_1 = -(force + (sheet if self.forming_tool == 1 else 0.0)) * normal
         return [*self._cell(on_1), 0.0, 0.0, 0.0, 0.0], [*self._cell(on_2), 0.0, 0.0, 0.0, 0.0]
 
     def advance(self, tip_1: tuple[float, ...], tip_2: tuple[float, ...]) -> None:
@@ -158,8 +159,43 @@ def ring(index: int = 0, count: int = 1, **changes: object) -> Contour:
     return Contour(**{**fields, **changes})  # type: ignore[arg-type]
 
 
+def mirrored(contour: Contour) -> Contour:
+    """The same contour formed by tool 2 from below, tool 1 supporting."""
+    turn = np.array([1.0, 1.0, -1.0])
+    return replace(
+        contour,
+        forming_tool=2,
+        contact=contour.contact * turn,
+        normal=contour.normal * turn,
+        forming_tip=contour.forming_tip * turn,
+        support_tip=contour.support_tip * turn if contour.has_support else contour.support_tip,
+    )
+
+
+def spiral(count: int = 3, **changes: object) -> list[Contour]:
+    """Turns of a spiral that begin where the one before ended; each is open and has its last point on the next one."""
+    turns = []
+    for index in range(count):
+        low, high = ring(index, count, **dict(changes)), ring(index + 1, count, **dict(changes))
+        points = len(low)
+        share = (np.arange(points + 1) / points)[:, None]
+        at = np.arange(points + 1) % points
+        fields = {
+            name: (1 - share) * getattr(low, name)[at] + share * getattr(high, name)[at]
+            for name in ("contact", "forming_tip", "support_tip")
+        }
+        per_point = {
+            name: getattr(low, name)[at] for name in ("normal", "wall_angle", "thickness", "support_force")
+            if len(getattr(low, name))
+        }  # fmt: skip
+        turns.append(replace(low, closed=False, **fields, **per_point))
+    return turns
+
+
 def planned_distance(contour: Contour) -> float:
     """m, horizontal distance of the tips of a ring."""
+    if not contour.has_support:
+        return 0.0
     return float(np.linalg.norm((contour.support_tip - contour.forming_tip)[0, :2]))
 
 
@@ -171,6 +207,7 @@ class Run:
     targets: np.ndarray
     mode: np.ndarray
     results: list
+    holder: np.ndarray
     sandbox: Sandbox
     controller: ForceController
 
@@ -187,7 +224,7 @@ def run(
     sandbox = Sandbox(tip_1, tip_2, planned_distance(contours[0]), rate=config.rate, **plant)  # type: ignore[arg-type]
     controller = ForceController(config)
     controller.arm("plan", contours[0].index, contours[0].count, tip_1, tip_2)
-    forces, targets, modes, results = [], [], [], []
+    forces, targets, modes, results, holder = [], [], [], [], []
     for contour in contours:
         controller.start(contour)
         while controller.busy and sandbox.tick < max_ticks:
@@ -198,10 +235,11 @@ def run(
             forces.append(sandbox.force)
             targets.append([*pair.tip_1, *pair.tip_2])
             modes.append(controller.mode)
-            sandbox.advance(*pair)
+            holder.append(pair.holder_height)
+            sandbox.advance(pair.tip_1, pair.tip_2)
         result = controller.take_result()
         if result is not None:
             results.append(result)
         if controller.fault:
             break
-    return Run(np.array(forces), np.array(targets), np.array(modes), results, sandbox, controller)
+    return Run(np.array(forces), np.array(targets), np.array(modes), results, np.array(holder), sandbox, controller)

@@ -315,7 +315,8 @@ def armed():
         (ring(1, 3, plan_id="other"), "plan 'plan' is armed"),
         (ring(0, 3), "out of order"),
         (ring(2, 3), "out of order"),
-        (ring(1, 3, forming_tool=2), "swapped roles"),
+        (ring(1, 3, support_tip=np.empty((0, 3)), force=None), "one tool only"),
+        (ring(1, 3, support_tip=np.empty((0, 3)), process=Process.SPIF), "no support tool"),
     ],
 )
 def test_wrong_contours_are_refused(contour, match):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl import tool_moves
 from isf_force_ctrl.contour_path import contour_path
-from isf_force_ctrl.tool_moves import Posture
+from isf_force_ctrl.tool_moves import Posture, Tools
 from isf_force_ctrl.trajectory import SUPPORT_RATIO, Limits, ToolPath, horizontal_direction, sample, straight
 
 LIMITS = Limits(rate=500.0, acceleration=0.5, blend_time=0.03, jerk_time=0.01)
@@ -67,7 +67,7 @@ def test_limits_hold_on_any_path(inputs, feed):
 
 
 def test_feed_is_reached_on_a_smooth_contour():
-    path = contour_path(ring(radius=30e-3), make_config(), PARKED, None)
+    path = contour_path(ring(radius=30e-3), make_config(), (PARKED, PARKED), None)
     motion = sample(path, 0.03, LIMITS)
     speed = np.linalg.norm(np.diff(motion.tip_1, axis=0), axis=1) * 500.0
     assert np.median(speed) == pytest.approx(0.03, rel=0.005)  # polygon of 160 sides, rounded
@@ -75,7 +75,7 @@ def test_feed_is_reached_on_a_smooth_contour():
 
 def test_closed_contour_returns_and_stays_near_its_path():
     contour = ring(radius=30e-3)
-    motion = sample(contour_path(contour, make_config(), PARKED, None), 0.03, LIMITS)
+    motion = sample(contour_path(contour, make_config(), (PARKED, PARKED), None), 0.03, LIMITS)
     assert motion.tip_1[-1] == pytest.approx(motion.tip_1[0], abs=1e-12)
     radius = np.linalg.norm(motion.tip_1[:, :2], axis=1)
     nominal = np.linalg.norm(contour.forming_tip[0, :2])
@@ -121,7 +121,7 @@ def test_approach_traverses_at_park_height_and_touches_slowly():
     config = make_config()
     here = Posture(np.array([0.0, 0.0, 0.1]), PARKED, 0.0)
     start = Posture(np.array([0.03, 0.01, -5e-3]), np.array([0.04, 0.01, -7e-3]), 0.5)
-    legs = tool_moves.approach(config, here, start, 0.03, with_support=True)
+    legs = tool_moves.approach(config, here, start, 0.03, Tools(1, True))
     tips = np.concatenate([leg.tip_1 for leg in legs])
     moved_sideways = np.linalg.norm(tips[:, :2] - tips[-1, :2], axis=1) > 1e-9
     assert tips[moved_sideways, 2].min() == pytest.approx(0.1)
@@ -135,14 +135,14 @@ def test_long_links_are_refused():
     here = Posture(np.zeros(3), np.array([0.01, 0.0, 0.0]), 0.0)
     near = Posture(np.array([0.0, 0.001, -5e-4]), np.array([0.01, 0.001, -5e-4]), 0.0)
     far = Posture(np.array([0.0, 0.05, 0.0]), np.array([0.01, 0.05, 0.0]), 0.0)
-    assert tool_moves.link(config, here, near, 0.03) is not None
-    assert tool_moves.link(config, here, far, 0.03) is None
+    assert tool_moves.link(config, here, near, 0.03, Tools()) is not None
+    assert tool_moves.link(config, here, far, 0.03, Tools()) is None
 
 
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"forming_tool": 2}, "swapped roles"),
+        ({"forming_tool": 3}, "must be 1 or 2"),
         ({"feed": 0.095}, "feed"),
         ({"forming_tip": np.full((160, 3), 0.13)}, "outside the travel"),
         ({"support_force": np.full(160, -1.0)}, "negative"),
@@ -152,7 +152,7 @@ def test_long_links_are_refused():
 )
 def test_contours_that_cannot_be_formed_are_refused(changes, match):
     with pytest.raises(IsfError, match=match) as caught:
-        contour_path(ring(**changes), make_config(), PARKED, None)
+        contour_path(ring(**changes), make_config(), (PARKED, PARKED), None)
     assert caught.value.code is ErrorCode.CONTOUR_REJECTED
 
 
@@ -160,13 +160,13 @@ def test_no_horizontal_normal_no_force_control():
     above = ring()
     above = ring(support_tip=above.forming_tip - [0.0, 0.0, 1e-2])
     with pytest.raises(IsfError, match="engage_depth"):
-        contour_path(above, make_config(), PARKED, None)
+        contour_path(above, make_config(), (PARKED, PARKED), None)
 
 
 @pytest.mark.parametrize(("override", "expected"), [(None, 120.0), (80.0, 80.0)])
 def test_set_point_override(override, expected):
-    assert contour_path(ring(), make_config(), PARKED, override).set_point == pytest.approx(expected)
+    assert contour_path(ring(), make_config(), (PARKED, PARKED), override).set_point == pytest.approx(expected)
 
 
 def test_zero_override_is_position_control():
-    assert np.isnan(contour_path(ring(), make_config(), PARKED, 0.0).set_point).all()
+    assert np.isnan(contour_path(ring(), make_config(), (PARKED, PARKED), 0.0).set_point).all()
