@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.spatial.transform import Rotation
 
+from isf_planner import mesh_kernels
 from isf_planner.mesh_input import Mesh
+from isf_planner.mesh_topology import Topology, topology
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 LEVEL_TOLERANCE = 0.05e-3
 """m, how far the outline may deviate from the flange level."""
@@ -54,7 +54,13 @@ def place_text(point: Array) -> str:
     return ", ".join(f"{axis} = {value * 1e3:.1f}" for axis, value in zip("xyz", point, strict=False)) + " mm"
 
 
-def check_and_place(mesh: Mesh, clamp: tuple[float, float], tool_radius: float) -> PlacedPart:
+def check_and_place(
+    mesh: Mesh,
+    clamp: tuple[float, float],
+    tool_radius: float,
+    *,
+    place: tuple[float, float] | None = None,
+) -> PlacedPart:
     """Check the mesh and move it to its place on the blank.
 
     Parameters
@@ -62,23 +68,42 @@ def check_and_place(mesh: Mesh, clamp: tuple[float, float], tool_radius: float) 
     mesh : as loaded, m
     clamp : free sheet between the clamps in x and y, m
     tool_radius : m
+    place : x and y of the outline's centre on the blank, m; None: the centre of the blank
 
     Raises
     ------
-    IsfError : MESH_UNIT_SUSPECT, MESH_EMPTY (flat), MESH_INVERTED, MESH_NOT_HEIGHT_FIELD, MESH_OPEN
+    IsfError : MESH_UNIT_SUSPECT, MESH_EMPTY (flat), MESH_INVERTED, MESH_NOT_MANIFOLD, MESH_NOT_HEIGHT_FIELD, MESH_OPEN
     """
     _check_size(mesh, clamp, tool_radius)
-    _check_facing(mesh)
-    _check_outline(mesh)
+    edges = topology(mesh)
+    _check_manifold(mesh, edges)
+    _check_facing(mesh, edges)
+    flange = _check_outline(mesh, edges)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    shift = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[2]])
+    shift = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, flange])
     if np.abs(shift[:2]).max() < CENTRED:
         shift[:2] = 0.0
+    if place is not None:
+        shift[:2] += place
     warnings: tuple[str, ...] = ()
-    if np.abs(shift).max() > PLACED:
+    if np.abs(shift).max() > PLACED and place is None:
         text = ", ".join(f"{value * 1e3:.3f}" for value in shift)
         warnings = (f"the part was moved by ({text}) mm: its outline is centred on the blank, its flange at z = 0",)
-    return PlacedPart(mesh.moved(shift), float(high[2] - low[2]), warnings)
+    return PlacedPart(mesh.moved(shift), float(flange - low[2]), warnings)
+
+
+def oriented(mesh: Mesh, up: str, turn: tuple[float, float, float], scale: float) -> Mesh:
+    """The mesh scaled, turned about x, y and z (rad, one after the other) and with its axis ``up`` ("-y") along +z."""
+    if scale == 1.0 and up == "+z" and not any(turn):
+        return mesh
+    axis = np.zeros(3)
+    axis["xyz".index(up[1])] = 1.0 if up[0] == "+" else -1.0
+    upright, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [axis])
+    if up == "-z":
+        upright = Rotation.from_euler("x", np.pi)
+    matrix = (upright * Rotation.from_euler("xyz", turn)).as_matrix()
+    matrix[np.abs(matrix) < 1e-15] = 0.0  # quarter turns are exact
+    return Mesh(scale * mesh.vertices @ matrix.T, mesh.faces)
 
 
 def _check_size(mesh: Mesh, clamp: tuple[float, float], tool_radius: float) -> None:
@@ -96,17 +121,26 @@ def _check_size(mesh: Mesh, clamp: tuple[float, float], tool_radius: float) -> N
         raise IsfError(ErrorCode.MESH_EMPTY, what, where="mesh", advice="z must be the forming direction")
 
 
-def _check_facing(mesh: Mesh) -> None:
-    """All facets must look up; tell a reversed surface from an overhang and from a closed body."""
-    corners = mesh.corners()
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    projected = 0.5 * cross[:, 2]
-    down = projected < -1e-6 * np.linalg.norm(cross, axis=1)
-    if not down.any():
+def _check_manifold(mesh: Mesh, edges: Topology) -> None:
+    """No edge may belong to more than two facets."""
+    if len(edges.crowded) == 0:
         return
-    share = -projected[down].sum() / np.abs(projected).sum()
-    worst = int(np.argmin(projected))
-    where = f"mesh at {place_text(corners[worst].mean(axis=0))}"
+    edge = edges.crowded[0]
+    raise IsfError(
+        ErrorCode.MESH_NOT_MANIFOLD,
+        f"{len(edges.crowded)} edges belong to more than two facets: walls that branch, or facets that stand twice",
+        where=f"mesh at {place_text(mesh.vertices[edges.vertices[edge]].mean(axis=0))}",
+        advice="export only the upper face; set part.repair: true to remove duplicate facets",
+    )
+
+
+def _check_facing(mesh: Mesh, edges: Topology) -> None:
+    """All facets must look up; tell a reversed surface from an overhang and from a closed body."""
+    count, down, total, worst = mesh_kernels.facing(mesh.vertices, mesh.faces)
+    if count == 0:
+        return
+    share = down / total
+    where = f"mesh at {place_text(mesh.vertices[mesh.faces[worst]].mean(axis=0))}"
     if share > 0.98:
         raise IsfError(
             ErrorCode.MESH_INVERTED,
@@ -114,15 +148,15 @@ def _check_facing(mesh: Mesh) -> None:
             where=where,
             advice="export the upper face, opening towards +z, with normals up",
         )
-    if len(_boundary_edges(mesh)) == 0:
+    if len(edges.free) == 0:
         raise IsfError(
             ErrorCode.MESH_NOT_HEIGHT_FIELD,
             "the mesh is a closed body, not a surface",
             where="mesh",
             advice="export only the upper face of the formed sheet",
         )
-    contradiction = _contradicting_edge(mesh)
-    if contradiction is not None:
+    if len(edges.contradicting):
+        contradiction = mesh.vertices[edges.vertices[edges.contradicting[0]]].mean(axis=0)
         raise IsfError(
             ErrorCode.MESH_INVERTED,
             "neighbouring facets have opposite orientation",
@@ -131,16 +165,15 @@ def _check_facing(mesh: Mesh) -> None:
         )
     raise IsfError(
         ErrorCode.MESH_NOT_HEIGHT_FIELD,
-        f"{int(down.sum())} facets face down: an overhang, or more than the upper face",
+        f"{count} facets face down: an overhang, or more than the upper face",
         where=where,
         advice="a tool from above cannot reach under an overhang; export only the upper face",
     )
 
 
-def _check_outline(mesh: Mesh) -> None:
-    """One outline, at the level of the highest point, and no other free edges."""
-    edges = _boundary_edges(mesh)
-    loops = _loops_of(edges)
+def _check_outline(mesh: Mesh, edges: Topology) -> float:
+    """One outline, at the level of the highest point, and no other free edges; the level (m), which is the flange."""
+    loops = edges.free_loops()
     if not loops:
         raise IsfError(
             ErrorCode.MESH_NOT_HEIGHT_FIELD,
@@ -159,6 +192,7 @@ def _check_outline(mesh: Mesh) -> None:
         )
     outline = mesh.vertices[loops[0]]
     low, high = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
+    lowest = outline[np.argmin(outline[:, 2])]
     if outline[:, 2].mean() < 0.5 * (low + high):
         raise IsfError(
             ErrorCode.MESH_INVERTED,
@@ -166,37 +200,11 @@ def _check_outline(mesh: Mesh) -> None:
             where="mesh",
             advice="turn it so that it opens towards +z",
         )
-    lowest = outline[np.argmin(outline[:, 2])]
     if high - lowest[2] > LEVEL_TOLERANCE:
         raise IsfError(
             ErrorCode.MESH_OPEN,
             f"the outline lies {(high - lowest[2]) * 1e3:.2f} mm below the highest point",
             where=f"mesh at {place_text(lowest)}",
-            advice="extend the surface to a plane flange; nothing may rise above it",
+            advice="extend the surface to a plane flange; only DSIF forms what rises above it",
         )
-
-
-def _boundary_edges(mesh: Mesh) -> Indices:
-    """(E, 2) vertex indices of the edges that belong to one facet only."""
-    edges = np.sort(np.vstack([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1)
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    return np.asarray(unique[count == 1])
-
-
-def _loops_of(edges: Indices) -> list[Indices]:
-    """Vertex indices of every connected set of boundary edges."""
-    if len(edges) == 0:
-        return []
-    vertices, local = np.unique(edges, return_inverse=True)
-    local = local.reshape(edges.shape)
-    graph = coo_matrix((np.ones(len(edges)), (local[:, 0], local[:, 1])), shape=(len(vertices), len(vertices)))
-    count, label = connected_components(graph, directed=False)
-    return [vertices[label == k] for k in range(count)]
-
-
-def _contradicting_edge(mesh: Mesh) -> Array | None:
-    """(3,) m, middle of an edge that two facets run through in the same direction, or None."""
-    edges = np.vstack([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    twice = unique[count > 1]
-    return np.asarray(mesh.vertices[twice[0]].mean(axis=0)) if len(twice) else None
+    return float(high)

@@ -9,10 +9,9 @@ from isf_core.job import Job
 from isf_core.rig import Rig
 from numpy.typing import NDArray
 
-from isf_planner import surface_kernels, tip_surface
+from isf_planner import mesh_kernels, surface_kernels, tip_surface
 from isf_planner.mesh_checks import PlacedPart, place_text
 from isf_planner.mesh_input import Mesh
-from isf_planner.surface_normals import facet_normals
 from isf_planner.target_surface import TargetSurface
 
 Array = NDArray[np.float64]
@@ -53,21 +52,17 @@ def check_fit(part: PlacedPart, job: Job, rig: Rig) -> None:
 
 def check_wall_angle(mesh: Mesh, limit: float) -> tuple[str, ...]:
     """Warnings for walls near ``limit`` (rad); IsfError WALL_TOO_STEEP beyond it."""
-    corners = mesh.corners()
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    angle = np.arccos(np.clip(facet_normals(mesh)[:, 2], -1.0, 1.0))
-    angle[area < SMALLEST_FACET] = 0.0
-    worst = int(np.argmax(angle))
-    where = place_text(corners[worst].mean(axis=0))
-    steepest, most = np.degrees(angle[worst]), np.degrees(limit)
-    if angle[worst] > limit:
+    angle, worst = mesh_kernels.steepest(mesh.vertices, mesh.faces, SMALLEST_FACET)
+    where = place_text(mesh.vertices[mesh.faces[worst]].mean(axis=0))
+    steepest, most = np.degrees(angle), np.degrees(limit)
+    if angle > limit:
         raise IsfError(
             ErrorCode.WALL_TOO_STEEP,
             f"the wall is {steepest:.1f} deg steep, the sheet allows {most:.1f} deg",
             where=f"mesh at {where}",
             advice="make the wall flatter, or set wall_angle_limit if the limit is known to be higher",
         )
-    if angle[worst] > ANGLE_MARGIN * limit:
+    if angle > ANGLE_MARGIN * limit:
         return (f"the wall at {where} is {steepest:.1f} deg steep, close to the limit of {most:.1f} deg",)
     return ()
 

@@ -53,8 +53,8 @@ def test_folder_instead_of_a_file(tmp_path: Path) -> None:
 
 
 def test_format_that_is_not_a_mesh(tmp_path: Path) -> None:
-    path = tmp_path / "part.step"
-    path.write_text("ISO-10303-21;")
+    path = tmp_path / "part.pdf"
+    path.write_text("%PDF")
     assert code_of(path) is ErrorCode.MESH_UNREADABLE
 
 
