@@ -260,8 +260,9 @@ def _speed_plan(
         speed[-1] = 0.0
     acceleration = 0.5 * limits.acceleration / steepest
     speed = _reachable(speed, spacing_grid, acceleration)
-    if runs_on and inside < len(grid):
-        speed[-inside:] = np.minimum(speed[-inside:], speed[-inside])
+    if runs_on:
+        steady = min(2 * inside, len(grid) - 1)
+        speed[-steady:] = np.minimum(speed[-steady:], speed[-steady])
     if entry > speed[0]:  # it comes faster than the path would be entered: it brakes as soon as it can
         braking = entry**2 - 2 * acceleration * (grid - grid[0])
         speed = np.sqrt(np.maximum(speed**2, braking))
@@ -332,7 +333,7 @@ def _average(columns: Array, ticks: int, in_motion: tuple[bool, bool] = (False, 
 
 def _run_on(columns: Array, ticks: int) -> Array:
     """(ticks, C), columns continued beyond their end with their speed and turn there; some are held."""
-    near = max(1, min(2 * ticks, (len(columns) - 1) // 2))
+    near = max(1, min(ticks, (len(columns) - 1) // 2))
     speed = (columns[-1] - columns[-1 - near]) / near
     before = (columns[-1 - near] - columns[-1 - 2 * near]) / near if len(columns) > 2 * near else speed
     change = (speed - before) / near
