@@ -106,7 +106,8 @@ class SimulatedMachine:
         self._draws = np.empty((0, 2 * DRAWS + 6))
         self._on_support = False
         self._holder_asked = 0.0
-        self._read()
+        for cell in parts.cells:  # first reading of the unloaded cells, noise left out
+            cell.reading[:] = np.round(cell.offset)
 
     # -- ticking -------------------------------------------------------------------------------------
 
@@ -269,9 +270,13 @@ class SimulatedMachine:
 
     # -- state ---------------------------------------------------------------------------------------
 
+    def changing(self) -> dict[str, Any]:
+        """Everything that changes, by name; not copied."""
+        return {name: value for name, value in self.__dict__.items() if name not in _UNCHANGING}
+
     def state_copy(self) -> dict[str, Any]:
         """Everything that changes, for :meth:`restore`."""
-        return copy.deepcopy({k: v for k, v in self.__dict__.items() if k not in _UNCHANGING})
+        return copy.deepcopy(self.changing())
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state from :meth:`state_copy` of this machine."""
@@ -368,11 +373,6 @@ class SimulatedMachine:
             if self._support is not None:
                 self.plant.set_support(self._support, -height)
 
-    def _read(self) -> None:
-        """First reading of the unloaded cells, noise left out."""
-        for state in (self._cell_1, self._cell_2):
-            state.reading[:] = np.round(state.offset)
-
     def _judge_target(self, bits: int, target: Array, allowed: float) -> None:
         """Latch what is wrong with a target, and put the held target in its place."""
         flags, found = target_faults(bits, target, self._axes.target, allowed, self._travel)
@@ -387,6 +387,7 @@ _UNCHANGING = {
     "job_file",
     "world",
     "plant_constants",
+    "control_rate",
     "_constants",
     "_ring",
     "_support",

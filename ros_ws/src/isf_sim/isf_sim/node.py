@@ -6,27 +6,28 @@ Topics, services, lockstep and watchdogs: docs/architecture.md. A blank is clamp
 
 from __future__ import annotations
 
-import contextlib
 import math
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile, load_job
+from isf_core.height_map import HeightMap
+from isf_core.job import load_job
 from isf_msgs.msg import MachineState
-from isf_msgs.srv import Reset, Scan, Stop, Tare
 from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
 from isf_node.watchdog import ReceiveWatchdog
+from numpy.typing import NDArray
 
 from isf_sim.machine import MachineSample, SimulatedMachine
-from isf_sim.node_outlet import MachineOutlet
+from isf_sim.node_outlet import MachineOutlet, cloud_message
 from isf_sim.node_parameters import MachineParameters
+from isf_sim.node_services import MachineServices
 from isf_sim.real_time import PeriodicThread
 from isf_sim.target_pair import TargetPair
 from isf_sim.warm_up import warm_up
@@ -54,7 +55,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._thread: PeriodicThread | None = None
         self._entities: list[tuple[Any, Any]] = []
         self._targets = TargetPair()
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
         self._first_tick = 0
         self._stamp = 0
         self._lost = 0
@@ -66,6 +67,8 @@ class MachineNode(CellNode[MachineParameters]):
         self._period = 0
         self._sample: MachineSample | None = None
         self._publishing = threading.Lock()
+        self._holder: Any = None
+        self._told = 0
 
     # -- lifecycle ---------------------------------------------------------------------------------
 
@@ -74,18 +77,13 @@ class MachineNode(CellNode[MachineParameters]):
         timeout = values.target_timeout or (LOCKSTEP_TIMEOUT if values.lockstep else REAL_TIME_TIMEOUT)
         self._watchdog = ReceiveWatchdog(timeout)
         if values.job:
-            self._clamp(load_job(values.job), values.world, values.seed)
+            self.clamp(SimulatedMachine(load_job(values.job), world=values.world, seed=values.seed))
         self._outlet = MachineOutlet(self, clock=values.lockstep)
         subscriptions = [
             self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM),
             self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM),
         ]
-        services = [
-            self.create_service(Tare, "machine/tare", self._on_tare),
-            self.create_service(Scan, "machine/scan", self._on_scan),
-            self.create_service(Stop, "machine/stop", self._on_stop),
-            self.create_service(Reset, "machine/reset", self._on_reset),
-        ]
+        services = MachineServices(self).create()
         look = 0.25 * HEARTBEAT_PERIOD if values.lockstep else 0.5 * BRIDGE_PERIOD
         timer = self.create_timer(look, self._on_timer, clock=self.steady_clock)
         self._entities = [
@@ -99,10 +97,10 @@ class MachineNode(CellNode[MachineParameters]):
         self._watchdog.clear()
         self._following = False
         if self._machine is not None:
-            self._start()
+            self.start()
 
     def deactivate(self) -> None:
-        self._stop_thread()
+        self.stop_thread()
 
     def cleanup(self) -> None:
         for destroy, entity in self._entities:
@@ -113,7 +111,7 @@ class MachineNode(CellNode[MachineParameters]):
             self._outlet = None
 
     def close(self) -> None:
-        self._stop_thread()
+        self.stop_thread()
 
     def health_values(self) -> dict[str, object]:
         machine = self._machine
@@ -128,37 +126,45 @@ class MachineNode(CellNode[MachineParameters]):
 
     # -- blank and time ------------------------------------------------------------------------------
 
-    def _clamp(self, job_file: JobFile, world: int, seed: int) -> None:
-        """Fresh blank and parked tools; time goes on where it was."""
-        machine = SimulatedMachine(job_file, world=world, seed=seed)
-        before = self._machine
+    def clamp(self, machine: SimulatedMachine) -> None:
+        """Take ``machine`` in place of the one before: a fresh blank or a saved one; time goes on where it was."""
+        tick, before = self._tick(), self._machine
         if before is not None and before.control_rate != machine.control_rate:
-            self._first_tick = math.ceil(self._tick() / before.control_rate * machine.control_rate)
-        else:
-            self._first_tick = self._tick()
+            tick = math.ceil(tick / before.control_rate * machine.control_rate)
+        self._first_tick = tick - machine.tick_count
         self._machine = machine
         self._release = None
         self._following = False
+        self._told = len(machine.events)
         self._targets.clear()
-        self.get_logger().info(
-            f"blank of {job_file.material.name} for '{job_file.job.name}', plant {machine.world.as_dict()}"
-        )
+        self._listen_to_holder(machine.job_file.job.process == "TPIF")
+        name = machine.job_file.job.name
+        self.get_logger().info(f"{machine.job_file.material.name} for '{name}', plant {machine.world.as_dict()}")
+
+    def _listen_to_holder(self, wanted: bool) -> None:
+        """A blank holder belongs to TPIF alone: then every tick takes three targets instead of two."""
+        self._targets.expect_holder(wanted)
+        if wanted and self._holder is None:
+            self._holder = self.create_subscription(PoseStamped, "holder/target", self._on_holder, qos.STREAM)
+        elif not wanted and self._holder is not None:
+            self.destroy_subscription(self._holder)
+            self._holder = None
 
     def _tick(self) -> int:
         """Control ticks since the node was configured first, at the present rate."""
         return self._first_tick + (self._machine.tick_count if self._machine else 0)
 
-    def _start(self) -> None:
-        machine = self._needed()
+    def start(self) -> None:
+        machine = self.needed()
         if self._parameters.lockstep:
-            self._publish(machine.sample(), decimated=True)
+            self.publish(machine.sample(), decimated=True)
         else:
             self._begin = self.get_clock().now().nanoseconds
             self._period = -1
             self._thread = PeriodicThread(machine.control_rate, self._on_period)
             self._thread.start()
 
-    def _stop_thread(self) -> None:
+    def stop_thread(self) -> None:
         if self._thread is not None:
             self._thread.stop()
             self._late += self._thread.late
@@ -174,22 +180,33 @@ class MachineNode(CellNode[MachineParameters]):
             return
         self._watchdog.feed()
         self._targets.put(tool, stamps.to_nanoseconds(message.header.stamp), conversion.tip_of(message))
+        self._tick_in_lockstep(stamps.to_nanoseconds(message.header.stamp))
+
+    def _on_holder(self, message: PoseStamped) -> None:
+        if not self.is_active:
+            return
+        stamp = stamps.to_nanoseconds(message.header.stamp)
+        self._targets.put_holder(stamp, message.pose.position.z)
+        self._tick_in_lockstep(stamp)
+
+    def _tick_in_lockstep(self, stamp: int) -> None:
+        """One tick when all targets of the stamp that is due have come."""
         machine = self._machine
         if machine is None or not self._parameters.lockstep or machine.faulted:
             return
         due = stamps.tick_nanoseconds(self._tick() + 1, machine.control_rate)
-        if stamps.to_nanoseconds(message.header.stamp) > due:
+        if stamp > due:
             self._lost += 1
         tips = self._targets.take_at(due)
         if tips is not None:
             self._following = True
-            self._finish_tick(machine, machine.tick(*tips))
+            self.finish_tick(machine, machine.tick(*tips, self._targets.holder))
             self._watchdog.feed()  # a tick with a coarse solution is long; targets that wait meanwhile are not lost
 
     def _on_period(self, period: int) -> None:
         """One tick of the wall clock (real-time thread), and those that a coarse solution made it miss."""
-        with self._lock:
-            machine = self._needed()
+        with self.lock:
+            machine = self.needed()
             missed, self._period = period - self._period - 1, period
             if machine.faulted:
                 sample = self._next_release_tick(machine)
@@ -206,25 +223,30 @@ class MachineNode(CellNode[MachineParameters]):
                 else:
                     most = round(LONGEST_CATCH_UP * machine.control_rate)
                     apart = round(self._targets.elapsed * machine.control_rate / stamps.NANO)  # messages may be late
-                    sample = machine.catch_up(*tips, 1 + min(missed, most), waited=min(max(apart - 1, 0), most))
+                    sample = machine.catch_up(
+                        *tips,
+                        1 + min(missed, most),
+                        self._targets.holder,
+                        waited=min(max(apart - 1, 0), most),
+                    )
                 self._check_stream(machine)
             self._stamp = self._stamp_of(period, machine)
-            self._finish_tick(machine, sample)
+            self.finish_tick(machine, sample)
 
     def _stamp_of(self, period: int, machine: SimulatedMachine) -> int:
         return self._begin + stamps.tick_nanoseconds(period, machine.control_rate)
 
-    def _finish_tick(self, machine: SimulatedMachine, sample: MachineSample) -> None:
+    def finish_tick(self, machine: SimulatedMachine, sample: MachineSample) -> None:
         if machine.faulted and self._release is None:
             self._protect(machine)
             sample = machine.sample()
-        self._publish(sample, decimated=self._tick() % self._decimation(machine) == 0)
+        self.publish(sample, decimated=self._tick() % self._decimation(machine) == 0)
 
     def _decimation(self, machine: SimulatedMachine) -> int:
         return self._parameters.pose_decimation or max(1, round(machine.control_rate / 50.0))
 
-    def _publish(self, sample: MachineSample, *, decimated: bool) -> None:
-        outlet, machine = self._outlet, self._needed()
+    def publish(self, sample: MachineSample, *, decimated: bool) -> None:
+        outlet, machine = self._outlet, self.needed()
         if outlet is None:
             return
         if self._parameters.lockstep:
@@ -234,6 +256,10 @@ class MachineNode(CellNode[MachineParameters]):
                 outlet.poses(sample, self._stamp)
                 outlet.state(self._state_message(machine), self._stamp)
             outlet.wrenches(sample, self._stamp)
+            for event in machine.events[self._told :]:
+                outlet.event(event, self._stamp)
+                self.get_logger().warning(f"{event.kind.name}: {event.text}")
+            self._told = len(machine.events)
             self._sample, self._published = sample, time.monotonic()
 
     def _on_timer(self) -> None:
@@ -249,9 +275,9 @@ class MachineNode(CellNode[MachineParameters]):
         if not machine.faulted:
             self._check_stream(machine)
             if machine.faulted:
-                self._finish_tick(machine, machine.sample())
+                self.finish_tick(machine, machine.sample())
         if time.monotonic() - self._published >= HEARTBEAT_PERIOD:
-            self._publish(machine.sample(), decimated=True)
+            self.publish(machine.sample(), decimated=True)
 
     def _bridge_a_long_tick(self, machine: SimulatedMachine) -> None:
         """Repeat the last readings while the thread works on a coarse solution: a real load cell never pauses."""
@@ -310,76 +336,57 @@ class MachineNode(CellNode[MachineParameters]):
             late_ticks=self._late_ticks(),
             lockstep=self._parameters.lockstep,
             tared=machine.tared,
+            holder_height=machine.holder_height,
             solve_time=machine.solve_time,
         )
 
-    def _needed(self) -> SimulatedMachine:
+    def needed(self) -> SimulatedMachine:
         if self._machine is None:
             raise IsfError(ErrorCode.NO_BLANK, "no blank is clamped", advice="call machine/reset with new_blank")
         return self._machine
 
-    # -- services --------------------------------------------------------------------------------
+    # -- for the services ------------------------------------------------------------------------
 
-    def _on_tare(self, _: Tare.Request, response: Tare.Response) -> Tare.Response:
-        with self._answering(response):
-            machine = self._needed()
-            zero_1, zero_2 = machine.tare()
-            response.tool_1_zero, response.tool_2_zero = zero_1.tolist(), zero_2.tolist()
-            if self.is_active and self._parameters.lockstep:
-                self._publish(machine.sample(), decimated=True)
-        return response
+    @property
+    def in_lockstep(self) -> bool:
+        """True when a tick needs targets of its stamp."""
+        return self._parameters.lockstep
 
-    def _on_scan(self, _: Scan.Request, response: Scan.Response) -> Scan.Response:
-        with self._answering(response):
-            shape = self._needed().measured_shape()
-            if self._outlet is not None:
-                self._outlet.scan(shape, self._stamp)
-            response.points = shape.z.size
-            if self._watchdog.fed:
-                self._watchdog.feed()  # targets were not served during the scan
-        return response
+    def stop_machine(self, reason: str) -> None:
+        """Latch a stop that was asked for, and release contact."""
+        machine = self._machine
+        if machine is None:
+            return
+        machine.latch(ErrorCode.STOP_REQUESTED, reason)
+        if self.is_active and self.in_lockstep and self._release is None:
+            self.finish_tick(machine, machine.sample())
 
-    def _on_stop(self, request: Stop.Request, response: Stop.Response) -> Stop.Response:
-        with self._answering(response):
-            machine = self._machine
-            if machine is not None:
-                machine.latch(ErrorCode.STOP_REQUESTED, request.reason or "stop was requested")
-                if self.is_active and self._parameters.lockstep and self._release is None:
-                    self._finish_tick(machine, machine.sample())
-        return response
+    def forget_targets(self) -> None:
+        """After a reset: no release goes on, and no old target counts."""
+        if not self.needed().faulted:
+            self._release = None
+        self._targets.clear()
+        self._watchdog.clear()
 
-    def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
-        if request.new_blank:
-            self._stop_thread()  # before the machine is owned: the thread may wait for it
-        with self._answering(response):
-            if request.new_blank:
-                self._clamp(self._job_of(request), request.world, request.seed)
-            else:
-                self._needed().reset()
-                self._release = None
-            self._targets.clear()
-            self._watchdog.clear()
-            self.report_ok()
-            if self.is_active and self._parameters.lockstep:
-                self._publish(self._needed().sample(), decimated=True)
-        if self.is_active and self._machine is not None and not self._parameters.lockstep and self._thread is None:
-            self._start()
-        return response
+    def targets_not_served(self) -> None:
+        """After a long answer: the stream of targets was not lost meanwhile."""
+        if self._watchdog.fed:
+            self._watchdog.feed()
 
-    def _job_of(self, request: Reset.Request) -> JobFile:
-        if request.job_text:
-            return JobFile(request.job_text, Path(request.base_folder), "job")
-        return self._needed().job_file
+    def start_in_real_time(self) -> None:
+        """Tick by the wall clock again, if that is what the node does and nothing does it yet."""
+        if self.is_active and self._machine is not None and not self.in_lockstep and self._thread is None:
+            self.start()
 
-    @contextlib.contextmanager
-    def _answering(self, response: Any) -> Iterator[None]:
-        """Own the machine while a service works on it; an expected failure becomes code and message."""
-        with self._lock:
-            try:
-                yield
-            except IsfError as error:
-                response.code, response.message = int(error.code), error.message
-                self.get_logger().warning(str(error))
+    def publish_scan(self, shape: HeightMap) -> None:
+        """The exact shape on "scan"."""
+        if self._outlet is not None:
+            self._outlet.scan(conversion.height_map_to_message(shape, stamps.to_stamp(self._stamp)))
+
+    def publish_cloud(self, points: NDArray[np.float64]) -> None:
+        """Points (N, 3) m of a scanner on "scan"."""
+        if self._outlet is not None:
+            self._outlet.scan(cloud_message(points, self._stamp))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from isf_core.height_map import HeightMap
+from isf_msgs.msg import MachineEvent as EventMessage
 from isf_msgs.msg import MachineState
 from isf_node import conversion, qos, stamps
 from isf_node.lifecycle import CellNode
+from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import PointCloud2, PointField
 
-from isf_sim.machine import MachineSample
+from isf_sim.machine_event import MachineEvent
+from isf_sim.machine_sample import MachineSample
 
 SCAN_PATIENCE = 5.0
 """s of wall time for the subscribers of a scan to take it."""
@@ -28,6 +31,7 @@ class MachineOutlet:
         self._wrenches = [self._publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM_SOURCE) for k in (1, 2)]
         self._poses = [self._publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
         self._state = self._publisher(MachineState, "machine/state", qos.STREAM_SOURCE)
+        self._event = self._publisher(EventMessage, "machine/event", qos.EVENT)
         self._scan = self._publisher(PointCloud2, "scan", qos.LATCHED)
         self._clock = self._publisher(Clock, "/clock", qos.SENSOR) if clock else None
         self._wrench_messages = [conversion.make_wrench() for _ in (1, 2)]
@@ -35,7 +39,7 @@ class MachineOutlet:
 
     def close(self) -> None:
         """Destroy the publishers."""
-        publishers = [*self._wrenches, *self._poses, self._state, self._scan]
+        publishers = [*self._wrenches, *self._poses, self._state, self._event, self._scan]
         for publisher in [*publishers, self._clock] if self._clock else publishers:
             self._node.destroy_publisher(publisher)
 
@@ -64,10 +68,29 @@ class MachineOutlet:
         message.header.stamp = stamps.to_stamp(nanoseconds)
         self._state.publish(message)
 
-    def scan(self, shape: HeightMap, nanoseconds: int) -> None:
+    def event(self, event: MachineEvent, nanoseconds: int) -> None:
+        """One event of the part."""
+        message = EventMessage(kind=int(event.kind), value=event.value, limit=event.limit, text=event.text)
+        message.header.frame_id = conversion.FRAME
+        message.header.stamp = stamps.to_stamp(nanoseconds)
+        message.position.x, message.position.y, message.position.z = event.position
+        self._event.publish(message)
+
+    def scan(self, cloud: PointCloud2) -> None:
         """A measured shape; returns when every reliable subscriber has it, so that the cell may be ended then."""
-        self._scan.publish(conversion.height_map_to_message(shape, stamps.to_stamp(nanoseconds)))
+        self._scan.publish(cloud)
         self._scan.wait_for_all_acked(Duration(seconds=SCAN_PATIENCE))
 
     def _publisher(self, kind: Any, topic: str, profile: Any) -> Publisher[Any]:
         return self._node.create_publisher(kind, topic, profile)
+
+
+def cloud_message(points: NDArray[np.float64], nanoseconds: int) -> PointCloud2:
+    """Unordered points (N, 3) m as a cloud of one row, x, y, z as float64."""
+    data = np.ascontiguousarray(points, dtype="<f8")
+    cloud = PointCloud2(height=1, width=len(data), point_step=24, row_step=24 * len(data), is_dense=True)
+    cloud.header.frame_id = conversion.FRAME
+    cloud.header.stamp = stamps.to_stamp(nanoseconds)
+    cloud.fields = [PointField(name=n, offset=8 * k, datatype=PointField.FLOAT64, count=1) for k, n in enumerate("xyz")]
+    cloud.data = data.tobytes()
+    return cloud

@@ -16,8 +16,8 @@ import pytest
 import rclpy
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.errors import ErrorCode
-from isf_msgs.msg import MachineState
-from isf_msgs.srv import Reset, Scan, Stop, Tare
+from isf_msgs.msg import MachineEvent, MachineState
+from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
 from isf_node import conversion, qos, stamps
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
@@ -50,11 +50,13 @@ class Client:
         self.received = 0
         self.states: list[MachineState] = []
         self.scans: list[PointCloud2] = []
+        self.events: list[MachineEvent] = []
         for k in (0, 1):
             self.node.create_subscription(
                 WrenchStamped, f"tool_{k + 1}/wrench", lambda m, k=k: self._on_wrench(k, m), qos.STREAM
             )
         self.node.create_subscription(MachineState, "machine/state", self.states.append, qos.STREAM)
+        self.node.create_subscription(MachineEvent, "machine/event", self.events.append, qos.EVENT)
         self.node.create_subscription(PointCloud2, "scan", self.scans.append, qos.LATCHED)
         self.targets = [self.node.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM) for k in (1, 2)]
 
@@ -213,3 +215,51 @@ def test_services_name_what_is_wrong(machine: Client) -> None:
     assert response.code == ErrorCode.FILE_UNIT
     assert "job:6" in response.message
     assert machine.call(Stop, "machine/stop", Stop.Request()).code == 0
+
+
+def test_state_is_saved_and_taken_up(machine: Client, tmp_path: Path) -> None:
+    """What was pressed stays after a fresh blank and a load; the clock goes on; a foreign file is refused."""
+    machine.ready()
+    held = (np.array([0.0, 0.0, -4e-3]), PARKED[1])
+    last = press(machine, 4e-3) + 60
+    for number in range(last - 59, last + 1):  # the servo comes to rest
+        assert machine.tick(number, held)
+    pressed = machine.wrenches[0][machine.newest()][2]
+    path = str(tmp_path / "state.npz")
+    assert machine.call(StateFile, "machine/save", StateFile.Request(path=path)).code == 0
+    assert machine.call(Reset, "machine/reset", Reset.Request(new_blank=True)).code == 0
+    assert machine.call(StateFile, "machine/load", StateFile.Request(path=path)).code == 0
+    assert machine.tick(last + 1, held)
+    again = machine.wrenches[0][stamps.tick_nanoseconds(last + 1, RATE)][2]
+    assert again == pytest.approx(pressed, rel=0.05)
+    foreign = tmp_path / "foreign.npz"
+    foreign.write_text("no machine")
+    assert machine.call(StateFile, "machine/load", StateFile.Request(path=str(foreign))).code == ErrorCode.FILE_SYNTAX
+    assert machine.call(StateFile, "machine/load", StateFile.Request()).code == ErrorCode.FILE_NOT_FOUND
+    nowhere = StateFile.Request(path=str(tmp_path / "no" / "folder.npz"))
+    assert machine.call(StateFile, "machine/save", nowhere).code == ErrorCode.FILE_NOT_WRITABLE
+
+
+def test_sensor_scan_takes_its_time_and_force_limit_is_an_event(machine: Client) -> None:
+    """2.5 s of machine time; points in no order, with noise; pressing too hard saturates the cell first."""
+    machine.ready()
+    assert machine.tick(1, PARKED)
+    response = machine.call(Scan, "machine/scan", Scan.Request(clamped=True, sensor=True))
+    assert response.code == 0
+    assert machine.wait(lambda: len(machine.scans) == 1)
+    cloud = machine.scans[0]
+    assert (cloud.height, cloud.width) == (1, response.points)
+    points = np.frombuffer(bytes(cloud.data), dtype="<f8").reshape(-1, 3)
+    assert 1e-6 < np.abs(points[:, 2]).max() < 0.2e-3
+    after = stamps.tick_nanoseconds(1 + 1250, RATE)
+    assert machine.wait(lambda: machine.newest() == after)
+    for number in range(1252, 1252 + 800):
+        tip = np.array([0.0, 0.0, 0.1 - 0.0002 * (number - 1251)])
+        machine.send(stamps.tick_nanoseconds(number, RATE), (tip, PARKED[1]))
+        if not machine.wait(lambda n=number: machine.newest() >= stamps.tick_nanoseconds(n, RATE), 1.0):
+            break
+        if machine.fault_codes():
+            break
+    assert machine.wait(lambda: machine.fault_codes() != [])
+    assert machine.fault_codes()[0] in (ErrorCode.FORCE_LIMIT, ErrorCode.LOAD_CELL_RANGE)
+    assert machine.wait(lambda: MachineEvent.SATURATION in [event.kind for event in machine.events])

@@ -56,3 +56,21 @@ def test_a_step_that_takes_long_makes_the_thread_skip_and_count() -> None:
     assert seen == sorted(set(seen))
     assert seen[3] - seen[2] >= 5
     assert thread.late >= seen[-1] + 1 - len(seen) >= 4  # more, when the last step was followed by a gap
+
+
+def test_with_a_blank_holder_three_targets_make_a_pair() -> None:
+    pair = TargetPair()
+    pair.expect_holder(True)
+    pair.put(1, 2000, A)
+    pair.put(2, 2000, B)
+    assert pair.take_at(2000) is None
+    pair.put_holder(1000, -1e-3)
+    assert pair.take_at(2000) is None
+    pair.put_holder(2000, -2e-3)
+    assert pair.take_at(2000) == (A, B)
+    assert pair.holder == -2e-3
+    pair.expect_holder(False)
+    pair.put(1, 4000, A)
+    pair.put(2, 4000, B)
+    assert pair.take_at(4000) == (A, B)
+    assert pair.holder == 0.0
