@@ -67,10 +67,25 @@ class ContactPatch:
         return 2.0 * (self.length + self.width)
 
 
-def contact_patch(wall_angle: Array | float, radius: float, incremental_depth: float) -> ContactPatch:
-    """Contact patch for a wall angle (rad); the limit is taken where wall and groove angle agree."""
+def cusp_angle(wall_angle: Array | float, incremental_depth: Array | float, radius: float) -> Array:
+    """rad, slope at the cusp that two neighbouring grooves leave on the wall: asin(dz / (2 R tan(wall angle))).
+
+    The other reading of Praveen's groove angle: as groove angle it gives axial forces that are too low, but radial
+    forces that are positive and nearly constant over the wall angle, as the published tool deflections are.
+    """
+    ratio = np.asarray(incremental_depth) / (2.0 * radius * np.tan(wall_angle))
+    return np.asarray(np.arcsin(np.clip(ratio, -1.0, 1.0)))
+
+
+def contact_patch(
+    wall_angle: Array | float, radius: float, incremental_depth: float, groove: Array | float | None = None
+) -> ContactPatch:
+    """Contact patch for a wall angle (rad); the limit is taken where wall and groove angle agree.
+
+    ``groove``: rad, instead of :func:`groove_angle`.
+    """
     wall = np.asarray(wall_angle, dtype=float)
-    groove = groove_angle(incremental_depth, radius)
+    groove = groove_angle(incremental_depth, radius) if groove is None else np.asarray(groove)
     difference = groove - wall
     safe = np.where(np.abs(difference) < 1e-6, 1.0, difference)
     chord = np.where(np.abs(difference) < 1e-6, -np.cos(wall), (np.sin(wall) - np.sin(groove)) / safe)
@@ -88,18 +103,23 @@ class FormingForce:
 
 
 def equilibrium_force(
-    flow_stress: float, thickness: Array | float, wall_angle: Array | float, radius: float, incremental_depth: float
+    flow_stress: Array | float,
+    thickness: Array | float,
+    wall_angle: Array | float,
+    radius: float,
+    incremental_depth: float,
+    groove: Array | float | None = None,
 ) -> FormingForce:
     """Forces from the membrane equilibrium under the tool (Praveen 2020 eq. 1-3).
 
-    ``flow_stress`` Pa, ``thickness`` m of the formed wall. The printed radial force is negative
-    below about 45 deg and is clamped at zero there (reference specification, section 2.2, option a).
+    ``flow_stress`` Pa, ``thickness`` m of the formed wall, ``groove`` rad instead of :func:`groove_angle`. With that
+    one the printed radial force is negative below about 45 deg and is clamped at zero there.
     """
     wall = np.asarray(wall_angle, dtype=float)
     t = np.asarray(thickness, dtype=float)
-    groove = groove_angle(incremental_depth, radius)
-    patch = contact_patch(wall, radius, incremental_depth)
-    scale = 2.0 * flow_stress / np.sqrt(3.0)
+    groove = groove_angle(incremental_depth, radius) if groove is None else np.asarray(groove)
+    patch = contact_patch(wall, radius, incremental_depth, groove)
+    scale = 2.0 * np.asarray(flow_stress) / np.sqrt(3.0)
     thickness_stress = scale * t / (radius + t)
     meridional_stress = scale * radius / (radius + t)
     hoop_stress = 0.5 * scale * (radius - t) / (radius + t)

@@ -54,6 +54,24 @@ class Job(FileModel):
             raise ValueError(f"process {self.process} has no support tool: control.support_force must be 0 N")
         return self
 
+    @model_validator(mode="after")
+    def _compensated_once(self) -> Job:
+        wanted = self.path.compensation
+        if "sheet" in wanted and self.springback.method != "none":
+            raise ValueError(
+                "path.compensation sheet and springback.method correct the same deflection: use one of them"
+            )
+        if "tool" in wanted and self.tool_1.stick_out is None:
+            raise ValueError("path.compensation tool needs tool_1.stick_out")
+        if "tool" in wanted and self.control.compliance_compensation > 0:
+            raise ValueError(
+                "path.compensation tool and control.compliance_compensation correct the same deflection: set the "
+                "latter to 0, or leave tool out"
+            )
+        if "machine" in wanted and self.tool_2 is None:
+            raise ValueError("path.compensation machine needs two tools: it corrects the distance between them")
+        return self
+
     @property
     def process_type(self) -> Process:
         """The process as the enumeration used in contours."""

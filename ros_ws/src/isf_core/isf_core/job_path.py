@@ -38,6 +38,24 @@ class PathSpec(FileModel):
     thickness: Literal["sine_law", "overlap"] = "sine_law"
     """How the formed thickness is predicted that the support tool's gap follows."""
 
+    compensation: tuple[Literal["tool", "sheet", "machine"], ...] = ()
+    """What is compensated in the plan, without feedback: bending of the forming tool, elastic deflection of the sheet,
+    error map of the machine."""
+    sheet_term: Literal["component", "axial"] = "component"
+    """Axial shift for a sheet deflection w: w times the cosine of the wall angle, or the whole w."""
+    sheet_gain: float = Field(default=1.0, gt=0.0, le=2.0)
+    """Factor on the sheet deflection, to be calibrated; assumed 1."""
+    machine_error: str | None = None
+    """CSV beside the job: x, y, z in mm and how much farther apart than commanded the tips are there, in mm."""
+
+    @model_validator(mode="after")
+    def _compensation(self) -> PathSpec:
+        if "machine" in self.compensation and self.machine_error is None:
+            raise ValueError("compensation machine needs machine_error, the file with the measured errors")
+        if len(set(self.compensation)) != len(self.compensation):
+            raise ValueError("compensation names something twice")
+        return self
+
     @model_validator(mode="after")
     def _path_choices(self) -> PathSpec:
         joined = self.style == "spiral" or self.transition == "ramp"

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from isf_core.model_base import FileModel
-from isf_core.quantity import Length
+from isf_core.quantity import Length, Stress
 
 
 class SheetSpec(FileModel):
@@ -24,6 +24,12 @@ class ToolSpec(FileModel):
     """Radius of the hemisphere; of a flat tip: of its whole circle."""
     corner_radius: Length | None = Field(default=None, gt=0.1e-3, lt=50e-3)
     """Flat tip: radius of its rounded edge, at most ``radius``; None: hemisphere."""
+    stick_out: Length | None = Field(default=None, gt=1e-3, lt=1.0)
+    """From the chuck to the tip; needed for compensation of the tool's own bending."""
+    shank_radius: Length | None = Field(default=None, gt=0.5e-3, lt=0.2)
+    """Of the shank; None: ``radius``."""
+    young_modulus: Stress = Field(default=210e9, gt=1e9, lt=1e12)
+    """Of the tool; the default is that of steel."""
 
     @model_validator(mode="after")
     def _corner(self) -> ToolSpec:

@@ -5,9 +5,12 @@ from __future__ import annotations
 from isf_core.contour import Contour
 from isf_core.job import JobFile
 
+from isf_planner.compensation import compensate
 from isf_planner.predictions import with_predictions
 
 
 def finish(contours: tuple[Contour, ...], job_file: JobFile) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
     """Contours with predicted forces and compensated tips, and warnings with their place."""
-    return with_predictions(contours, job_file)
+    filled, warnings = with_predictions(contours, job_file)
+    moved, told = compensate(filled, job_file)
+    return moved, (*warnings, *told)
