@@ -35,7 +35,5 @@ class PartSpec(FileModel):
     @model_validator(mode="after")
     def _unit_declared(self) -> PartSpec:
         if self.unit is None and PurePath(self.mesh).suffix.lower() not in UNIT_IN_FILE:
-            raise ValueError(
-                f"unit is missing: '{self.mesh}' carries none; write unit: mm (or m, cm, in)"
-            )
+            raise ValueError(f"unit is missing: '{self.mesh}' carries none; write unit: mm (or m, cm, in)")
         return self

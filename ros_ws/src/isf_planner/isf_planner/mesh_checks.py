@@ -74,7 +74,7 @@ def check_and_place(
     ------
     IsfError : MESH_UNIT_SUSPECT, MESH_EMPTY (flat), MESH_INVERTED, MESH_NOT_MANIFOLD, MESH_NOT_HEIGHT_FIELD, MESH_OPEN
     """
-    _check_size(mesh, clamp, tool_radius)
+    check_size(mesh, clamp, tool_radius)
     edges = topology(mesh)
     _check_manifold(mesh, edges)
     _check_facing(mesh, edges)
@@ -106,7 +106,8 @@ def oriented(mesh: Mesh, up: str, turn: tuple[float, float, float], scale: float
     return Mesh(scale * mesh.vertices @ matrix.T, mesh.faces)
 
 
-def _check_size(mesh: Mesh, clamp: tuple[float, float], tool_radius: float) -> None:
+def check_size(mesh: Mesh, clamp: tuple[float, float], tool_radius: float) -> None:
+    """Refuse what only a wrong unit explains, and what is flat: MESH_UNIT_SUSPECT, MESH_EMPTY."""
     size = np.ptp(mesh.vertices, axis=0)
     text = " x ".join(f"{value * 1e3:.4g}" for value in size) + " mm"
     advice = "check part.unit in the job"

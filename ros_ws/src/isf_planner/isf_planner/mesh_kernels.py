@@ -18,15 +18,17 @@ def merge(vertices: Array, faces: Indices, distance: float) -> tuple[Array, Indi
     Vertices without a facet are left out; the others keep the order of their first use.
     """
     size = 16
-    while size < 2 * len(vertices):
+    while size < len(vertices) + len(vertices) // 4:
         size *= 2
-    slots = np.full(size, -1, dtype=np.int64)
+    slots = np.full(size, -1, dtype=np.int32)
     points = np.empty((len(vertices), 3))
     grid = np.empty((len(vertices), 3), dtype=np.int64)
     number = np.full(len(vertices), -1, dtype=np.int64)
     kept = np.empty_like(faces)
     used, facets = 0, 0
     corner = np.empty(3, dtype=np.int64)
+    before = np.zeros((3, 3))  # corners of the facet before, which often shares two with this one
+    before_number = np.full(3, -1, dtype=np.int64)
     for f in range(len(faces)):
         a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
         ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -36,6 +38,14 @@ def merge(vertices: Array, faces: Indices, distance: float) -> tuple[Array, Indi
             continue
         for k in range(3):
             v = faces[f, k]
+            for other in range(3):
+                if (
+                    before_number[other] >= 0
+                    and vertices[v, 0] == before[other, 0]
+                    and vertices[v, 1] == before[other, 1]
+                    and vertices[v, 2] == before[other, 2]
+                ):
+                    number[v] = before_number[other]
             if number[v] < 0:
                 x = int(np.rint(vertices[v, 0] / distance))
                 y = int(np.rint(vertices[v, 1] / distance))
@@ -53,6 +63,10 @@ def merge(vertices: Array, faces: Indices, distance: float) -> tuple[Array, Indi
                     used += 1
                 number[v] = slots[slot]
             corner[k] = number[v]
+        for k in range(3):
+            before_number[k] = corner[k]
+            for d in range(3):
+                before[k, d] = vertices[faces[f, k], d]
         if corner[0] != corner[1] and corner[1] != corner[2] and corner[2] != corner[0]:
             kept[facets] = corner
             facets += 1

@@ -14,10 +14,11 @@ from isf_core.job import Job, JobFile
 from numpy.typing import NDArray
 
 from isf_planner import (
-    finishing,
     adsif_path,
+    finishing,
     mesh_checks,
     mesh_input,
+    mesh_repair,
     part_checks,
     sections,
     slicing,
@@ -27,6 +28,7 @@ from isf_planner import (
     tpif_path,
 )
 from isf_planner.feature_tree import LoopTree
+from isf_planner.mesh_input import Mesh
 from isf_planner.sides import UPSIDE_DOWN, HalfPart, Side, halves, merged, swapped
 
 Array = NDArray[np.float64]
@@ -93,8 +95,8 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     job, rig = job_file.job, job_file.rig
     step = _Steps(progress or (lambda phase, share: None), cancelled or (lambda: False))
     step("reading the mesh", 0.0)
-    loaded = mesh_input.load_mesh(job_file.mesh, job.part.unit)
-    warnings: list[str] = []
+    loaded, repaired = _load(job_file)
+    warnings = list(repaired)
     tpif: tpif_path.TpifPart | None = None
     if job.process == "TPIF":
         tpif = tpif_path.plan_part(loaded, job_file, step)
@@ -117,8 +119,8 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
         warnings += flat
     else:
         contours = tool_paths.make_contours(planned, job_file, plan_id)
-    contours, told = finishing.finish(contours, job_file)
-    warnings += told
+    contours, expected = finishing.finish(contours, job_file)
+    warnings += expected
     part_checks.check_travel(contours, rig)
     warnings += part_checks.check_support(_supported(contours, job), planned[0].surface, job)
     target = target_surface.target_map(mesh, rig.clamp.size)
@@ -127,11 +129,19 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     return Plan(plan_id, contours, target, (mesh.vertices, mesh.faces), tuple(dict.fromkeys(warnings)), tree)
 
 
+def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:
+    """The mesh of the job, upright and repaired, and what was repaired."""
+    part, tool = job_file.job.part, job_file.job.tool_1.radius
+    mesh = mesh_checks.oriented(mesh_input.load_mesh(job_file.mesh, part.unit), part.up, part.turn, part.scale)
+    mesh_checks.check_size(mesh, job_file.rig.clamp.size, tool)  # distances of repairs mean nothing in a wrong unit
+    return mesh_repair.repair(mesh, 2.0 * tool) if part.repair else (mesh, ())
+
+
 def _plan_half(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, Array, list[str]]:
     """Loops of what one tool forms, in the view of that tool; the shift (3,) m of the mesh in frame ``sheet``."""
     job, rig = swapped(job_file.job, half.forming_tool), job_file.rig
     radius = job.tool_1.ball_radius
-    part = mesh_checks.check_and_place(half.mesh, rig.clamp.size, job.tool_1.radius)
+    part = mesh_checks.check_and_place(half.mesh, rig.clamp.size, job.tool_1.radius, place=job.part.place)
     part_checks.check_fit(part, job, rig)
     if job.process == "ADSIF":
         adsif_path.check_reachable(part.mesh, adsif_path.surface_for(job_file))

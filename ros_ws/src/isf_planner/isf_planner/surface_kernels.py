@@ -151,30 +151,37 @@ def dilate(z: Array, offsets: Indices, drops: Array) -> Array:
 
 @kernel
 def best_drop(
-    z: Array, origin: Array, pitch: float, points: Array, start: Indices, offsets: Indices, radius: float
+    z: Array, origin: Array, pitch: float, points: Array, start: Indices, reach: int, stride: int, radius: float
 ) -> tuple[Array, Indices]:
-    """Highest tip of a ball at every point over the nodes start (N, 2) + offsets (M, 2): heights (N,), nodes (N, 2)."""
+    """Highest tip of a ball at every point over the nodes around start (N, 2): heights (N,) and nodes (N, 2).
+
+    Nodes within ``reach`` rows and columns of the start are tried, every ``stride``-th.
+    """
     ny, nx = z.shape
     height = np.full(len(points), -np.inf)
     node = np.zeros((len(points), 2), dtype=np.int64)
     square = radius * radius
+    steps = reach // stride
     for k in range(len(points)):
-        x, y = points[k, 0], points[k, 1]
-        best, best_row, best_column = -np.inf, start[k, 0], start[k, 1]
-        for m in range(len(offsets)):
-            row = min(max(start[k, 0] + offsets[m, 0], 0), ny - 1)
-            column = min(max(start[k, 1] + offsets[m, 1], 0), nx - 1)
-            dx = origin[0] + pitch * column - x
-            dy = origin[1] + pitch * row - y
-            rest = square - dx * dx - dy * dy
-            if rest < 0.0:
+        row, column = start[k, 0], start[k, 1]
+        best, best_row, best_column = -np.inf, row, column
+        x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
+        first_row = row - stride * min(steps, row // stride)
+        last_row = min(row + stride * steps, ny - 1)
+        first = column - stride * min(steps, column // stride)
+        last = min(column + stride * steps, nx - 1)
+        for j in range(first_row, last_row + 1, stride):
+            dy = pitch * j - y
+            room = square - dy * dy
+            if room < 0.0:
                 continue
-            # the root is taken only where it may win: it is at most the radius
-            if z[row, column] + radius <= best:
-                continue
-            value = z[row, column] + np.sqrt(rest)
-            if value > best:
-                best, best_row, best_column = value, row, column
+            for i in range(first, last + 1, stride):
+                dx = pitch * i - x
+                rest = room - dx * dx
+                if rest >= 0.0:
+                    value = z[j, i] + np.sqrt(rest)
+                    if value > best:
+                        best, best_row, best_column = value, j, i
         height[k] = best - radius
         node[k, 0], node[k, 1] = best_row, best_column
     return height, node

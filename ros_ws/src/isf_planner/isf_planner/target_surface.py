@@ -75,7 +75,9 @@ def fine_surface(mesh: Mesh, radius: float) -> TargetSurface:
     IsfError : MESH_NOT_HEIGHT_FIELD where two layers lie over each other
     """
     formed = mesh.faces[(mesh.vertices[:, 2] < -1e-6)[mesh.faces].any(axis=1)]
-    region = mesh.vertices[np.unique(formed), :2]
+    used = np.zeros(len(mesh.vertices), dtype=np.bool_)
+    used[formed] = True
+    region = mesh.vertices[used, :2]
     low, high = region.min(axis=0) - 1.5 * radius, region.max(axis=0) + 1.5 * radius
     pitch = max(radius / CELLS_PER_RADIUS, float((high - low).max()) / LARGEST_GRID)
     shape = tuple(int(n) for n in np.ceil((high - low) / pitch)[::-1] + 1)

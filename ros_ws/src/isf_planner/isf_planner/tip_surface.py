@@ -87,13 +87,10 @@ def drop_tool(surface: TargetSurface, points: Array, radius: float, near: Array 
     """
     if near is None:
         reach = int(radius / surface.pitch) // STRIDE * STRIDE
-        offsets = _disc(reach, STRIDE)
-        _, start = _best(surface, points, _nearest(surface, points), offsets, radius)
+        _, start = _best(surface, points, _nearest(surface, points), reach, STRIDE, radius)
     else:
         start = _nearest(surface, near)
-    square = np.arange(-STRIDE, STRIDE + 1)
-    window = np.stack(np.meshgrid(square, square, indexing="ij"), axis=-1).reshape(-1, 2)
-    height, node = _best(surface, points, start, window, radius)
+    height, node = _best(surface, points, start, STRIDE, 1, radius)
     return height, np.asarray(surface.origin + surface.pitch * node[:, ::-1])
 
 
@@ -134,14 +131,15 @@ def _disc(reach: int, stride: int) -> Indices:
 
 def _nearest(surface: TargetSurface, points: Array) -> Indices:
     """(N, 2) row and column of the nearest node."""
-    return np.rint((points - surface.origin) / surface.pitch).astype(np.int64)[:, ::-1]
+    node = np.rint((points - surface.origin) / surface.pitch).astype(np.int64)[:, ::-1]
+    return np.clip(node, 0, np.array(surface.z.shape) - 1)
 
 
 def _best(
-    surface: TargetSurface, points: Array, start: Indices, offsets: Indices, radius: float
+    surface: TargetSurface, points: Array, start: Indices, reach: int, stride: int, radius: float
 ) -> tuple[Array, Indices]:
-    """Highest tip over the nodes start (N, 2) + offsets (M, 2): height (N,) and node (N, 2)."""
-    return surface_kernels.best_drop(surface.z, surface.origin, surface.pitch, points, start, offsets, radius)
+    """Highest tip over every ``stride``-th node within ``reach`` of start (N, 2): height (N,) and node (N, 2)."""
+    return surface_kernels.best_drop(surface.z, surface.origin, surface.pitch, points, start, reach, stride, radius)
 
 
 def _normal_xy(surface: TargetSurface, points: Array) -> Array:
