@@ -27,7 +27,7 @@ from isf_sim.load_cell import BLOCK, DRAWS, take_zero
 from isf_sim.machine_build import make_parts
 from isf_sim.machine_checks import LIMIT_FORCE, LIMIT_SPEED, LIMIT_TRAVEL, force_faults, reach_fault, target_faults
 from isf_sim.machine_event import EventWatch, MachineEvent
-from isf_sim.machine_facts import tick_facts, touches_support
+from isf_sim.machine_facts import tick_facts
 from isf_sim.machine_sample import MachineSample
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scan_sensor import SCAN_TIME, measured_points
@@ -48,8 +48,6 @@ LARGEST_CLIPPED = 5
 """Readings in a row at the end of a load cell's range, after which it is no measurement any more."""
 HOLDER_STEP = 0.1e-3
 """m of blank holder after which the sheet is brought over the die anew."""
-SUPPORT_LOOK = 20
-"""Ticks between two looks at the support under the tool."""
 MOST_EVENTS = 1000
 
 
@@ -104,7 +102,6 @@ class SimulatedMachine:
         self._overlap = 2.0 * rig.limits.offset
         self._target = np.empty(6)
         self._draws = np.empty((0, 2 * DRAWS + 6))
-        self._on_support = False
         self._holder_asked = 0.0
         for cell in parts.cells:  # first reading of the unloaded cells, noise left out
             cell.reading[:] = np.round(cell.offset)
@@ -341,8 +338,6 @@ class SimulatedMachine:
 
     def _look_for_events(self, outcome: int) -> None:
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
-        if self.tick_count % SUPPORT_LOOK == 0:
-            self._on_support = touches_support(self.plant)
         unstable = self._adsif is not None and outcome == adsif.BUCKLES
         facts = tick_facts(
             self.tick_count,
@@ -351,7 +346,6 @@ class SimulatedMachine:
             self._squeeze,
             self._balls,
             buckles=float(self._adsif.local[1]) if self._adsif is not None and unstable else math.nan,
-            on_support=self._on_support,
             clipped=clipped,
         )
         found = self._watch.look(facts)

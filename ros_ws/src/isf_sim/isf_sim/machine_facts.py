@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
-from isf_sim.contact_kernels import support_height
 from isf_sim.machine_event import TickFacts
 from isf_sim.machine_tick import Axes
 from isf_sim.sheet_plant import SheetPlant
 from isf_sim.sheet_point import TRAVELLED
 from isf_sim.squeeze import Squeeze
+
+TOUCHING = 1.0
+"""N between sheet and support, from which on they touch."""
 
 
 def tick_facts(
@@ -20,7 +22,6 @@ def tick_facts(
     radii: tuple[float, float],
     *,
     buckles: float,
-    on_support: bool,
     clipped: int,
 ) -> TickFacts:
     """Facts after tick number ``tick``; ``radii`` m of both balls (0: no second tool)."""
@@ -48,15 +49,7 @@ def tick_facts(
         strain=strain,
         travelled=float(contact.path[TRAVELLED]),
         buckles=buckles,
-        on_support=on_support,
+        on_support=bool(contact.on_die[0] > TOUCHING),
         clipped=clipped,
         saturated=bool(axes.saturated[0]),
     )
-
-
-def touches_support(plant: SheetPlant) -> bool:
-    """True when the sheet under the pressing tool lies on the die or the backing plate."""
-    if plant.contact.axial[0] <= 0.0 or plant.surface.holder[0] == 0.0:
-        return False
-    x, y, z = plant.contact.formed_tip
-    return bool(z <= support_height(plant.surface, x, y, plant.radius) + 1e-6)
