@@ -53,13 +53,44 @@ def plan(
     unit: Annotated[
         str | None, typer.Option(help="unit of the coordinates when PART is a mesh: mm, cm, m or in")
     ] = None,
+    export: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="also write FILE: .npz plan, .csv AMPL tables, .nc .mpf .pmc .src .mod programs", metavar="FILE"
+        ),
+    ] = None,
+    form: Annotated[
+        str | None, typer.Option("--format", help="format of --export: a name, or a YAML file of your own")
+    ] = None,
+    show: Annotated[
+        list[Path] | None, typer.Option(help="also draw FILE in three dimensions: .html or .png", metavar="FILE")
+    ] = None,
+    colour: Annotated[str, typer.Option(help="of the paths in --show: wall_angle, thickness or force")] = "wall_angle",
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Plan the contours of a part; writes a picture and a table of points."""
-    from isf_cell.commands.plan import plan_part
+    """Plan the contours of a part; writes a picture and a table of points. PART may be a plan file (.npz), too."""
+    from isf_cell.commands.plan import Wanted, plan_part
 
-    plan_part(part, unit, output, as_json=json)
+    plan_part(part, unit, output, Wanted(tuple(export or ()), form, tuple(show or ()), colour), as_json=json)
+
+
+@app.command()
+def part(
+    name: Annotated[str | None, typer.Argument(help="part of the library; none: list them", metavar="NAME")] = None,
+    values: Annotated[
+        list[str] | None,
+        typer.Option("--set", help='change a dimension, such as "depth=12 mm" or "angle=40 deg"', metavar="NAME=VALUE"),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="mesh file in mm  [default: NAME.stl]", metavar="FILE")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Make a part of the library as a mesh, or list the parts and their dimensions."""
+    from isf_cell.commands.part import make_part
+
+    make_part(name, tuple(values or ()), output, as_json=json)
 
 
 @app.command()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile, load_job
-from isf_planner import Plan, plan
+from isf_planner import Plan, exports, plan, plan_view
 from isf_planner.plan_figure import draw_plan
 
 from isf_cell import terminal
@@ -28,8 +29,21 @@ path: {{incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}}
 """
 
 
-def plan_part(part: Path, unit: str | None, output: Path | None, *, as_json: bool) -> None:
-    """Plan a job or a bare mesh; raises IsfError as the planner does."""
+@dataclass(frozen=True)
+class Wanted:
+    """Files that are wanted besides picture and table: exports in one format, views in three dimensions."""
+
+    export: tuple[Path, ...] = ()
+    form: str | None = None
+    show: tuple[Path, ...] = ()
+    colour: str = "wall_angle"
+
+
+def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted, *, as_json: bool) -> None:
+    """Plan a job or a bare mesh, or take a plan file; raises IsfError as the planner does."""
+    if part.suffix.lower() == ".npz":
+        _convert(part, wanted, as_json=as_json)
+        return
     job_file = _job_of(part, unit)
     with terminal.console.status("planning") as status:
         result = plan(job_file, progress=lambda phase, share: status.update(f"{phase} {100 * share:.0f} %"))
@@ -38,6 +52,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, *, as_json: boo
     table = folder / "contours.csv"
     _write_table(result, table)
     data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": list(result.warnings)}
+    data |= {"files": [str(path) for path in _write(result, wanted)]}
     if as_json:
         terminal.print_json(data)
     terminal.console.print(
@@ -48,6 +63,30 @@ def plan_part(part: Path, unit: str | None, output: Path | None, *, as_json: boo
     for warning in result.warnings:
         terminal.console.print(f"[yellow]warning[/yellow] {warning}", soft_wrap=True)
     terminal.console.print(f"picture {picture}\ntable   {table}", soft_wrap=True)
+    for path in data["files"]:
+        terminal.console.print(f"file    {path}", soft_wrap=True)
+
+
+def _convert(path: Path, wanted: Wanted, *, as_json: bool) -> None:
+    """Exports and views of a plan file."""
+    if not wanted.export and not wanted.show:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            "a plan file is planned already",
+            where=str(path),
+            advice="add --export FILE or --show FILE",
+        )
+    result = exports.load_plan(path)
+    data = _numbers(result) | {"files": [str(file) for file in _write(result, wanted)]}
+    if as_json:
+        terminal.print_json(data)
+    for file in data["files"]:
+        terminal.console.print(f"file    {file}", soft_wrap=True)
+
+
+def _write(result: Plan, wanted: Wanted) -> list[Path]:
+    written = [file for path in wanted.export for file in exports.export(result, path, wanted.form)]
+    return written + [plan_view.show(result, path, wanted.colour) for path in wanted.show]
 
 
 def _job_of(part: Path, unit: str | None) -> JobFile:

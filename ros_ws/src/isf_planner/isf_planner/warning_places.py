@@ -1,0 +1,26 @@
+"""Where a warning points to: places are written into warnings for people, and read from them for pictures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_NUMBER = r"(-?[0-9]+\.?[0-9]*)"
+_PLACE = re.compile(rf"x = {_NUMBER}, y = {_NUMBER}(?:, z = {_NUMBER})? mm")
+
+
+def warning_places(warnings: Iterable[str]) -> list[tuple[Array, str]]:
+    """Place (3,) m and text of every warning that names one, as :func:`isf_planner.mesh_checks.place_text` writes it.
+
+    A place without a height gets z = 0.
+    """
+    found = []
+    for text in warnings:
+        for match in _PLACE.finditer(text):
+            found.append((np.array([float(value or 0.0) for value in match.groups()]) * 1e-3, text))
+    return found
