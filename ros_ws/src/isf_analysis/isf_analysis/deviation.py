@@ -2,12 +2,13 @@
 
 ``e = z_measured - z_target`` at every cell of the target's grid, in the frame ``sheet`` of the machine: nothing is
 aligned or fitted, so a shift of the whole part counts as error. For a part that opens towards +z, e > 0 means too
-shallow (under-formed, springback) and e < 0 too deep (over-formed), the sign of Ren 2018, section 4.3.
+shallow (under-formed, springback) and e < 0 too deep (over-formed), the sign of Ren 2018, section 4.3. For a part
+that stands up (TPIF, a feature formed from below) it is the other way round.
 
 Regions are those of the *target*, so that parts formed in different ways are compared over the same cells:
 
 =============  =========================================================================================
-opening        the target lies more than ``OPENING_DEPTH`` below the flange (holes filled), formed cells
+opening        the target lies more than ``OPENING_DEPTH`` off the flange, up or down (holes filled), formed cells
 base           in the opening, slope below 5 deg and deeper than half the largest depth
 wall           in the opening, slope above 15 deg
 wall_and_base  the whole opening: base, wall and the fillets between flange, wall and base
@@ -30,7 +31,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 OPENING_DEPTH = 0.1e-3
-"""m below the flange at which the opening begins: above scan noise and facets of the target, below any fillet."""
+"""m off the flange at which the opening begins: above scan noise and facets of the target, below any fillet."""
 
 RIM_WIDTH = 10e-3
 """m around the opening that count as rim."""
@@ -115,7 +116,7 @@ def regions_of(target: HeightMap, *, rim_width: float = RIM_WIDTH) -> dict[str, 
     ------
     IsfError : BAG_INCOMPLETE when the target is flat
     """
-    depth = flange_level(target) - target.z
+    depth = np.abs(flange_level(target) - target.z)
     opening = ndimage.binary_fill_holes(np.nan_to_num(depth, nan=0.0) > OPENING_DEPTH)
     if not opening.any():
         raise IsfError(

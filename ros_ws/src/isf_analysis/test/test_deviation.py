@@ -129,6 +129,13 @@ def test_an_island_at_flange_height_belongs_to_the_part() -> None:
     assert np.array_equal(masks["wall_and_base"], regions_of(TARGET)["wall_and_base"])
 
 
+def test_a_part_that_stands_up_has_the_same_regions() -> None:
+    standing = replace(TARGET, z=-TARGET.z)
+    hanging = regions_of(TARGET)
+    for name, mask in regions_of(standing).items():
+        np.testing.assert_array_equal(mask, hanging[name], err_msg=name)
+
+
 def test_a_flat_target_is_refused() -> None:
     flat = replace(TARGET, z=np.zeros_like(TARGET.z))
     with pytest.raises(IsfError, match="flat") as caught:
