@@ -64,16 +64,25 @@ class FormedSheet:
     ----------
     rims : loops (N, 2) m where the wall of a feature begins
     floors : loops (N, 3) m where the wall of a feature ends now
-    wall : (N, 2) m, places all over the walls
-    height : piecewise linear function of (x, y) m
+    places : (N, 3) m, points all over the walls, with rims and floors
     half_size : (2,) m, half of the free sheet
     """
 
     rims: tuple[Array, ...]
     floors: tuple[Array, ...]
-    wall: Array
-    height: LinearNDInterpolator
+    places: Array
     half_size: Array
+
+    @property
+    def corners(self) -> Array:
+        """(4, 2) m, corners of the free sheet, counter-clockwise."""
+        return np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * self.half_size
+
+    def height(self, points: Array) -> Array:
+        """(N,) m, height at ``points`` (N, 2) m, linear between the places."""
+        known = np.vstack([self.places[:, :2], self.corners])
+        surface = LinearNDInterpolator(known, np.concatenate([self.places[:, 2], np.zeros(4)]))
+        return np.nan_to_num(surface(points))
 
 
 def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float]) -> FormedSheet:
@@ -99,7 +108,6 @@ def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float]) -
         rims.append(rim[:, :2])
         floors.append(kept[-1])
         loops += [rim, *kept]
-    corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
     places = np.vstack(loops)
     over = np.abs(places[:, :2]).max(axis=0) - half
     if (over >= -1e-4).any():
@@ -109,8 +117,7 @@ def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float]) -
             where=f"contour {contours[-1].index}",
             advice="check the clamp size of the rig and the unit of the part",
         )
-    height = LinearNDInterpolator(np.vstack([places[:, :2], corner]), np.concatenate([places[:, 2], np.zeros(4)]))
-    return FormedSheet(tuple(rims), tuple(floors), places[:, :2], height, half)
+    return FormedSheet(tuple(rims), tuple(floors), places, half)
 
 
 def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> SheetMesh:
@@ -120,7 +127,7 @@ def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> Sheet
     ------
     IsfError : SHEET_MESH_FAILED
     """
-    walls = cKDTree(sheet.wall)
+    walls = cKDTree(sheet.places[:, :2])
     loads = cKDTree(control_points)
 
     def wanted(places: Array) -> Array:
@@ -134,9 +141,8 @@ def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> Sheet
     for loop in loops:
         start = int(np.argmin(loads.query(loop)[0]))
         fixed = _with_room(fixed, place_along(loop, wanted, start=start), wanted)
-    corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * sheet.half_size
-    points, triangles, edge = mesh_in_plan(corner, fixed, wanted)
-    height = np.nan_to_num(sheet.height(points))
+    points, triangles, edge = mesh_in_plan(sheet.corners, fixed, wanted)
+    height = sheet.height(points)
     height[edge] = 0.0
     return SheetMesh(np.column_stack([points, height]), triangles, edge, np.arange(len(control_points), dtype=np.int64))
 
