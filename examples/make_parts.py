@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Make the example parts: upper faces of cones and of a pyramid with rounded corners, as binary STL in mm.
+"""Make the example parts as binary STL in mm: upper faces of cones, of a pyramid, of a sheet with a pocket and a dome,
+and a partial die.
 
 A wall profile (flange, entry fillet, straight wall, floor fillet, floor) is swept along the closed line in
 which the extended wall meets the sheet plane. Facets deviate from the smooth surface by less than 10 um.
@@ -64,7 +65,17 @@ PARTS = {
     "ren_pyramid": Part(40.0, 22.0, Wall(50.0, 20.0, 6.0, 8.0, 8.0)),
     "spif_cone": Part(45.0, 45.0, Wall(45.0, 15.0, 6.0, 8.0, 8.0)),
     "mini_cone": Part(16.0, 16.0, Wall(45.0, 5.0, 6.0, 6.0, 6.0)),
+    "adsif_cone": Part(24.0, 24.0, Wall(30.0, 6.0, 2.0, 6.0, 8.0)),
 }
+
+RISING = {"tpif_cone": Part(24.0, 24.0, Wall(40.0, 6.0, 6.0, 4.0, 8.0))}
+"""Parts that rise from their flange, with a partial die beside them (NAME_die)."""
+
+BLANK = 1.0
+"""mm, thickness of the blank over the dies."""
+
+DIE_SHARE = 0.6
+"""Part of the height, from the top, that the partial die supports."""
 
 
 def arc_segments(radius: float, angle: float) -> int:
@@ -116,15 +127,69 @@ def make(part: Part) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
+def turned_over(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The part rising from its flange instead of opening upwards; normals up."""
+    return trimesh.Trimesh(mesh.vertices * [1.0, 1.0, -1.0], mesh.faces, process=False)
+
+
+def die_under(mesh: trimesh.Trimesh, height: float) -> trimesh.Trimesh:
+    """Upper surface of a partial die under a rising part of ``height`` mm, top of the blank at z = 0 on the die."""
+    kept = mesh.vertices[mesh.faces][:, :, 2].max(axis=1) > (1 - DIE_SHARE) * height
+    die = trimesh.Trimesh(mesh.vertices - [0.0, 0.0, height + BLANK], mesh.faces[kept], process=False)
+    die.remove_unreferenced_vertices()
+    return die
+
+
+def two_features() -> trimesh.Trimesh:
+    """A round pocket and a round dome of the same wall beside each other in one sheet, mm."""
+    wall = Wall(40.0, 4.0, 5.5, 5.5, 6.0)
+    pocket = make(Part(12.0, 12.0, wall))
+    dome = turned_over(pocket)
+    # each in half of a rectangular flange: the round outline is joined to the rectangle by a fan
+    halves = [_in_rectangle(mesh, sign * 24.0) for mesh, sign in ((pocket, -1.0), (dome, 1.0))]
+    return trimesh.util.concatenate(halves)
+
+
+def _in_rectangle(mesh: trimesh.Trimesh, x: float) -> trimesh.Trimesh:
+    """A round part moved to ``x`` mm in a square flange of 48 mm; both halves share the corners of the square."""
+    outline = np.flatnonzero(np.abs(mesh.vertices[:, 2]) < 1e-9)
+    radius = np.linalg.norm(mesh.vertices[outline, :2], axis=1)
+    outline = outline[radius > radius.max() - 1e-6]
+    points = mesh.vertices[outline]
+    # as many points on the square, at the same bearing
+    square = points * (24.0 / np.abs(points[:, :2]).max(axis=1))[:, None]
+    order = np.argsort(np.arctan2(points[:, 1], points[:, 0]))
+    inner, first = outline[order], len(mesh.vertices)
+    outer = first + np.arange(len(order))
+    following = np.roll(np.arange(len(order)), -1)
+    faces = np.vstack(
+        [
+            np.column_stack([inner, outer, outer[following]]),
+            np.column_stack([inner, outer[following], inner[following]]),
+        ]
+    )
+    vertices = np.vstack([mesh.vertices, square[order]]) + [x, 0.0, 0.0]
+    return trimesh.Trimesh(vertices, np.vstack([mesh.faces, faces]), process=False)
+
+
+def all_parts() -> dict[str, trimesh.Trimesh]:
+    """Every mesh by the name of its file, mm."""
+    meshes = {name: make(part) for name, part in PARTS.items()}
+    for name, part in RISING.items():
+        meshes[name] = turned_over(make(part))
+        meshes[f"{name}_die"] = die_under(meshes[name], part.wall.depth)
+    meshes["two_features"] = two_features()
+    return meshes
+
+
 def main() -> None:
     """Write all parts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).resolve().parent / "parts")
     folder: Path = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
-    for name, part in PARTS.items():
+    for name, mesh in all_parts().items():
         path = folder / f"{name}.stl"
-        mesh = make(part)
         mesh.export(path)
         print(f"{path.name}: {len(mesh.faces)} facets, {path.stat().st_size / 1e3:.0f} kB")
 

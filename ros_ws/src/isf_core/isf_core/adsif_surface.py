@@ -227,6 +227,13 @@ def rigid_gap(gap: Array, deflection: Array, theta: Array) -> Array:
     return np.asarray(gap - deflection * np.sin(theta))
 
 
+def commanded_gap(gap: Array, deflection: Array, theta: Array, radius: float) -> Array:
+    """m, as :func:`rigid_gap`, exact: the inverse of :func:`opened_gap`, for deflections that are not small."""
+    reach = np.asarray(gap) + 2 * radius
+    squared = reach**2 - (deflection * np.cos(theta)) ** 2
+    return np.asarray(np.sqrt(squared) - deflection * np.sin(theta) - 2 * radius)
+
+
 def opened_gap(commanded: Array | float, deflection: Array | float, theta: Array | float, radius: float) -> Array:
     """m, gap of balls of ``radius`` m ``commanded`` m apart once they gave way by ``deflection`` m in the plane.
 

@@ -24,4 +24,4 @@ class AdsifSpec(FileModel):
     largest_variation: Angle = Field(default=math.radians(5.0), gt=0.0, lt=1.0)
     """Policy trade_off: largest angle variation at which the smallest force is looked for."""
     compensate_compliance: bool = True
-    """Command the gap smaller by what the rig's tools give way under the predicted force (Ren 2018 eq. 3-14)."""
+    """Command the gap smaller by what the rig's tools give way under the predicted force (Ren 2018 eq. 3-12)."""

@@ -133,6 +133,12 @@ def test_compensated_gap_is_right_under_load(gap: float, theta: float) -> None:
     assert 0.5e-6 < left[0] < 1.7e-6
 
 
+@given(st.floats(0.6e-3, 1.0e-3), st.floats(0.0, 1.0e-3), st.floats(25, 55))
+def test_exact_compensation_undoes_the_opening(gap: float, deflection: float, theta: float) -> None:
+    commanded = adsif_surface.commanded_gap(np.array([gap]), np.array([deflection]), np.radians([theta]), 5e-3)
+    assert adsif_surface.opened_gap(commanded, deflection, np.radians(theta), 5e-3)[0] == pytest.approx(gap, abs=1e-12)
+
+
 def test_forces_keep_the_published_bounds() -> None:
     forming, support = adsif_surface.tool_forces(SURFACE, np.radians([25.0, 45.0, 55.0, 35.0]), [1.0, 0.6, 0.8, 0.8])
     np.testing.assert_allclose(forming, [100, 1500, 175, 175])

@@ -112,7 +112,8 @@ def make_contours(
     theta, ratio = adsif_surface.choose(surface, angle, spec.policy, spec.largest_variation)
     gap = ratio * job.sheet.thickness
     if spec.compensate_compliance:
-        gap = adsif_surface.rigid_gap(gap, _deflection(surface, theta, ratio, job_file), theta)
+        mean_radius = 0.5 * (job.tool_1.radius + job.tool_2.radius)
+        gap = adsif_surface.commanded_gap(gap, _deflection(surface, theta, ratio, job_file), theta, mean_radius)
     contours = []
     for k, path in enumerate(paths):
         span = slice(cuts[k], cuts[k + 1] + 1)

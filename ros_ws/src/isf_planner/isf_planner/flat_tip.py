@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 INSET_TOLERANCE = 20e-6
 """m, by which the flat may stand over on a closed loop."""
 
+DENTS = 0.3e-3
+"""m, how far the tool is moved further in on an uneven line, as along the edge of a floor."""
+
 JOINED_TOLERANCE = 0.3e-3
 """m, the same on a joined path, whose turn ends one step inside its beginning."""
 
@@ -33,8 +36,11 @@ def inset(points: Array, away: Array, flat_radius: float, *, closed: bool) -> Ar
     """
     if flat_radius <= 0.0:
         return points
-    tips = points - flat_radius * away
     line = shapely.LinearRing(points[:, :2]) if closed else shapely.LineString(points[:, :2])
+    tips = points - flat_radius * away
+    for _ in range(3):  # an uneven line: a little further in, as far as its dents reach
+        missing = flat_radius - shapely.distance(line, shapely.points(tips[:, :2]))
+        tips = tips - np.clip(missing, 0.0, DENTS / 3)[:, None] * away
     missing = flat_radius - shapely.distance(line, shapely.points(tips[:, :2]))
     worst = int(np.argmax(missing))
     if missing[worst] > (INSET_TOLERANCE if closed else JOINED_TOLERANCE):

@@ -38,19 +38,22 @@ def along(chain: Sequence[TipLoop], paths: Sequence[TipPath], job: Job) -> list[
 
 
 def by_overlap(chain: Sequence[TipLoop], radius: float, initial: float) -> tuple[Array, Array]:
-    """Tips (K * S, 3) m of K loops in S sections around, and the thickness (K * S,) m at their contacts."""
+    """Tips (K * M, 3) m of K loops at M phases around, and the thickness (K * M,) m at their contacts."""
     tips = family([loop.tip for loop in chain], 1e-3).points
     contacts, angles = [], []
     for loop, row in zip(chain, tips, strict=True):
         nearest = KDTree(loop.tip).query(row)[1]
-        contacts.append(loop.contact(radius)[nearest])
+        contacts.append(row + np.array([0.0, 0.0, radius]) - radius * loop.normal[nearest])
         angles.append(np.arccos(np.clip(np.abs(loop.normal[nearest, 2]), 0.0, 1.0)))
     contact, angle = np.array(contacts), np.array(angles)
-    columns = np.unique(np.linspace(0, tips.shape[1], SECTIONS, endpoint=False).astype(np.int64))
+    count = tips.shape[1]
+    columns = np.unique(np.linspace(0, count, SECTIONS, endpoint=False).astype(np.int64))
     formed = np.empty((len(chain), len(columns)))
     for s, column in enumerate(columns):
         step = np.linalg.norm(np.diff(contact[:, column, :2], axis=0), axis=1)
         x = np.concatenate([[0.0], np.cumsum(step)])
         z = -np.maximum.accumulate(np.abs(contact[:, column, 2]))
         formed[:, s] = thickness.overlap(x, z, angle[:, column], radius, initial)
-    return tips[:, columns].reshape(-1, 3), formed.ravel()
+    around = np.arange(count)
+    everywhere = np.array([np.interp(around, columns, row, period=count) for row in formed])
+    return tips.reshape(-1, 3), everywhere.ravel()

@@ -75,8 +75,8 @@ def halves(mesh: Mesh) -> list[HalfPart]:
 
 
 def turned_over(mesh: Mesh) -> Mesh:
-    """The mesh seen from below: z to -z, facets still looking at the viewer."""
-    return Mesh(mesh.vertices * UPSIDE_DOWN, mesh.faces[:, ::-1])
+    """The mesh mirrored at z = 0; seen from above its facets keep their sense, so they look up as before."""
+    return Mesh(mesh.vertices * UPSIDE_DOWN, mesh.faces)
 
 
 def flange_level(mesh: Mesh) -> float | None:

@@ -13,7 +13,10 @@ from isf_core.job import load_job
 from isf_planner import plan
 from planner_parts import EXAMPLES
 
-NAMES = ("ren_cone", "ren_pyramid", "spif_cone", "mini_cone")
+NAMES = (
+    *("ren_cone", "ren_pyramid", "spif_cone", "mini_cone"),
+    *("adsif_cone", "tpif_cone", "tpif_cone_die", "two_features"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +35,7 @@ def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_par
     path = EXAMPLES / "parts" / f"{name}.stl"
     assert path.stat().st_size < 400_000
     stored = trimesh.load_mesh(path, process=False)
-    made = make_parts.make(make_parts.PARTS[name])
+    made = make_parts.all_parts()[name]
     # single precision of the file: 1e-7 of up to 57 mm
     np.testing.assert_allclose(stored.triangles, made.triangles, atol=1e-5)
 
