@@ -10,27 +10,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point
-from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_msgs.action import PlanPart
 from isf_msgs.srv import GetContour
 from isf_node import process, qos
 from isf_node.background import in_thread
-from isf_node.conversion import FRAME, contour_to_message, height_map_to_message, path_to_message
+from isf_node.conversion import contour_to_message, height_map_to_message, path_to_message
 from isf_node.lifecycle import CellNode
 from isf_node.parameters import parameter
 from nav_msgs.msg import Path as PathMessage
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import PointCloud2
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
+from isf_planner.node_markers import plan_markers
 from isf_planner.planning import Plan, plan
-
-MARKER_POINTS = 200
-"""Points of a contour in the view for people."""
 
 
 @dataclass(frozen=True)
@@ -143,21 +139,7 @@ class PlannerNode(CellNode[PlannerParameters]):
         tips = (forming, support) if made.contours[0].forming_tool == 1 else (support, forming)
         for publisher, tip in zip(self._paths, tips, strict=True):
             publisher.publish(path_to_message(tip, stamp, self._parameters.path_poses))
-        markers = [self._marker(contour, stamp) for contour in made.contours]
-        # viewers keep markers by number: those of an earlier plan with more contours would stay
-        self._markers.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL), *markers]))
-
-    def _marker(self, contour: Contour, stamp: Any) -> Marker:
-        marker = Marker(type=Marker.LINE_STRIP, action=Marker.ADD, ns="contours", id=contour.index)
-        marker.header.frame_id, marker.header.stamp = FRAME, stamp
-        marker.pose.orientation.w = 1.0
-        marker.scale.x = 0.2e-3
-        share = contour.index / max(contour.count - 1, 1)
-        marker.color.r, marker.color.g, marker.color.b, marker.color.a = 0.2 + 0.7 * share, 0.5, 0.9 - 0.7 * share, 1.0
-        points = contour.contact[:: max(1, len(contour) // MARKER_POINTS)]
-        closed = np.vstack([points, points[:1]]) if contour.closed else points
-        marker.points = [Point(x=x, y=y, z=z) for x, y, z in closed.tolist()]
-        return marker
+        self._markers.publish(plan_markers(made, stamp))
 
     def _now(self) -> Any:
         return self.get_clock().now().to_msg()

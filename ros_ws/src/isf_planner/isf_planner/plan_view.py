@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 MM = 1e3
 WARNING = "#c1121f"
+SHEET = "#c9d1d9"
 UPPER, LOWER = "#0072B2", "#D55E00"
 MOST_POINTS = 20_000
 """Points of a path in an HTML view; longer paths are thinned out."""
@@ -147,7 +148,8 @@ def _broken(arrays: list[Array], contours: list[Contour], stride: int) -> Array:
 
 def _heading(plan: Plan) -> str:
     depth = -min(float(contour.forming_tip[:, 2].min()) for contour in plan.contours) * MM
-    return f"{plan.plan_id}: {len(plan.contours)} contours to {depth:.1f} mm, {len(plan.warnings)} warnings"
+    warned = "1 warning" if len(plan.warnings) == 1 else f"{len(plan.warnings)} warnings"
+    return f"{plan.plan_id}: {len(plan.contours)} contours to {depth:.1f} mm, {warned}"
 
 
 def _write_html(scene: Scene, heading: str, path: Path) -> None:
@@ -165,12 +167,23 @@ def _write_html(scene: Scene, heading: str, path: Path) -> None:
     figure.add_surface(
         x=scene.x,
         y=scene.y,
-        z=scene.z,
+        z=np.where(np.isnan(scene.colour), scene.z, np.nan),
+        surfacecolor=np.zeros_like(scene.z),
+        colorscale=[[0.0, SHEET], [1.0, SHEET]],
+        opacity=0.5,
+        showscale=False,
+        name="sheet",
+        hoverinfo="skip",
+    )
+    figure.add_surface(
+        x=scene.x,
+        y=scene.y,
+        z=np.where(np.isnan(scene.colour), np.nan, scene.z),
         surfacecolor=scene.colour,
         colorscale="Viridis",
         opacity=0.6,
         colorbar={"title": {"text": scene.title, "side": "right"}, "thickness": 14, "len": 0.7},
-        name="surface",
+        name="formed surface",
         showlegend=True,
         **limits,
     )
@@ -198,7 +211,7 @@ def _write_html(scene: Scene, heading: str, path: Path) -> None:
         legend={"x": 0.01, "y": 0.98},
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
     )
-    figure.write_html(str(path), include_plotlyjs=True, full_html=True)
+    figure.write_html(str(path), include_plotlyjs=True, full_html=True, default_height="97vh")
 
 
 def _axes(points: Array) -> dict[str, Array]:
@@ -239,7 +252,7 @@ def _write_png(scene: Scene, heading: str, path: Path) -> None:
         solid.legend(loc="upper left", frameon=False)
     # to scale in plan, depth stretched where the part is flat
     size = [float(np.ptp(scene.x)), float(np.ptp(scene.y)), float(np.ptp(scene.z))]
-    solid.set_box_aspect((size[0], size[1], max(size[2], 0.25 * max(size[:2]))))
+    solid.set_box_aspect((size[0], size[1], max(size[2], 0.25 * max(size[:2]))), zoom=0.88)
     solid.set(xlabel="x in mm", ylabel="y in mm", zlabel="z in mm")
     solid.view_init(elev=38, azim=-60)
     flat = LineCollection(list(segments[:, :, :2]), array=values, cmap="viridis", norm=scale, lw=1.0)

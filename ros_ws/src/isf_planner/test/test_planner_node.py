@@ -154,7 +154,7 @@ def test_unknown_plan_and_contour(cell: Cell, core: Plan) -> None:
         (MINI.replace("incremental_depth", "incremental_dept"), ErrorCode.FILE_FIELD),
         (MINI.replace("radius: 5 mm", "radius: 5"), ErrorCode.FILE_UNIT),
         (MINI.replace("mini_cone.stl", "none.stl"), ErrorCode.MESH_UNREADABLE),
-        (MINI.replace("process: DSIF", "process: ADSIF"), ErrorCode.PROCESS_NOT_SUPPORTED),
+        (MINI.replace("process: DSIF", "process: ADSIF"), ErrorCode.ADSIF_NOT_REACHABLE),
         (MINI.replace("unit: mm", "unit: m"), ErrorCode.MESH_UNIT_SUSPECT),
     ],
 )
