@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
 from isf_analysis.record import PartRecord
 from isf_core import __version__
 from isf_core.contour import Contour, ContourCorrection, ContourResult
@@ -19,6 +20,8 @@ from isf_force_ctrl.controller import ForceController
 from isf_planner import Plan, plan
 from isf_sim.machine import MachineSample, SimulatedMachine
 from isf_springback.method import CorrectionMethod, apply, make_method
+from isf_springback.shape_feedback import ShapeFeedback, scan_due
+from numpy.typing import NDArray
 
 from isf_cell.options import RunOptions
 from isf_cell.part_step import PartStep
@@ -55,6 +58,8 @@ def form(
     machine = SimulatedMachine(job_file, world=options.world, seed=options.seed)
     machine.tare()
     method = make_method(options.method(job_file), job_file)
+    if isinstance(method, ShapeFeedback):
+        method.take_target(part_plan.target)
     controller = ForceController(ControlConfig.from_job(job_file, support_force=options.support_force))
     sample = machine.sample()
     controller.arm(part_plan.plan_id, 0, len(part_plan.contours), sample.tip_1.tolist(), sample.tip_2.tolist())
@@ -69,6 +74,11 @@ def form(
             break
         if cancelled and cancelled():
             break
+        if scan_due(job_file, nominal.index, nominal.count):
+            points = _scan(machine, sensor=job_file.job.springback.scan_sensor)
+            if isinstance(method, ShapeFeedback):
+                method.see(points, nominal.index)
+            sample = machine.sample()  # a scan takes its time
 
     return PartRecord(
         job_name=job_file.job.name,
@@ -96,6 +106,13 @@ def form(
     )
 
 
+def _scan(machine: SimulatedMachine, *, sensor: bool) -> NDArray[np.float64]:
+    """(P, 3) m, points of the upper surface in the clamp; ``sensor``: as a scanner sees it."""
+    if sensor:
+        return machine.measured_cloud(duration=not machine.moving)
+    return machine.measured_shape().points()
+
+
 def _form_contour(
     nominal: Contour,
     method: CorrectionMethod,
@@ -109,7 +126,7 @@ def _form_contour(
     controller.start(corrected)
     while controller.busy:
         targets = controller.tick(sample.tick, sample.time, sample.wrench_1.tolist(), sample.wrench_2.tolist())
-        sample = machine.tick(targets.tip_1, targets.tip_2)
+        sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
     result = controller.take_result()
     if result is None:
         raise IsfError(

@@ -23,6 +23,7 @@ from isf_msgs.msg import Contour, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
 from isf_node.conversion import contour_from_message
 from isf_node.lifecycle import failure
+from isf_springback.shape_feedback import scan_due
 from std_srvs.srv import Trigger
 
 from isf_cell.checkpoint import Checkpoint
@@ -148,6 +149,8 @@ class PartRun:
             self._pause_here(index, count)
             self._form_contour(index)
             self._done += 1
+            if scan_due(job_file, index, count):
+                self._scan_between(index, sensor=job_file.job.springback.scan_sensor)
             if self._settings.checkpoint:
                 Checkpoint(
                     job_file.job.name, self._plan_id, index + 1, count, options.method(job_file), goal.world, goal.seed
@@ -228,6 +231,16 @@ class PartRun:
         if not result.completed:
             raise IsfError(ErrorCode(result.code), result.message, where=f"contour {index}")
         self._tell_contour(response.contour, result)
+
+    def _scan_between(self, index: int, *, sensor: bool) -> None:
+        """Measure the shape for springback; a scanner that fails is told, and the part goes on without."""
+        request = Scan.Request(clamped=True, sensor=sensor)
+        try:
+            self._client.checked_call(Scan, "machine/scan", request, self._watch)
+        except IsfError as error:
+            if error.code in (ErrorCode.NODE_DIED, ErrorCode.CANCELLED):
+                raise
+            self._tell(f"no scan after contour {index}: {error}")
 
     def _wait_for_result(self, index: int, *, watch: Callable[[], None] | None = None) -> ContourResult:
         deadline = time.monotonic() + self._settings.contour_timeout

@@ -20,6 +20,8 @@ from isf_core.job import JobFile
 
 from isf_springback.analytic import AnalyticCorrection
 from isf_springback.continuity import Continuity, limits_of
+from isf_springback.fusion import FusedCorrection
+from isf_springback.mpc import mpc_tpif, mpc_two_directional, mpc_vertical
 from isf_springback.sheet_load import push_sign
 
 
@@ -81,9 +83,20 @@ class NoCorrection:
         self._continuity.remember(contour, push_sign(contour) * np.asarray(correction.offset)[:, 2])
 
 
+def _elastic(job_file: JobFile) -> CorrectionMethod:
+    from isf_springback.elastic import ElasticCorrection  # numba and its kernels: only who uses them waits
+
+    return ElasticCorrection(job_file)
+
+
 METHODS: dict[str, Callable[[JobFile], CorrectionMethod]] = {
     NoCorrection.name: NoCorrection,
     AnalyticCorrection.name: AnalyticCorrection,
+    "elastic": _elastic,
+    FusedCorrection.name: FusedCorrection,
+    "mpc_vertical": mpc_vertical,
+    "mpc_two_directional": mpc_two_directional,
+    "mpc_tpif": mpc_tpif,
 }
 """Methods by name; a new method is a class with the three functions of :class:`CorrectionMethod`, entered here."""
 

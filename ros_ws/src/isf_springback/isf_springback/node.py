@@ -1,7 +1,8 @@
 """Node ``springback``: corrects every contour before it is formed.
 
-Takes ``part/info``, ``contour/nominal`` and ``contour/result``; publishes ``contour/correction`` (what was done and
-why) and then ``contour/corrected``. The parameter ``method`` may be set between any two contours.
+Takes ``part/info``, ``part/target``, ``contour/nominal``, ``contour/result`` and ``scan``; publishes
+``contour/correction`` (what was done and why) and then ``contour/corrected``. The parameter ``method`` may be set
+between any two contours.
 """
 
 from __future__ import annotations
@@ -20,14 +21,17 @@ from isf_node.conversion import (
     contour_from_message,
     contour_to_message,
     correction_to_message,
+    height_map_from_message,
     result_from_message,
 )
 from isf_node.lifecycle import CellNode
 from isf_node.parameters import parameter
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import PointCloud2
 
-from isf_springback.method import check_name
+from isf_springback.method import METHODS, check_name
+from isf_springback.node_cloud import cloud_points, stamp_seconds
 from isf_springback.session import CorrectionSession
 
 LOOK_PERIOD = 0.1
@@ -41,13 +45,17 @@ class SpringbackParameters:
     """Parameters of the node."""
 
     method: str = parameter(
-        "", "correction method from the next contour on (none, analytic); empty: the job's", read_only=False
+        "",
+        f"correction method from the next contour on ({', '.join(sorted(METHODS))}); empty: the job's",
+        read_only=False,
     )
     job: str = parameter("", "job file, for a cell whose executive does not publish part/info")
     base_folder: str = parameter(
         "", "folder that relative material and rig paths of the job in part/info refer to", read_only=False
     )
-    result_timeout: float = parameter(5.0, "s of wall time to wait for the job and for the result before a contour")
+    result_timeout: float = parameter(
+        5.0, "s of wall time to wait for the job, the result and the scan before a contour"
+    )
 
 
 class SpringbackNode(CellNode[SpringbackParameters]):
@@ -75,6 +83,8 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self.create_subscription(JobInfo, "part/info", self._on_info, qos.LATCHED),
             self.create_subscription(Contour, "contour/nominal", self._on_nominal, qos.LATCHED),
             self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT),
+            self.create_subscription(PointCloud2, "part/target", self._on_target, qos.LATCHED),
+            self.create_subscription(PointCloud2, "scan", self._on_scan, qos.LATCHED),
         ]
         timer = self.create_timer(LOOK_PERIOD, self._work, clock=self.steady_clock)
         self._entities = [
@@ -133,6 +143,21 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         if result is not None:
             self._session.take_result(result)
             self._work()
+
+    def _on_target(self, message: PointCloud2) -> None:
+        try:
+            self._session.take_target(height_map_from_message(message))
+        except ValueError as error:
+            self.report(IsfError(ErrorCode.CORRECTION_FAILED, f"the target is not a height map: {error}"))
+
+    def _on_scan(self, message: PointCloud2) -> None:
+        try:
+            points = cloud_points(message)
+        except ValueError as error:
+            self.report(IsfError(ErrorCode.SCAN_INCOMPLETE, f"not a cloud of points: {error}", where="topic scan"))
+            return
+        self._session.take_scan(points, stamp_seconds(message))
+        self._work()
 
     def _convert(self, convert: Callable[[Any], T], message: Any) -> T | None:
         """Core object of a message; a malformed one is reported and dropped."""

@@ -1,8 +1,8 @@
-"""One part after the other as the springback node sees it, free of ROS: job, contours and results in any order.
+"""One part after the other as the springback node sees it, free of ROS: job, contours, results, scans in any order.
 
-A contour is corrected when its job is known and the result of the contour before it is there, or when waiting for
-them took too long. A change of method takes effect at the next contour: the new method is told all that happened
-so far, so that it continues without a jump.
+A contour is corrected when its job is known, the result of the contour before it is there, and the scan made in
+between when one is due; or when waiting for them took too long. A change of method takes effect at the next contour:
+the new method is told all that happened so far, so that it continues without a jump.
 """
 
 from __future__ import annotations
@@ -14,9 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
+from numpy.typing import NDArray
 
+from isf_springback.handover import fade_horizontal
 from isf_springback.method import CorrectionMethod, NoCorrection, apply, check_name, make_method
+from isf_springback.shape_feedback import ShapeFeedback, scan_awaited
+
+Array = NDArray[np.float64]
+
+STAMP_TOLERANCE = 1e-6
+"""s by which the stamp of a scan may lie before the end of the contour it was made after (rounding)."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +42,7 @@ class _Formed:
     correction: ContourCorrection
     corrected: Contour
     result: ContourResult | None = None
+    scan: Array | None = None
 
 
 class CorrectionSession:
@@ -49,6 +59,8 @@ class CorrectionSession:
         self._since = 0.0
         self._history: list[_Formed] = []
         self._method: CorrectionMethod | None = None
+        self._target: HeightMap | None = None
+        self._scan: tuple[float, Array] | None = None
 
     @property
     def method_name(self) -> str:
@@ -79,7 +91,30 @@ class CorrectionSession:
                 if formed.result is None and self._method is not None:
                     self._method.learn(formed.corrected, result)
                 formed.result = result
+                self._place_scan()
                 return
+
+    def take_target(self, target: HeightMap) -> None:
+        """The shape that is wanted."""
+        self._target = target
+        if isinstance(self._method, ShapeFeedback):
+            self._method.take_target(target)
+
+    def take_scan(self, points: Array, time_stamp: float) -> None:
+        """Points (P, 3) m of the formed sheet, measured at ``time_stamp`` s of the clock of the results."""
+        self._scan = (time_stamp, points)
+        self._place_scan()
+
+    def _place_scan(self) -> None:
+        """Hand the newest scan to the contour it was made after; an older one (latched, another part) waits in vain."""
+        if self._scan is None or not self._history:
+            return
+        last = self._history[-1]
+        if last.result is None or last.scan is not None or self._scan[0] < last.result.end - STAMP_TOLERANCE:
+            return
+        last.scan, self._scan = self._scan[1], None
+        if isinstance(self._method, ShapeFeedback):
+            self._method.see(last.scan, last.nominal.index)
 
     def drop(self) -> None:
         """Forget a contour that waits."""
@@ -92,7 +127,7 @@ class CorrectionSession:
             return None
         late = self._clock() - self._since >= self._timeout
         has_job = self._job is not None and self._job_plan in ("", contour.plan_id)
-        if not late and not (has_job and self._result_is_here(contour)):
+        if not late and not (has_job and self._result_is_here(contour) and self._scan_is_here(contour)):
             return None
         self._waiting = None
         try:
@@ -103,7 +138,8 @@ class CorrectionSession:
                     where=f"contour {contour.index}",
                     advice="the executive publishes part/info before the first contour; or set the parameter 'job'",
                 )
-            correction = self._method_for(contour).correct(contour)
+            method = self._method_for(contour)
+            correction = self._without_jump(contour, self._told(contour, method.correct(contour)))
             corrected = apply(contour, correction)
         except IsfError as error:
             return Outcome(_refusal(contour, self.method_name, error), None)
@@ -118,6 +154,35 @@ class CorrectionSession:
         last = self._history[-1]
         return last.nominal.index != contour.index - 1 or last.result is not None
 
+    def _scan_is_here(self, contour: Contour) -> bool:
+        """True unless a scan was announced by the job for this contour and the method would use it."""
+        if self._job is None or not self._history or not self._follows(contour):
+            return True
+        wanted = scan_awaited(self._job, contour.index) and isinstance(self._method, ShapeFeedback)
+        last = self._history[-1]
+        return not wanted or last.nominal.index != contour.index - 1 or last.scan is not None
+
+    def _told(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:
+        """The correction with SCAN_MISSING when its scan never came."""
+        if correction.code or self._scan_is_here(contour):
+            return correction
+        error = IsfError(
+            ErrorCode.SCAN_MISSING,
+            f"no scan within {self._timeout:g} s; goes on without",
+            where=f"contour {contour.index}",
+            advice="check the scanner, or set springback.scan_every to 0",
+        )
+        return replace(correction, code=int(error.code), message=error.message)
+
+    def _without_jump(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:
+        """Hand over horizontal offsets of another method gradually: methods know only their own directions."""
+        if self._job is None or not self._history or not self._follows(contour):
+            return correction
+        last = [f for f in self._history if f.nominal.index < contour.index][-1:]
+        return (
+            fade_horizontal(contour, correction, last[0].nominal, last[0].correction, self._job) if last else correction
+        )
+
     def _follows(self, contour: Contour) -> bool:
         """True when ``contour`` belongs to the part in hand; contour 0 is a new part unless it is asked for again."""
         last = self._history[-1].nominal
@@ -130,12 +195,18 @@ class CorrectionSession:
             self._method = None
         if not self._history:
             self._method = None
+            self._scan = None  # of an earlier part
         if self._method is None or self._method.name != self.method_name:
             method = make_method(self.method_name, self._job)
+            looks = method if isinstance(method, ShapeFeedback) else None
+            if looks and self._target is not None:
+                looks.take_target(self._target)
             for formed in self._history:
                 method.follow(formed.nominal, formed.correction)
                 if formed.result is not None:
                     method.learn(formed.corrected, formed.result)
+                if looks and formed.scan is not None:
+                    looks.see(formed.scan, formed.nominal.index)
             self._method = method
         return self._method
 

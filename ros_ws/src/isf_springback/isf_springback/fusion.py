@@ -1,0 +1,287 @@
+"""Method "fused": model forward, shape back, as one estimate with its uncertainty.
+
+Springback of the coming contour = prediction of the model from the measured force + bias of the model, estimated from
+the scans (:mod:`isf_springback.bias_field`). The correction is that sum, limited like every other one. Without scans,
+or with scans that cannot be used, it is the model alone with the last bias: nothing jumps.
+
+Two biases are kept. The wall is final once the contact has passed (scans of the simulated part and Lu's zone A agree
+on this), so that the *wall* bias is read just above the contact. The floor is made by the last contours alone; the
+*bottom* bias is read under and inside the tip, and takes over where the remaining depth is less than the height of the
+contact above the tip.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.height_map import HeightMap
+from isf_core.job import JobFile
+from numpy.typing import NDArray
+
+from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
+from isf_springback.bias_field import BiasField, carried, first_field, updated
+from isf_springback.continuity import MAGNITUDE, forming_radius
+from isf_springback.loop_path import LoopPath, nearest_points
+from isf_springback.offset_memory import OffsetMemory, limit_signed, push_limits
+from isf_springback.scan_memory import ScanMemory
+from isf_springback.scan_processing import FormedShape, sections
+from isf_springback.shape_remarks import shape_remarks
+from isf_springback.sheet_load import push_sign
+
+Array = NDArray[np.float64]
+
+PLACES = 36
+"""Places around a contour at which bias is kept (assumed)."""
+LARGEST_BIAS = 3e-3
+"""m; the shape may ask for that much more than the model and no more, and may take back the model's correction
+altogether (assumed: more than half of all published springback)."""
+DEEPER = 0.2e-3
+"""m of more push than on the contour before, beyond which a contour wipes out the traces of that one."""
+RESTLESS = 40.0
+"""Contours of drift after a scan that surprised everywhere (assumed): a surprise that comes again is a change of the
+process, and is then followed within two scans."""
+TOLD_BIAS = 1.5e-3
+"""m of disagreement of model and shape that is told."""
+WALL_REACH = (-0.75e-3, 0.1e-3)
+"""m from the contact, where the wall is read: passed by the contact within the last two contours."""
+READING_DEVIATION = 0.15e-3
+"""m, of an error read in a section: 0.05 mm of the scanner (published: Lu 2016, 3.5.2), the rest for what one contour
+leaves of the next one's wall (assumed)."""
+
+
+def steady_model(job_file: JobFile) -> AnalyticCorrection:
+    """The analytic model with the last force held.
+
+    With the trend of the force in the forecast, model and feedback of the shape chase each other: a larger correction
+    raises the force, and the forecast raises the next correction again. On the simulated cone the correction changed
+    by 0.17 mm rms from contour to contour with the trend, by 0.05 mm without, and the wall came out better.
+    """
+    return AnalyticCorrection(job_file, AnalyticOptions(law="hold"))
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Errors read around one contour, M places: formed minus intended height on the wall and on the bottom, m."""
+
+    place: Array
+    wall: Array
+    bottom: Array
+
+
+class FusedCorrection:
+    """Corrects contour after contour. State: the model, both biases, the last correction, the newest shape."""
+
+    name = "fused"
+
+    def __init__(self, job_file: JobFile, model: Callable[[JobFile], AnalyticCorrection] = steady_model) -> None:
+        self._job_file = job_file
+        self._model = model(job_file)
+        self._memory = OffsetMemory()
+        self._scans = ScanMemory(job_file)
+        self._wall: BiasField | None = None
+        self._bottom: BiasField | None = None
+        self._predicted: list[tuple[Contour, Array]] = []
+        self._remarks: tuple[str, ...] = ()
+        self._doubtful = 0.0
+
+    def take_target(self, target: HeightMap) -> None:
+        """The shape that is wanted."""
+        self._scans.target = target
+
+    def learn(self, contour: Contour, result: ContourResult) -> None:
+        """Forces for the model."""
+        self._model.learn(contour, result)
+
+    def follow(self, contour: Contour, correction: ContourCorrection) -> None:
+        """Take note that another method corrected ``contour``; the model predicts along, to compare with scans."""
+        self._advance(contour)
+        predicted = self._model.correct(contour)
+        self._model.follow(contour, correction)
+        self._keep(contour, _along(predicted, contour))
+        self._memory.remember(contour, np.asarray(correction.offset))
+
+    def see(self, points: Array, index: int) -> None:
+        """Update both biases from the shape after contour ``index``; what is wrong is told by the next correction."""
+        applied = self._memory.pending
+        shape = self._scans.take(points, None if applied is None else applied.contour, index)
+        target = self._scans.target
+        if shape is None or applied is None or target is None or not self._predicted:
+            return
+        contour = applied.contour
+        reading = read_errors(contour, shape, target, forming_radius(self._job_file, contour.forming_tool))
+        near = nearest_points(reading.place, contour.forming_tip[:, :2])
+        sign = push_sign(contour)
+        pushed, model = sign * applied.offset[near, 2], self._predicted[-1][1][near]
+        pushed_before, model_before = sign * self._memory.last(contour)[near, 2], self._model_before(reading.place)
+        noise = np.full(len(near), float(np.hypot(READING_DEVIATION, shape.noise)))
+        known = self._fields(reading.place)
+        # what is read of the wall was made by this contour and the one before; by this one alone when it went deeper
+        share = np.where(pushed > pushed_before + DEEPER, 1.0, 0.5)
+        recovered = reading.wall + share * pushed + (1.0 - share) * pushed_before
+        expected = share * model + (1.0 - share) * model_before
+        self._wall, doubt_wall = updated(known[0], recovered - expected, noise)
+        self._bottom, _ = updated(known[1], reading.bottom + pushed - model, noise)
+        self._doubtful = float(doubt_wall.mean())
+        level = float(contour.forming_tip[:, 2].min())
+        self._remarks = (*shape.remarks, *shape_remarks(shape, target, level, self._job_file))
+
+    def correct(self, contour: Contour) -> ContourCorrection:
+        """Correction of the next contour; never raises for missing or bad forces and scans.
+
+        Raises
+        ------
+        IsfError : CONTOUR_REJECTED, the contour itself is malformed
+        """
+        started = time.perf_counter()
+        contour.validate()
+        self._advance(contour)
+        model = self._model.correct(contour)
+        fault = IsfError(ErrorCode(model.code), model.message) if model.code else self._scans.fault
+        predicted = _along(model, contour)
+        path = LoopPath.of(contour)
+        place, disagreement, deviation = self._bias(contour, path)
+        bias = np.clip(disagreement, -np.maximum(predicted, LARGEST_BIAS), LARGEST_BIAS)
+        sign = push_sign(contour)
+        before = self._memory.last(contour)
+        if model.code and not len(model.springback):
+            wanted = sign * before[:, 2]  # no force: the last good correction
+        else:
+            wanted = self._job_file.job.springback.gain * (predicted + bias)
+        limits = push_limits(self._job_file, contour.forming_tool)
+        value, bound = limit_signed(wanted, path, limits, sign * before[:, 2])
+        offset = np.zeros((len(contour), 3))
+        offset[:, 2] = sign * value
+        self._memory.remember(contour, offset)
+        self._keep(contour, predicted)
+        remarks = list(self._remarks)
+        if np.abs(disagreement).max() >= TOLD_BIAS:
+            followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
+            far = float(disagreement[np.argmax(np.abs(disagreement))])
+            remarks.append(f"the shape says {1e3 * far:+.1f} mm springback against the model{followed}")
+        if self._doubtful > 0.25:
+            remarks.append(f"the last scan surprises at {100 * self._doubtful:.0f} % of the places: believed less")
+        if fault is None and np.abs(wanted).max() > MAGNITUDE:
+            fault = IsfError(
+                ErrorCode.CORRECTION_LIMITED,
+                f"{1e3 * float(np.abs(wanted).max()):.1f} mm asked for, the largest correction is "
+                f"{1e3 * MAGNITUDE:.1f} mm",
+                where=f"contour {contour.index}",
+                advice="check the measured force, the clamp size and the sheet thickness of the job",
+            )
+        correction = ContourCorrection(
+            plan_id=contour.plan_id,
+            index=contour.index,
+            method=self.name,
+            offset=offset,
+            springback=-sign * (predicted + bias),
+            control_point=place,
+            saturated=bound,
+            code=0 if fault is None else int(fault.code),
+            message="" if fault is None else fault.message,
+            solve_time=time.perf_counter() - started,
+            uncertainty=deviation,
+            residual=-sign * (wanted - value),
+            remarks=tuple(remarks),
+        )
+        self._model.follow(contour, correction)
+        return correction
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    def _keep(self, contour: Contour, predicted: Array) -> None:
+        """Remember what the model said of the last two contours."""
+        older = [
+            step for step in self._predicted if step[0].index < contour.index and step[0].plan_id == contour.plan_id
+        ]
+        self._predicted = [*older[-1:], (contour, predicted)]
+
+    def _model_before(self, place: Array) -> Array:
+        """(M,) m, prediction of the contour before the last one, seen from ``place`` (M, 2) m."""
+        contour, predicted = self._predicted[0]
+        return np.asarray(predicted[nearest_points(place, contour.forming_tip[:, :2])])
+
+    def _advance(self, contour: Contour) -> None:
+        pending = self._memory.pending
+        if pending is not None and pending.contour.plan_id != contour.plan_id:
+            self._scans.clear()
+            self._wall = self._bottom = None
+            self._predicted = []
+            self._doubtful = 0.0
+            self._remarks = ()
+        self._memory.advance(contour)
+
+    def _fields(self, place: Array) -> tuple[BiasField, BiasField]:
+        """Both biases at ``place`` (M, 2) m, one contour later than last time."""
+        drift = 1.0 + RESTLESS * self._doubtful
+        wall = first_field(place) if self._wall is None else carried(self._wall, place, drift)
+        bottom = first_field(place) if self._bottom is None else carried(self._bottom, place, drift)
+        return wall, bottom
+
+    def _bias(self, contour: Contour, path: LoopPath) -> tuple[Array, Array, Array]:
+        """Places (M, 3) m, bias and its standard deviation along the contour (N,), (N,) m."""
+        position = path.even_positions(PLACES)
+        place = np.column_stack([path.at(contour.contact[:, axis], position) for axis in range(3)])
+        wall, bottom = self._fields(place[:, :2])
+        share = self._floor_share(contour)
+        period = path.length if path.closed else None
+
+        def along(values: Array) -> Array:
+            return np.asarray(np.interp(path.position, position, values, period=period))
+
+        bias = (1.0 - share) * along(wall.bias) + share * along(bottom.bias)
+        deviation = np.maximum(along(wall.deviation), along(bottom.deviation))
+        return place, bias, deviation
+
+    def _floor_share(self, contour: Contour) -> Array:
+        """(N,) 0 on the wall .. 1 where the contour makes the floor."""
+        target = self._scans.target
+        if target is None:
+            return np.zeros(len(contour))
+        left = np.abs(contour.forming_tip[:, 2] - float(np.nanmin(target.z)))
+        height = forming_radius(self._job_file, contour.forming_tool) * (1.0 - np.cos(np.radians(50.0)))
+        return np.asarray(np.clip(1.0 - left / height, 0.0, 1.0))
+
+
+def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius: float) -> Reading:
+    """Errors on the wall just above the contact and on the bottom, at :data:`PLACES` places of ``contour``."""
+    path = LoopPath.of(contour)
+    directions = sections.directions_of(contour, path.even_positions(PLACES))
+    angle = path.at(contour.wall_angle, directions.position)
+    step = sections.STEP
+    reach = step * np.arange(-12, round(20e-3 / step) + 1, dtype=np.float64)
+    formed = sections.vertical_sections(shape.surface, directions, reach)
+    wanted = sections.vertical_sections(target, directions, reach)
+    near = (reach >= WALL_REACH[0] - 1e-9) & (reach <= WALL_REACH[1] + 1e-9)
+    wall = _median(formed[:, near] - wanted[:, near])
+    tip = radius * np.sin(angle)
+    level = directions.tip_level
+    inside = (reach[None, :] >= tip[:, None] - 0.5e-3) & (reach[None, :] <= tip[:, None] + _inner(contour))
+    flat = wanted <= level[:, None] + 0.05e-3
+    bottom = _median(np.where(inside & flat, formed - level[:, None], np.nan))
+    return Reading(directions.origin, wall, bottom)
+
+
+def _inner(contour: Contour) -> float:
+    """m, how far inside the tip the bottom is read: half of the way to the middle."""
+    place = contour.forming_tip[:, :2]
+    return float(np.clip(0.25 * np.ptp(place, axis=0).min(), 0.5e-3, 15e-3))
+
+
+def _median(values: Array) -> Array:
+    """(M,) median of the known values of each row; NaN where less than a quarter of the row is known."""
+    result = np.full(len(values), np.nan)
+    enough = np.isfinite(values).sum(axis=1) >= 2
+    result[enough] = np.nanmedian(values[enough], axis=1)
+    return result
+
+
+def _along(correction: ContourCorrection, contour: Contour) -> Array:
+    """(N,) m, springback predicted along the push of ``contour``; zero when there is none."""
+    if len(correction.springback) != len(contour):
+        return np.zeros(len(contour))
+    return -push_sign(contour) * np.asarray(correction.springback)

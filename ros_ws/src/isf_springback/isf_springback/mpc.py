@@ -1,0 +1,335 @@
+"""Methods "mpc_vertical", "mpc_two_directional" and "mpc_tpif": contours corrected from scans (Lu 2016, chapter 3).
+
+After every scan the step depth and the horizontal increments of the coming contours are optimised over a horizon, and
+the first move is applied. A correction is told as the offset of the planned contour: offsets accumulate (trap H2 of
+the source: without memory no correction would ever exceed one increment). The first contours run open loop; between
+scans, and when a scan cannot be used, the last good offset is kept.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.height_map import HeightMap
+from isf_core.job import JobFile
+from isf_core.job_springback import MpcSpec
+from numpy.typing import NDArray
+
+from isf_springback import mpc_problem, mpc_state
+from isf_springback.continuity import forming_radius
+from isf_springback.loop_path import LoopPath
+from isf_springback.mpc_coupled import solve_coupled
+from isf_springback.mpc_distribution import distribute
+from isf_springback.mpc_state import PolarContour, Sections
+from isf_springback.offset_memory import OffsetMemory, horizontal_limits, limit_signed, push_limits
+from isf_springback.scan_memory import ScanMemory
+from isf_springback.scan_processing.sections import contact_reach
+
+Array = NDArray[np.float64]
+
+Strategy = Literal["vertical", "two_directional", "tpif"]
+
+DENSE = 360
+"""Directions of a dense horizontal state (published: one per degree)."""
+PER_DIRECTION = 36
+"""Directions with a step depth of their own (assumed: a change of 50 um per mm of path needs no more)."""
+CONTACT_TOLERANCE = 2e-3
+"""m between the planned and the detected contact; beyond, the planned one is used."""
+
+
+@dataclass(frozen=True)
+class Move:
+    """What the controllers ask for, as changes of the offset at the points of the coming contour.
+
+    Attributes
+    ----------
+    vertical : (N,) m, along +z ; radial : (N,) m, away from the middle
+    residual : (N,) m, vertical error expected after the contour
+    inputs : (H,) m, step depths over the horizon in the first reference direction
+    bounded : an input lies on its bound
+    unseen : share of the directions without a state
+    """
+
+    vertical: Array
+    radial: Array
+    residual: Array
+    inputs: Array
+    bounded: bool
+    unseen: float
+
+
+class ModelPredictiveCorrection:
+    """Corrects contour after contour from scans. State: the last offsets, the newest shape."""
+
+    def __init__(self, job_file: JobFile, strategy: Strategy) -> None:
+        self.name = f"mpc_{strategy}"
+        self._strategy = strategy
+        self._job_file = job_file
+        self._options: MpcSpec = job_file.job.springback.mpc
+        self._memory = OffsetMemory()
+        self._scans = ScanMemory(job_file)
+        self._fault: IsfError | None = None
+
+    def take_target(self, target: HeightMap) -> None:
+        """The shape that is wanted."""
+        self._scans.target = target
+
+    def see(self, points: Array, index: int) -> None:
+        """The shape after contour ``index``; what is wrong with it is told by the next correction."""
+        pending = self._memory.pending
+        self._scans.take(points, None if pending is None else pending.contour, index)
+
+    def learn(self, contour: Contour, result: ContourResult) -> None:
+        """Forces are not used; a contour that was not completed leaves no shape to steer by."""
+        self._fault = None
+        if not result.completed:
+            self._fault = IsfError(ErrorCode.CORRECTION_FAILED, "was not completed", where=f"contour {result.index}")
+
+    def follow(self, contour: Contour, correction: ContourCorrection) -> None:
+        """Take note that another method corrected ``contour``."""
+        self._advance(contour)
+        self._memory.remember(contour, np.asarray(correction.offset))
+
+    def correct(self, contour: Contour) -> ContourCorrection:
+        """Correction of the next contour; keeps the last good one, with a code, when the shape is not known.
+
+        Raises
+        ------
+        IsfError : CONTOUR_REJECTED, the contour itself is malformed
+        """
+        started = time.perf_counter()
+        contour.validate()
+        fault = self._advance(contour) or self._fault or self._scans.fault
+        memory, options = self._memory, self._options
+        before = memory.last(contour)
+        remarks: list[str] = []
+        move: Move | None = None
+        if fault is None and contour.index >= self._job_file.job.springback.open_loop_contours:
+            try:
+                move = self._move(contour, remarks)
+            except IsfError as error:
+                fault = error
+        path = LoopPath.of(contour)
+        radial, known = _radial(contour)
+        old = np.sum(before[:, :2] * radial, axis=1)
+        wanted = before[:, 2] if move is None else before[:, 2] + move.vertical
+        wide = old if move is None else old + move.radial
+        tool = contour.forming_tool
+        limits = push_limits(self._job_file, tool, options.largest_offset)
+        vertical, bound = limit_signed(wanted, path, limits, before[:, 2])
+        limits = horizontal_limits(self._job_file, tool, options.largest_offset)
+        horizontal, bound_h = limit_signed(wide, path, limits, old) if known else (old, np.zeros(len(old), bool))
+        offset = np.column_stack([horizontal[:, None] * radial if known else before[:, :2], vertical])
+        memory.remember(contour, offset)
+        if fault is None and max(np.abs(wanted).max(), np.abs(wide).max()) > options.largest_offset:
+            fault = IsfError(
+                ErrorCode.CORRECTION_LIMITED,
+                f"more than {1e3 * options.largest_offset:.1f} mm were asked for",
+                where=f"contour {contour.index}",
+                advice="check clamp, sheet and registration of the scanner",
+            )
+        if move is not None and move.bounded:
+            remarks.append("the step depth is at its bound: the lag is made good over several contours")
+        shape = self._scans.fresh(contour)
+        return ContourCorrection(
+            plan_id=contour.plan_id,
+            index=contour.index,
+            method=self.name,
+            offset=offset,
+            springback=np.empty(0),
+            saturated=bound | bound_h,
+            code=0 if fault is None else int(fault.code),
+            message="" if fault is None else fault.message,
+            solve_time=time.perf_counter() - started,
+            residual=np.empty(0) if move is None else move.residual,
+            remarks=(*remarks, *(shape.remarks if shape is not None else ())),
+        )
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    def _advance(self, contour: Contour) -> IsfError | None:
+        pending = self._memory.pending
+        if pending is not None and pending.contour.plan_id != contour.plan_id:
+            self._scans.clear()
+            self._fault = None
+        return self._memory.advance(contour)
+
+    def _move(self, contour: Contour, remarks: list[str]) -> Move | None:
+        """First move of the optimised horizon; None between scans. Raises CORRECTION_FAILED, QP_INFEASIBLE."""
+        shape, base, target = self._scans.fresh(contour), self._memory.base, self._scans.target
+        if shape is None or base is None or target is None:
+            if contour.index > 0 and self._job_file.job.springback.scan_every == 0:
+                remarks.append("the job makes no scans (springback.scan_every is 0): nothing is corrected")
+            return None
+        if contour.forming_tool != 1:
+            raise IsfError(
+                ErrorCode.CORRECTION_FAILED,
+                "scans from above steer the upper tool only",
+                where=f"contour {contour.index}",
+                advice="use the method analytic for features formed from below",
+            )
+        options, formed = self._options, base.contour
+        polar = PolarContour.of(contour)
+        references = np.asarray(options.reference_angles)
+        dense = self._strategy == "tpif" or options.distribution == "dense"
+        inside = min(float(polar.radius.max()), 40e-3) if self._strategy != "tpif" else OUT_OF_DIE
+        radius = forming_radius(self._job_file, contour.forming_tool)
+        horizontal = self._strategy != "vertical" and options.distribution != "none"
+        angles = references
+        if options.step == "per_direction":
+            angles = np.concatenate([references, 2 * np.pi * np.arange(PER_DIRECTION) / PER_DIRECTION])
+        cut = mpc_state.radial_sections(formed, angles, shape.surface, target, radius, inside)
+        level = self._levels(formed, contour, target)
+        error = mpc_state.bottom_error(cut, float(level[0]))
+        inputs = self._vertical(cut, level, error)
+        steps = np.diff(level)
+        unseen = float(np.isnan(error).mean())
+        if np.isnan(error[: len(references)]).all():
+            raise IsfError(
+                ErrorCode.SCAN_INCOMPLETE,
+                "the scan does not show the bottom in any reference direction",
+                where=f"contour {contour.index}",
+                advice="add springback.mpc.reference_angles where the scanner sees the part",
+            )
+        common = inputs[: len(references)][np.isfinite(error[: len(references)])].mean(axis=0)
+        left = float(np.nanmean(error[: len(references)])) + np.concatenate([[0.0], np.cumsum(common - steps)])
+        around = np.arctan2(polar.radial[:, 1], polar.radial[:, 0])
+        if options.step == "per_direction":
+            rest = np.isfinite(error[len(references) :])
+            change = (inputs[len(references) :, 0] - steps[0])[rest]
+            vertical = np.interp(around, angles[len(references) :][rest], change, period=2 * np.pi)
+        else:
+            vertical = np.full(len(contour), common[0] - steps[0])
+        sideways = np.zeros(len(contour))
+        if horizontal:
+            angles = 2 * np.pi * np.arange(DENSE) / DENSE if dense else references
+            if dense:
+                cut = mpc_state.radial_sections(formed, angles, shape.surface, target, radius, inside=25e-3)
+            sideways, lost = self._horizontal(cut.pick(np.arange(len(angles))), contour, level, left, polar, dense)
+            unseen = max(unseen, lost)
+        lower, upper = self._bounds(level)
+        return Move(
+            vertical,
+            sideways,
+            np.full(len(contour), left[1]),
+            common,
+            bool((common[0] <= lower + 1e-9) | (common[0] >= upper - 1e-9)),
+            unseen,
+        )
+
+    def _levels(self, formed: Contour, contour: Contour, target: HeightMap) -> Array:
+        """(H + 1,) m, tip levels of the contour formed last, the coming one and those after it.
+
+        Parts formed inwards end at the floor: the horizon shrinks there. Over a die the ramp of the target goes on
+        beyond the last contour (trap H4: a frozen target leaves the last contours behind).
+        """
+        first = float(np.mean(formed.forming_tip[:, 2]))
+        second = float(np.mean(contour.forming_tip[:, 2]))
+        left = contour.count - contour.index
+        horizon = self._options.horizon or left
+        if self._strategy == "tpif":
+            horizon = max(horizon, 1)
+        else:
+            horizon = max(1, min(horizon, left))
+        step = self._job_file.job.path.incremental_depth
+        level = np.concatenate([[first], second - step * np.arange(horizon)])
+        if self._strategy == "tpif":
+            return level
+        floor = min(float(np.nanmin(target.z)), second)
+        return np.asarray(np.maximum(level, floor))
+
+    def _bounds(self, level: Array) -> tuple[float, float]:
+        """m, bounds of the signed step depth; in planned steps, so that a lag can be made good."""
+        step = max(float(level[0] - level[1]), 0.2 * self._job_file.job.path.incremental_depth)
+        return -self._options.largest_step * step, -self._options.smallest_step * step
+
+    def _vertical(self, cut: Sections, level: Array, error: Array) -> Array:
+        """(M, H) m, step depths per section."""
+        options = self._options
+        lower, upper = self._bounds(level)
+        if self._strategy == "tpif":
+            measured = level[0] + np.where(np.isfinite(error), error, 0.0)
+            targets = np.tile(level[1:], (len(measured), 1))
+            problem = mpc_problem.scalar_vertical_problem(measured, targets, options.vertical_weight, lower, upper)
+            return mpc_problem.solve(problem, options.solver)
+        wanted = mpc_state.intended_profiles(cut, level)
+        problems = []
+        for m in range(len(cut.directions)):
+            start = self._contact(cut, m, float(wanted.contact[m, 0]))
+            contact = np.concatenate([[start], wanted.contact[m, 1:]])
+            zones = np.array(
+                [mpc_problem.zone_coefficients(cut.reach, contact[j], contact[j + 1]) for j in range(len(level) - 1)]
+            )
+            formed = np.where(cut.reach >= start, cut.formed[m], np.nan)  # the formed wall does not move
+            if not np.isfinite(formed).any():
+                zones, formed = np.zeros_like(zones), np.zeros_like(formed)
+            problems.append(
+                mpc_problem.vertical_problem(
+                    zones, formed, wanted.profile[m, 1:], options.vertical_weight, lower, upper
+                )
+            )
+        joined = mpc_problem.BoxProblem(
+            np.array([p.hessian for p in problems]),
+            np.concatenate([p.gradient for p in problems]),
+            np.concatenate([p.lower for p in problems]),
+            np.concatenate([p.upper for p in problems]),
+        )
+        return mpc_problem.solve(joined, options.solver)
+
+    def _contact(self, cut: Sections, m: int, planned: float) -> float:
+        """m of reach, contact of section ``m`` detected on the formed wall, or the planned one."""
+        one = cut.pick(np.array([m]))
+        found = float(contact_reach(one.formed, one.reach, one.wall_angle)[0])
+        return found if np.isfinite(found) and abs(found - planned) <= CONTACT_TOLERANCE else planned
+
+    def _horizontal(
+        self, cut: Sections, contour: Contour, level: Array, left: Array, polar: PolarContour, dense: bool
+    ) -> tuple[Array, float]:
+        """(N,) m radial change of the offset, and the share of directions that were not seen."""
+        options = self._options
+        height = cut.radius * (1.0 - np.cos(cut.wall_angle))
+        ahead = level[None, :] + height[:, None]
+        error = mpc_state.radius_errors(cut, ahead, np.tile(left, (len(cut.directions), 1)))
+        seen = np.isfinite(error).all(axis=1)
+        if not seen.any():
+            return np.zeros(len(contour)), 1.0
+        if options.coupled:
+            departure = solve_coupled(error[seen], cut.wall_angle[seen], np.diff(level), left, options)
+        else:
+            problem = mpc_problem.horizontal_problem(error[seen], options.horizontal_weight, options.horizontal_change)
+            departure = mpc_problem.solve(problem, options.solver)[:, 0]
+        kind = "dense" if dense else options.distribution
+        spread = distribute(departure, cut.angle[seen], polar.angle, polar.radius, kind)
+        return np.asarray(-cut.progress * spread), float(1.0 - seen.mean())
+
+
+OUT_OF_DIE = 30e-3
+"""m of section beyond the contact over a die."""
+
+
+def _radial(contour: Contour) -> tuple[Array, bool]:
+    """(N, 2) unit radial directions, and False when the contour has none."""
+    try:
+        return PolarContour.of(contour).radial, True
+    except IsfError:
+        return np.zeros((len(contour), 2)), False
+
+
+def mpc_vertical(job_file: JobFile) -> ModelPredictiveCorrection:
+    """Step depth from a section of the shape (Lu 2016, 3.2)."""
+    return ModelPredictiveCorrection(job_file, "vertical")
+
+
+def mpc_two_directional(job_file: JobFile) -> ModelPredictiveCorrection:
+    """Step depth and horizontal increments (Lu 2016, 3.3)."""
+    return ModelPredictiveCorrection(job_file, "two_directional")
+
+
+def mpc_tpif(job_file: JobFile) -> ModelPredictiveCorrection:
+    """Over a partial die: bottom point and 360 directions (Lu 2016, 3.4)."""
+    return ModelPredictiveCorrection(job_file, "tpif")

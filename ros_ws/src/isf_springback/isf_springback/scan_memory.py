@@ -1,0 +1,67 @@
+"""The newest formed shape that a method may use, and why there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.height_map import HeightMap
+from isf_core.job import JobFile
+from numpy.typing import NDArray
+
+from isf_springback.scan_processing import FormedShape, ScanExpectation, process_scan
+
+Array = NDArray[np.float64]
+
+
+class ScanMemory:
+    """Takes scans and the target; gives the shape after one contour.
+
+    Attributes
+    ----------
+    target : the shape that is wanted, None until it is known
+    shape, index : the newest usable shape and the contour it was measured after
+    fault : why the newest scan was refused, None when it was not
+    """
+
+    def __init__(self, job_file: JobFile) -> None:
+        self._job_file = job_file
+        self.target: HeightMap | None = None
+        self.shape: FormedShape | None = None
+        self.index = -1
+        self.fault: IsfError | None = None
+
+    def clear(self) -> None:
+        """A new part begins."""
+        self.shape, self.index, self.fault = None, -1, None
+
+    def take(self, points: Array, contour: Contour | None, index: int) -> FormedShape | None:
+        """The shape in ``points`` (P, 3) m after ``contour`` as planned; None with a ``fault`` when it is refused."""
+        self.fault = None
+        try:
+            if self.target is None:
+                raise IsfError(
+                    ErrorCode.CORRECTION_FAILED,
+                    "the target shape is not known",
+                    where=f"scan after contour {index}",
+                    advice="the planner publishes part/target; without it the last good correction is kept",
+                )
+            if contour is None or contour.index != index:
+                raise IsfError(
+                    ErrorCode.CONTOUR_OUT_OF_ORDER,
+                    f"a scan after contour {index} came, "
+                    f"contour {'-' if contour is None else contour.index} was formed last",
+                    where="scan",
+                )
+            level = float(contour.forming_tip[:, 2].min())
+            clamp = self._job_file.rig.clamp.size
+            self.shape = process_scan(points, ScanExpectation(self.target, clamp, level, contour.holder_height))
+            self.index = index
+            return self.shape
+        except IsfError as error:
+            self.fault = error
+            return None
+
+    def fresh(self, contour: Contour) -> FormedShape | None:
+        """The shape measured just before ``contour``, None when there is none."""
+        return self.shape if self.index == contour.index - 1 else None

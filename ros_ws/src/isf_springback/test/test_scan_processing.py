@@ -1,0 +1,156 @@
+"""Scans of a cone with known springback, through what scanners do to them: noise, holes, tilt, shift, wrong units."""
+
+import numpy as np
+import pytest
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.height_map import HeightMap
+from isf_springback.scan_processing import ScanExpectation, process_scan, sections
+from isf_springback.scan_processing.formed_shape import regions
+from springback_parts import cone_contour
+
+CLAMP = (0.25, 0.25)
+GRID = np.arange(-125, 126) * 1e-3
+
+
+def cone(depth=15e-3, opening=36e-3, angle=50.0, centre=(0.0, 0.0), square=False):
+    """Height map of a cone (or a square pyramid) without fillets."""
+    x, y = np.meshgrid(GRID - centre[0], GRID - centre[1])
+    r = np.maximum(np.abs(x), np.abs(y)) if square else np.hypot(x, y)
+    z = np.clip((r - opening) * np.tan(np.radians(angle)), -depth, 0.0)
+    return HeightMap(GRID, GRID, z)
+
+
+def formed(springback=1.0e-3, **shape):
+    """The cone after springback in proportion to its depth."""
+    target = cone(**shape)
+    return HeightMap(target.x, target.y, target.z * (1.0 - springback / 15e-3))
+
+
+EXPECTED = ScanExpectation(cone(), CLAMP, -15e-3)
+
+
+def code_of(points, expected=EXPECTED):
+    with pytest.raises(IsfError) as caught:
+        process_scan(points, expected)
+    assert caught.value.what
+    assert caught.value.where
+    return caught.value.code
+
+
+def test_an_exact_grid_comes_back_unchanged():
+    shape = process_scan(formed().points(), EXPECTED)
+    interior = np.hypot(*np.meshgrid(GRID, GRID)) < 20e-3
+    assert shape.surface.z[interior] == pytest.approx(formed().z[interior], abs=2e-6)
+    assert shape.coverage == 1.0
+    assert shape.remarks == ()
+
+
+def test_noise_tilt_height_and_outliers_are_undone():
+    """The published scanner: +-0.05 mm (Lu 2016, 3.5.2), registration a few tenths of a degree."""
+    rng = np.random.default_rng(7)
+    points = formed().points()
+    points = points + rng.normal(0.0, 25e-6, points.shape)
+    wild = rng.random(len(points)) < 0.02
+    points[wild, 2] += rng.normal(0.0, 8e-3, wild.sum())
+    tilt = np.array([[1.0, 0.0, 4e-3], [0.0, 1.0, -3e-3], [-4e-3, 3e-3, 1.0]])
+    points = points @ tilt.T + [0.0, 0.0, 0.8e-3]
+    shape = process_scan(points[rng.permutation(len(points))], EXPECTED)
+    error = shape.surface.z - formed().z
+    # away from the sharp edges of the cone the mean per cell is as good as the noise of a point
+    smooth = regions(cone())["base"] & (np.hypot(*np.meshgrid(GRID, GRID)) < 20e-3)
+    assert np.nanstd(error[smooth]) < 60e-6
+    assert abs(np.nanmean(error[smooth])) < 40e-6
+    assert shape.outliers > 0.5 * wild.sum()
+    assert shape.plane.height == pytest.approx(0.8e-3, abs=30e-6)
+    assert shape.plane.tilt_x == pytest.approx(-4e-3, abs=3e-4)
+
+
+def test_forty_percent_holes_are_told_and_left_unknown():
+    rng = np.random.default_rng(3)
+    points = formed().points()
+    keep = np.ones(len(points), dtype=bool)
+    inside = np.hypot(points[:, 0], points[:, 1]) < 36e-3
+    while keep[inside].mean() > 0.6:
+        hole = rng.uniform(-36e-3, 36e-3, 2)
+        keep &= np.linalg.norm(points[:, :2] - hole, axis=1) > rng.uniform(3e-3, 9e-3)
+    shape = process_scan(points[keep], EXPECTED)
+    assert 0.5 < shape.coverage < 0.75
+    assert "not seen" in shape.remarks[0]
+    known = np.isfinite(shape.surface.z)
+    assert not known.all()
+    flat = known & regions(cone())["base"]
+    assert shape.surface.z[flat] == pytest.approx(formed().z[flat], abs=0.4e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda p: p + [5e-3, 0.0, 0.0], ErrorCode.SCAN_SHIFTED),
+        (lambda p: p + [3.5e-3, -3.5e-3, 0.0], ErrorCode.SCAN_SHIFTED),
+        (lambda p: p + [0.0, 0.0, 5e-3], ErrorCode.SCAN_SHIFTED),
+        (lambda p: p * 1e3, ErrorCode.SCAN_UNIT_SUSPECT),
+        (lambda p: p / 25.4e-3, ErrorCode.SCAN_UNIT_SUSPECT),
+        (lambda p: np.where([False, False, True], np.nan, p), ErrorCode.SCAN_NOT_FINITE),
+        (lambda p: p[np.hypot(p[:, 0], p[:, 1]) > 32e-3], ErrorCode.SCAN_INCOMPLETE),
+        (lambda p: p[:100], ErrorCode.SCAN_INCOMPLETE),
+        (lambda p: p[:, :2], ErrorCode.SCAN_INCOMPLETE),
+        (lambda p: p * [1.0, 1.0, -1.0], ErrorCode.SCAN_OF_ANOTHER_PART),
+    ],
+)
+def test_scans_that_must_not_steer_tools_are_refused(change, code):
+    assert code_of(change(formed().points())) == code
+
+
+@pytest.mark.parametrize("other", [{"square": True, "opening": 45e-3}, {"opening": 22e-3}, {"centre": (20e-3, 0.0)}])
+def test_a_scan_of_another_part_is_refused(other):
+    code = code_of(formed(**other).points())
+    assert code in (ErrorCode.SCAN_OF_ANOTHER_PART, ErrorCode.SCAN_SHIFTED)
+
+
+@pytest.mark.parametrize("springback", [0.0, 2e-3, 5e-3])
+def test_springback_alone_is_never_taken_for_another_part(springback):
+    assert process_scan(formed(springback).points(), EXPECTED).coverage == 1.0
+
+
+def test_an_unclamped_part_keeps_its_flange():
+    points = formed().points() + [0.0, 0.0, 1e-3]
+    shape = process_scan(points, ScanExpectation(cone(), CLAMP, -15e-3, clamped=False))
+    assert shape.plane is None
+    assert np.nanmax(shape.surface.z) == pytest.approx(1e-3, abs=1e-5)
+    assert "not clamped" in shape.remarks[0]
+
+
+def test_a_shift_is_measured_and_left():
+    shape = process_scan(formed(centre=(0.7e-3, -0.4e-3)).points(), EXPECTED)
+    assert shape.shift == pytest.approx([0.7e-3, -0.4e-3], abs=0.15e-3)
+
+
+def test_sections_find_wall_contact_and_ball():
+    contour = cone_contour(19)  # 10 mm deep, contact at r = 36 - 10 / tan 50
+    path_length = 2 * np.pi * np.hypot(*contour.forming_tip[0, :2])
+    directions = sections.directions_of(contour, path_length * np.arange(8) / 8)
+    assert np.linalg.norm(directions.outward, axis=1) == pytest.approx(1.0)
+    assert (np.sum(directions.outward * directions.origin, axis=1) > 0).all()
+    reach = sections.STEP * np.arange(-80, 81)
+    profile = sections.vertical_sections(cone(depth=21e-3), directions, reach)
+    at_contact = sections.crossing(profile, reach, np.full(8, -10e-3))
+    assert at_contact == pytest.approx(0.0, abs=0.1e-3)
+    # a ball dropped on the straight wall touches R sin(alpha) outwards of its tip, R (1 - cos(alpha)) above it
+    tip, touch = sections.dropped_ball(profile, 5e-3)
+    place = 80
+    assert reach[place] - reach[touch[0, place]] == pytest.approx(5e-3 * np.sin(np.radians(50)), abs=0.3e-3)
+    height = profile[0, touch[0, place]] - tip[0, place]
+    assert height == pytest.approx(5e-3 * (1 - np.cos(np.radians(50))), abs=0.15e-3)
+
+
+def test_the_contact_is_where_the_wall_ends():
+    """Wall, ball of 10 mm, flat bottom: the tangency is known."""
+    reach = sections.STEP * np.arange(-80, 81)
+    wall, radius = np.radians(50.0), 10e-3
+    lever = radius * np.sin(wall)
+    ball = -12e-3 + radius - np.sqrt(np.maximum(radius**2 - np.clip(reach - lever, -radius, 0.0) ** 2, 0.0))
+    start = -12e-3 + radius * (1 - np.cos(wall))
+    profile = np.where(reach < 0, start - reach * np.tan(wall), ball)[None, :]
+    found = sections.contact_reach(profile, reach, np.array([wall]))
+    # the slope stays above 85 % of the wall's for 0.8 mm of arc
+    assert found[0] == pytest.approx(0.4e-3, abs=0.6e-3)
