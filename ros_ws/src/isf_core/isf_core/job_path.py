@@ -19,6 +19,17 @@ class PathSpec(FileModel):
     squeeze_factor: float = Field(default=1.0, gt=0.3, le=1.2)
     """Planned tool gap over predicted thickness; 1 = sine-law gap."""
 
+    spacing: Literal["depth", "scallop", "arc"] = "depth"
+    """Levels at constant incremental depth, constant scallop height, or constant distance down the wall."""
+    scallop_height: Length = Field(default=0.01e-3, gt=0.1e-6, lt=1e-3)
+    """Spacing scallop: height of the ridges between neighbouring contours."""
+    arc_step: Length = Field(default=0.5e-3, gt=0.01e-3, lt=10e-3)
+    """Spacing arc: distance of the contacts of neighbouring contours along the wall, at most."""
+    smallest_step: Length = Field(default=0.1e-3, gt=1e-6, lt=5e-3)
+    """Spacing scallop or arc: smallest step in depth, which also holds on floors and at the rim."""
+    largest_step: Length | None = Field(default=None, gt=0.01e-3, lt=10e-3)
+    """Spacing scallop or arc: largest step in depth; None: the incremental depth."""
+
     style: Literal["contours", "spiral"] = "contours"
     """Separate contours, or one continuous spiral per feature."""
     direction: Literal["ccw", "cw", "alternating"] = "ccw"

@@ -1,5 +1,5 @@
 """Toolpath planning for incremental sheet forming: from a CAD surface to contours and tool tips."""
 
-from isf_planner.planning import Plan, plan
+from isf_planner.planning import Plan, plan, replan
 
-__all__ = ["Plan", "plan"]
+__all__ = ["Plan", "plan", "replan"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from isf_core.contour import Contour
@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from isf_planner import (
     adsif_path,
     finishing,
+    level_spacing,
     mesh_checks,
     mesh_input,
     mesh_repair,
     part_checks,
+    pocket_checks,
+    replanning,
     sections,
-    slicing,
     target_surface,
     tip_surface,
     tool_paths,
@@ -29,6 +31,7 @@ from isf_planner import (
 )
 from isf_planner.feature_tree import LoopTree
 from isf_planner.mesh_input import Mesh
+from isf_planner.replanning import PlanBase
 from isf_planner.sides import UPSIDE_DOWN, HalfPart, Side, halves, merged, swapped
 
 Array = NDArray[np.float64]
@@ -49,6 +52,7 @@ class Plan:
     mesh : vertices (V, 3) m in frame ``sheet`` and faces (F, 3) of the placed part
     warnings : what to look at before forming
     tree : loops of the forming tool's tip with normals, curvatures and features, or None for a plan from a file
+    base : what :func:`replan` needs for a change of tool, or None
     """
 
     plan_id: str
@@ -57,6 +61,7 @@ class Plan:
     mesh: tuple[Array, NDArray[np.int64]]
     warnings: tuple[str, ...]
     tree: LoopTree | None = field(default=None, repr=False, compare=False)
+    base: PlanBase | None = field(default=None, repr=False, compare=False)
 
     @property
     def smallest_thickness(self) -> float:
@@ -110,6 +115,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
             warnings += told
         mesh = loaded.moved(shift)
 
+    told_of_part = tuple(warnings)
     step("tools", 0.9)
     plan_id = _identify(job_file)
     if tpif is not None:
@@ -125,8 +131,33 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += part_checks.check_support(_supported(contours, job), planned[0].surface, job)
     target = target_surface.target_map(mesh, rig.clamp.size)
     step("done", 1.0)
-    tree = merged(planned)
-    return Plan(plan_id, contours, target, (mesh.vertices, mesh.faces), tuple(dict.fromkeys(warnings)), tree)
+    told = tuple(dict.fromkeys(warnings))
+    base = PlanBase(job, tuple(planned), told_of_part)
+    return Plan(plan_id, contours, target, (mesh.vertices, mesh.faces), told, merged(planned), base)
+
+
+def replan(before: Plan, job_file: JobFile) -> Plan:
+    """The plan of ``before`` for a job with other tools, sheet thickness, feed, paths or control, in milliseconds.
+
+    Contacts, normals and curvatures are kept (:mod:`isf_planner.replanning`). Where the job changes what they depend
+    on (part, levels, process, rig), or the process keeps none (TPIF, ADSIF), the part is planned anew.
+
+    Raises
+    ------
+    IsfError : as :func:`plan`; PART_TOO_SMALL_FOR_TOOL where the new tool does not fit
+    """
+    base, job = before.base, job_file.job
+    if base is None or not replanning.same_contacts(base.job, job):
+        return plan(job_file)
+    mesh = Mesh(*before.mesh)
+    part_checks.check_fit(mesh_checks.PlacedPart(mesh, -float(mesh.vertices[:, 2].min()), ()), job, job_file.rig)
+    sides = replanning.with_tools(base, job)
+    plan_id = _identify(job_file)
+    contours, expected = finishing.finish(tool_paths.make_contours(list(sides), job_file, plan_id), job_file)
+    part_checks.check_travel(contours, job_file.rig)
+    pressing = part_checks.check_support(_supported(contours, job), sides[0].surface, job)
+    told = tuple(dict.fromkeys((*base.told, *expected, *pressing)))
+    return replace(before, plan_id=plan_id, contours=contours, warnings=told, tree=merged(sides))
 
 
 def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:
@@ -154,9 +185,11 @@ def _plan_half(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, A
     x, y, height = tip_surface.tip_grid(surface, radius)
     warnings += part_checks.check_reach(surface, height, part.depth, radius)
 
-    levels = slicing.levels(part.depth, job.path.incremental_depth)
-    nodes, told = sections.trace(sections.TipGrid(x, y, height, part.depth), levels, job)
+    grid = sections.TipGrid(x, y, height, part.depth)
+    levels = level_spacing.levels(grid, job)
+    nodes, told = sections.trace(grid, levels, job)
     warnings += told
+    pocket_checks.check_pockets(part.mesh, levels, nodes, radius)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
     return Side(tree, surface, half.forming_tool), shift * (UPSIDE_DOWN if half.forming_tool == 2 else 1.0), warnings

@@ -69,7 +69,7 @@ def trace(grid: TipGrid, levels: Array, job: Job) -> tuple[list[RoughLoop], list
     IsfError : CONTOUR_LOST for a loop that is not closed, PART_TOO_SMALL_FOR_TOOL when there is no loop at all
     """
     state = _Tracing()
-    least = slicing.SMALLEST_STEP * abs(levels[0] if len(levels) == 1 else levels[1] - levels[0])
+    least = slicing.SMALLEST_STEP * abs(float(levels[0]))
     border = [RoughLoop(-least, points, island, real=False) for points, island in _slice(grid, -least)]
     front = link(state.nodes, border, [])
     for level in levels[:-1]:

@@ -2,7 +2,7 @@
 
 A loop stands at one level, belongs to one feature of the part (:mod:`isf_planner.feature_tree`) and is either the
 border of a pocket or goes around an island in it. Contact points are the expensive part of a plan: they, the
-normals and the curvatures stay as they are when a tool is changed (:func:`with_tool`); tips follow from them.
+normals and the curvatures stay when a tool is changed (:mod:`isf_planner.replanning`); tips follow from them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import Job
 from numpy.typing import NDArray
 
-from isf_planner import resampling, slicing, surface_normals, tip_surface
+from isf_planner import curvature, resampling, slicing, surface_normals, tip_surface
 from isf_planner.mesh_checks import place_text
 from isf_planner.target_surface import TargetSurface
 
@@ -103,7 +103,9 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
             advice="reduce path.point_spacing or the tool radius, or round the edges of the part",
         )
     normal = tip_surface.contact_normals(surface, points, contact, radius)
-    return TipLoop(level, points, surface_normals.smooth_along(normal, spacing, radius))
+    normal = surface_normals.smooth_along(normal, spacing, radius)
+    bends = curvature.principal(surface, points - radius * normal[:, :2], radius)
+    return TipLoop(level, points, normal, curvature=bends)
 
 
 def settle(

@@ -64,9 +64,10 @@ def test_limit_of_the_material_is_used_when_the_job_has_none(tmp_path: Path) -> 
 
 def test_wall_near_the_limit_is_warned_of(tmp_path: Path) -> None:
     path = write(Cone().mesh(50e-6), tmp_path / "cone.stl")
-    (warning,) = plan(job_for(path, limit="46 deg", depth="3 mm")).warnings
-    assert "45.0 deg steep" in warning
-    assert plan(job_for(path, limit="50 deg", depth="3 mm")).warnings == ()  # 45 is 90 % of it
+    warnings = plan(job_for(path, limit="46 deg", depth="3 mm")).warnings
+    assert any("45.0 deg steep" in warning for warning in warnings)
+    # 45 is 90 % of it
+    assert not any("deg steep" in warning for warning in plan(job_for(path, limit="50 deg", depth="3 mm")).warnings)
 
 
 def test_pocket_in_which_the_tool_does_not_reach_the_bottom(tmp_path: Path) -> None:

@@ -1,0 +1,72 @@
+"""Another tool on the same contacts: the same as a new plan where the contacts are the same, refused where it cuts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile
+from isf_core.tip_geometry import tool_gap
+from isf_planner import Plan, plan, replan
+from isf_planner.target_surface import fine_surface
+from isf_planner.tip_surface import drop_tool
+from planner_parts import Cone, job_for, write
+
+CONE = Cone()
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, JobFile]:
+    job_file = job_for(write(CONE.mesh(), tmp_path_factory.mktemp("replan") / "cone.stl"))
+    return plan(job_file), job_file
+
+
+def changed(job_file: JobFile, old: str, new: str) -> JobFile:
+    assert old in job_file.text
+    return JobFile(job_file.text.replace(old, new), job_file.base)
+
+
+def test_contacts_and_normals_stay_and_tips_follow(made: tuple[Plan, JobFile]) -> None:
+    before, job_file = made
+    after = replan(before, changed(job_file, "tool_1: {radius: 5 mm}", "tool_1: {radius: 6 mm}"))
+    assert after.plan_id != before.plan_id
+    for a, b in zip(before.contours, after.contours, strict=True):
+        np.testing.assert_allclose(b.normal, a.normal, atol=1e-12)
+        # where the ball was moved out of facets it cuts a little, its contact moves with it
+        np.testing.assert_allclose(b.contact, a.contact, atol=20e-6)
+        np.testing.assert_allclose(b.forming_tip - b.contact, 6e-3 * (b.normal - [0, 0, 1]), atol=1e-9)
+        np.testing.assert_allclose(tool_gap(b.forming_tip, b.support_tip, 6e-3, 5e-3), b.thickness, atol=1e-9)
+
+
+def test_new_tips_do_not_cut_into_the_part(made: tuple[Plan, JobFile]) -> None:
+    before, job_file = made
+    after = replan(before, changed(job_file, "tool_1: {radius: 5 mm}", "tool_1: {radius: 7 mm}"))
+    surface = fine_surface(CONE.mesh(), 5e-3)
+    for contour in after.contours:
+        height, _ = drop_tool(surface, contour.forming_tip[:, :2], 7e-3)
+        assert (height - contour.forming_tip[:, 2]).max() < 20e-6
+
+
+def test_a_ball_larger_than_the_floor_fillet_is_refused_with_the_place(made: tuple[Plan, JobFile]) -> None:
+    before, job_file = made
+    with pytest.raises(IsfError) as caught:
+        replan(before, changed(job_file, "tool_1: {radius: 5 mm}", "tool_1: {radius: 11 mm}"))
+    assert caught.value.code is ErrorCode.PART_TOO_SMALL_FOR_TOOL
+    z = float(caught.value.where.split("z = ")[1].split()[0]) * 1e-3
+    assert z < CONE.floor_begin + 0.1e-3
+    assert caught.value.advice
+
+
+def test_the_support_tool_alone_leaves_the_forming_tips(made: tuple[Plan, JobFile]) -> None:
+    before, job_file = made
+    after = replan(before, changed(job_file, "tool_2: {radius: 5 mm}", "tool_2: {radius: 4 mm}"))
+    for a, b in zip(before.contours, after.contours, strict=True):
+        np.testing.assert_array_equal(b.forming_tip, a.forming_tip)
+        np.testing.assert_allclose(tool_gap(b.forming_tip, b.support_tip, 5e-3, 4e-3), b.thickness, atol=1e-9)
+
+
+def test_other_levels_need_a_new_plan(made: tuple[Plan, JobFile]) -> None:
+    before, job_file = made
+    coarse = changed(job_file, "incremental_depth: 0.5 mm", "incremental_depth: 2 mm")
+    after = replan(before, coarse)
+    assert len(after.contours) == len(plan(coarse).contours) < len(before.contours)
