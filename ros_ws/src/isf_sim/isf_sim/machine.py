@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from isf_sim import adsif
 from isf_sim import machine_tick as mt
+from isf_sim.die_plant import DiePlant
 from isf_sim.load_cell import BLOCK, DRAWS, take_zero
 from isf_sim.machine_build import make_parts
 from isf_sim.machine_checks import LIMIT_FORCE, LIMIT_SPEED, LIMIT_TRAVEL, force_faults, reach_fault, target_faults
@@ -333,6 +334,8 @@ class SimulatedMachine:
                 constants,
             )
             if request == DONE:
+                if isinstance(plant, DiePlant):
+                    plant.note()
                 return adsif.STABLE
             plant.serve(request, axes.tips[0].copy())
 
@@ -364,8 +367,8 @@ class SimulatedMachine:
             self.latch(ErrorCode.TARGET_NOT_FINITE, f"blank holder height {height} is no height")
         elif height != self.holder_height and (stopped or abs(height - self.holder_height) >= HOLDER_STEP):
             self.holder_height = height
-            if self._support is not None:
-                self.plant.set_support(self._support, -height)
+            if self._support is not None and isinstance(self.plant, DiePlant):
+                self.plant.rise(self._support, -height)
 
     def _judge_target(self, bits: int, target: Array, allowed: float) -> None:
         """Latch what is wrong with a target, and put the held target in its place."""
