@@ -89,12 +89,12 @@ rclpy.shutdown()'); then
   fi
 }
 
-# Compiles the sheet mechanics of the simulated machine and the elastic shell once, so that the first part does not
-# wait for them. A help, not a condition: it may fail or take too long without stopping the set-up.
+# Compiles the planner's geometry, the sheet mechanics of the simulated machine and the elastic shell once, so that the
+# first part does not wait for them. A help, not a condition: it may fail or take too long without stopping the set-up.
 warm_up() {
   local log=$isf_state/log/warm_up.log
-  step "Compiling the sheet mechanics"
+  step "Compiling geometry and sheet mechanics"
   (. "$isf_state/env.sh" && logged "$log" timeout --kill-after=5 300 sh -c \
-    "python -m isf_sim.warm_up && python -m isf_springback.shell.warm_up") 2>/dev/null ||
+    "python -m isf_planner.warm_up && python -m isf_sim.warm_up && python -m isf_springback.shell.warm_up") 2>/dev/null ||
     note "not done (see .isf/log/warm_up.log); it happens at first use instead"
 }
