@@ -62,9 +62,10 @@ class ControlConfig:
     clearance : m, distance kept from the sheet while traversing nearby
     link_length : m, longest move from contour to contour that stays in contact
     runs_on : turns of a spiral are joined in motion; only where the next contour comes without a delay (lockstep)
-    set_point_forward : 0..1, share of a change of the set-point that is fed forward as offset, by K_c
     adapt_stiffness : K_c is estimated on line while the set-point moves
     oscillation_swing : N, least swing of the force error that counts as oscillation; infinite = not watched
+    seam_speed : m/s, feed at both ends of a closed contour under force control (published feed); infinite = off
+    seam_length : m, so far from its begin; half as far from its end
     """
 
     rate: float
@@ -93,8 +94,8 @@ class ControlConfig:
     ramp_back_time: float = 0.1
     learning: float = 0.0
     learning_width: float = 0.06
-    feed_error: float = float("inf")
-    feed_floor: float = 0.3
+    feed_error: float = 4.0
+    feed_floor: float = 0.2
     acceleration: float = 0.5
     blend_time: float = 0.03
     jerk_time: float = 0.01
@@ -105,9 +106,10 @@ class ControlConfig:
     support_compliance: tuple[float, float] = (0.0, 0.0)
     support_compensation: float = 0.0
     runs_on: bool = True
-    set_point_forward: float = 0.0
     adapt_stiffness: bool = False
     oscillation_swing: float = 15.0
+    seam_speed: float = 5e-3
+    seam_length: float = 6e-3
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:

@@ -41,7 +41,6 @@ class ControlLaws:
             config.contact_stiffness, config.rate, config.servo_bandwidth, Fir(config.coefficients())
         )
         self._ramp = config.set_point_rate / config.rate
-        self._forward = config.set_point_forward / config.contact_stiffness
         self._forming, self._support = 0, 1
         self._support_compensated = False
         self._used_loop, self._used_compliance = [False, False], [False, False]
@@ -112,10 +111,7 @@ class ControlLaws:
             self.set_point += min(max(row[8] - before, -self._ramp), self._ramp)
             self.error = self.set_point - self.normal_force
             self._tune(loop, moving=self.set_point != before)
-            advance = self._config.learning * (row[11] - last_row[11])
-            if self._forward:
-                advance += self._forward * (self.set_point - before)
-            loop.control(self.error, advance)
+            loop.control(self.error, self._config.learning * (row[11] - last_row[11]))
             if mode is Mode.CONTROL and self.normal_force < self._config.contact_threshold:
                 flags = int(Flag.CONTACT_LOST)
             if self._monitor.scale < 1.0:

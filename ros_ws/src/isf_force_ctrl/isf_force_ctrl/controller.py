@@ -379,8 +379,8 @@ class ForceController:
     # -- spirals -------------------------------------------------------------------------------
 
     def _runs_on(self, contour: Contour) -> bool:
-        """Is the contour left in motion? Not with a feed that varies: its last step would not be a whole one."""
-        return self.config.runs_on and not contour.closed and self.config.feed_error == math.inf
+        """Is the contour left in motion, to be continued by the next one?"""
+        return self.config.runs_on and not contour.closed
 
     def _present(self) -> Present:
         return Present(

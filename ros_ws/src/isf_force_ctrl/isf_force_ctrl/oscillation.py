@@ -20,7 +20,13 @@ LONGEST_PERIOD = 0.2
 """s, longest period that counts: the loop's own are 0.05-0.1 s."""
 
 QUIET_TIME = 2.0
-"""s without oscillation before the gain rises again; doubled with every further one."""
+"""s without oscillation before the gain rises again."""
+
+CEILING = 0.8
+"""Share of the factor that oscillated up to which the gain rises soon."""
+
+CEILING_TIME = 60.0
+"""s in which that ceiling rises by a factor of e: the contact may have changed."""
 
 RECOVERY_TIME = 2.0
 """s in which the gain rises by a factor of e."""
@@ -34,6 +40,7 @@ class OscillationMonitor:
 
     __slots__ = (
         "_age",
+        "_ceiling",
         "_count",
         "_extreme",
         "_half",
@@ -56,6 +63,7 @@ class OscillationMonitor:
         self._count = 0
         self._since = 0
         self._quiet = QUIET_TIME * rate
+        self._ceiling = 1.0
         self.scale = 1.0
         """Factor on the gain, LEAST_SCALE..1."""
         self.found = 0
@@ -72,7 +80,8 @@ class OscillationMonitor:
         if self.scale < 1.0:
             self._since += 1
             if self._since > self._quiet:
-                self.scale = min(1.0, self.scale * (1.0 + 1.0 / (RECOVERY_TIME * self._rate)))
+                self._ceiling = min(1.0, self._ceiling * (1.0 + 1.0 / (CEILING_TIME * self._rate)))
+                self.scale = min(self._ceiling, self.scale * (1.0 + 1.0 / (RECOVERY_TIME * self._rate)))
         return self.scale
 
     def _turn(self, error: float) -> None:
@@ -82,8 +91,7 @@ class OscillationMonitor:
         if self._count < SWINGS:
             return
         self._count = 0
-        if self.found:
-            self._quiet = min(2.0 * self._quiet, 60.0 * self._rate)
         self.found += 1
+        self._ceiling = CEILING * self.scale
         self._since = 0
         self.scale = max(LEAST_SCALE, BACKOFF * self.scale)
