@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from isf_core.model_base import FileModel
-from isf_core.quantity import Angle, Length
+from isf_core.quantity import Angle, Force, Length, Stress
 
 
 class MpcSpec(FileModel):
@@ -46,6 +46,27 @@ class MpcSpec(FileModel):
         return self
 
 
+class ElasticSpec(FileModel):
+    """Method "elastic": shell model of the partly formed sheet at few control points (Ren 2018, 4.2 and 4.3)."""
+
+    database: str | None = None
+    """File made by ``isf springback database``, relative to the job file; without it the user's cache is looked into,
+    and what is not there is computed while forming."""
+    edge_slope: Literal["clamped", "supported"] = "clamped"
+    edge_stiffness: Stress | None = Field(default=None, ge=0.0)
+    """In-plane spring of the clamped edge, force per displacement and length; ``isf springback calibrate`` finds it
+    from a push on the flat sheet. Without it the edge is free or immovable as the rig says."""
+    loop_increment: Length = Field(default=1e-3, gt=0.0)
+    """Depth between control loops (published)."""
+    largest_load: Force = Field(default=1000.0, gt=10.0)
+    """Largest load of the samples; published 600 N, which the forces of deep cones exceed."""
+    forecast: Literal["hold", "half_step", "linear"] = "hold"
+    """Force forecast; half_step is the published 1.5 F_(i-1) - 0.5 F_(i-2). The more a forecast runs ahead, the more
+    the force that a deeper push raises swings the next push: see docs/springback.md."""
+    block: int = Field(default=1, ge=1)
+    """Contours per force forecast (published: 5)."""
+
+
 class SpringbackSpec(FileModel):
     """Correction of each contour before it is formed."""
 
@@ -59,5 +80,6 @@ class SpringbackSpec(FileModel):
     open_loop_contours: int = Field(default=3, ge=0)
     """Contours at the start whose shape is too shallow to be used (published: 3, Lu 2016, 4.2.1)."""
     mpc: MpcSpec = MpcSpec()
+    elastic: ElasticSpec = ElasticSpec()
     learning: str | None = None
     """Correction file made by ``isf learn`` from parts formed before, relative to the job file."""

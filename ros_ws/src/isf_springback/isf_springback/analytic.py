@@ -9,7 +9,7 @@ one and block logic: Ren 2018, 4.3.1).
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -89,12 +89,22 @@ class MeasuredLoad:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Springback predicted for one contour: control points (M, 3) m, (M,) m, (M,) N and along the path (N,) m."""
+    """Springback predicted for one contour, M control points, N path points.
+
+    Attributes
+    ----------
+    point : (M, 3) m ; springback : (M,) m ; force : (M,) N
+    along : (N,) m, springback along the path
+    deviation : (N,) m, standard deviation of ``along``, or (0,)
+    remarks : what a person should know about this prediction
+    """
 
     point: Array
     springback: Array
     force: Array
     along: Array
+    deviation: Array = field(default_factory=lambda: np.empty(0))
+    remarks: tuple[str, ...] = ()
 
 
 class AnalyticCorrection:
@@ -149,7 +159,7 @@ class AnalyticCorrection:
                 where=f"contour {contour.index}",
                 advice="check the measured force, the clamp size and the sheet thickness of the job",
             )
-        return _correction(contour, limited.value, limited.saturated, prediction, fault, started)
+        return _correction(self.name, contour, limited.value, limited.saturated, prediction, fault, started)
 
     def learn(self, contour: Contour, result: ContourResult) -> None:
         """Take the forces measured on the contour last corrected; what is wrong with them is told by ``correct``."""
@@ -265,6 +275,7 @@ def _steepest(angle: Array, place: Array, before: list[MeasuredLoad]) -> Array:
 
 
 def _correction(
+    method: str,
     contour: Contour,
     value: Array,
     saturated: NDArray[np.bool_],
@@ -280,7 +291,7 @@ def _correction(
     return ContourCorrection(
         plan_id=contour.plan_id,
         index=contour.index,
-        method=AnalyticCorrection.name,
+        method=method,
         offset=offset,
         springback=none if prediction is None else -sign * prediction.along,
         control_point=np.empty((0, 3)) if prediction is None else prediction.point,
@@ -290,4 +301,7 @@ def _correction(
         code=0 if fault is None else int(fault.code),
         message="" if fault is None else fault.message,
         solve_time=time.perf_counter() - started,
+        uncertainty=none if prediction is None else prediction.deviation,
+        residual=none if prediction is None else -sign * (prediction.along - value),
+        remarks=() if prediction is None else prediction.remarks,
     )

@@ -1,0 +1,243 @@
+"""Method "elastic": springback from the measured force and the shell model of the partly formed sheet.
+
+For every contour: forecast of the axial load -> displacement at the control points by their load-displacement laws ->
+interpolation along the loop (Ren 2018, 4.3.1). The laws come from the part's database; where there is none they are
+computed here, at few points on a coarse mesh, which takes up to a second once per millimetre of depth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from isf_core.contour import Contour, ContourResult
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile
+from numpy.typing import NDArray
+
+from isf_springback.analytic import AnalyticCorrection, AnalyticOptions, MeasuredLoad, Prediction
+from isf_springback.continuity import forming_radius
+from isf_springback.control_points import ControlLoop, ControlPointOptions, control_loop, part_symmetries
+from isf_springback.database import Database, DatabaseLevel, database_of
+from isf_springback.elastic_samples import depth_task, load_levels, solve_depth
+from isf_springback.force_forecast import forecast
+from isf_springback.load_displacement import CubicLaw
+from isf_springback.loop_path import LoopPath, nearest_points
+from isf_springback.shell.formed_sheet import FacetSize
+
+Array = NDArray[np.float64]
+
+MODEL_DEVIATION = 0.07
+"""Standard deviation of the model as a part of the springback (published: simulated is 6.8, 3.4 and 10.6 % below
+scanned, Ren 2018, 4.2.3)."""
+
+FORCE_DEVIATION = 30.0
+"""N, standard deviation of the force forecast (measured on the simulated plant, see docs/springback.md)."""
+
+BEYOND_SAMPLES = 1.25
+"""A force this many times the largest sample is told."""
+
+_POINTS_ONLINE = 4
+_LEVELS_ONLINE = 4
+"""Points and load levels computed while forming; they bound the time."""
+
+_SAME_PLACE = 1e-3
+"""m; farther from its contour than this a control point belongs to another plan."""
+
+
+@dataclass(frozen=True)
+class _Laws:
+    """Laws of one level: points (M, 3) m, ``largest`` N of the samples."""
+
+    index: int
+    feature: int
+    points: Array
+    cubic: CubicLaw
+    largest: float
+
+
+class ElasticCorrection(AnalyticCorrection):
+    """Corrects contour after contour; see the module text. State beyond its base: contours so far, laws."""
+
+    name = "elastic"
+
+    def __init__(self, job_file: JobFile, database: Database | None = None) -> None:
+        """``database`` in place of the one that the job names or the cache holds.
+
+        A named database that cannot be used is told by every correction (DATABASE_UNUSABLE, FILE_NOT_FOUND); the
+        contours then pass with the last good correction.
+        """
+        elastic = job_file.job.springback.elastic
+        super().__init__(job_file, AnalyticOptions(law=elastic.forecast))
+        self._elastic = elastic
+        self._seen: list[Contour] = []
+        self._blocks: list[list[MeasuredLoad]] = [[]]
+        self._unusable: IsfError | None = None
+        self._remark = ""
+        self._levels: list[_Laws] = []
+        try:
+            found = database or database_of(job_file)
+        except IsfError as error:
+            found, self._unusable = None, error
+        self._from_database = found is not None
+        if found is not None:
+            self._levels = [_laws_of(level, found.loads) for level in found.levels]
+
+    def learn(self, contour: Contour, result: ContourResult) -> None:
+        """Take the forces measured on the contour last corrected, block by block."""
+        before = self._loads[-1] if self._loads else None
+        super().learn(contour, result)
+        if self._loads and self._loads[-1] is not before:
+            self._blocks[-1].append(self._loads[-1])
+            if len(self._blocks[-1]) >= self._elastic.block:
+                self._blocks = [*self._blocks[-2:], []]
+
+    def _advance(self, contour: Contour) -> IsfError | None:
+        pending = self._continuity.pending
+        if pending is not None and pending.plan_id != contour.plan_id:
+            self._seen = []
+            if not self._from_database:
+                self._levels = []
+        feature = self._feature
+        fault = super()._advance(contour)
+        if self._feature != feature or not self._loads:
+            self._blocks = [[]]
+        self._seen = [known for known in self._seen if known.index < contour.index]
+        self._seen.append(contour)
+        return fault
+
+    def _predict(self, contour: Contour) -> Prediction:
+        """Springback of ``contour``.
+
+        Raises
+        ------
+        IsfError : NO_FORCE_HISTORY; SHEET_MESH_FAILED, SHELL_NOT_SOLVED (computed here); DATABASE_UNUSABLE
+        """
+        if self._unusable is not None:
+            raise self._unusable
+        path = LoopPath.of(contour)
+        low, high, share = self._levels_around(contour)
+        first = self._on_level(contour, path, low)
+        if share == 0.0:
+            return first
+        second = self._on_level(contour, path, high)
+        nearer = second if share > 0.5 else first
+        return replace(
+            nearer,
+            along=(1.0 - share) * first.along + share * second.along,
+            deviation=(1.0 - share) * first.deviation + share * second.deviation,
+        )
+
+    def _on_level(self, contour: Contour, path: LoopPath, laws: _Laws) -> Prediction:
+        """Prediction with the laws of one level, carried to the nearest places of ``contour``."""
+        place = nearest_points(laws.points[:, :2], contour.contact[:, :2])
+        order = np.argsort(path.position[place], kind="stable")
+        place, cubic = place[order], CubicLaw(laws.cubic.k[order])
+        force = _around(path, self._forecast(contour, contour.forming_tip[:, :2], contour.wall_angle), place)
+        springback = cubic.displacement(force)
+        stiffness = np.maximum(cubic.stiffness(springback), 1.0)
+        deviation = np.hypot(MODEL_DEVIATION * springback, np.where(force > 0.0, FORCE_DEVIATION / stiffness, 0.0))
+        period = path.length if path.closed else None
+        along, spread = (
+            np.interp(path.position, path.position[place], values, period=period) for values in (springback, deviation)
+        )
+        remarks: tuple[str, ...] = (self._remark,) if self._remark else ()
+        if float(force.max()) > BEYOND_SAMPLES * laws.largest:
+            remarks += (
+                f"contour {contour.index}: force {float(force.max()):.0f} N is beyond the computed loads "
+                f"(up to {laws.largest:.0f} N); raise springback.elastic.largest_load",
+            )
+        return Prediction(contour.contact[place], springback, force, along, spread, remarks)
+
+    def _forecast(self, contour: Contour, tip: Array, angle: Array) -> Array:
+        """(M,) N; with blocks of several contours from the means of the last two whole blocks."""
+        if self._elastic.block == 1:
+            return super()._forecast(contour, tip, angle)
+        whole = [block for block in self._blocks if len(block) >= self._elastic.block]
+        if not whole:
+            if contour.index - self._first_index > self._elastic.block:
+                return super()._forecast(contour, tip, angle)  # tells what is missing
+            return np.zeros(len(tip))
+        means = [np.mean([known.load_at(tip) for known in block], axis=0) for block in whole[-2:]]
+        return forecast(means[-1], means[0] if len(means) == 2 else None, self._elastic.forecast)
+
+    def _levels_around(self, contour: Contour) -> tuple[_Laws, _Laws, float]:
+        """Levels before and after ``contour`` and the share of the second one."""
+        if self._from_database and not self._belongs(contour):
+            self._from_database, self._levels = False, []
+            self._remark = "the springback database belongs to another plan; computed while forming"
+        if not self._from_database:
+            self._compute_if_due(contour)
+        own = [laws for laws in self._levels if laws.feature == contour.feature]
+        if not own:
+            raise IsfError(
+                ErrorCode.DATABASE_UNUSABLE,
+                f"no control points for feature {contour.feature}",
+                where=f"contour {contour.index}",
+                advice="make the database again with: isf springback database JOB",
+            )
+        before = [laws for laws in own if laws.index <= contour.index]
+        after = [laws for laws in own if laws.index > contour.index]
+        low = before[-1] if before else after[0]
+        high = after[0] if after else low
+        span = high.index - low.index
+        return low, high, 0.0 if span <= 0 else (contour.index - low.index) / span
+
+    def _belongs(self, contour: Contour) -> bool:
+        """False when this very contour is in the database but runs elsewhere."""
+        own = [laws for laws in self._levels if laws.index == contour.index]
+        if not own:
+            return True
+        nearest = nearest_points(own[0].points[:, :2], contour.contact[:, :2])
+        return bool(np.linalg.norm(own[0].points - contour.contact[nearest], axis=1).max() < _SAME_PLACE)
+
+    def _compute_if_due(self, contour: Contour) -> None:
+        """Add a level for ``contour`` when it is a loop increment deeper than the last one."""
+        depth = float(contour.contact[:, 2].mean())
+        own = [laws for laws in self._levels if laws.feature == contour.feature]
+        due = self._elastic.loop_increment - 1e-6
+        if own and abs(depth - float(own[-1].points[:, 2].mean())) < due:
+            return
+        radius = forming_radius(self._job_file, contour.forming_tool)
+        options = ControlPointOptions(loop_increment=self._elastic.loop_increment)
+        symmetries = part_symmetries([contour], self._job_file.rig.clamp.size, options.symmetry_tolerance)
+        loop = control_loop(contour, radius, options, symmetries)
+        points, served, row = _few(loop)
+        loads = load_levels(self._elastic.largest_load, _LEVELS_ONLINE)
+        task = depth_task(self._seen, points, self._job_file, size=FacetSize.coarse(), loads=loads)
+        samples = solve_depth(task)[row]
+        level = DatabaseLevel(contour.index, contour.feature, depth, loop.points[served], loop.central[served], samples)
+        self._levels.append(_laws_of(level, loads))
+
+
+def _around(path: LoopPath, values: Array, place: NDArray[np.intp]) -> Array:
+    """(M,) means of a loop function over the stretches nearest to the points ``place`` (M,) of the path.
+
+    A control point stands for its stretch: on a cone the one point carries the mean force of the whole loop.
+    """
+    apart = np.abs(path.position[:, None] - path.position[place])
+    if path.closed:
+        apart = np.minimum(apart, path.length - apart)
+    owner = np.argmin(apart, axis=1)
+    count = np.bincount(owner, minlength=len(place))
+    total = np.bincount(owner, values, minlength=len(place))
+    return np.where(count > 0, total / np.maximum(count, 1), values[place])
+
+
+def _laws_of(level: DatabaseLevel, loads: Array) -> _Laws:
+    return _Laws(level.index, level.feature, level.points, level.cubic(loads), float(loads[-1]))
+
+
+def _few(loop: ControlLoop) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Places (M, 2) m to compute, at most :data:`_POINTS_ONLINE`; the control points they serve, and the row of each.
+
+    Middles of stretches come before boundaries; of too many, evenly spread ones are kept.
+    """
+    wanted = loop.computed[np.argsort(~loop.central[loop.computed], kind="stable")]
+    middles = wanted[loop.central[wanted]]
+    wanted = middles if len(middles) >= _POINTS_ONLINE else wanted
+    if len(wanted) > _POINTS_ONLINE:
+        wanted = wanted[np.linspace(0, len(wanted), _POINTS_ONLINE, endpoint=False).astype(np.int64)]
+    served = np.flatnonzero(np.isin(loop.same_as, wanted))
+    row = np.array([int(np.flatnonzero(wanted == point)[0]) for point in loop.same_as[served]], dtype=np.int64)
+    return loop.points[wanted, :2], served, row
