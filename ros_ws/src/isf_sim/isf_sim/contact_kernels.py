@@ -132,8 +132,23 @@ def envelope(surface: Surface, path: float, window: float, x: float, y: float, t
                     if path - surface.touched[j, i] >= window:
                         surface.before[j, i] = z[j, i]
                         surface.touched[j, i] = path
+                    _move_material(surface, j, i, z[j, i] - ball)
                     z[j, i] = ball
                     surface.formed[j, i] = 1
+
+
+@kernel
+def _move_material(surface: Surface, j: int, i: int, drop: float) -> None:
+    """A node goes down by ``drop`` m: its material moves along the normal, so it comes from further up the slope."""
+    z, origin, h = surface.height, surface.origin, surface.h
+    zx, zy = (z[j, i + 1] - z[j, i - 1]) / (2.0 * h), (z[j + 1, i] - z[j - 1, i]) / (2.0 * h)
+    share = drop / (1.0 + zx * zx + zy * zy)
+    sx, sy = max(min(share * zx, h), -h), max(min(share * zy, h), -h)
+    before_i, before_j = i - 1 if sx > 0.0 else i + 1, j - 1 if sy > 0.0 else j + 1
+    for k in range(2):
+        here = origin[j, i, k]
+        carried = abs(sx) * (origin[j, before_i, k] - here) + abs(sy) * (origin[before_j, i, k] - here)
+        origin[j, i, k] = here + carried / h - (sx if k == 0 else sy)
 
 
 @kernel

@@ -16,7 +16,7 @@ from isf_core.rig import Clamp
 from numpy.typing import NDArray
 
 from isf_sim import base_following
-from isf_sim.bending_yield import lasting_deflection
+from isf_sim.bending_yield import take_plastic_curvature
 from isf_sim.bulge import bulge_overlay
 from isf_sim.control_points import CAPACITY, ControlPoints, no_control_points
 from isf_sim.plant_constants import PlantConstants
@@ -35,12 +35,15 @@ from isf_sim.shell import Deflection, Elastic, Shell
 from isf_sim.squeeze import indentation_stiffness
 from isf_sim.support import support_points
 from isf_sim.surface import Surface, TipTrack, bilinear_grid, empty_track, flat_surface, onto, sample_mean
+from isf_sim.thickness import coarse_area, limit_margin, thickness_map
 from isf_sim.world import World
 
 Array = NDArray[np.float64]
 
 SMALLEST_FORCE = 30.0
 """N, force of a coarse solution at first touch, when none is known yet."""
+THINNEST_SHELL = 0.25
+"""Smallest thickness of the coarse shell over the blank's."""
 RELATED = 30.0e-3
 """m, distance (depth counts threefold) within which an earlier solution is a good start."""
 
@@ -90,6 +93,8 @@ class SheetPlant:
         self.solutions = 0
         self._states: list[Array] = []
         self._hardened = np.zeros(self.shell.count)
+        self._relaxed_path = 0.0
+        self._unbalanced = False
 
     def move(self, tip: Array, pull: Array) -> None:
         """Move the forming tool to ``tip`` (3,) m under the horizontal ``pull`` (2,) N of the support tool."""
@@ -156,10 +161,19 @@ class SheetPlant:
         y = self.surface.y0 + stride * self.surface.h * np.arange(z.shape[0], dtype=np.float64)
         return HeightMap(x, y, z + bulge)
 
+    def thickness_map(self) -> Array:
+        """(ny, nx) m, thickness of the sheet normal to its surface, on the nodes of ``surface``."""
+        return thickness_map(self.surface, self.thickness)
+
+    def limit_margin(self) -> Array:
+        """(ny, nx), thinning ln(t0 / t) that is left before the forming limit; negative beyond it."""
+        return limit_margin(self.thickness_map(), self.thickness, self.material.max_wall_angle)
+
     # -- coarse solution -----------------------------------------------------------------------------
 
     def _solve(self, tip: Array) -> None:
         shell, contact = self.shell, self.contact
+        self._relax_formed()
         self._take_shape()
         axial = max(float(contact.axial[0]), SMALLEST_FORCE)
         force = np.array([contact.lateral[0], contact.lateral[1], -axial])
@@ -173,13 +187,14 @@ class SheetPlant:
         self.solutions += 1
 
     def _take_shape(self) -> None:
-        """Present surface and thickness t0 cos(alpha) on the coarse grid; the clamp stays at z = 0."""
+        """Present surface and thickness on the coarse grid; the clamp stays at z = 0."""
         shell = self.shell
         height = sample_mean(self.surface, shell.node_x, shell.node_y, 0.5 * max(shell.dx, shell.dy))
         height[shell.boundary] = 0.0
         zy, zx = np.gradient(height.reshape(shell.ny, shell.nx), shell.dy, shell.dx)
         cosine = 1.0 / np.sqrt(1.0 + zx**2 + zy**2).ravel()
-        shell.set_shape(height, self.thickness * np.clip(cosine, 0.25, 1.0))
+        stretch = coarse_area(self.surface, shell.x, shell.y).ravel() * cosine
+        shell.set_shape(height, self.thickness * np.clip(stretch, THINNEST_SHELL, 1.0))
         if self.surface.holder[0]:
             shell.set_support(support_points(shell, self.surface))
 
@@ -218,24 +233,47 @@ class SheetPlant:
     def _yield(self, state: Array, tip: Array) -> None:
         """Lasting bending of flange, wall and base; the whole surface takes its share."""
         shell = self.shell
-        change = lasting_deflection(
+        yielded = take_plastic_curvature(
             shell,
             state,
             self._hardened,
             (float(tip[0]), float(tip[1])),
-            self.radius + self.thickness,
+            shell.patch_reach(0.7 * self.radius),
             self.material.yield_strength,
             self.constants.yield_factor,
         )
-        if change is None:
+        if not (yielded or self._unbalanced):
             return
-        grid = change.reshape(shell.ny, shell.nx)
+        self._unbalanced = False
+        change = shell.unload()
+        shell.rebase(change)
+        grid = change[:, 2].reshape(shell.ny, shell.nx)
         fine = onto(self.surface, grid, self.size)
         self.surface.height[...] += fine
         self.surface.before[...] += fine
         coarse = onto(self.track, grid, self.size)
         self.track.tip[...] += coarse
         self.track.base[...] += coarse
+
+    def _relax_formed(self) -> None:
+        """Material that the tool has formed since the last solution conforms to it: its residual state is gone."""
+        shell, surface = self.shell, self.surface
+        rows, columns = np.nonzero(surface.touched > self._relaxed_path)
+        self._relaxed_path = float(self.contact.path[TRAVELLED])
+        if len(rows) == 0:
+            return
+        per_cell = shell.dx * shell.dy / surface.h**2
+        for offset, shape, fields in (
+            (0.0, (shell.ny - 1, shell.nx - 1), (shell.residual.membrane, shell.residual.warp)),
+            (0.5, (shell.ny, shell.nx), (shell.residual.bend,)),
+        ):
+            i = ((surface.x0 + columns * surface.h - shell.x[0]) / shell.dx + offset).astype(int)
+            j = ((surface.y0 + rows * surface.h - shell.y[0]) / shell.dy + offset).astype(int)
+            index = np.clip(j, 0, shape[0] - 1) * shape[1] + np.clip(i, 0, shape[1] - 1)
+            left = np.clip(1.0 - np.bincount(index, minlength=shape[0] * shape[1]) / per_cell, 0.0, 1.0)
+            for values in fields:
+                values *= left.reshape(-1, *(1,) * (values.ndim - 1))
+        self._unbalanced = True
 
     def _point_constants(
         self, incremental_depth: float, compliance: tuple[float, float, float], world: World

@@ -9,14 +9,14 @@ spread over a patch wider than a cell, the compliance below that scale is added 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
-from isf_sim.shell_assembly import Section, SupportPoints, add_support, assemble, membrane_force
+from isf_sim.shell_assembly import Section, SupportPoints, add_strain, add_support, assemble, membrane_force
 from isf_sim.shell_pattern import make_numbering, number_dofs
 
 Array = NDArray[np.float64]
@@ -30,6 +30,17 @@ STEP_TOLERANCE = 1.0e-7
 SLOW_CONVERGENCE = 0.5
 """The matrix is factorised anew when a step leaves more than this part of the residual."""
 LARGEST_ITERATIONS = 40
+BALANCE = 0.01
+"""Part of the out-of-balance forces of the residual stresses that may be left when the sheet is unloaded."""
+
+
+@dataclass(frozen=True)
+class StrainState:
+    """Membrane strain (C, 3) E11, E22, 2 E12 (covariant), curvature (N, 2) and twist (C,) 1/m of the coarse shell."""
+
+    membrane: Array
+    bend: Array
+    warp: Array
 
 
 @dataclass(frozen=True)
@@ -56,6 +67,16 @@ class Deflection:
     state: Array
     displacement: Array
     axial_compliance: float
+    iterations: int
+    factorisations: int
+    converged: bool
+
+
+class _Equilibrium(NamedTuple):
+    """State (N, 3) m, factors of a matrix near it, work done."""
+
+    q: Array
+    factor: SuperLU
     iterations: int
     factorisations: int
     converged: bool
@@ -102,6 +123,8 @@ class Shell:
         self.height = np.zeros(self.count)
         self.thickness = np.full(self.count, thickness)
         self.support: SupportPoints | None = None
+        cells = (self.nx - 1) * (self.ny - 1)
+        self.residual = StrainState(np.zeros((cells, 3)), np.zeros((self.count, 2)), np.zeros(cells))
         self._number(None)
         self.set_shape(self.height, self.thickness)
         self._number(self._fill_reducing_order())
@@ -124,6 +147,9 @@ class Shell:
             thickness=self.thickness,
             bending=self.node_area * weight.ravel(),
             twist=0.25 * corner.ravel() * self.dx * self.dy,
+            strain=self.residual.membrane,
+            bend=self.residual.bend,
+            warp=self.residual.warp,
         )
 
     def set_support(self, support: SupportPoints | None) -> None:
@@ -143,11 +169,15 @@ class Shell:
 
     # -- loads and states ------------------------------------------------------------------------
 
+    def patch_reach(self, radius: float) -> float:
+        """m, distance from its centre at which the load of a patch of ``radius`` m ends."""
+        return 2.0 * max(radius, 0.9 * max(self.dx, self.dy))
+
     def load_patch(self, x: float, y: float, radius: float) -> Array:
         """(N,) weights (sum 1) of a load spread smoothly round (x, y) m."""
-        radius = max(radius, 0.9 * max(self.dx, self.dy))
+        reach = self.patch_reach(radius)
         distance = (self.node_x - x) ** 2 + (self.node_y - y) ** 2
-        weight = np.clip(1.0 - distance / (2.0 * radius) ** 2, 0.0, None) ** 2
+        weight = np.clip(1.0 - distance / reach**2, 0.0, None) ** 2
         weight[self.boundary] = 0.0
         total = float(weight.sum())
         if total < 1e-9:  # all of the patch lies in the clamp
@@ -156,28 +186,59 @@ class Shell:
             total = 1.0
         return np.asarray(weight / total)
 
-    def membrane_force(self, state: Array) -> Array:
+    @property
+    def cells(self) -> NDArray[np.int32]:
+        """(C, 4) nodes of each cell."""
+        return self._numbering.pattern.cells
+
+    def strain(self, state: Array) -> StrainState:
+        """Elastic strains of the displacement ``state`` (N, 3) m, those of the unloaded sheet included."""
+        total = StrainState(*(part.copy() for part in vars(self.residual).values()))
+        add_strain(state, self._section, self._numbering.pattern, total.membrane, total.bend, total.warp)
+        return total
+
+    def membrane_force(self, strain: StrainState) -> Array:
         """(N,) N/m, von Mises equivalent membrane force at the nodes (mean of the cells round them)."""
-        cells = self._numbering.pattern.cells
-        force = np.empty(len(cells))
-        membrane_force(state, self._section, self._numbering.pattern, force)
-        return np.bincount(cells.ravel(), np.repeat(0.25 * force, 4), self.count)
+        force = np.empty(len(self.cells))
+        membrane_force(strain.membrane, self._section, self._numbering.pattern, force)
+        around = np.bincount(self.cells.ravel(), minlength=self.count)
+        return np.asarray(np.bincount(self.cells.ravel(), np.repeat(force, 4), self.count) / around)
+
+    def rebase(self, state: Array) -> None:
+        """Make ``state`` (N, 3) m part of the unloaded sheet: its strains stay as residual ones.
+
+        The caller adds the axial part to the height.
+        """
+        residual = self.residual
+        add_strain(state, self._section, self._numbering.pattern, residual.membrane, residual.bend, residual.warp)
 
     def solve(self, patch: Array, force: Array, start: Array | None = None) -> Deflection:
-        """Equilibrium with ``force`` (3,) N spread by ``patch`` (N,), from the state ``start`` (N, 3) m.
-
-        Modified Newton: the factorised matrix is kept as long as a step leaves less than
-        SLOW_CONVERGENCE of the residual.
-        """
+        """Equilibrium with ``force`` (3,) N spread by ``patch`` (N,), from the state ``start`` (N, 3) m."""
         q = np.zeros((self.count, 3)) if start is None else start.copy()
         load = self._flat(patch[:, None] * force)
         scale = float(np.linalg.norm(load)) + 1e-9
+        found = self._equilibrium(q, load, RESIDUAL_TOLERANCE * scale, near=start is not None)
+        compliance = self._axial_compliance(patch, found.q, found.factor)
+        return Deflection(found.q, patch @ found.q, compliance, found.iterations, found.factorisations, found.converged)
+
+    def unload(self) -> Array:
+        """(N, 3) m, displacement without load: where the residual stresses balance each other."""
+        q = np.zeros((self.count, 3))
+        first = float(np.linalg.norm(self._assemble(q, tangent=False)))
+        if first == 0.0:
+            return q
+        found = self._equilibrium(q, np.zeros(self._numbering.count), BALANCE * first, near=False)
+        return found.q if found.converged else q
+
+    def _equilibrium(self, q: Array, load: Array, tolerance: float, *, near: bool) -> _Equilibrium:
+        """Modified Newton from ``q``: the factorised matrix is kept as long as a step leaves less than
+        SLOW_CONVERGENCE of the residual. ``near``: the start itself may be accepted."""
         inner = self._assemble(q, tangent=True)
         factor = self._factorise()
         iterations, factorisations, fresh = 0, 1, True
         residual = load - inner
         size = float(np.linalg.norm(residual))
-        converged = size < RESIDUAL_TOLERANCE * scale and start is not None
+        converged = size < tolerance and near
         while not converged and iterations < LARGEST_ITERATIONS:
             step = self._unflat(factor.solve(residual))
             largest = float(np.abs(step[:, 2]).max())
@@ -194,15 +255,14 @@ class Shell:
             slow = not accepted or trial_size > SLOW_CONVERGENCE * size
             if accepted or fresh:
                 q, residual, size = trial, trial_residual, trial_size
-                converged = size < RESIDUAL_TOLERANCE * scale or (fresh and largest * shrink < STEP_TOLERANCE)
+                converged = size < tolerance or (fresh and largest * shrink < STEP_TOLERANCE)
             fresh = False
             if slow and not converged:  # the old matrix misled, or is not good enough any more
                 self._assemble(q, tangent=True)
                 factor = self._factorise()
                 factorisations += 1
                 fresh = True
-        compliance = self._axial_compliance(patch, q, factor)
-        return Deflection(q, patch @ q, compliance, iterations, factorisations, converged)
+        return _Equilibrium(q, factor, iterations, factorisations, converged)
 
     def _axial_compliance(self, patch: Array, q: Array, factor: SuperLU) -> float:
         """Tangent at ``q`` (m/N) with the factors of a nearby state: three steps of iterative refinement."""
@@ -213,11 +273,6 @@ class Shell:
         for _ in range(3):
             response += factor.solve(load - matrix @ response)
         return float(load @ response)
-
-    def linear_response(self, load: Array) -> Array:
-        """(N, 3) m, small displacement of the unloaded sheet under nodal loads (N, 3) N."""
-        self._assemble(np.zeros((self.count, 3)), tangent=True)
-        return self._unflat(self._factorise().solve(self._flat(load)))
 
     # -- linear algebra ----------------------------------------------------------------------------
 

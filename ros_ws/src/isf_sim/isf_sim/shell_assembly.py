@@ -7,7 +7,8 @@ With z0 the height of the unloaded sheet and (u, v, w) its displacement, the mem
 
 in covariant components; the metric a_ab = d_ab + z0,a z0,b enters through the elastic tensor
 H^abcd = E/(1-nu^2) [nu a^ab a^cd + (1-nu)/2 (a^ac a^bd + a^ad a^bc)]. Bending is linear in w with
-D/sqrt(a). Cells are square to the axes, integrated at one point, with an hourglass stiffness on u, v.
+D/sqrt(a). The unloaded sheet carries residual strains and curvatures: stresses follow from their sum with those of
+the displacement. Cells are square to the axes, integrated at one point, with an hourglass stiffness on u, v.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class SupportPoints(NamedTuple):
 
 class Section(NamedTuple):
     """Sheet as the kernels need it: dx, dy m; E Pa; nu; (N,) height m, thickness m, bending weight N m^3,
-    (C,) twist weight N m^3."""
+    (C,) twist weight N m^3; residual state: strain (C, 3) E11, E22, 2 E12, bend (N, 2) and warp (C,) 1/m."""
 
     dx: float
     dy: float
@@ -74,6 +75,9 @@ class Section(NamedTuple):
     thickness: Array
     bending: Array
     twist: Array
+    strain: Array
+    bend: Array
+    warp: Array
 
 
 @kernel
@@ -116,9 +120,9 @@ def _add_membrane(q: Array, section: Section, pattern: Pattern, tangent: bool, f
             hv += hourglass[a] * q[n, 1]
             t += 0.25 * section.thickness[n]
         _elastic_tensor(zx, zy, young, nu, t * dx * dy, d)
-        strain[0] = ux + zx * wx + 0.5 * wx * wx
-        strain[1] = vy + zy * wy + 0.5 * wy * wy
-        strain[2] = uy + vx + zx * wy + zy * wx + wx * wy
+        strain[0] = section.strain[c, 0] + ux + zx * wx + 0.5 * wx * wx
+        strain[1] = section.strain[c, 1] + vy + zy * wy + 0.5 * wy * wy
+        strain[2] = section.strain[c, 2] + uy + vx + zx * wy + zy * wx + wx * wy
         slope[0] = zx + wx
         slope[1] = zy + wy
         for r in range(3):
@@ -172,7 +176,7 @@ def _elastic_tensor(zx: float, zy: float, young: float, nu: float, volume: float
 def _add_bending(q: Array, section: Section, pattern: Pattern, tangent: bool, force: Array, values: Array) -> None:
     nu = section.poisson
     for n in range(pattern.star.shape[0]):
-        kx = ky = 0.0
+        kx, ky = section.bend[n, 0], section.bend[n, 1]
         for a in range(5):
             w = q[pattern.star[n, a], 2]
             kx += pattern.star_xx[n, a] * w
@@ -188,7 +192,7 @@ def _add_bending(q: Array, section: Section, pattern: Pattern, tangent: bool, fo
                     values[pattern.star_slot[n, a, s]] += weight * (xa * xs + ya * ys + nu * (xa * ys + ya * xs))
     sign = np.array([1.0, -1.0, -1.0, 1.0]) / (section.dx * section.dy)
     for c in range(pattern.cells.shape[0]):
-        twist = 0.0
+        twist = section.warp[c]
         for a in range(4):
             twist += sign[a] * q[pattern.cells[c, a], 2]
         weight = 2.0 * (1.0 - nu) * section.twist[c]
@@ -219,13 +223,14 @@ def add_support(q: Array, support: SupportPoints, pattern: Pattern, tangent: boo
 
 
 @kernel
-def membrane_force(q: Array, section: Section, pattern: Pattern, out: Array) -> None:
-    """(C,) N/m, von Mises equivalent of the membrane force in each cell."""
-    dx, dy, nu = section.dx, section.dy, section.poisson
+def add_strain(q: Array, section: Section, pattern: Pattern, strain: Array, bend: Array, warp: Array) -> None:
+    """Add strain (C, 3), curvature (N, 2) and twist (C,) of the displacement q (N, 3) m to the given arrays."""
+    dx, dy = section.dx, section.dy
     gx = np.array([-1.0, 1.0, -1.0, 1.0]) / (2 * dx)
     gy = np.array([-1.0, -1.0, 1.0, 1.0]) / (2 * dy)
+    sign = np.array([1.0, -1.0, -1.0, 1.0]) / (dx * dy)
     for c in range(pattern.cells.shape[0]):
-        zx = zy = wx = wy = ux = uy = vx = vy = t = 0.0
+        zx = zy = wx = wy = ux = uy = vx = vy = twist = 0.0
         for a in range(4):
             n = pattern.cells[c, a]
             zx += gx[a] * section.height[n]
@@ -236,11 +241,33 @@ def membrane_force(q: Array, section: Section, pattern: Pattern, out: Array) -> 
             vy += gy[a] * q[n, 1]
             wx += gx[a] * q[n, 2]
             wy += gy[a] * q[n, 2]
+            twist += sign[a] * q[n, 2]
+        strain[c, 0] += ux + zx * wx + 0.5 * wx * wx
+        strain[c, 1] += vy + zy * wy + 0.5 * wy * wy
+        strain[c, 2] += uy + vx + zx * wy + zy * wx + wx * wy
+        warp[c] += twist
+    for n in range(pattern.star.shape[0]):
+        for a in range(5):
+            w = q[pattern.star[n, a], 2]
+            bend[n, 0] += pattern.star_xx[n, a] * w
+            bend[n, 1] += pattern.star_yy[n, a] * w
+
+
+@kernel
+def membrane_force(strain: Array, section: Section, pattern: Pattern, out: Array) -> None:
+    """(C,) N/m, von Mises equivalent of the membrane force of the covariant strains (C, 3)."""
+    dx, dy, nu = section.dx, section.dy, section.poisson
+    gx = np.array([-1.0, 1.0, -1.0, 1.0]) / (2 * dx)
+    gy = np.array([-1.0, -1.0, 1.0, 1.0]) / (2 * dy)
+    for c in range(pattern.cells.shape[0]):
+        zx = zy = t = 0.0
+        for a in range(4):
+            n = pattern.cells[c, a]
+            zx += gx[a] * section.height[n]
+            zy += gy[a] * section.height[n]
             t += 0.25 * section.thickness[n]
         # physical strains along the surface: covariant ones over the metric
-        e1 = (ux + zx * wx + 0.5 * wx * wx) / (1.0 + zx * zx)
-        e2 = (vy + zy * wy + 0.5 * wy * wy) / (1.0 + zy * zy)
-        e3 = uy + vx + zx * wy + zy * wx + wx * wy
+        e1, e2, e3 = strain[c, 0] / (1.0 + zx * zx), strain[c, 1] / (1.0 + zy * zy), strain[c, 2]
         k = section.young / (1.0 - nu * nu) * t
         n1, n2, n3 = k * (e1 + nu * e2), k * (e2 + nu * e1), 0.5 * k * (1.0 - nu) * e3
         out[c] = np.sqrt(n1 * n1 - n1 * n2 + n2 * n2 + 3.0 * n3 * n3)

@@ -30,6 +30,7 @@ class Surface(NamedTuple):
     touched : (ny, nx) path length at which the present pass first touched a node
     formed : (ny, nx) 1 where the tool has formed
     squeeze, squeeze_before, squeezed : (ny, nx) largest squeeze force, the same before the present pass, path length
+    origin : (ny, nx, 2) m, where a node's material lay on the flat blank minus where it is (x, y)
     support : (ny, nx) upper face of a sheet that lies on the rigid surface below, at rest; -inf where there is none
     holder : (2,) 1 where a support stands at all, its rise m
     """
@@ -44,6 +45,7 @@ class Surface(NamedTuple):
     squeeze: Array
     squeeze_before: Array
     squeezed: Array
+    origin: Array
     support: Array
     holder: Array
 
@@ -82,6 +84,7 @@ def flat_surface(size: tuple[float, float], h: float) -> Surface:
         squeeze=np.zeros(shape),
         squeeze_before=np.zeros(shape),
         squeezed=np.full(shape, LONG_AGO),
+        origin=np.zeros((*shape, 2)),
         support=np.full(shape, -np.inf),
         holder=np.zeros(2),
     )

@@ -1,0 +1,70 @@
+"""How fast the sheet of the simulated machine is: points per second, share of the coarse solutions, control ticks.
+
+    ./isf python benchmarks/plant_speed.py [--step MM] [--repeat N]
+
+Forms the cone of Ren 2018 (opening radius 36 mm, 50 deg, 21 mm deep) point by point in 0.5 mm spacing, and the same
+cone in 0.5 mm steps through the whole machine at 500 Hz. CPU time of this process; smallest of the repeats.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+
+import numpy as np
+from isf_core.material import load_material
+from isf_core.rig import load_rig
+from isf_sim.sheet_plant import SheetPlant
+from numpy.typing import NDArray
+from plant_validation import spiral
+
+Array = NDArray[np.float64]
+
+
+def form(step: float, share: float) -> tuple[int, float, float, SheetPlant, Array]:
+    """Points, CPU time s, CPU time in coarse solutions s, plant, CPU time of every point s; ``share`` of the depth."""
+    rig = load_rig("ren2018")
+    plant = SheetPlant(rig.clamp, load_material("AA5754-O"), 1e-3, 5e-3, step, rig.tool_1.compliance)
+    solving = [0.0]
+    serve = plant.serve
+
+    def timed(request: int, tip: Array) -> None:
+        begin = time.process_time()
+        serve(request, tip)
+        solving[0] += time.process_time() - begin
+
+    plant.serve = timed  # type: ignore[method-assign]
+    tips = spiral(36e-3, np.radians(50), share * 21e-3, step, 5e-3, 0.5e-3)
+    pull = np.zeros(2)
+    each = np.empty(len(tips))
+    started = time.process_time()
+    for k, tip in enumerate(tips):
+        begin = time.process_time()
+        plant.move(tip, pull)
+        each[k] = time.process_time() - begin
+    return len(tips), time.process_time() - started, solving[0], plant, each
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--step", type=float, default=0.2, help="depth per loop, mm")
+    parser.add_argument("--repeat", type=int, default=2)
+    arguments = parser.parse_args()
+    form(arguments.step * 1e-3, 0.1)  # kernels from the cache
+    for share in (0.5, 1.0):
+        runs = [form(arguments.step * 1e-3, share) for _ in range(arguments.repeat)]
+        points, total, solving, plant, each = min(runs, key=lambda run: run[1])
+        p50, p99 = 1e6 * np.percentile(each, [50, 99])
+        print(
+            f"{points} points: {total:.2f} s, {points / total:.0f} points/s; {plant.solutions} coarse solutions, "
+            f"{100 * solving / total:.0f} % of the time, {1e3 * solving / plant.solutions:.0f} ms each; "
+            f"a point: median {p50:.0f} us, 99 % {p99:.0f} us, largest {1e3 * each.max():.0f} ms",
+            flush=True,
+        )
+    print(f"memory of the process at its largest: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()
