@@ -111,16 +111,20 @@ def make_contours(
     angle = np.minimum(np.arccos(np.clip(normal[:, 2], -1.0, 1.0)), surface.largest_angle)
     theta, ratio = adsif_surface.choose(surface, angle, spec.policy, spec.largest_variation)
     gap = ratio * job.sheet.thickness
+    warnings = list(_flat_places(surface, angle))
     if spec.compensate_compliance:
         mean_radius = 0.5 * (job.tool_1.radius + job.tool_2.radius)
-        gap = adsif_surface.commanded_gap(gap, _deflection(surface, theta, ratio, job_file), theta, mean_radius)
+        deflection = _deflection(surface, theta, ratio, job_file)
+        gap = adsif_surface.commanded_gap(gap, deflection, theta, mean_radius)
+        place = np.vstack([paths[0].points[:1], *[path.points[1:] for path in paths]])
+        warnings += _check_stiffness(gap, deflection, mean_radius, place)
     contours = []
     for k, path in enumerate(paths):
         span = slice(cuts[k], cuts[k + 1] + 1)
         contours.append(_contour(path, theta[span], gap[span], projection, k, len(paths), job_file, plan_id))
     joins = [path.joins for path in paths]
     made = feed_profile.with_speed(contours, joins, job.path.acceleration)
-    return tuple(made), _warnings(surface, angle)
+    return tuple(made), tuple(warnings)
 
 
 def _spiral(tree: LoopTree, target: TargetSurface, pitch: float, job_file: JobFile) -> list[TipPath]:
@@ -184,11 +188,35 @@ def _contour(
     ).validate()
 
 
-def _warnings(surface: AdsifSurface, angle: Array) -> tuple[str, ...]:
+def _flat_places(surface: AdsifSurface, angle: Array) -> tuple[str, ...]:
     flat = angle < surface.smallest_angle - FLATTER
     if not flat.any():
         return ()
     return (
         f"{100 * np.mean(flat):.0f} % of the path is flatter (down to {np.degrees(angle.min()):.1f} deg) than the "
         f"least that ADSIF with {surface.name} forms, {np.degrees(surface.smallest_angle):.1f} deg: too deep there",
+    )
+
+
+def _check_stiffness(gap: Array, deflection: Array, radius: float, place: Array) -> tuple[str, ...]:
+    """Refuse tools that would have to overlap unloaded; warn where they give way by too much for the model.
+
+    ``gap`` and ``deflection`` (N,) m, commanded and of both tools; the model takes deflections of a tenth of the
+    ``radius`` (m) at most (Ren 2018, 3.3.1); ``place`` (N, 3) m.
+    """
+    worst = int(np.argmin(gap))
+    if gap[worst] <= 0.0:
+        raise IsfError(
+            ErrorCode.ADSIF_NOT_REACHABLE,
+            f"this rig is too soft: its tools give way by {deflection[worst] * 1e3:.2f} mm, so that they would have to "
+            f"overlap by {-gap[worst] * 1e3:.2f} mm without a sheet between them",
+            where=f"part at {place_text(place[worst])}",
+            advice="make the wall flatter, use a stiffer rig, or set adsif.compensate_compliance: false",
+        )
+    most = int(np.argmax(deflection))
+    if deflection[most] <= radius / 10:
+        return ()
+    return (
+        f"at {place_text(place[most])} the tools give way by {deflection[most] * 1e3:.2f} mm, more than a tenth of "
+        f"their radius: beyond what the compensation was shown for",
     )

@@ -202,9 +202,23 @@ def test_adsif_places_the_tools_for_the_local_wall(adsif: Plan) -> None:
     np.testing.assert_allclose(formed[wall], angle[wall], atol=np.radians(0.06))  # level sets are 0.05 deg apart
 
 
-def test_adsif_tells_where_it_cannot_be_flat_enough(adsif: Plan) -> None:
-    assert len(adsif.warnings) == 1
+def test_adsif_tells_where_it_cannot_be_flat_enough_and_where_the_tools_are_soft(adsif: Plan) -> None:
+    assert len(adsif.warnings) == 2
     assert "16.5 deg" in adsif.warnings[0]
+    assert "0.7" in adsif.warnings[1]  # mm: 30 deg takes 738 N on both tools together, 1 um/N each
+    assert "give way" in adsif.warnings[1]
+
+
+def test_a_rig_too_soft_for_a_steep_wall_is_refused(tmp_path: Path) -> None:
+    """35 deg takes 2.5 kN on both tools: they would have to overlap by 1 mm."""
+    write(Cone(opening=24e-3, angle=np.radians(35), depth=6e-3, entry=2e-3).mesh(20e-6), tmp_path / "steep.stl")
+    text = (EXAMPLES / "jobs" / "adsif_cone.yaml").read_text().replace("../parts/adsif_cone.stl", "steep.stl")
+    with pytest.raises(IsfError) as caught:
+        plan(JobFile(text, tmp_path))
+    assert caught.value.code is ErrorCode.ADSIF_NOT_REACHABLE
+    assert "too soft" in caught.value.what
+    rigid = text.replace("  pitch:", "  compensate_compliance: false\n  pitch:")
+    assert np.degrees(plan(JobFile(rigid, tmp_path)).largest_wall_angle) == pytest.approx(35.0, abs=0.3)
 
 
 def test_walls_and_sheets_adsif_has_no_surface_for_are_refused(folder: Path) -> None:
