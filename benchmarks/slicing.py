@@ -1,0 +1,191 @@
+"""How long slicing and planning take, and how they grow with the mesh.
+
+    ./isf python benchmarks/slicing.py
+
+1. 49 level sections of a closed body of 10k, 100k and 1M facets: ours, trimesh's ``section_multiplane`` and the
+   slicing step of PrusaSlicer (from its log; skipped with a line when it is not installed). All on one core, best of
+   several runs; a fitted exponent tells the growth in facets and in levels.
+2. The whole plan of a part of 1M facets with more than 100 contours (contacts, normals, tips of two tools, checks), in
+   a process of its own: processor time and peak memory; then a change of tool on the finished plan.
+
+CuraEngine is not compared: Debian's package comes without the settings it needs to slice.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from isf_core.job import JobFile
+from isf_planner import plan, replan
+from isf_planner.mesh_input import Mesh
+from isf_planner.mesh_slicing import slice_mesh
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FACETS = (10_000, 100_000, 1_000_000)
+LEVELS = 49
+
+JOB = """
+name: benchmark
+part: {{mesh: part.stl, unit: mm}}
+process: DSIF
+rig: ren2018
+sheet: {{material: AA5754-O, thickness: 1 mm}}
+tool_1: {{radius: {radius} mm}}
+tool_2: {{radius: 5 mm}}
+wall_angle_limit: 85 deg
+path: {{incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}}
+"""
+
+
+def pocket(facets: int, side: float, depth: float) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """An oval pocket with an island, mm: vertices, facets and the vertices along the rim."""
+    n = round(np.sqrt(facets / 2)) + 1
+    x = np.linspace(-side / 2, side / 2, n)
+    gx, gy = np.meshgrid(x, x)
+    r = np.hypot(gx, gy * 1.1) / (0.45 * side)
+    z = -depth * (0.5 + 0.5 * np.cos(np.pi * np.clip((r - 0.3) / 0.7, 0, 1))) + 0.08 * depth * np.exp(
+        -((r / 0.12) ** 2)
+    )
+    node = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (node[i : n - 1 + i, j : n - 1 + j].ravel() for i, j in ((0, 0), (0, 1), (1, 1), (1, 0)))
+    faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    rim = np.concatenate([node[0, :-1], node[:-1, -1], node[-1, :0:-1], node[:0:-1, 0]])
+    z[np.abs(z) < 1e-4] = 0.0
+    return np.column_stack([gx.ravel(), gy.ravel(), z.ravel()]), faces, rim
+
+
+def body(facets: int) -> trimesh.Trimesh:
+    """The pocket in a closed block of 120 x 120 x 25 mm, on z = 0."""
+    top, faces, rim = pocket(facets, 120.0, 20.0)
+    top = top + [0.0, 0.0, 25.0]
+    m, first = len(rim), len(top)
+    k = np.arange(m)
+    after = (k + 1) % m
+    walls = [np.column_stack([rim, first + k, first + after]), np.column_stack([rim, first + after, rim[after]])]
+    floor = np.column_stack([first + after, first + k, np.full(m, first + m)])
+    vertices = np.vstack([top, top[rim] * [1, 1, 0], [[0.0, 0.0, 0.0]]])
+    return trimesh.Trimesh(vertices, np.vstack([faces, *walls, floor]), process=False)
+
+
+def best_of(work: Callable[[], object], repeats: int) -> float:
+    """Shortest wall time, s."""
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - started)
+    return min(times)
+
+
+def prusa(path: Path, folder: Path) -> float | None:
+    """s, PrusaSlicer's own time from facets to polygons, by its log; None when it is not installed."""
+    program = shutil.which("prusa-slicer")
+    if program is None:
+        return None
+    options = "--layer-height 0.5 --first-layer-height 0.5 --nozzle-diameter 1 --perimeters 1 --fill-density 0"
+    options += " --skirts 0 --top-solid-layers 0 --bottom-solid-layers 0 --loglevel 5"
+    command = [program, "--slice", *options.split(), "-o", str(folder / "out.gcode"), str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    stamps = {}
+    for line in (done.stdout + done.stderr).splitlines():
+        found = re.match(r"\[([\d-]+ [\d:.]+)\].*(slice_mesh to polygons|removing top empty layers)", line)
+        if found:
+            stamps[found.group(2)] = datetime.fromisoformat(found.group(1)).timestamp()
+    if len(stamps) < 2:
+        return None
+    return stamps["removing top empty layers"] - stamps["slice_mesh to polygons"]
+
+
+def exponent(sizes: Array, times: Array) -> float:
+    """Slope of log time over log size."""
+    return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
+
+
+def sections(folder: Path) -> None:
+    """Table 1."""
+    levels = 0.25 + 0.5 * np.arange(LEVELS)
+    rows = []
+    for facets in FACETS:
+        solid = body(facets)
+        path = folder / f"body_{facets}.stl"
+        solid.export(path)
+        mesh = Mesh(np.asarray(solid.vertices), np.asarray(solid.faces))
+        slice_mesh(mesh, levels)
+        ours = best_of(lambda mesh=mesh: slice_mesh(mesh, levels), 7)
+        theirs = best_of(lambda solid=solid: solid.section_multiplane([0, 0, 0], [0, 0, 1], levels), 2)
+        others = [value for value in (prusa(path, folder) for _ in range(2)) if value is not None]
+        rows.append((len(mesh.faces), ours, theirs, min(others) if others else float("nan")))
+        print(
+            f"{len(mesh.faces):>8} facets: ours {ours * 1e3:7.2f} ms, trimesh {theirs * 1e3:7.0f} ms "
+            f"({theirs / ours:4.0f} x), PrusaSlicer {rows[-1][3] * 1e3:8.1f} ms ({rows[-1][3] / ours:5.1f} x)",
+            flush=True,
+        )
+    if np.isnan([row[3] for row in rows]).all():
+        print("PrusaSlicer skipped: not installed (apt-get install prusa-slicer)")
+    table = np.array(rows)
+    for name, column in (("ours", 1), ("trimesh", 2), ("PrusaSlicer", 3)):
+        if np.isfinite(table[:, column]).all():
+            print(f"growth in facets, {name}: time ~ facets^{exponent(table[:, 0], table[:, column]):.2f}")
+    counts = np.array([12, 49, 196, 784])
+    times = [best_of(lambda n=n: slice_mesh(mesh, np.linspace(0.3, 24.7, n)), 5) for n in counts]
+    print(
+        "growth in levels at 1M facets, ours: "
+        + ", ".join(f"{n}: {value * 1e3:.0f} ms" for n, value in zip(counts, times, strict=True))
+        + f"; time ~ levels^{exponent(counts, np.array(times)):.2f}"
+    )
+
+
+def whole_plan(folder: Path) -> None:
+    """Table 2, in this process: nothing else was done in it."""
+    vertices, faces, _ = pocket(1_000_000, 220.0, 50.0)
+    trimesh.Trimesh(vertices, faces, process=False).export(folder / "part.stl")
+    job_file = JobFile(JOB.format(radius=5), folder)
+    small, few, _ = pocket(2_000, 60.0, 4.0)
+    (folder / "small").mkdir()
+    trimesh.Trimesh(small, few, process=False).export(folder / "small" / "part.stl")
+    plan(JobFile(JOB.format(radius=5), folder / "small"))  # loads the compiled kernels
+    del vertices, faces
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    times = []
+    for _ in range(3):
+        wall, started = time.perf_counter(), time.process_time()
+        made = plan(job_file)
+        times.append((time.process_time() - started, time.perf_counter() - wall))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    points = sum(len(contour) for contour in made.contours)
+    print(
+        f"whole plan, 1M facets: {len(made.contours)} contours, {points} points, {min(times)[0]:.2f} s processor time "
+        f"({min(wall for _, wall in times):.2f} s), peak {peak:.0f} MB (before, making the part: {before:.0f} MB)"
+    )
+    kept = best_of(lambda: replan(made, JobFile(JOB.format(radius=4.5), folder)), 3)
+    print(f"the same with another forming tool (replan): {kept * 1e3:.0f} ms")
+
+
+def main() -> None:
+    """Both tables; the second in a process of its own, so that its memory is its own."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if "--plan" in sys.argv:
+            whole_plan(folder)
+            return
+        os.sched_setaffinity(0, {0})
+        sections(folder)
+        subprocess.run([sys.executable, __file__, "--plan"], check=True)
+
+
+if __name__ == "__main__":
+    main()
