@@ -171,6 +171,35 @@ def report(
 
 
 @app.command()
+def tune(
+    job: JobArgument,
+    stiffness: Annotated[float | None, typer.Option(help="contact stiffness in N/um  [default: the rig's]")] = None,
+    delay: Annotated[float, typer.Option(help="delay in ms beyond filter and hold")] = 0.0,
+    noise: Annotated[float, typer.Option(help="noise of the load cell in % of the force")] = 1.0,
+    gain: Annotated[float | None, typer.Option(help="loop gain in 1/s  [default: the controller's]")] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Try the force loop of a job on a contact model: responses, margin, pictures."""
+    from isf_cell.commands.tune import tune_job
+
+    tune_job(job, output, stiffness=stiffness, delay=delay, noise=noise, loop_gain=gain, as_json=json)
+
+
+@app.command()
+def calibrate_cell(
+    loads: Annotated[Path, typer.Argument(help="table of known loads and readings (CSV)", metavar="FILE")],
+    limit: Annotated[float | None, typer.Option(help="use only loads up to this many N")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="file for the piece of a rig file")] = None,
+    json: Json = False,
+) -> None:
+    """Fit the matrix of a load cell, or the gains of its channels, to known loads; reports residuals."""
+    from isf_cell.commands.calibrate_cell import calibrate_file
+
+    calibrate_file(loads, limit, output, as_json=json)
+
+
+@app.command()
 def doctor(json: Json = False) -> None:
     """Check the installation: what works, what is missing, and what to do about it."""
     from isf_cell.commands.doctor import examine

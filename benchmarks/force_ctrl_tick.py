@@ -1,0 +1,86 @@
+"""Processor time of one tick of the force controller's core, both tools, both loops on.
+
+    ./isf python benchmarks/force_ctrl_tick.py [--ticks 20000]
+
+Time is thread CPU time with the collector off; what other processes do shows little in it. One tool is half a tick.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import time
+
+import numpy as np
+from isf_core.contour import Contour, Process
+from isf_core.errors import ErrorCode
+from isf_force_ctrl import ControlConfig, ForceController
+
+
+def ring(points: int, radius: float = 60e-3) -> Contour:
+    """One ring of a 50 degree cone, 120 N."""
+    angle = 2 * np.pi * np.arange(points) / points
+    out = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(points)])
+    wall = np.radians(50.0)
+    normal = -np.sin(wall) * out + [0.0, 0.0, np.cos(wall)]
+    contact = radius * out + [0.0, 0.0, -5e-3]
+    thickness = 1e-3 * np.cos(wall)
+    return Contour(
+        plan_id="tick",
+        index=0,
+        count=1,
+        process=Process.DSIF,
+        feed=0.03,
+        contact=contact,
+        normal=normal,
+        wall_angle=np.full(points, wall),
+        thickness=np.full(points, thickness),
+        forming_tip=contact + 5e-3 * normal - [0.0, 0.0, 5e-3],
+        support_tip=contact - (5e-3 + thickness) * normal + [0.0, 0.0, 5e-3],
+        support_force=np.full(points, 120.0),
+    )
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ticks", type=int, default=20000)
+    arguments = parser.parse_args()
+    config = ControlConfig(
+        rate=500.0,
+        park_height=0.03,
+        travel=(0.125, 0.125, 0.11),
+        speed_limit=0.1,
+        force_limit=(1500.0, 1500.0, 2000.0),
+        servo_bandwidth=30.0,
+        contact_stiffness=0.45e6,
+        forming_compliance=(1e-6, 1e-6),
+        compensation=1.0,
+        offset_limit=1.5e-3,
+    )
+    random = np.random.default_rng(0)
+    wrenches = random.normal(100.0, 2.0, (1000, 12)).tolist()
+    spent: list[int] = []
+    controller = ForceController(config)
+    gc.disable()
+    while len(spent) < arguments.ticks:
+        controller.arm("tick", 0, 1, (0.0, 0.0, 0.03), (0.0, 0.0, -0.03))
+        controller.start(ring(750))
+        tick = 0
+        while controller.busy and len(spent) < arguments.ticks:
+            wrench = wrenches[tick % 1000]
+            start = time.thread_time_ns()
+            controller.tick(tick, tick * 0.002, wrench[:6], wrench[6:])
+            spent.append(time.thread_time_ns() - start)
+            tick += 1
+        controller.fail(ErrorCode.STOPPED, "measured")
+    micro = np.array(spent) * 1e-3
+    print("| ticks | median [us] | 99 % [us] | 99 % per tool [us] | largest [us] |\n|---|---|---|---|---|")
+    print(
+        f"| {len(micro)} | {np.median(micro):.1f} | {np.percentile(micro, 99):.1f} | "
+        f"{np.percentile(micro, 99) / 2:.1f} | {micro.max():.0f} |"
+    )
+
+
+if __name__ == "__main__":
+    main()
