@@ -154,7 +154,7 @@ def _heading(plan: Plan) -> str:
 
 def _write_html(scene: Scene, heading: str, path: Path) -> None:
     try:
-        import plotly.graph_objects as go
+        import plotly.graph_objects as go  # type: ignore[import-untyped]
     except ImportError as error:
         raise IsfError(
             ErrorCode.EXPORT_FORMAT_UNKNOWN,
@@ -233,7 +233,6 @@ def _write_png(scene: Scene, heading: str, path: Path) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     figure = Figure(figsize=(13.0, 6.2), layout="constrained")
     FigureCanvasAgg(figure)
@@ -245,7 +244,8 @@ def _write_png(scene: Scene, heading: str, path: Path) -> None:
     segments = np.stack([scene.forming[:-1], scene.forming[1:]], axis=1)
     whole = np.isfinite(segments).all(axis=(1, 2))
     segments, values = segments[whole], scene.values[:-1][whole]
-    solid.add_collection3d(Line3DCollection(segments, array=values, cmap="viridis", norm=scale, lw=0.8))
+    middle = segments.mean(axis=1)
+    solid.scatter(*middle.T, c=values, cmap="viridis", norm=scale, s=0.7, lw=0, depthshade=False)
     if len(scene.support):
         other = LOWER if scene.upper_forms else UPPER
         solid.plot(*scene.support.T, color=other, lw=0.4, alpha=0.6, label="support tool")

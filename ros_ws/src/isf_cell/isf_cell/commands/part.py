@@ -21,10 +21,10 @@ def make_part(name: str | None, values: tuple[str, ...], output: Path | None, *,
     """Write the part ``name`` with changed dimensions, or list all parts; raises IsfError."""
     if name is None:
         if as_json:
-            terminal.print_json({part: _defaults(part) for part in PARTS})
-        for part in PARTS:
-            sizes = ", ".join(f"{key}={value}" for key, value in _defaults(part).items())
-            terminal.console.print(f"[bold]{part}[/bold]  {sizes}", soft_wrap=True)
+            terminal.print_json({known: _defaults(known) for known in PARTS})
+        for known in PARTS:
+            sizes = ", ".join(f"{key}={value}" for key, value in _defaults(known).items())
+            terminal.console.print(f"[bold]{known}[/bold]  {sizes}", soft_wrap=True)
         return
     if name not in PARTS:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, f"no part '{name}'", advice=f"known: {', '.join(PARTS)}")
