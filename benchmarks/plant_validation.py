@@ -1,17 +1,20 @@
 """How the simulated machine compares with published measurements, and how fast it runs.
 
-    ./isf python benchmarks/plant_validation.py [flat] [cone] [lift] [support] [speed]
+    ./isf python benchmarks/plant_validation.py [--quick] [--page] [NAME ...]
 
-Prints published value, plant, and what kind of agreement it is: P predicted, A depends on a dimension that the source
-does not print and that had to be assumed, C calibrated on that number. Sources: Ren 2018 (flat sheet 4.3.2, cone 4.3.4,
-lifting 4.3.1, support force 2.4). Assumed: cone with opening radius 36 mm at 50 deg; 40 mm at 65 deg for the support
-force. About three minutes in all.
+Prints published value, plant, verdict, and what kind of agreement it is: P predicted, A depends on a dimension that the
+source does not print and that had to be assumed, C a constant was calibrated on that number. A number is met within
+15 %, a force within 20 %. ``--page`` writes docs/validation.md with its pictures; ``--quick`` runs what takes seconds.
+Names: see main(). The whole takes about ten minutes on one core. The cases of other sources than Ren 2018 are in
+validation_cases.py. Assumed here: cone with opening radius 36 mm at 50 deg; 40 mm at 65 deg for the support force.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -39,9 +42,32 @@ control: {{rate: 500 Hz}}
 RATE, FEED = 500.0, 30.0e-3
 
 
-def row(quantity: str, published: str, plant: str, tag: str) -> None:
-    """One line of the table."""
-    print(f"{quantity:<52} {published:<24} {plant:<34} {tag}", flush=True)
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: texts, and a verdict ("met", "fails" or "-")."""
+
+    quantity: str
+    published: str
+    plant: str
+    tag: str
+    verdict: str
+
+
+ROWS: list[Row] = []
+SECTIONS: dict[str, tuple[Array, Array, Array]] = {}
+"""Name to radius, target and formed height, m, of a section for the page."""
+
+
+def row(
+    quantity: str, published: str, plant: str, tag: str, check: Sequence[tuple[float, float]] = (), within: float = 0.15
+) -> None:
+    """One line of the table; ``check``: pairs (plant, published) that must agree ``within`` a share, sign included."""
+    verdict = "-"
+    if check:
+        met = all(abs(mine - told) <= within * abs(told) + 1e-12 for mine, told in check)
+        verdict = "met" if met else "fails"
+    ROWS.append(Row(quantity, published, plant, tag, verdict))
+    print(f"{quantity:<62} {published:<26} {plant:<34} {verdict:<6} {tag}", flush=True)
 
 
 def tool_circle(depth: Array | float, opening: float, angle: float, radius: float) -> Array:
@@ -88,7 +114,8 @@ def flat_sheet() -> None:
         shell = Shell((0.25, 0.25), 0.25 / 40, Elastic(70e9, 0.33), 1e-3, edge=edge)  # type: ignore[arg-type]
         patch = shell.load_patch(0.0, 0.0, 0.0)
         sag = -1e3 * shell.solve(patch, np.array([0.0, 0.0, -400.0])).displacement[2]
-        row(f"flat sheet, 400 N in the centre, edge {edge} [mm]", published, f"{sag:.2f}", "P")
+        check = [(sag, 5.0)] if edge == "free" else []
+        row(f"flat sheet, 400 N in the centre, edge {edge} [mm]", published, f"{sag:.2f}", "P", check)
 
 
 def formed_cone() -> tuple[SheetPlant, float]:
@@ -109,8 +136,14 @@ def cone() -> None:
     target = -np.clip((36e-3 - r) * np.tan(np.radians(50)), 0.0, 21e-3)
     error = 1e3 * (shape.at(np.column_stack([r, 0 * r])) - target)
     inner = np.abs(error[r < 60e-3]).mean()
-    row("cone uncorrected, max / mean error [mm]", "5.7 / 3.1", f"{error.max():.2f} / {inner:.2f}", "A, fy: C")
-    row("  axial force at the end [N]", "-", f"{plant.contact.axial[0]:.0f}", "")
+    SECTIONS["ren_cone"] = (r, target, target + 1e-3 * error)
+    both = [(float(error.max()), 5.7), (float(inner), 3.1)]
+    row(
+        "Ren cone uncorrected, max / mean error [mm]", "5.7 / 3.1", f"{error.max():.2f} / {inner:.2f}", "A, fy: C", both
+    )
+    axial = float(plant.contact.axial[0])
+    nearest = min(max(axial, 600.0), 750.0)
+    row("  axial force at 21 mm [N]", "600-750", f"{axial:.0f}", "P", [(axial, nearest)], 0.20)
     row("  wall time, coarse solutions", "-", f"{wall:.1f} s, {plant.solutions}", "")
 
 
@@ -128,7 +161,8 @@ def lift() -> None:
     sag = rises[-1] - np.array(rises)
     loaded = (np.array(forces) > 0.05 * forces[0]) & (sag > 0)
     b = np.polyfit(np.log(np.array(forces)[loaded]), np.log(sag[loaded]), 1)[0]
-    row("lifting at the end: springback [mm], exponent", "5.76, about 0.57", f"{1e3 * rises[-1]:.2f}, {b:.2f}", "A")
+    text = f"{1e3 * rises[-1]:.2f}, {b:.2f}"
+    row("lifting at the end: springback [mm], exponent", "5.76, about 0.57", text, "A", [(1e3 * rises[-1], 5.76)])
 
 
 def support() -> None:
@@ -141,7 +175,10 @@ def support() -> None:
         depths, forces = _form_with_support(machine, mode, opening, angle, radius)
         bands = [f"{forces[(depths >= a) & (depths < a + 2)].mean():.0f}" for a in range(4, 16, 2)]
         spread = forces[depths > 6].std()
-        row(f"support force, {mode}, depth 4-16 mm [N]", published[mode], " ".join(bands) + f" +-{spread:.1f}", "P")
+        lost = float(forces[depths >= 14].mean())
+        check = [(lost, 120.0)] if mode == "force" else [(min(lost, 10.0) - lost + 1.0, 1.0)]
+        text = " ".join(bands) + f" +-{spread:.1f}"
+        row(f"support force, {mode}, depth 4-16 mm [N]", published[mode], text, "P", check)
         if machine.faults:
             print("  faults:", machine.faults)
 
@@ -202,15 +239,67 @@ def speed() -> None:
     row("  everything else per tick [us]", "-", f"{1e6 * (wall - machine.solve_time) / ticks:.0f}", "")
 
 
-PARTS = {"flat": flat_sheet, "cone": cone, "lift": lift, "support": support, "speed": speed}
+def target_cone_compliance() -> None:
+    """Deflection of the target cone, elastic, at the tool's place on its last circle (Ren 2018, Table 4.6)."""
+    opening, angle, height = 36e-3, np.radians(50.0), 21e-3
+    shell = Shell((0.25, 0.25), 0.25 / 40, Elastic(70e9, 0.33), 1e-3, edge="free")
+    r = np.hypot(shell.node_x, shell.node_y)
+    slope = np.where((r < opening) & (r > opening - height / np.tan(angle)), angle, 0.0)
+    shell.set_shape(-np.clip((opening - r) * np.tan(angle), 0.0, height), 1e-3 * np.cos(slope))
+    place = float(tool_circle(height, opening, angle, 5e-3))
+    patch = shell.load_patch(place, 0.0, 3.5e-3)
+    for axis, name, published in ((2, "Z", (2.71, 5.09)), (0, "X", (0.62, 1.11))):
+        values = []
+        for size in (200.0, 600.0):
+            force = np.zeros(3)
+            force[axis] = -size
+            values.append(float(1e3 * abs(shell.solve(patch, force).displacement[axis])))
+        text = f"{values[0]:.2f} / {values[1]:.2f}"
+        told = f"{published[0]:.2f} / {published[1]:.2f}"
+        row(f"target cone, {name}, 200 / 600 N [mm]", told, text, "A", list(zip(values, published, strict=True)))
+
+
+QUICK = ("flat", "compliance", "praveen", "angles", "limits")
+
+
+NAMES = (
+    "flat", "compliance", "praveen", "angles", "limits", "cone", "lift", "support", "parts", "lu", "steps", "behera",
+    "tpif", "adsif", "speed",
+)  # fmt: skip
 
 
 def main() -> None:
     """Print the chosen lines of the table, all by default."""
-    row("quantity", "published", "plant", "agreement")
-    for name in sys.argv[1:] or PARTS:
-        PARTS[name]()
+    parser = argparse.ArgumentParser(description="The plant against published numbers.")
+    parser.add_argument("names", nargs="*", help=", ".join(NAMES))
+    parser.add_argument("--quick", action="store_true", help="only what takes seconds")
+    parser.add_argument("--page", action="store_true", help="write docs/validation.md; other parts stay as they were")
+    arguments = parser.parse_args()
+    unknown = set(arguments.names) - set(NAMES)
+    if unknown:
+        parser.error(f"unknown: {', '.join(sorted(unknown))}; known: {', '.join(NAMES)}")
+    import validation_cases as cases  # late: it brings the whole cell
+    import validation_page
+
+    parts = {
+        "flat": flat_sheet,
+        "compliance": target_cone_compliance,
+        "cone": cone,
+        "lift": lift,
+        "support": support,
+        "speed": speed,
+        **cases.PARTS,
+    }
+    print(f"{'quantity':<62} {'published':<26} {'plant':<34} {'':<6} agreement")
+    for name in arguments.names or (QUICK if arguments.quick else NAMES):
+        ROWS.clear()
+        parts[name]()
+        if arguments.page:  # after every part: a run that is broken off leaves what it has
+            validation_page.write({name: [asdict(item) for item in ROWS]}, SECTIONS, NAMES)
 
 
 if __name__ == "__main__":
+    import sys
+
+    sys.modules["plant_validation"] = sys.modules["__main__"]  # the cases add to this very table
     main()

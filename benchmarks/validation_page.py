@@ -1,0 +1,160 @@
+"""Writes docs/validation.md and its pictures from the rows of plant_validation.py."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+from isf_analysis import style
+from isf_sim.plant_constants import PlantConstants, provenance
+from isf_sim.world import STANDARD_WORLDS, make_world
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+DATA = Path(__file__).with_name("validation_rows.json")
+"""Rows of the last run of every part."""
+
+TITLES = {
+    "ren_cone": "Cone of Ren 2018, uncorrected, 0.2 mm steps",
+    "lu_cone": "Cone of Lu 2016 over a backing plate, 2 mm steps",
+    "behera_pyramid": "Pyramid of Behera 2015, middle of the walls",
+    "tpif_cone": "Two-point forming over a die",
+    "adsif_cone": "Accumulative forming, gap compensated",
+}
+BANDS = {"ren_cone": (5.7, "published largest error 5.7 mm"), "lu_cone": (3.0, "published base error about 3 mm")}
+"""mm over the target's base, as published."""
+
+HEAD = """# Validation of the simulated machine
+
+Written by `./isf python benchmarks/plant_validation.py --page`; nothing here was measured on a real cell. Every row is
+a published number and what the plant gives for it.
+
+* **P** predicted: no constant was tuned to the number. **C** calibrated: a constant was. **A** depends on a dimension
+  that the source does not print and that had to be assumed.
+* *met*: within 15 % (forces 20 %) with the right sign; *fails*: not so; -: nothing to compare with.
+"""
+
+
+def write(
+    fresh: dict[str, list[dict[str, str]]], sections: dict[str, tuple[Array, Array, Array]], order: Sequence[str]
+) -> None:
+    """The page, with the ``fresh`` rows of some parts in place of earlier ones, and a picture of every section."""
+    known = json.loads(DATA.read_text(encoding="utf-8")) if DATA.is_file() else {}
+    known.update(fresh)
+    DATA.write_text(json.dumps({name: known[name] for name in order if name in known}, indent=1) + "\n")
+    rows = [item for name in order for item in known.get(name, [])]
+    for name, (r, target, formed) in sections.items():
+        _picture(name, r, target, formed)
+    pictures = [
+        f"![{title}](images/validation_{name}.png)\n"
+        for name, title in TITLES.items()
+        if (DOCS / "images" / f"validation_{name}.png").is_file()
+    ]
+    missing = [name for name in order if name not in known and name != "speed"]
+    notes = [f"Not run yet: {', '.join(missing)}.\n"] if missing else []
+    parts = [HEAD, _table(rows), _counts(rows), *notes, *pictures]
+    parts += [_CONSTANTS_HEAD, _constants(), _EVENTS, _WORLDS_HEAD, _worlds(), _LIMITS]
+    (DOCS / "validation.md").write_text("\n".join(parts), encoding="utf-8")
+
+
+def _table(rows: Sequence[dict[str, str]]) -> str:
+    lines = ["| quantity | published | plant | | |", "|---|---|---|---|---|"]
+    for item in rows:
+        verdict = "**fails**" if item["verdict"] == "fails" else item["verdict"]
+        cells = (item["quantity"].strip(), item["published"], item["plant"], verdict, item["tag"])
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _counts(rows: Sequence[dict[str, str]]) -> str:
+    predicted = [item for item in rows if item["verdict"] != "-" and not item["tag"].startswith("C")]
+    met = sum(item["verdict"] == "met" for item in predicted)
+    return f"Of {len(predicted)} rows that were not calibrated {met} are met.\n"
+
+
+def _picture(name: str, r: Array, target: Array, formed: Array) -> None:
+    with style.applied():
+        figure = style.new_figure(3.4)
+        axes = figure.add_subplot()
+        axes.plot(1e3 * r, 1e3 * target, color=style.TARGET, label="target")
+        axes.plot(1e3 * r, 1e3 * formed, color=style.UNCORRECTED, label="plant")
+        if name in BANDS:
+            error, text = BANDS[name]
+            axes.axhline(1e3 * float(np.nanmin(target)) + error, color=style.MUTED, ls="--", lw=1, label=text)
+        axes.set(xlabel="distance from the centre [mm]", ylabel="height [mm]", title=TITLES[name])
+        axes.legend(frameon=False)
+        (DOCS / "images" / f"validation_{name}.png").write_bytes(style.png(figure))
+
+
+_CONSTANTS_HEAD = """## Constants
+
+Calibrated, over all rigs together: the rows below, the limit of chips (one pair of published forces), the gain of
+squeeze on the forming limit (one pair of depths) and the stable angles and two entries of the force table of ADSIF.
+Constants of rigs and materials are in their files, each with its origin.
+"""
+
+
+def _constants() -> str:
+    lines = ["| constant | value | origin |", "|---|---|---|"]
+    origins = provenance()
+    for item in fields(PlantConstants):
+        if not origins[item.name].startswith("assumed"):
+            lines.append(f"| {item.name} | {item.default:g} | {origins[item.name]} |")
+    return "\n".join(lines) + "\n"
+
+
+_EVENTS = """## Events and limits
+
+| event | condition | origin |
+|---|---|---|
+| fracture | ln(t0/t) over ln(1/cos a_max) (1 + 0.16 F_n/200 N) along a tool radius | calibrated: Ren 2018, 2.4.1 |
+| galling | support force over 0.42 R_m R t0; not told in ADSIF | calibrated: 120 N and 200 N of Ren 2018, 2.4.1 |
+| buckling | ADSIF: gap below 0.6 t0, below 0.7 t0 at position angles up to 25 deg | published: Ren 2018, 3.2.3 |
+| contact lost | no support force for 0.1 s beside the pressing tool | assumed times |
+| die contact | sheet under the tool carried by die or backing plate | - |
+| saturation | load cell at the end of its range, axis beyond its following error | - |
+
+a_max is the material's largest wall angle, or the job's `wall_angle_limit`; the gain of squeeze is a ratio of depths
+(19.0 and 22.1 mm), taken as a ratio of strains (assumed). Small steps do not tear earlier than large ones here, as they
+do in Lu 2016, 4.1.3: no damage is accumulated over passes.
+"""
+
+_WORLDS_HEAD = """## Standard set of off-nominal worlds
+
+Controllers are scored on worlds 1 to 20 of seed 0 (`isf_sim.world.STANDARD_WORLDS`), never on the nominal one alone.
+Factors on the nominal constants; edge spring in N/mm^2; registration of a scanner in mm and deg.
+"""
+
+
+def _worlds() -> str:
+    lines = [
+        "| world | E | t | force | friction | compliance | cell | edge | yield | registration x, y, z, turn |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for number in STANDARD_WORLDS:
+        w = make_world(number)
+        shift = ", ".join(f"{1e3 * v:+.2f}" for v in (w.registration_x, w.registration_y, w.registration_z))
+        lines.append(
+            f"| {number} | {w.young_modulus:.3f} | {w.thickness:.3f} | {w.force_level:.3f} | {w.friction:.3f} | "
+            f"{w.compliance:.3f} | {w.load_cell_gain:.3f} | {w.edge_spring / 1e6:.1f} | {w.yield_strength:.3f} | "
+            f"{shift}, {np.degrees(w.registration_turn):+.3f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+_LIMITS = """## What is simplified
+
+* Circular clamps are the squares around them. The hexapod checks its workspace; servo and errors act along x, y and z.
+* ADSIF has no over-bend while the tools pass, no elastic recovery, and one response surface (1 mm, R 5 mm, AA5754-O).
+* TPIF: what the tool has walked round rises with the die as a whole, and the sheet never lies below the die; the flange
+  does not lift off elastically. Walls so follow the die more closely than published ones do; the foot of the wall, which
+  no die supports, is too sharp.
+* A scan of the unclamped, trimmed part cuts the flange and levels the rim; the change of shape by unclamping itself
+  (published: at most 0.03 mm on walls) is left out. Sizes of shine, shadow and registration are assumed.
+* Torques of a load cell have neither drift nor zero offset. Backlash is a pure play without friction.
+"""
