@@ -141,7 +141,7 @@ class FusedCorrection:
         contour.validate()
         self._advance(contour)
         model = self._model.correct(contour)
-        fault = IsfError(ErrorCode(model.code), model.message) if model.code else self._scans.fault
+        fault = IsfError(ErrorCode(model.code), model.message) if model.code else self._scans.fault_before(contour)
         predicted = _along(model, contour)
         path = LoopPath.of(contour)
         place, disagreement, deviation = self._bias(contour, path)

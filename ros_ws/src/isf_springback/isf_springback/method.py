@@ -21,6 +21,7 @@ from isf_core.job import JobFile
 from isf_springback.analytic import AnalyticCorrection
 from isf_springback.continuity import Continuity, limits_of
 from isf_springback.fusion import FusedCorrection
+from isf_springback.learned import learned, learned_map
 from isf_springback.mpc import mpc_tpif, mpc_two_directional, mpc_vertical
 from isf_springback.sheet_load import push_sign
 
@@ -94,6 +95,8 @@ METHODS: dict[str, Callable[[JobFile], CorrectionMethod]] = {
     AnalyticCorrection.name: AnalyticCorrection,
     "elastic": _elastic,
     FusedCorrection.name: FusedCorrection,
+    "learned": learned,
+    "learned_map": learned_map,
     "mpc_vertical": mpc_vertical,
     "mpc_two_directional": mpc_two_directional,
     "mpc_tpif": mpc_tpif,

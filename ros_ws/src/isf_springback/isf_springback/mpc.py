@@ -104,7 +104,7 @@ class ModelPredictiveCorrection:
         """
         started = time.perf_counter()
         contour.validate()
-        fault = self._advance(contour) or self._fault or self._scans.fault
+        fault = self._advance(contour) or self._fault or self._scans.fault_before(contour)
         memory, options = self._memory, self._options
         before = memory.last(contour)
         remarks: list[str] = []

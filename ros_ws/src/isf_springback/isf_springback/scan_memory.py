@@ -30,6 +30,7 @@ class ScanMemory:
         self.shape: FormedShape | None = None
         self.index = -1
         self.fault: IsfError | None = None
+        self._taken = -1
 
     def clear(self) -> None:
         """A new part begins."""
@@ -37,7 +38,7 @@ class ScanMemory:
 
     def take(self, points: Array, contour: Contour | None, index: int) -> FormedShape | None:
         """The shape in ``points`` (P, 3) m after ``contour`` as planned; None with a ``fault`` when it is refused."""
-        self.fault = None
+        self.fault, self._taken = None, index
         try:
             if self.target is None:
                 raise IsfError(
@@ -61,6 +62,10 @@ class ScanMemory:
         except IsfError as error:
             self.fault = error
             return None
+
+    def fault_before(self, contour: Contour) -> IsfError | None:
+        """Why the scan made just before ``contour`` was refused; None when it was not, or there was none."""
+        return self.fault if self._taken == contour.index - 1 else None
 
     def fresh(self, contour: Contour) -> FormedShape | None:
         """The shape measured just before ``contour``, None when there is none."""

@@ -33,7 +33,7 @@ LARGEST_SHIFT = 2.5e-3
 """m, shift in plan beyond which the registration is refused: half of the 5 mm that must never pass (assumed)."""
 SMALLEST_DEPTH = 2.5e-3
 """m; on a shallower part walls are too small to tell its identity or a shift."""
-LARGEST_MISFIT = 0.12
+LARGEST_MISFIT = 0.16
 """rms of the formed minus the expected shape after the best scale and shift, over the depth (assumed: springback of
 the published parts leaves 0.02-0.06, another part of the same size 0.2 and more)."""
 OPENING_DEPTH = 0.1e-3

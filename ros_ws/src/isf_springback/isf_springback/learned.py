@@ -1,0 +1,172 @@
+"""Methods "learned" and "learned_map": corrections from parts formed before (``springback.learning`` of the job).
+
+"learned" replays the correction field of the same part. "learned_map" predicts springback on any part from wall
+angle, curvature, depth and distance to the floor: a smooth additive model, the baseline of the published MARS maps
+(Behera 2015, section 1). Both stay inside the limits of every correction; outside of what was learned the map answers
+with the edge of it, and says so.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile
+from numpy.typing import NDArray
+
+from isf_springback import learning_file
+from isf_springback.continuity import MAGNITUDE
+from isf_springback.learning import features
+from isf_springback.learning_file import FEATURES, Learned
+from isf_springback.loop_path import LoopPath, nearest_points
+from isf_springback.offset_memory import OffsetMemory, limit_signed, push_limits
+from isf_springback.sheet_load import push_sign
+
+Array = NDArray[np.float64]
+
+FEWEST_SAMPLES = 200
+KNOTS = 5
+"""Knots of the splines per feature (assumed)."""
+RIDGES = tuple(10.0**k for k in range(-2, 4))
+"""Weights of the ridge on standardised splines, of which cross-validation chooses."""
+
+Predict = Callable[[Contour, list[str]], Array]
+
+
+class LearnedCorrection:
+    """Corrects contour after contour by what ``predict`` says. State: the last correction."""
+
+    def __init__(self, name: str, job_file: JobFile, predict: Predict) -> None:
+        self.name = name
+        self._job_file = job_file
+        self._predict = predict
+        self._memory = OffsetMemory()
+
+    def correct(self, contour: Contour) -> ContourCorrection:
+        """Correction of the next contour.
+
+        Raises
+        ------
+        IsfError : CONTOUR_REJECTED (malformed), LEARNING_UNUSABLE (the file belongs to another plan)
+        """
+        started = time.perf_counter()
+        contour.validate()
+        fault = self._memory.advance(contour)
+        remarks: list[str] = []
+        predicted = self._predict(contour, remarks)
+        sign = push_sign(contour)
+        before = sign * self._memory.last(contour)[:, 2]
+        wanted = before if fault is not None else self._job_file.job.springback.gain * predicted
+        limits = push_limits(self._job_file, contour.forming_tool)
+        value, bound = limit_signed(wanted, LoopPath.of(contour), limits, before)
+        offset = np.zeros((len(contour), 3))
+        offset[:, 2] = sign * value
+        self._memory.remember(contour, offset)
+        return ContourCorrection(
+            plan_id=contour.plan_id,
+            index=contour.index,
+            method=self.name,
+            offset=offset,
+            springback=-sign * predicted,
+            saturated=bound,
+            code=0 if fault is None else int(fault.code),
+            message="" if fault is None else fault.message,
+            solve_time=time.perf_counter() - started,
+            residual=-sign * (wanted - value),
+            remarks=tuple(remarks),
+        )
+
+    def learn(self, contour: Contour, result: ContourResult) -> None:
+        """Nothing is learned while a part is formed; see ``isf learn``."""
+
+    def follow(self, contour: Contour, correction: ContourCorrection) -> None:
+        """Take note that another method corrected ``contour``."""
+        self._memory.advance(contour)
+        self._memory.remember(contour, np.asarray(correction.offset))
+
+
+def learned(job_file: JobFile) -> LearnedCorrection:
+    """Method "learned"; raises IsfError LEARNING_UNUSABLE."""
+    known = knowledge(job_file)
+
+    def predict(contour: Contour, remarks: list[str]) -> Array:
+        place, push = known.of_contour(contour.index)
+        if contour.count != known.contours or not len(place):
+            raise IsfError(
+                ErrorCode.LEARNING_UNUSABLE,
+                f"was learned on a plan of {known.contours} contours, this one has {contour.count}",
+                where="springback.learning",
+                advice="learn from parts of this plan, or use learned_map",
+            )
+        path = LoopPath.of(contour)
+        position = path.position[nearest_points(place, contour.contact[:, :2])]
+        order = np.argsort(position)
+        period = path.length if path.closed else None
+        return np.asarray(np.interp(path.position, position[order], push[order], period=period))
+
+    return LearnedCorrection("learned", job_file, predict)
+
+
+def learned_map(job_file: JobFile) -> LearnedCorrection:
+    """Method "learned_map"; raises IsfError LEARNING_UNUSABLE."""
+    known = knowledge(job_file)
+    model, low, high, least, most = fit_map(known)
+    depth: dict[str, float] = {}
+
+    def predict(contour: Contour, remarks: list[str]) -> Array:
+        # the floor of the plan lies where its last contour goes: count and step tell, as on the plan itself
+        step = job_file.job.path.incremental_depth
+        floor = depth.setdefault(
+            contour.plan_id, float(contour.forming_tip[:, 2].min()) - step * (contour.count - 1 - contour.index)
+        )
+        row = features(contour, floor)
+        inside = np.clip(row, low, high)
+        far = np.abs(row - inside) > 0.05 * np.maximum(high - low, 1e-9)
+        for k in np.flatnonzero(far.any(axis=0)):
+            remarks.append(f"{FEATURES[k]} outside of what was learned: its edge is used")
+        return np.clip(model.predict(inside), max(least, -MAGNITUDE), min(most, MAGNITUDE))
+
+    return LearnedCorrection("learned_map", job_file, predict)
+
+
+def knowledge(job_file: JobFile) -> Learned:
+    """The file named in the job; raises IsfError LEARNING_UNUSABLE."""
+    name = job_file.job.springback.learning
+    if name is None:
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE,
+            "the job names no file",
+            where="springback.learning",
+            advice="make one with: isf learn RUN... -o FILE",
+        )
+    return learning_file.load(job_file.base / name)
+
+
+def fit_map(known: Learned) -> tuple[Any, Array, Array, float, float]:
+    """Fitted model of springback (m) over the features, range of the features (4,), (4,) and of springback, m.
+
+    Raises
+    ------
+    IsfError : LEARNING_UNUSABLE, too few samples
+    """
+    from sklearn.linear_model import RidgeCV  # late: half a second that other methods need not pay
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import SplineTransformer, StandardScaler
+
+    if len(known.springback) < FEWEST_SAMPLES:
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE,
+            f"holds {len(known.springback)} samples, {FEWEST_SAMPLES} are needed",
+            where="springback.learning",
+            advice="learn from whole parts",
+        )
+    low, high = np.quantile(known.feature, [0.01, 0.99], axis=0)
+    splines = SplineTransformer(n_knots=KNOTS, degree=2, extrapolation="constant", include_bias=False)
+    model = make_pipeline(StandardScaler(), splines, RidgeCV(alphas=RIDGES))
+    model.fit(np.clip(known.feature, low, high), known.springback)
+    least, most = np.quantile(known.springback, [0.01, 0.99])
+    return model, low, high, float(least), float(most)

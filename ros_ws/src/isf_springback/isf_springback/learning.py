@@ -1,0 +1,169 @@
+"""Iterative learning from part to part: the correction field of the next part from the shape of the last one.
+
+Displacement adjustment: where a place is too high after the part, it is pushed deeper on the next one,
+``push <- push + gain error`` (mirror correction with a factor, Lu 2016, 2.3.3). Robust in three ways: the gain is
+below 1; a place whose error did not follow the last change (bending of the rim, for example) is left alone; change and
+size are bounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from isf_core.contour import Contour, ContourCorrection
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.height_map import HeightMap
+from numpy.typing import NDArray
+
+from isf_springback.continuity import MAGNITUDE
+from isf_springback.fusion import read_errors
+from isf_springback.learning_file import Learned
+from isf_springback.loop_path import LoopPath, nearest_points
+from isf_springback.scan_processing import ScanExpectation, process_scan
+from isf_springback.sheet_load import push_sign
+
+Array = NDArray[np.float64]
+
+GAIN = 0.7
+"""Part of an error that is put into the next part (assumed; 1 is the published mirror correction)."""
+LARGEST_CHANGE = 2e-3
+"""m from part to part (assumed)."""
+LEAST_RESPONSE = 0.3
+"""Change of the error over the change of the push below which a place is not moved any more (assumed)."""
+NOTICEABLE = 0.15e-3
+"""m of change of the push below which its effect cannot be told from the scatter of parts."""
+FULL_HEIGHT = 1.0 - np.cos(np.radians(50.0))
+"""Height of the contact over the tip in tool radii on a common wall: the last contours below it make the floor."""
+
+
+def learn_part(
+    nominal: Sequence[Contour],
+    corrections: Sequence[ContourCorrection],
+    scan: Array,
+    target: HeightMap,
+    clamp: tuple[float, float],
+    radius: float,
+    job: str,
+    known: Learned | None = None,
+) -> Learned:
+    """Knowledge after one more part.
+
+    Parameters
+    ----------
+    nominal, corrections : of every contour, in order ; scan : (P, 3) m, points of the finished part in the clamp
+    radius : m, of the forming tool ; known : from earlier parts of the same job, or other jobs (samples only)
+
+    Raises
+    ------
+    IsfError : LEARNING_UNUSABLE (incomplete part), codes of :func:`isf_springback.scan_processing.process_scan`
+    """
+    if not nominal or len(nominal) != nominal[0].count or len(corrections) != len(nominal):
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE,
+            f"{len(nominal)} contours and {len(corrections)} corrections are no whole part",
+            where=job,
+            advice="learn from parts that were formed to the end",
+        )
+    lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
+    shape = process_scan(scan, ScanExpectation(target, clamp, lowest, nominal[-1].holder_height))
+    floor = float(np.nanmin(target.z))
+    index, place, applied, error, feature = [], [], [], [], []
+    for contour, correction in zip(nominal, corrections, strict=True):
+        reading = read_errors(contour, shape, target, radius)
+        near = nearest_points(reading.place, contour.forming_tip[:, :2])
+        left = np.abs(contour.forming_tip[near, 2] - floor)
+        share = np.where(np.isfinite(reading.bottom), np.clip(1.0 - left / (FULL_HEIGHT * radius), 0.0, 1.0), 0.0)
+        bottom = np.where(np.isfinite(reading.bottom), reading.bottom, 0.0)
+        wall = np.where(np.isfinite(reading.wall), reading.wall, np.where(share > 0.99, 0.0, np.nan))
+        index.append(np.full(len(near), contour.index))
+        place.append(reading.place)
+        applied.append(push_sign(contour) * np.asarray(correction.offset)[near, 2])
+        error.append((1.0 - share) * wall + share * bottom)
+        feature.append(features(contour, floor)[near])
+    now = Learned(
+        job,
+        len(nominal),
+        1 + (known.parts if known is not None and known.job == job else 0),
+        np.concatenate(index).astype(np.int64),
+        np.concatenate(place),
+        np.zeros(sum(map(len, place))),
+        np.concatenate(applied),
+        np.concatenate(error),
+        np.full(sum(map(len, place)), GAIN),
+        np.concatenate(feature),
+        np.zeros(0),
+        np.zeros((0, 2)),
+    )
+    before = known if known is not None and known.job == job and known.contours == len(nominal) else None
+    return _with_samples(_adjusted(now, before), known)
+
+
+def features(contour: Contour, floor: float) -> Array:
+    """(N, 4) features of the points of a contour, see :data:`isf_springback.learning_file.FEATURES`."""
+    depth = -contour.contact[:, 2]
+    return np.column_stack([contour.wall_angle, curvature(contour), depth, contour.contact[:, 2] - floor])
+
+
+def curvature(contour: Contour) -> Array:
+    """(N,) 1/m, of the path in plan view, smoothed over 5 mm; positive where it bends like the whole loop."""
+    path = LoopPath.of(contour)
+    count = max(16, round(path.length / 1e-3))
+    step = path.length / count
+    grid = step * np.arange(count, dtype=np.float64)
+    x, y = path.at(contour.forming_tip[:, 0], grid), path.at(contour.forming_tip[:, 1], grid)
+    angle = np.unwrap(np.arctan2(np.roll(y, -1) - np.roll(y, 1), np.roll(x, -1) - np.roll(x, 1)))
+    total = float(np.sign(angle[-1] - angle[0])) or 1.0
+    turn = np.mod(np.roll(angle, -1) - np.roll(angle, 1) + np.pi, 2 * np.pi) - np.pi
+    width = min(count, 5)
+    kernel = np.ones(width) / width
+    padded = np.concatenate([turn[-width:], turn, turn[:width]])
+    smooth = np.convolve(padded, kernel, mode="same")[width:-width]
+    return np.asarray(np.interp(path.position, grid, total * smooth / (2 * step)))
+
+
+def _adjusted(now: Learned, before: Learned | None) -> Learned:
+    """``now`` with the push of the next part and the history."""
+    gain = now.gain.copy()
+    push_before = now.applied
+    if before is not None:
+        old_error, old_applied, old_gain = _earlier(now, before)
+        change = now.applied - old_applied
+        moved = np.abs(change) > NOTICEABLE
+        with np.errstate(invalid="ignore", divide="ignore"):
+            response = (old_error - now.error) / change
+        deaf = moved & np.isfinite(response) & (response < LEAST_RESPONSE)
+        gain = np.where(deaf, 0.5 * old_gain, np.minimum(old_gain, GAIN))
+        # overshoot: the error changed its sign and more than the change asked for
+        gain = np.where(moved & np.isfinite(response) & (response > 1.4), 0.7 * gain, gain)
+    step = np.clip(gain * np.nan_to_num(now.error), -LARGEST_CHANGE, LARGEST_CHANGE)
+    push = np.clip(push_before + step, -1e-3, MAGNITUDE)
+    known = now.error[np.isfinite(now.error) & (now.feature[:, 2] > 3e-3)]
+    row = [float(np.abs(known).mean()), float(np.abs(known).max())] if len(known) else [np.nan, np.nan]
+    history = np.vstack([before.history, [row]]) if before is not None else np.array([row])
+    return replace(now, push=push, gain=gain, history=history)
+
+
+def _earlier(now: Learned, before: Learned) -> tuple[Array, Array, Array]:
+    """Error, push and gain of ``before`` at the places of ``now`` nearest on the same contour."""
+    nearest = np.zeros(len(now.contour), dtype=np.intp)
+    for index in np.unique(now.contour):
+        mine, theirs = np.flatnonzero(now.contour == index), np.flatnonzero(before.contour == index)
+        if len(theirs):
+            nearest[mine] = theirs[nearest_points(now.place[mine], before.place[theirs])]
+    return before.error[nearest], before.applied[nearest], before.gain[nearest]
+
+
+def _with_samples(now: Learned, known: Learned | None) -> Learned:
+    """Springback samples: what would have to be pushed for no error; older ones are kept, newest first, bounded."""
+    seen = np.isfinite(now.error)
+    feature, springback = now.feature[seen], (now.applied + now.error)[seen]
+    if known is not None:
+        feature = np.vstack([feature, known.feature])[:MOST_SAMPLES]
+        springback = np.concatenate([springback, known.springback])[:MOST_SAMPLES]
+    return replace(now, feature=feature, springback=springback)
+
+
+MOST_SAMPLES = 20_000
+"""Samples kept in a file: a dozen parts."""
