@@ -200,6 +200,19 @@ def calibrate_cell(
 
 
 @app.command()
+def learn(
+    runs: Annotated[list[Path], typer.Argument(help="run or bag folders of one part, oldest first", metavar="RUN...")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="correction file; added to when it exists")],
+    base: Annotated[Path | None, typer.Option(help="folder that paths in the recorded jobs refer to")] = None,
+    json: Json = False,
+) -> None:
+    """Learn the correction of the next part from the shapes of parts formed before."""
+    from isf_cell.commands.learn import learn_runs
+
+    learn_runs(runs, output, base, as_json=json)
+
+
+@app.command()
 def doctor(json: Json = False) -> None:
     """Check the installation: what works, what is missing, and what to do about it."""
     from isf_cell.commands.doctor import examine
