@@ -11,7 +11,7 @@ import typer
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 
-from isf_cell import terminal
+from isf_cell import springback_cli, terminal
 from isf_cell.exit_codes import Exit, exit_for
 from isf_cell.options import RunOptions
 from isf_cell.reported import ReportedError
@@ -40,6 +40,9 @@ Compare = Annotated[
     bool, typer.Option(help="also simulate the uncorrected part and show both; off when nothing is corrected")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object on stdout")]
+
+
+app.add_typer(springback_cli.app, name="springback")
 
 
 @app.callback()
