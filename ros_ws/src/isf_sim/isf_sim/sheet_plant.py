@@ -183,7 +183,7 @@ class SheetPlant:
             deflection = shell.solve(patch, force)
         self._keep(tip, axial, deflection)
         if contact.axial[0] > SMALLEST_FORCE:
-            self._yield(deflection.state, tip)
+            self._yield(deflection, tip)
         self.solutions += 1
 
     def _take_shape(self) -> None:
@@ -230,12 +230,12 @@ class SheetPlant:
         points.exponent[n] = float(np.clip(deflection.axial_compliance * axial / sag, 0.3, 1.0))
         points.used[0] = n + 1
 
-    def _yield(self, state: Array, tip: Array) -> None:
+    def _yield(self, deflection: Deflection, tip: Array) -> None:
         """Lasting bending of flange, wall and base; the whole surface takes its share."""
         shell = self.shell
         yielded = take_plastic_curvature(
             shell,
-            state,
+            deflection.state,
             self._hardened,
             (float(tip[0]), float(tip[1])),
             shell.patch_reach(0.7 * self.radius),
@@ -245,7 +245,7 @@ class SheetPlant:
         if not (yielded or self._unbalanced):
             return
         self._unbalanced = False
-        change = shell.unload()
+        change = shell.unload(deflection.factor)
         shell.rebase(change)
         grid = change[:, 2].reshape(shell.ny, shell.nx)
         fine = onto(self.surface, grid, self.size)

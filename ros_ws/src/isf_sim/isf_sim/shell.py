@@ -62,6 +62,7 @@ class Deflection:
     axial_compliance : m/N, tangent dw/dF at the tool
     iterations, factorisations : work done
     converged : False when the iteration limit was hit
+    factor : factors of a matrix near the state
     """
 
     state: Array
@@ -70,6 +71,7 @@ class Deflection:
     iterations: int
     factorisations: int
     converged: bool
+    factor: SuperLU
 
 
 class _Equilibrium(NamedTuple):
@@ -219,23 +221,30 @@ class Shell:
         scale = float(np.linalg.norm(load)) + 1e-9
         found = self._equilibrium(q, load, RESIDUAL_TOLERANCE * scale, near=start is not None)
         compliance = self._axial_compliance(patch, found.q, found.factor)
-        return Deflection(found.q, patch @ found.q, compliance, found.iterations, found.factorisations, found.converged)
+        return Deflection(found.q, patch @ found.q, compliance, *found[2:5], found.factor)
 
-    def unload(self) -> Array:
-        """(N, 3) m, displacement without load: where the residual stresses balance each other."""
+    def unload(self, factor: SuperLU | None = None) -> Array:
+        """(N, 3) m, displacement without load: where the residual stresses balance each other.
+
+        ``factor``: of a matrix of the loaded sheet, to begin with.
+        """
         q = np.zeros((self.count, 3))
         first = float(np.linalg.norm(self._assemble(q, tangent=False)))
         if first == 0.0:
             return q
-        found = self._equilibrium(q, np.zeros(self._numbering.count), BALANCE * first, near=False)
+        found = self._equilibrium(q, np.zeros(self._numbering.count), BALANCE * first, near=False, factor=factor)
         return found.q if found.converged else q
 
-    def _equilibrium(self, q: Array, load: Array, tolerance: float, *, near: bool) -> _Equilibrium:
+    def _equilibrium(
+        self, q: Array, load: Array, tolerance: float, *, near: bool, factor: SuperLU | None = None
+    ) -> _Equilibrium:
         """Modified Newton from ``q``: the factorised matrix is kept as long as a step leaves less than
-        SLOW_CONVERGENCE of the residual. ``near``: the start itself may be accepted."""
-        inner = self._assemble(q, tangent=True)
-        factor = self._factorise()
-        iterations, factorisations, fresh = 0, 1, True
+        SLOW_CONVERGENCE of the residual. ``near``: the start itself may be accepted; ``factor``: first matrix."""
+        fresh = factor is None
+        inner = self._assemble(q, tangent=fresh)
+        iterations, factorisations = 0, 0
+        if factor is None:
+            factor, factorisations = self._factorise(), 1
         residual = load - inner
         size = float(np.linalg.norm(residual))
         converged = size < tolerance and near

@@ -6,12 +6,12 @@ has travelled since the blank was clamped; it tells passes of the tool over the 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RectBivariateSpline
-from scipy.ndimage import map_coordinates, uniform_filter
+from scipy.interpolate import make_interp_spline
 
 from isf_sim.jit import kernel
 
@@ -105,12 +105,24 @@ def empty_track(size: tuple[float, float], h: float) -> TipTrack:
     )
 
 
+@kernel
+def _window_means(values: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], half: int, out: Array) -> None:
+    ny, nx = values.shape
+    for k in range(rows.shape[0]):
+        total = 0.0
+        for j in range(rows[k] - half, rows[k] + half + 1):
+            for i in range(columns[k] - half, columns[k] + half + 1):
+                total += values[min(max(j, 0), ny - 1), min(max(i, 0), nx - 1)]
+        out[k] = total / (2 * half + 1) ** 2
+
+
 def sample_mean(surface: Surface, x: Array, y: Array, window: float) -> Array:
-    """(N,) m, surface height averaged over a square of side ``window`` m round the points (N,), (N,) m."""
-    smooth = uniform_filter(surface.height, max(round(window / surface.h), 1))
-    rows = (y - surface.y0) / surface.h
-    columns = (x - surface.x0) / surface.h
-    return np.asarray(map_coordinates(smooth, [rows, columns], order=1, mode="nearest"))
+    """(N,) m, surface height averaged over a square of about ``window`` m round the nodes next to (N,), (N,) m."""
+    rows = np.rint((y - surface.y0) / surface.h).astype(np.int64)
+    columns = np.rint((x - surface.x0) / surface.h).astype(np.int64)
+    out = np.empty(len(rows))
+    _window_means(surface.height, rows, columns, round(0.5 * window / surface.h), out)
+    return out
 
 
 def onto(grid: Surface | TipTrack, values: Array, size: tuple[float, float]) -> Array:
@@ -120,11 +132,17 @@ def onto(grid: Surface | TipTrack, values: Array, size: tuple[float, float]) -> 
     feel as a ripple of the wall.
     """
     shape = (grid.height if isinstance(grid, Surface) else grid.tip).shape
-    y = np.linspace(-0.5 * size[1], 0.5 * size[1], values.shape[0])
-    x = np.linspace(-0.5 * size[0], 0.5 * size[0], values.shape[1])
-    fine_y = np.clip(grid.y0 + grid.h * np.arange(shape[0]), y[0], y[-1])
-    fine_x = np.clip(grid.x0 + grid.h * np.arange(shape[1]), x[0], x[-1])
-    return np.asarray(RectBivariateSpline(y, x, values, kx=3, ky=3)(fine_y, fine_x))
+    rows = _spline_weights(values.shape[0], size[1], shape[0], grid.y0, grid.h)
+    columns = _spline_weights(values.shape[1], size[0], shape[1], grid.x0, grid.h)
+    return np.asarray(rows @ values @ columns.T)
+
+
+@lru_cache(maxsize=16)
+def _spline_weights(nodes: int, length: float, fine: int, start: float, h: float) -> Array:
+    """(fine, nodes) values of the interpolating cubic splines of unit values on nodes that span ``length`` m."""
+    coarse = np.linspace(-0.5 * length, 0.5 * length, nodes)
+    places = np.clip(start + h * np.arange(fine), coarse[0], coarse[-1])
+    return np.asarray(make_interp_spline(coarse, np.eye(nodes), k=3)(places))
 
 
 @kernel
