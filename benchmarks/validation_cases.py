@@ -78,7 +78,7 @@ def process_limits() -> None:
         row(f"AA1100-O, R 4.5 mm, support force {horizontal:.0f} N", told, found, "C", check)
     for name, angle, told in (("AA1050", 45.0, "formed"), ("AA1050", 70.0, "torn"), ("AA3103", 60.0, "formed")):
         found = "torn" if math.radians(angle) > load_material(name).max_wall_angle else "formed"
-        tag = "C" if name == "AA1050" else "P"
+        tag = "C" if name == "AA1050" else "A"
         row(f"{name}, wall of {angle:.0f} deg in one pass", told, found, tag, [(float(found == told), 1.0)])
 
 
