@@ -162,7 +162,8 @@ def lift() -> None:
     loaded = (np.array(forces) > 0.05 * forces[0]) & (sag > 0)
     b = np.polyfit(np.log(np.array(forces)[loaded]), np.log(sag[loaded]), 1)[0]
     text = f"{1e3 * rises[-1]:.2f}, {b:.2f}"
-    row("lifting at the end: springback [mm], exponent", "5.76, about 0.57", text, "C, yield factor", [(1e3 * rises[-1], 5.76)])
+    check = [(1e3 * rises[-1], 5.76)]
+    row("lifting at the end: springback [mm], exponent", "5.76, about 0.57", text, "C, yield factor", check)
 
 
 def support() -> None:
