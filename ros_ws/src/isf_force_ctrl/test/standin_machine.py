@@ -1,7 +1,8 @@
 """A process that stands in for the machine: the contact sandbox behind the topics of the architecture page.
 
-Parameters: ``nan_at``, ``silent_at`` (tick at which a wrench turns NaN or the wrenches stop, -1 never), ``tared``,
-``lockstep`` (false: ticks by the clock on the newest targets).
+Parameters: ``nan_at``, ``silent_at`` (tick at which a wrench turns NaN or the wrenches stop, -1 never),
+``saturated_at`` (tick from which the load cells are at the end of their range), ``lost_share`` (share of the wrenches
+that never arrive; real time), ``tared``, ``lockstep`` (false: ticks by the clock on the newest targets).
 """
 
 import math
@@ -24,6 +25,9 @@ class StandInMachine(Node):
     def __init__(self) -> None:
         super().__init__("machine")
         self.nan_at, self.silent_at = (self.declare_parameter(n, -1).value for n in ("nan_at", "silent_at"))
+        self.saturated_at = self.declare_parameter("saturated_at", -1).value
+        self.lost_share = self.declare_parameter("lost_share", 0.0).value
+        self.random = np.random.default_rng(0)
         self.tared = self.declare_parameter("tared", True).value
         self.lockstep = self.declare_parameter("lockstep", True).value
         self.sandbox = Sandbox(np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]), planned_distance(ring()))
@@ -46,6 +50,8 @@ class StandInMachine(Node):
         for message, wrench in zip(self.wrench, self.sandbox.wrenches(), strict=True):
             if tick == self.nan_at:
                 wrench[1] = math.nan
+            if 0 <= self.saturated_at <= tick:
+                wrench[2] = 1e4
             conversion.set_wrench(message, wrench)
             message.header.stamp = stamps.to_stamp(stamps.tick_nanoseconds(tick, RATE))
         self.send()
@@ -55,6 +61,8 @@ class StandInMachine(Node):
             return
         self.last = time.monotonic()
         for publisher, message in zip(self.out, self.wrench, strict=True):
+            if self.random.random() < self.lost_share:
+                continue
             publisher.publish(message)
 
     def on_timer(self) -> None:

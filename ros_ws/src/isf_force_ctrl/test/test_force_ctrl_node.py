@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,10 +41,14 @@ control: {rate: 500 Hz, support_force: 120 N, compliance_compensation: 0.5}
 
 
 @contextmanager
-def started(*command: str, **parameters: object) -> Iterator[subprocess.Popen[bytes]]:
+def started(
+    *command: str, remap: dict[str, str] | None = None, **parameters: object
+) -> Iterator[subprocess.Popen[bytes]]:
     arguments = [sys.executable, *command, "--ros-args"]
     for name, value in parameters.items():
         arguments += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
+    for name, new in (remap or {}).items():
+        arguments += ["-r", f"{name}:={new}"]
     process = subprocess.Popen(arguments, start_new_session=True)
     try:
         yield process
@@ -70,12 +75,14 @@ class Cell:
     def _count(self, _: PoseStamped) -> None:
         self.targets += 1
 
-    def start(self, machine: dict[str, object] | None = None, **parameters: object) -> None:
+    def start(
+        self, machine: dict[str, object] | None = None, remap: dict[str, str] | None = None, **parameters: object
+    ) -> None:
         here = Path(__file__)
-        self._stack.enter_context(started(str(here.with_name("standin_machine.py")), **(machine or {})))
-        self._stack.enter_context(
-            started("-m", "isf_force_ctrl.node", autostart=True, **{"wrench_timeout": 1.0, **parameters})
-        )
+        options: dict[str, Any] = machine or {}
+        self._stack.enter_context(started(str(here.with_name("standin_machine.py")), remap=remap, **options))
+        values: dict[str, Any] = {"wrench_timeout": 1.0, **parameters}
+        self._stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, remap=remap, **values))
         assert self._arm.wait_for_service(20.0)
 
     def wait(self, condition: Callable[[], Any], timeout: float = 40.0) -> bool:
@@ -208,3 +215,56 @@ def test_real_time_forms_a_contour(cell: Cell) -> None:
     assert (result.completed, result.code) == (True, 0)
     assert result.contact_fraction > 0.9
     assert len(result.tick_time) > 500
+
+
+def test_a_driver_with_other_topic_names(cell: Cell) -> None:
+    # docs/other_cells.md: the node alone against a driver that follows a stream of poses under names of its own
+    names = {
+        "tool_1/target": "left/target_frame",
+        "tool_1/wrench": "left/ft_sensor_wrench",
+        "tool_2/target": "right/target_frame",
+        "tool_2/wrench": "right/ft_sensor_wrench",
+    }
+    cell.start(remap=names)
+    frames: list[PoseStamped] = []
+    cell.node.create_subscription(PoseStamped, "left/target_frame", frames.append, qos.STREAM)
+    cell.armed()
+    result = conversion.result_from_message(cell.form(small_ring()))
+    assert (result.completed, result.code) == (True, 0)
+    assert cell.targets == 0
+    assert {frame.header.frame_id for frame in frames} == {"sheet"}
+
+
+def test_latency_is_measured(cell: Cell) -> None:
+    cell.start()
+    cell.armed()
+    cell.form(small_ring())
+    latency = np.array([state.latency for state in cell.states if state.mode == ForceCtrlState.CONTROL])
+    assert np.isfinite(latency).all()
+    assert (latency > 0.0).all()
+
+
+def test_saturated_cell_holds_with_its_code(cell: Cell) -> None:
+    cell.start({"saturated_at": 1000})
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.WRENCH_OUT_OF_RANGE)
+    assert "tool_2" in result.message or "tool_1" in result.message
+
+
+def test_a_fifth_of_the_wrenches_may_be_lost_in_real_time(cell: Cell) -> None:
+    cell.start({"lockstep": False, "lost_share": 0.2}, lockstep=False)
+    cell.armed()
+    result = conversion.result_from_message(cell.form(small_ring()))
+    assert (result.completed, result.code) == (True, 0)
+    assert result.contact_fraction > 0.9
+
+
+def test_contour_for_one_tool_is_answered(cell: Cell) -> None:
+    cell.start()
+    cell.armed()
+    contour = replace(small_ring(), support_tip=np.empty((0, 3)), support_force=np.empty(0))
+    result = cell.form(contour)
+    assert (result.completed, result.code) == (False, ErrorCode.CONTOUR_REJECTED)
+    assert "one tool only" in result.message
+    assert cell.targets == 0
