@@ -18,6 +18,7 @@ import pytest
 import rclpy
 from contact_sandbox import ring
 from geometry_msgs.msg import PoseStamped
+from isf_core.contour import Process
 from isf_core.errors import ErrorCode
 from isf_msgs.msg import Contour, ContourResult, ForceCtrlState
 from isf_msgs.srv import Arm
@@ -91,9 +92,11 @@ class Cell:
             rclpy.spin_once(self.node, timeout_sec=0.05)
         return bool(condition())
 
-    def arm(self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan")) -> Arm.Response:
+    def arm(
+        self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan"), job: str = JOB
+    ) -> Arm.Response:
         """Arm; asks again while the wrenches have not been discovered yet."""
-        request = Arm.Request(plan_id=plan_id, count=count, job_text=JOB, support_force=support_force)
+        request = Arm.Request(plan_id=plan_id, count=count, job_text=job, support_force=support_force)
         deadline = time.monotonic() + 20.0
         while True:
             future = self._arm.call_async(request)
@@ -268,3 +271,21 @@ def test_contour_for_one_tool_is_answered(cell: Cell) -> None:
     assert (result.completed, result.code) == (False, ErrorCode.CONTOUR_REJECTED)
     assert "one tool only" in result.message
     assert cell.targets == 0
+
+
+def test_blank_holder_has_targets_in_tpif(cell: Cell) -> None:
+    cell.start()
+    heights: list[float] = []
+    cell.node.create_subscription(
+        PoseStamped, "holder/target", lambda message: heights.append(message.pose.position.z), qos.STREAM
+    )
+    job = JOB.replace("DSIF", "TPIF").replace("support_force: 120 N, ", "") + "die: {mesh: die.stl, unit: mm}\n"
+    cell.armed(job=job)
+    nothing = np.empty((0, 3))
+    contour = replace(
+        small_ring(), process=Process.TPIF, support_tip=nothing, support_force=np.empty(0), holder_height=1e-3
+    )
+    result = cell.form(contour)
+    assert (result.completed, result.code) == (True, 0)
+    assert max(heights) == pytest.approx(1e-3)
+    assert cell.wait(lambda: heights[-1] == 0.0)  # down again when parked
