@@ -45,6 +45,11 @@ DEEPER = 0.2e-3
 RESTLESS = 40.0
 """Contours of drift after a scan that surprised everywhere (assumed): a surprise that comes again is a change of the
 process, and is then followed within two scans."""
+SURPRISING = 0.25
+"""Share of doubtful places from which a scan contradicts the model."""
+SLOW_RISE = 0.5
+"""Incremental depths by which a correction may grow per contour until a scan has confirmed the model (assumed: what was
+formed too deep stays)."""
 TOLD_BIAS = 1.5e-3
 """m of disagreement of model and shape that is told."""
 WALL_REACH = (-0.75e-3, 0.1e-3)
@@ -152,6 +157,9 @@ class FusedCorrection:
             wanted = sign * before[:, 2]  # no force: the last good correction
         else:
             wanted = self._job_file.job.springback.gain * (predicted + bias)
+        if self._unconfirmed():
+            slow = SLOW_RISE * self._job_file.job.path.incremental_depth
+            wanted = np.minimum(wanted, np.maximum(sign * before[:, 2], 0.0) + slow)
         limits = push_limits(self._job_file, contour.forming_tool)
         value, bound = limit_signed(wanted, path, limits, sign * before[:, 2])
         offset = np.zeros((len(contour), 3))
@@ -163,7 +171,7 @@ class FusedCorrection:
             followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
             far = float(disagreement[np.argmax(np.abs(disagreement))])
             remarks.append(f"the shape says {1e3 * far:+.1f} mm springback against the model{followed}")
-        if self._doubtful > 0.25:
+        if self._doubtful > SURPRISING:
             remarks.append(f"the last scan surprises at {100 * self._doubtful:.0f} % of the places: believed less")
         if fault is None and np.abs(wanted).max() > MAGNITUDE:
             fault = IsfError(
@@ -192,6 +200,12 @@ class FusedCorrection:
         return correction
 
     # -- inside --------------------------------------------------------------------------------------
+
+    def _unconfirmed(self) -> bool:
+        """True while scans are to come and none has confirmed the model, or the last one contradicts it."""
+        if self._job_file.job.springback.scan_every != 1:
+            return False  # several contours without a scan: the model is all there is
+        return self._wall is None or self._doubtful > SURPRISING
 
     def _keep(self, contour: Contour, predicted: Array) -> None:
         """Remember what the model said of the last two contours."""
