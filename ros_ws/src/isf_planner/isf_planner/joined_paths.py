@@ -20,7 +20,7 @@ from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from isf_planner import slicing, tip_surface
+from isf_planner import slicing, surface_normals, tip_surface
 from isf_planner.loop_family import LoopFamily, family
 from isf_planner.mesh_checks import place_text
 from isf_planner.target_surface import TargetSurface
@@ -124,7 +124,8 @@ def joined(
     line = np.vstack([pieces[0][:1], *[piece[1:] for piece in pieces]])
     line, contact, height = _settled(surface, line, side, radius, steps=3)
     _check(line, height)
-    normal = _smooth(tip_surface.contact_normals(surface, line[:, :2], contact, radius), spacing, radius)
+    width = surface_normals.smoothing_width(surface.facet_width, radius)
+    normal = _smooth(tip_surface.contact_normals(surface, line[:, :2], contact, radius), spacing, width)
     return [
         replace(first, points=line[a : b + 1], normal=normal[a : b + 1], closed=False, joins=bool(a))
         for a, b in itertools.pairwise(cuts)

@@ -21,6 +21,10 @@ CREASE = np.radians(15.0)
 """rad, a vertex normal that deviates more from a facet lies on an edge (of twice this angle), not on a smooth face."""
 
 
+FACETS_SMOOTHED = 4.0
+"""Facets across which normals along a loop are smoothed."""
+
+
 def facet_normals(mesh: Mesh) -> Array:
     """(F, 3) unit normals of the facets; zero for a facet without area."""
     return surface_kernels.vertex_normals(mesh.vertices, mesh.faces)[1]
@@ -33,6 +37,15 @@ def corner_normals(mesh: Mesh) -> Array:
     on_edge = np.einsum("fcd,fd->fc", normals, facet) < np.cos(CREASE)
     normals[on_edge] = np.broadcast_to(facet[:, None, :], normals.shape)[on_edge]
     return np.asarray(normals)
+
+
+def smoothing_width(facet_width: float, radius: float) -> float:
+    """m along a loop over which normals of facets ``facet_width`` m wide need smoothing.
+
+    Never more than the tool's ``radius`` (m). Smoothing beyond need hurts: where a straight side meets an arc the
+    fitted parabola lags behind the jump of the curvature.
+    """
+    return min(radius, FACETS_SMOOTHED * facet_width)
 
 
 def smooth_along(normals: Array, spacing: float, width: float) -> Array:

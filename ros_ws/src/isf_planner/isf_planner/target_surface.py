@@ -46,12 +46,14 @@ class TargetSurface:
     pitch : m
     z : (ny, nx) m
     normal_xy : (ny, nx, 2) horizontal part of the unit upward normal of the smooth surface
+    facet_width : m, how wide facets of the formed region are across (median of their shortest sides)
     """
 
     origin: Array
     pitch: float
     z: Array
     normal_xy: Array
+    facet_width: float = 0.0
 
     @property
     def x(self) -> Array:
@@ -91,7 +93,13 @@ def fine_surface(mesh: Mesh, radius: float) -> TargetSurface:
     )
     if row >= 0:
         _refuse_layers(np.array([low[0] + pitch * column, low[1] + pitch * row, z[row, column]]))
-    return TargetSurface(low, pitch, z, normal_xy)
+    return TargetSurface(low, pitch, z, normal_xy, _facet_width(mesh.vertices[formed]))
+
+
+def _facet_width(corners: Array) -> float:
+    """m, median over facets with ``corners`` (F, 3, 3) m of the shortest side."""
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    return float(np.median(sides.min(axis=1)))
 
 
 def target_map(mesh: Mesh, clamp: tuple[float, float]) -> HeightMap:

@@ -103,7 +103,8 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
             advice="reduce path.point_spacing or the tool radius, or round the edges of the part",
         )
     normal = tip_surface.contact_normals(surface, points, contact, radius)
-    normal = surface_normals.smooth_along(normal, spacing, radius)
+    width = surface_normals.smoothing_width(surface.facet_width, radius)
+    normal = surface_normals.smooth_along(normal, spacing, width)
     bends = curvature.principal(surface, points - radius * normal[:, :2], radius)
     return TipLoop(level, points, normal, curvature=bends)
 

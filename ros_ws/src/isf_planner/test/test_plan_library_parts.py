@@ -10,9 +10,6 @@ from isf_planner import plan
 from isf_planner.part_library import PARTS, part_mesh
 from planner_parts import job_for, write
 
-ROUND = ("cone", "funnel", "asymmetric_cone", "two_pockets")
-"""No straight side meets an arc along their contours."""
-
 
 @pytest.mark.parametrize("name", PARTS)
 def test_contacts_lie_on_the_exact_surface(name: str, tmp_path: Path) -> None:
@@ -23,7 +20,7 @@ def test_contacts_lie_on_the_exact_surface(name: str, tmp_path: Path) -> None:
     normal = np.vstack([contour.normal for contour in contours])
     assert np.abs(part.distance(contact)).max() < 5e-6
     off = np.degrees(np.arccos(np.clip((normal * part.normal(contact[:, :2])).sum(axis=1), -1.0, 1.0)))
-    # normals are smoothed along the contour over one tool radius: where a straight side meets an arc of 16 mm the
-    # parabola that is fitted there lags behind the jump of the curvature by up to 2 deg
-    assert off.max() < (0.25 if name in ROUND else 2.0)
+    # the few worst stand where a floor fillet ends beside a corner, and the ball touches both
+    assert np.percentile(off, 99) < 0.21
+    assert off.max() < 0.5
     assert np.median(off) < 0.12
