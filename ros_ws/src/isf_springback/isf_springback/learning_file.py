@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
@@ -60,7 +61,7 @@ class Learned:
 
 def save(learned: Learned, path: Path) -> None:
     """Write ``learned``; raises IsfError FILE_NOT_WRITABLE."""
-    values = {name: np.asarray(value) for name, value in vars(learned).items()}
+    values: dict[str, Any] = {name: np.asarray(value) for name, value in vars(learned).items()}
     try:
         with path.open("wb") as stream:
             np.savez_compressed(stream, format=np.asarray(FORMAT), **values)
