@@ -174,6 +174,19 @@ def report(
 
 
 @app.command()
+def learn(
+    runs: Annotated[list[Path], typer.Argument(help="run or bag folders of one part, oldest first", metavar="RUN...")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="correction file; added to when it exists")],
+    base: Annotated[Path | None, typer.Option(help="folder that paths in the recorded jobs refer to")] = None,
+    json: Json = False,
+) -> None:
+    """Learn the correction of the next part from the shapes of parts formed before."""
+    from isf_cell.commands.learn import learn_runs
+
+    learn_runs(runs, output, base, as_json=json)
+
+
+@app.command()
 def tune(
     job: JobArgument,
     stiffness: Annotated[float | None, typer.Option(help="contact stiffness in N/um  [default: the rig's]")] = None,
@@ -200,19 +213,6 @@ def calibrate_cell(
     from isf_cell.commands.calibrate_cell import calibrate_file
 
     calibrate_file(loads, limit, output, as_json=json)
-
-
-@app.command()
-def learn(
-    runs: Annotated[list[Path], typer.Argument(help="run or bag folders of one part, oldest first", metavar="RUN...")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="correction file; added to when it exists")],
-    base: Annotated[Path | None, typer.Option(help="folder that paths in the recorded jobs refer to")] = None,
-    json: Json = False,
-) -> None:
-    """Learn the correction of the next part from the shapes of parts formed before."""
-    from isf_cell.commands.learn import learn_runs
-
-    learn_runs(runs, output, base, as_json=json)
 
 
 @app.command()

@@ -57,6 +57,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._machine: isf.MachineState | None = None
         self._loop: PeriodicLoop | None = None
         self._lock = threading.RLock()
+        self._latency = LatencyMeter()
         self._entities: list[tuple[Any, Any]] = []
         self._refused = 0
 
@@ -70,7 +71,6 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._watchdogs = (ReceiveWatchdog(self._timeout), ReceiveWatchdog(self._timeout))
         self._delayed, self._patient_until = False, 0.0
         self._ticks = self._late_before = 0
-        self._latency = LatencyMeter()
         self._last_mode = Mode.IDLE
 
         self._outlet = ForceCtrlOutlet(self)
