@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from numpy.typing import NDArray
 
@@ -115,7 +116,7 @@ class ControlConfig:
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
         """Parameters from a job and its rig, checked for stability.
 
-        Raises IsfError UNSTABLE_GAIN.
+        Raises IsfError UNSTABLE_GAIN, FILE_FIELD.
         """
         job, rig = job_file.job, job_file.rig
         config = ControlConfig(
@@ -127,7 +128,7 @@ class ControlConfig:
             servo_bandwidth=rig.servo.bandwidth,
             contact_stiffness=rig.contact_stiffness,
             forming_compliance=(rig.tool_1.compliance[0], rig.tool_1.compliance[1]),
-            compensation=job.control.compliance_compensation,
+            compensation=_forming_compensation(job_file),
             offset_limit=rig.limits.offset,
             support_force=support_force,
             support_compliance=(rig.tool_2.compliance[0], rig.tool_2.compliance[1]),
@@ -180,8 +181,35 @@ class ControlConfig:
         )
 
 
+def _planned_for_compliance(job_file: JobFile) -> bool:
+    """True when the gap of the planned path is already that of tools that give way (ADSIF, Ren 2018 eq. 3-12)."""
+    job = job_file.job
+    return job.process == "ADSIF" and (job.adsif is None or job.adsif.compensate_compliance)
+
+
+def _forming_compensation(job_file: JobFile) -> float:
+    """Factor on the compensation of the forming tool: the job's, but what the plan cancels is not cancelled twice.
+
+    Raises IsfError FILE_FIELD when the job asks for both.
+    """
+    control = job_file.job.control
+    if not _planned_for_compliance(job_file):
+        return control.compliance_compensation
+    asked = control.compliance_compensation if "compliance_compensation" in control.model_fields_set else 0.0
+    if asked > 0.0 or (control.support_compensation or 0.0) > 0.0:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "adsif.compensate_compliance and the compensation of the tools cancel the same deflection",
+            where="control.compliance_compensation, control.support_compensation",
+            advice="leave them out, or set adsif.compensate_compliance: false",
+        )
+    return 0.0
+
+
 def _support_compensation(job_file: JobFile) -> float:
     """Factor on the compensation of the support tool: the job's; else in ADSIF as much as both tools can bear."""
+    if _planned_for_compliance(job_file):
+        return 0.0
     control, rig = job_file.job.control, job_file.rig
     if control.support_compensation is not None:
         return control.support_compensation

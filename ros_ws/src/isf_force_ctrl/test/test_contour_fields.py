@@ -286,6 +286,22 @@ control: {{rate: 500 Hz{more}}}
     [("DSIF", "", 0.0), ("ADSIF", "", 0.689), ("ADSIF", ", support_compensation: 0.2", 0.2)],
 )
 def test_support_compensation_of_a_job(process, more, factor, tmp_path):
-    config = ControlConfig.from_job(JobFile(JOB.format(process=process, more=more), tmp_path))
+    text = JOB.format(process=process, more=more) + ("adsif: {compensate_compliance: false}\n" * (process == "ADSIF"))
+    config = ControlConfig.from_job(JobFile(text, tmp_path))
+    assert config.compensation == 1.0
     # ADSIF: (0.95 * 0.8 / 0.45 - 1) = 0.689 of 1 um/N
     assert config.support_compensation == pytest.approx(factor, abs=1e-3)
+
+
+@pytest.mark.parametrize("adsif", ["", "adsif: {pitch: 0.2 mm}\n"])
+def test_a_gap_planned_for_the_compliance_is_not_compensated_again(adsif, tmp_path):
+    # Ren 2018 eq. 3-12 makes the commanded gap smaller already: cancelling it once more closes it until it buckles
+    config = ControlConfig.from_job(JobFile(JOB.format(process="ADSIF", more="") + adsif, tmp_path))
+    assert (config.compensation, config.support_compensation) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("more", [", compliance_compensation: 0.5", ", support_compensation: 0.2"])
+def test_asking_for_both_compensations_of_a_gap_is_refused(more, tmp_path):
+    with pytest.raises(IsfError, match="compensate_compliance") as caught:
+        ControlConfig.from_job(JobFile(JOB.format(process="ADSIF", more=more), tmp_path))
+    assert caught.value.code == ErrorCode.FILE_FIELD
