@@ -17,13 +17,13 @@ from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.forming_force import aerens_axial_force, contact_patch
 from isf_core.job import JobFile
+from isf_core.opening import ClampRadius, Opening, clamp_radius
+from isf_core.sheet_deflection import SheetSection, deflection, ring_load_law
 from numpy.typing import NDArray
 
 from isf_springback.continuity import Continuity, forming_radius, limits_of
 from isf_springback.force_forecast import ForecastLaw, forecast
 from isf_springback.loop_path import LoopPath, moving_average, nearest_points
-from isf_springback.opening import ClampRadius, Opening, clamp_radius
-from isf_springback.sheet_deflection import SheetSection, deflection, ring_load_law
 from isf_springback.sheet_load import axial_sheet_load, push_sign
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ class AnalyticOptions:
         "component": w n_z, the literal reading of Praveen 2020 eq. 19-22 with the local normal; "axial": w.
         The component reading equals the realised one on walls near 50 deg, but tends to the full w on the fillet
         of a floor, where springback does not grow: hence not the default.
-    clamp : radius of a rectangular clamp, see :func:`isf_springback.opening.clamp_radius`
+    clamp : radius of a rectangular clamp, see :func:`isf_core.opening.clamp_radius`
     law : force forecast
     first_contour : "zero" (published: block 1 is not corrected) or "estimate" (force by Aerens' regression)
     control_points : places along the contour where force and model are evaluated

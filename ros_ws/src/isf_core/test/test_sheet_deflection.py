@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isf_springback.sheet_deflection import SheetSection, deflection, line_load, membrane_share, ring_load_law
+from isf_core.sheet_deflection import SheetSection, deflection, line_load, membrane_share, ring_load_law
 
 # Al8011 of the paper; E and nu are not printed there, 70 GPa and 0.33 reproduce its finite elements [3.1]
 PAPER = SheetSection(young_modulus=70e9, poisson_ratio=0.33, thickness=0.8e-3)

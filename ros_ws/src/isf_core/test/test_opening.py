@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from isf_springback.opening import SMALLEST_GAP, Opening, clamp_radius
+from isf_core.opening import SMALLEST_GAP, Opening, clamp_radius
 
 TURN = np.linspace(0, 2 * np.pi, 500, endpoint=False)
 CIRCLE = np.column_stack([np.cos(TURN), np.sin(TURN)])
