@@ -55,6 +55,14 @@ class Job(FileModel):
         return self
 
     @model_validator(mode="after")
+    def _path_of_process(self) -> Job:
+        if problem := self.path.without_effect(self.process):
+            raise ValueError(problem)
+        if self.path.support == "on_blank" and self.control.support_force > 0:
+            raise ValueError("path.support on_blank has no force control: control.support_force must be 0 N")
+        return self
+
+    @model_validator(mode="after")
     def _compensated_once(self) -> Job:
         wanted = self.path.compensation
         if "sheet" in wanted and self.springback.method != "none":

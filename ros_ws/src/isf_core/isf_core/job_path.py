@@ -35,13 +35,11 @@ class PathSpec(FileModel):
     direction: Literal["ccw", "cw", "alternating"] = "ccw"
     """Sense of travel seen from above; alternating: every other contour the other way round."""
     transition: Literal["step", "ramp"] = "step"
-    """From contour to contour straight down at the seam, or along a ramp within the wall."""
+    """Style contours: from contour to contour straight down at the seam, or along a ramp within the wall."""
     ramp_length: Length = Field(default=10e-3, gt=0.5e-3, lt=1.0)
     """Length of the ramp along the contour; the seam moves on by as much with every contour."""
     stagger: Length = Field(default=0.0, ge=0.0, lt=1.0)
     """Transition step: by how much the start of every contour lies further along than that of the one before."""
-    order: Literal["out_to_in", "in_to_out"] = "out_to_in"
-    """Contours from the edge to the centre, or from the centre to the edge."""
     acceleration: Acceleration | None = Field(default=None, gt=1e-3, lt=100.0)
     """Largest acceleration of the forming tip: it slows down in corners and at both ends; None: feed everywhere."""
     support: Literal["opposite", "on_blank"] = "opposite"
@@ -74,4 +72,47 @@ class PathSpec(FileModel):
             raise ValueError("direction alternating needs style contours and transition step: joined paths run one way")
         if joined and self.stagger > 0:
             raise ValueError("stagger needs style contours and transition step: joined paths have no seams to spread")
+        if self.style == "spiral" and self.transition == "ramp":
+            raise ValueError("a spiral has no ramps: use style contours with transition ramp, or leave transition out")
         return self
+
+    @model_validator(mode="after")
+    def _nothing_ignored(self) -> PathSpec:
+        """What is written down has to have an effect."""
+        needs = {
+            "scallop_height": (self.spacing == "scallop", "spacing scallop"),
+            "arc_step": (self.spacing == "arc", "spacing arc"),
+            "smallest_step": (self.spacing != "depth", "spacing scallop or arc"),
+            "largest_step": (self.spacing != "depth", "spacing scallop or arc"),
+            "ramp_length": (self.transition == "ramp", "transition ramp"),
+            "sheet_term": ("sheet" in self.compensation, "compensation sheet"),
+            "sheet_gain": ("sheet" in self.compensation, "compensation sheet"),
+            "machine_error": ("machine" in self.compensation, "compensation machine"),
+        }
+        for name in sorted(self.model_fields_set & set(needs)):
+            used, need = needs[name]
+            if not used:
+                raise ValueError(f"{name} has no effect without {need}")
+        return self
+
+    def without_effect(self, process: str) -> str | None:
+        """What the ``process`` (SPIF, TPIF, DSIF, ADSIF) makes no use of, as a sentence for people, or None."""
+        if process != "DSIF" and self.support != "opposite":
+            return f"path.support {self.support} needs process DSIF: {process} has no support tool to place"
+        if process != "DSIF" and self.squeeze_factor != 1.0:
+            return f"path.squeeze_factor needs process DSIF: the gap of {process} does not follow it"
+        if process in ("SPIF", "DSIF"):
+            return None
+        if self.thickness != "sine_law":
+            return f"path.thickness {self.thickness} needs process SPIF or DSIF: {process} is planned by the sine law"
+        if {"sheet", "tool"} & set(self.compensation):
+            return f"path.compensation sheet and tool need process SPIF or DSIF: their models do not hold for {process}"
+        if process != "ADSIF":
+            return None
+        if self.transition != "step" or self.stagger > 0 or self.direction == "alternating":
+            return "path.transition, stagger and direction alternating have no effect: ADSIF runs along one spiral"
+        if self.style == "contours" and "style" in self.model_fields_set:
+            return "path.style contours has no effect: ADSIF runs along one spiral"
+        if self.spacing != "depth":
+            return f"path.spacing {self.spacing} has no effect: the turns of ADSIF are adsif.pitch apart"
+        return None

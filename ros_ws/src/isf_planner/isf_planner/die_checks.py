@@ -23,6 +23,9 @@ EDGE = 0.7e-3
 INTO_SHEET = 50e-6
 """m, by which the die may stand into the sheet: faceting of both meshes."""
 
+APART = 0.3e-3
+"""m, by which the whole die may stay away from the sheet before it is in the wrong place (assumed)."""
+
 CRUSHED = 0.9
 """Part of the formed thickness that has to be left between tool and die."""
 
@@ -45,7 +48,9 @@ def load_die(job_file: JobFile) -> Array:
 
 
 def check_die(part: Mesh, height: float, job_file: JobFile) -> None:
-    """The die keeps under the lower face of the finished sheet; ``part`` in the frame of the die, ``height`` m.
+    """The die keeps under the lower face of the finished sheet and reaches it somewhere.
+
+    ``part`` in the frame of the die, ``height`` m of it over its flange.
 
     Raises
     ------
@@ -67,6 +72,13 @@ def check_die(part: Mesh, height: float, job_file: JobFile) -> None:
             f"the die stands {into[worst] * 1e3:.2f} mm into the finished sheet",
             where=f"die at {place_text(points[worst])}",
             advice="the die's surface is the part's lower face: the upper one less the blank's thickness, or below it",
+        )
+    if into[worst] < -APART - tolerance:
+        raise IsfError(
+            ErrorCode.DIE_COLLISION,
+            f"the die stays {-into[worst] * 1e3:.2f} mm away from the finished sheet everywhere: it carries nothing",
+            where=f"die at {place_text(points[worst])}",
+            advice="give the die before the holder moves: the lower face of the blank lies on top of it",
         )
 
 

@@ -12,6 +12,8 @@ from scipy.spatial import KDTree
 
 from isf_planner.joined_paths import TipPath
 from isf_planner.loop_family import family
+from isf_planner.mesh_checks import place_text
+from isf_planner.sides import UPSIDE_DOWN, Side
 from isf_planner.tip_loops import TipLoop
 
 Array = NDArray[np.float64]
@@ -25,7 +27,7 @@ def along(chain: Sequence[TipLoop], paths: Sequence[TipPath], job: Job) -> list[
 
     ``job`` with the forming tool as tool_1, loops and paths as that tool sees them.
     """
-    if job.path.thickness == "sine_law" or len(chain) < 3 or chain[0].island:
+    if job.path.thickness == "sine_law" or not sectioned(chain):
         return [None] * len(paths)
     points, formed = by_overlap(chain, job.tool_1.ball_radius, job.sheet.thickness)
     tree = KDTree(points)
@@ -35,6 +37,26 @@ def along(chain: Sequence[TipLoop], paths: Sequence[TipPath], job: Job) -> list[
         weight = 1.0 / np.maximum(distance, 1e-6) ** 2
         result.append(np.asarray((formed[nearest] * weight).sum(axis=1) / weight.sum(axis=1)))
     return result
+
+
+def sectioned(chain: Sequence[TipLoop]) -> bool:
+    """Whether the overlap method says anything about a feature: passes follow each other inwards from an opening."""
+    return len(chain) >= 3 and not chain[0].island
+
+
+def left_to_sine_law(sides: Sequence[Side], job: Job) -> tuple[str, ...]:
+    """Warning for the features that the overlap method leaves to the sine law, with their place."""
+    if job.path.thickness == "sine_law":
+        return ()
+    chains = [[side.tree.loops[k] for k in feature.loops] for side in sides for feature in side.tree.features]
+    left = [chain[0] for chain in chains if chain and not sectioned(chain)]
+    if not left:
+        return ()
+    place = left[0].tip.mean(axis=0) * (UPSIDE_DOWN if left[0].forming_tool == 2 else 1.0)
+    return (
+        f"thickness overlap: at {place_text(place)} and {len(left) - 1} more features the passes "
+        f"do not follow each other inwards (an island, or fewer than three contours): sine law there",
+    )
 
 
 def by_overlap(chain: Sequence[TipLoop], radius: float, initial: float) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from isf_planner import (
     adsif_path,
     finishing,
+    formed_thickness,
     level_spacing,
     mesh_checks,
     mesh_input,
@@ -126,14 +127,14 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     else:
         contours = tool_paths.make_contours(planned, job_file, plan_id)
     contours, expected = finishing.finish(contours, job_file)
-    warnings += expected
+    warnings += (*formed_thickness.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
     warnings += part_checks.check_support(_supported(contours, job), planned[0].surface, job)
     target = target_surface.target_map(mesh, rig.clamp.size)
     step("done", 1.0)
-    told = tuple(dict.fromkeys(warnings))
     base = PlanBase(job, tuple(planned), told_of_part)
-    return Plan(plan_id, contours, target, (mesh.vertices, mesh.faces), told, merged(planned), base)
+    unique = tuple(dict.fromkeys(warnings))
+    return Plan(plan_id, contours, target, (mesh.vertices, mesh.faces), unique, merged(planned), base)
 
 
 def replan(before: Plan, job_file: JobFile) -> Plan:
@@ -156,7 +157,8 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     contours, expected = finishing.finish(tool_paths.make_contours(list(sides), job_file, plan_id), job_file)
     part_checks.check_travel(contours, job_file.rig)
     pressing = part_checks.check_support(_supported(contours, job), sides[0].surface, job)
-    told = tuple(dict.fromkeys((*base.told, *expected, *pressing)))
+    left = formed_thickness.left_to_sine_law(sides, job)
+    told = tuple(dict.fromkeys((*base.told, *left, *expected, *pressing)))
     return replace(before, plan_id=plan_id, contours=contours, warnings=told, tree=merged(sides))
 
 

@@ -172,7 +172,7 @@ def step_depths(contours: Sequence[Contour], default: float) -> Array:
     last: dict[tuple[int, int], float] = {}
     steps = np.empty(len(contours))
     for k, contour in enumerate(contours):
-        key, z = (contour.feature, contour.stage), float(contour.forming_tip[:, 2].mean())
+        key, z = (contour.feature, contour.stage), float(contour.forming_tip[:, 2].mean()) + contour.holder_height
         step = abs(last[key] - z) if key in last else default
         steps[k] = step if step > 1e-6 else default
         last[key] = z

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from isf_planner import (
     feed_profile,
+    level_spacing,
     mesh_checks,
     part_checks,
     sections,
@@ -71,7 +72,7 @@ def plan_part(loaded: Mesh, job_file: JobFile, step: Callable[[str, float], None
     job, rig = job_file.job, job_file.rig
     below = turned_over(loaded)
     try:
-        part = mesh_checks.check_and_place(below, rig.clamp.size, job.tool_1.radius)
+        part = mesh_checks.check_and_place(below, rig.clamp.size, job.tool_1.radius, place=job.part.place)
     except IsfError as error:
         if error.code is not ErrorCode.MESH_INVERTED:
             raise
@@ -96,7 +97,7 @@ def plan_part(loaded: Mesh, job_file: JobFile, step: Callable[[str, float], None
     x, y, tip_height = tip_surface.tip_grid(surface, radius)
     nodes: list[RoughLoop] = []
     front: list[int] = []
-    for level in slicing.levels(height, job.path.incremental_depth):
+    for level in level_spacing.levels(sections.TipGrid(x, y, tip_height, height), job):
         front = link(nodes, _around(x, y, tip_height, float(level)), front)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     return TpifPart(Side(tree, surface), finished, height, tuple(warnings))

@@ -96,7 +96,7 @@ def test_a_dome_needs_a_lower_tool(folder: Path) -> None:
 
 def test_support_stays_under_the_blank(folder: Path) -> None:
     """The first contour is formed with support opposite; all others keep the tool on that line."""
-    contours = planned(folder, "cone", "support: on_blank,").contours
+    contours = planned(folder, "cone", "support: on_blank,", force="0 N").contours
     opposite = planned(folder, "cone").contours
     np.testing.assert_array_equal(contours[0].support_tip, opposite[0].support_tip)
     first = np.hypot(*contours[0].support_tip[:, :2].T)
@@ -120,6 +120,16 @@ def test_gap_follows_the_thickness_of_the_overlap_method(folder: Path) -> None:
     formed = [contour.thickness.mean() for contour in contours]
     assert formed[17] == pytest.approx(sine[17], rel=0.03)
     assert formed[7] > 1.05 * sine[7]  # below the opening
+
+
+def test_features_without_sections_keep_the_sine_law(folder: Path) -> None:
+    """Two contours are no sequence of passes: the sine law is used, and told with the place."""
+    result = planned(folder, "cone", "thickness: overlap,", depth="4 mm")
+    assert len(result.contours) == 2
+    (told,) = [text for text in result.warnings if text.startswith("thickness overlap")]
+    assert "at x = " in told
+    for contour in result.contours:
+        np.testing.assert_allclose(contour.thickness, T0 * np.cos(contour.wall_angle), rtol=1e-12)
 
 
 # flat tips
