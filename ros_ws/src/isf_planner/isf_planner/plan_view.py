@@ -15,6 +15,7 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 from scipy.spatial import KDTree
 
 from isf_planner.planning import Plan
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 
 MM = 1e3
 WARNING = "#c1121f"
-SHEET = "#c9d1d9"
+SHEET = "#b4bec8"
 UPPER, LOWER = "#0072B2", "#D55E00"
 MOST_POINTS = 20_000
 """Points of a path in an HTML view; longer paths are thinned out."""
@@ -55,9 +56,10 @@ class Scene:
     Attributes
     ----------
     x, y : (nx,), (ny,) ; z : (ny, nx), surface ; colour : (ny, nx), NaN where nothing is formed
-    forming, support : tips (N, 3) with rows of NaN between contours; support (0, 3) with one tool
+    forming, support : tips (N, 3) with rows of NaN between contours; support (0, 3) with one tool; over a die where
+        the tip meets the finished part
     values : (N,) of ``forming``
-    upper_forms : the upper tool forms (on the first contour)
+    forming_tools : which tools form, 1 (upper) and 2 (lower)
     warnings : place (3,) mm and text
     title : of the quantity
     """
@@ -69,7 +71,7 @@ class Scene:
     forming: Array
     support: Array
     values: Array
-    upper_forms: bool
+    forming_tools: tuple[int, ...]
     warnings: list[tuple[Array, str]]
     title: str
 
@@ -105,6 +107,19 @@ def show(plan: Plan, path: Path, colour: str = "wall_angle") -> Path:
     return path
 
 
+def flange_rise(plan: Plan) -> float:
+    """m, what tips gain besides ``Contour.holder_height`` to be seen on the finished part: its height over a die."""
+    return -min(contour.holder_height for contour in plan.contours)
+
+
+def part_size(plan: Plan) -> str:
+    """Depth and height of the part from its flange, for people."""
+    z = plan.mesh[0][:, 2] * MM
+    sizes = [f"{-z.min():.1f} mm deep"] if z.min() < -0.05 else []
+    sizes += [f"{z.max():.1f} mm high"] if z.max() > 0.05 else []
+    return " and ".join(sizes)
+
+
 def make_scene(plan: Plan, quantity: Quantity) -> Scene:
     """What is drawn of a plan."""
     contours = [c for c in plan.contours if len(quantity.of(c)) == len(c)]
@@ -118,20 +133,22 @@ def make_scene(plan: Plan, quantity: Quantity) -> Scene:
     rows = rows[:: max(1, len(rows) // MOST_NODES + 1)]
     x, y, z = target.x[columns], target.y[rows], target.z[np.ix_(rows, columns)]
     nodes = np.column_stack([a.ravel() for a in (*np.meshgrid(x, y), z)])
-    distance, nearest = KDTree(contacts).query(nodes)
+    # seen from above: in accumulative forming contacts are made higher up than they end
+    distance, nearest = KDTree(contacts[:, :2]).query(nodes[:, :2])
     pitch = 3.0 * float(np.median(np.linalg.norm(np.diff(contours[0].contact, axis=0), axis=1))) + 1.5e-3
     colour = np.where(distance < pitch, np.concatenate(values)[nearest], np.nan).reshape(z.shape)
-    two = all(contour.has_support for contour in contours)
+    lift = [np.array([0.0, 0.0, c.holder_height + flange_rise(plan)]) for c in contours]
+    support = [(c.support_tip + up) * MM for c, up in zip(contours, lift, strict=True)]
     stride = max(1, sum(len(contour) for contour in contours) // MOST_POINTS)
     return Scene(
         x=x * MM,
         y=y * MM,
         z=z * MM,
         colour=colour,
-        forming=_broken([c.forming_tip * MM for c in contours], contours, stride),
-        support=_broken([c.support_tip * MM for c in contours], contours, stride) if two else np.empty((0, 3)),
+        forming=_broken([(c.forming_tip + up) * MM for c, up in zip(contours, lift, strict=True)], contours, stride),
+        support=_broken(support, contours, stride) if any(map(len, support)) else np.empty((0, 3)),
         values=_broken([value[:, None] for value in values], contours, stride)[:, 0],
-        upper_forms=contours[0].forming_tool == 1,
+        forming_tools=tuple(sorted({contour.forming_tool for contour in contours})),
         warnings=[(place * MM, text) for place, text in warning_places(plan.warnings)],
         title=quantity.title,
     )
@@ -147,9 +164,8 @@ def _broken(arrays: list[Array], contours: list[Contour], stride: int) -> Array:
 
 
 def _heading(plan: Plan) -> str:
-    depth = -min(float(contour.forming_tip[:, 2].min()) for contour in plan.contours) * MM
     warned = "1 warning" if len(plan.warnings) == 1 else f"{len(plan.warnings)} warnings"
-    return f"{plan.plan_id}: {len(plan.contours)} contours to {depth:.1f} mm, {warned}"
+    return f"{plan.plan_id}: {len(plan.contours)} contours, part {part_size(plan)}, {warned}"
 
 
 def _write_html(scene: Scene, heading: str, path: Path) -> None:
@@ -164,13 +180,14 @@ def _write_html(scene: Scene, heading: str, path: Path) -> None:
         ) from error
     limits = {"cmin": float(np.nanmin(scene.values)), "cmax": float(np.nanmax(scene.values))}
     figure = go.Figure()
+    plain = binary_dilation(np.isnan(scene.colour))  # up to the first coloured nodes: no gap between both surfaces
     figure.add_surface(
         x=scene.x,
         y=scene.y,
-        z=np.where(np.isnan(scene.colour), scene.z, np.nan),
+        z=np.where(plain, scene.z, np.nan),
         surfacecolor=np.zeros_like(scene.z),
         colorscale=[[0.0, SHEET], [1.0, SHEET]],
-        opacity=0.5,
+        opacity=0.8,
         showscale=False,
         name="sheet",
         hoverinfo="skip",
@@ -187,14 +204,11 @@ def _write_html(scene: Scene, heading: str, path: Path) -> None:
         showlegend=True,
         **limits,
     )
-    names = ("upper tool", "lower tool") if scene.upper_forms else ("lower tool", "upper tool")
+    forms, supports, other = _tool_names(scene)
     line: dict[str, Any] = {"color": scene.values, "colorscale": "Viridis", "width": 3, **limits}
-    figure.add_scatter3d(**_axes(scene.forming), mode="lines", line=line, name=f"{names[0]} (forms)")
+    figure.add_scatter3d(**_axes(scene.forming), mode="lines", line=line, name=forms)
     if len(scene.support):
-        other = LOWER if scene.upper_forms else UPPER
-        figure.add_scatter3d(
-            **_axes(scene.support), mode="lines", line={"color": other, "width": 2}, name=f"{names[1]} (supports)"
-        )
+        figure.add_scatter3d(**_axes(scene.support), mode="lines", line={"color": other, "width": 2}, name=supports)
     if scene.warnings:
         places = np.array([place for place, _ in scene.warnings])
         figure.add_scatter3d(
@@ -212,6 +226,15 @@ def _write_html(scene: Scene, heading: str, path: Path) -> None:
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
     )
     figure.write_html(str(path), include_plotlyjs=True, full_html=True, default_height="97vh")
+
+
+def _tool_names(scene: Scene) -> tuple[str, str, str]:
+    """Names of the forming and of the support tool, and the colour of the latter."""
+    if scene.forming_tools == (1,):
+        return "upper tool (forms)", "lower tool (supports)", LOWER
+    if scene.forming_tools == (2,):
+        return "lower tool (forms)", "upper tool (supports)", UPPER
+    return "forming tool (upper or lower)", "support tool (the other)", LOWER
 
 
 def _axes(points: Array) -> dict[str, Array]:
@@ -247,12 +270,12 @@ def _write_png(scene: Scene, heading: str, path: Path) -> None:
     middle = segments.mean(axis=1)
     solid.scatter(*middle.T, c=values, cmap="viridis", norm=scale, s=0.7, lw=0, depthshade=False)
     if len(scene.support):
-        other = LOWER if scene.upper_forms else UPPER
-        solid.plot(*scene.support.T, color=other, lw=0.4, alpha=0.6, label="support tool")
+        _, supports, other = _tool_names(scene)
+        solid.plot(*scene.support.T, color=other, lw=0.4, alpha=0.6, label=supports)
         solid.legend(loc="upper left", frameon=False)
     # to scale in plan, depth stretched where the part is flat
     size = [float(np.ptp(scene.x)), float(np.ptp(scene.y)), float(np.ptp(scene.z))]
-    solid.set_box_aspect((size[0], size[1], max(size[2], 0.25 * max(size[:2]))), zoom=0.88)
+    solid.set_box_aspect((size[0], size[1], max(size[2], 0.25 * max(size[:2]))), zoom=0.8)
     solid.set(xlabel="x in mm", ylabel="y in mm", zlabel="z in mm")
     solid.view_init(elev=38, azim=-60)
     flat = LineCollection(list(segments[:, :, :2]), array=values, cmap="viridis", norm=scale, lw=1.0)
