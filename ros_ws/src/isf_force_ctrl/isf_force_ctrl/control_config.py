@@ -67,6 +67,7 @@ class ControlConfig:
     oscillation_swing : N, least swing of the force error that counts as oscillation; infinite = not watched
     seam_speed : m/s, feed at both ends of a closed contour under force control (published feed); infinite = off
     seam_length : m, so far from its begin; half as far from its end
+    axial_compliance : (2,) m/N, z of tool 1 and of tool 2, for measurements
     """
 
     rate: float
@@ -111,6 +112,7 @@ class ControlConfig:
     oscillation_swing: float = 15.0
     seam_speed: float = 5e-3
     seam_length: float = 6e-3
+    axial_compliance: tuple[float, float] = (0.0, 0.0)
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
@@ -133,6 +135,7 @@ class ControlConfig:
             support_force=support_force,
             support_compliance=(rig.tool_2.compliance[0], rig.tool_2.compliance[1]),
             support_compensation=_support_compensation(job_file),
+            axial_compliance=(rig.tool_1.compliance[2], rig.tool_2.compliance[2]),
             rapid_speed=min(ControlConfig.rapid_speed, 0.6 * rig.limits.speed),
         )
         config.check()

@@ -29,8 +29,9 @@ from std_srvs.srv import Trigger
 
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Mode, Vector
-from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.latency import LatencyMeter
+from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.node_measurements import MeasurementActions
 from isf_force_ctrl.node_outlet import ForceCtrlOutlet
 from isf_force_ctrl.node_parameters import ForceCtrlParameters
 from isf_force_ctrl.real_time import PeriodicLoop
@@ -47,11 +48,11 @@ LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 
 
 class ForceCtrlNode(CellNode[ForceCtrlParameters]):
-    """ROS side of :class:`isf_force_ctrl.ForceController`."""
+    """ROS side of :class:`isf_force_ctrl.measuring_controller.MeasuringController`."""
 
     def __init__(self) -> None:
         super().__init__("force_ctrl", ForceCtrlParameters)
-        self._controller: ForceController | None = None
+        self._controller: MeasuringController | None = None
         self._pair = WrenchPair()
         self._poses: list[tuple[float, Vector] | None] = [None, None]
         self._machine: isf.MachineState | None = None
@@ -89,7 +90,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self.create_service(Trigger, "force_ctrl/stop", self._on_stop),
         ]
         timers = [self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)]
+        actions = MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep)
         self._entities = [
+            (lambda item: item.close(), actions),
             *((self.destroy_subscription, item) for item in subscriptions),
             *((self.destroy_service, item) for item in services),
             *((self.destroy_timer, item) for item in timers),
@@ -172,7 +175,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._outlet.targets(targets, now)
             self._after_tick(controller, now)
 
-    def _after_tick(self, controller: ForceController, stamp: int) -> None:
+    def _after_tick(self, controller: MeasuringController, stamp: int) -> None:
         self._latency.targets()
         self._ticks += 1
         if self._ticks % self._parameters.state_decimation == 0 or controller.mode is not self._last_mode:
@@ -182,7 +185,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     # -- results and states --------------------------------------------------------------------
 
-    def _publish_state(self, controller: ForceController, stamp: int) -> None:
+    def _publish_state(self, controller: MeasuringController, stamp: int) -> None:
         self._last_mode = controller.mode
         self._outlet.state(controller.state(), stamp, self._latency.last)
 
@@ -287,7 +290,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
         self._needed = _tools_with_load_cell(job_file.job)
         self._check_machine()
-        controller = ForceController(self._config(job_file))
+        controller = MeasuringController(self._config(job_file))
         park = controller.config.park_height
         tip_1, tip_2 = self._tip(1, (0.0, 0.0, park)), self._tip(2, (0.0, 0.0, -park))
         override = None if math.isnan(request.support_force) else request.support_force

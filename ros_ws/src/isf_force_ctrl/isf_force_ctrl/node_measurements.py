@@ -1,0 +1,92 @@
+"""Actions of node ``force_ctrl`` that measure between contours: ``lift_tool``."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from isf_core.errors import ErrorCode, IsfError
+from isf_msgs.action import LiftTool
+from isf_node.background import in_thread
+from isf_node.lifecycle import CellNode
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+
+from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.tool_lift import LiftSettings, ToolLift
+
+PERIOD = 0.1
+"""s of wall time between two feedback messages."""
+
+
+class MeasurementActions:
+    """Serves the actions for ``node``.
+
+    ``controller`` gives the present controller (None: nothing was armed), ``begun`` is called with the lock held when a
+    measurement begins, so that the first targets go out.
+    """
+
+    def __init__(
+        self,
+        node: CellNode[Any],
+        lock: threading.RLock,
+        controller: Callable[[], MeasuringController | None],
+        begun: Callable[[], None],
+    ) -> None:
+        self._node, self._lock, self._controller, self._begun = node, lock, controller, begun
+        self._server = ActionServer(
+            node,
+            LiftTool,
+            "lift_tool",
+            self._lift_tool,
+            goal_callback=lambda _: GoalResponse.ACCEPT if node.is_active else GoalResponse.REJECT,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    def close(self) -> None:
+        """Destroy the action servers."""
+        self._server.destroy()
+
+    async def _lift_tool(self, handle: ServerGoalHandle) -> LiftTool.Result:
+        goal = handle.request
+        try:
+            controller = self._armed()
+            with self._lock:
+                lift = controller.lift_tool(LiftSettings(goal.speed, goal.zero_force, goal.max_lift))
+                self._begun()
+        except IsfError as error:
+            self._node.report(error)
+            handle.abort()
+            return LiftTool.Result(code=int(error.code), message=error.message)
+        await in_thread(lambda: self._follow(handle, controller, lift), self._node.executor)
+        found = lift.record()
+        result = LiftTool.Result(code=int(lift.code), message=lift.message)
+        result.springback, result.force = found.springback, found.force
+        result.lift_z, result.lift_force = found.lift_z.tolist(), found.lift_force.tolist()
+        if lift.code is ErrorCode.OK:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            self._node.report(IsfError(lift.code, lift.message, where="lift_tool"))
+            handle.abort()
+        return result
+
+    def _armed(self) -> MeasuringController:
+        controller = self._controller()
+        if controller is None:
+            raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where="lift_tool", advice="arm the plan first")
+        return controller
+
+    def _follow(self, handle: ServerGoalHandle, controller: MeasuringController, lift: ToolLift) -> None:
+        """Until the measurement has ended; ticks go on in the node's own callbacks meanwhile."""
+        cancelled = False
+        while controller.measuring:
+            if handle.is_cancel_requested and not cancelled:
+                cancelled = True
+                with self._lock:
+                    controller.cancel()
+            handle.publish_feedback(LiftTool.Feedback(lift=lift.lift, force=lift.force))
+            time.sleep(PERIOD)
