@@ -21,7 +21,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from isf_analysis import mcap_repair, topics
+from isf_analysis import mcap_repair, scan_cloud, topics
+from isf_analysis.events import event_of_message
 from isf_analysis.message_types import cell_types
 from isf_analysis.record import PartRecord
 from isf_analysis.topics import Topic
@@ -67,11 +68,12 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
     if not nominal and not results:
         raise _incomplete(path, f"holds the job '{job.job_name}', but no contour: nothing was formed")
     # the target is latched when the part is planned, before the job is announced; the scan comes after it
-    target = _last(messages.of(topics.TARGET))
-    scan = _last(item for item in messages.of(topics.SCAN) if item[0] >= start)
-    missing = [topic.name for topic, found in ((topics.TARGET, target), (topics.SCAN, scan)) if found is None] + _gaps(
-        nominal, results
-    )
+    target_message = _last(messages.of(topics.TARGET))
+    target = None if target_message is None else fields.height_map_of(target_message[1])
+    scans = [item for item in messages.of(topics.SCAN) if item[0] >= start]
+    last = scan_cloud.final_scans(scans, part.times(topics.NOMINAL), part.times(topics.RESULT))[-1:]
+    missing = ([] if target else [topics.TARGET.name]) + ([] if last else [_no_scan(len(scans))])
+    missing += _gaps(nominal, results)
     states = list(messages.of(topics.MACHINE_STATE))
     # the state at the start of the part, not the last one: a run of no duration has all its messages at one time
     before = [state for time, state in states[:-1] if time <= start][-1:] or [state for _, state in states[:1]]
@@ -92,15 +94,16 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
         corrected=corrected,
         corrections=corrections,
         results=results,
-        target=None if target is None else fields.height_map_of(target[1]),
-        scan=None if scan is None else fields.height_map_of(scan[1]),
+        target=target,
+        scan=scan_cloud.height_map_of(last[0], target) if last else None,
         ticks=_counted(before, after, "tick"),
         late_ticks=_counted(before, after, "late_ticks") + sum(result.late_ticks for result in results),
         lost_messages=_counted(before, after, "targets_lost") + sum(result.lost_messages for result in results),
         sim_time=_process_time(before, after, results),
-        wall_time=(_end_time(messages, scan, start) - start) / NANO,
+        wall_time=(_end_time(messages, scans if last else [], start) - start) / NANO,
         faults=_faults(after),
         notes=notes + tuple(f"not in the bag: {what}" for what in missing),
+        events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if time >= part.start),
     )
 
 
@@ -120,6 +123,15 @@ class _Part:
             if message.plan_id == self.plan_id and time >= self.start
         }
         return tuple(found[index] for index in sorted(found))
+
+    def times(self, topic: Topic) -> list[int]:
+        """Receive times (ns since 1970) of the messages of this plan."""
+        return [time for time, item in self.messages.of(topic) if item.plan_id == self.plan_id and time >= self.start]
+
+
+def _no_scan(between: int) -> str:
+    words = f", only {between} made before the last contour" if between else ""
+    return f"{topics.SCAN.name}{words}"
 
 
 def _gaps(nominal: tuple[Contour, ...], results: tuple[ContourResult, ...]) -> list[str]:
@@ -147,10 +159,10 @@ def _process_time(before: list[Any], after: list[tuple[int, Any]], results: tupl
     return results[-1].end - results[0].start if results else 0.0
 
 
-def _end_time(messages: _Messages, scan: tuple[int, Any] | None, start: int) -> int:
-    """ns since 1970 of the scan, or of the last result when there is none."""
-    if scan is not None:
-        return scan[0]
+def _end_time(messages: _Messages, scans: list[tuple[int, Any]], start: int) -> int:
+    """ns since 1970 of the last scan, or of the last result when there is none."""
+    if scans:
+        return scans[-1][0]
     return max((time for time, _ in messages.of(topics.RESULT)), default=start)
 
 

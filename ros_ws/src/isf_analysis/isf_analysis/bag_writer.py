@@ -16,6 +16,7 @@ from isf_node import fields
 
 from isf_analysis import topics
 from isf_analysis.bag_file import BagFile
+from isf_analysis.events import PartEvent
 from isf_analysis.message_types import cell_types, make_message
 from isf_analysis.record import PartRecord
 from isf_analysis.topics import Topic
@@ -62,6 +63,7 @@ class _Output:
                 topics.CORRECTION,
                 topics.RESULT,
                 topics.MACHINE_STATE,
+                topics.EVENT,
                 topics.SCAN,
             )
         }
@@ -85,6 +87,8 @@ class _Output:
             if result is not None:
                 now = min(end, max(now, start + round(result.end * per_second)))
                 self._write(topics.RESULT, now, _result(result))
+        for event in record.events:
+            self._write(topics.EVENT, min(end, max(start, start + round(event.time * per_second))), _event(event))
         self._write(topics.MACHINE_STATE, end, _machine_state(record, end=True))
         if record.scan is not None:
             self._write(topics.SCAN, end, _cloud(record.scan))
@@ -138,6 +142,19 @@ def _correction(correction: ContourCorrection) -> Any:
 
 def _result(result: ContourResult) -> Any:
     return make_message(topics.RESULT.type, header=_header(result.end), **_values(result, fields.RESULT))
+
+
+def _event(event: PartEvent) -> Any:
+    x, y, z = event.position
+    return make_message(
+        topics.EVENT.type,
+        header=_header(event.time),
+        kind=int(event.kind),
+        position=make_message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        value=event.value,
+        limit=event.limit,
+        text=event.text,
+    )
 
 
 def _values(source: Any, table: dict[str, str]) -> dict[str, Any]:

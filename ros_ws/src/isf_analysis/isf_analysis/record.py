@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.height_map import HeightMap
 
+from isf_analysis.events import PartEvent
+
 
 @dataclass(frozen=True)
 class PartRecord:
@@ -31,6 +33,7 @@ class PartRecord:
     ticks, late_ticks, lost_messages : counted by force control and machine together
     sim_time : s, time of the process; wall_time : s
     faults : (code, message) of every fault the machine latched
+    events : what happened to sheet or machine, oldest first; empty too when the machine tells none
     notes : remarks for people on how complete the record is
     """
 
@@ -58,6 +61,7 @@ class PartRecord:
     wall_time: float
     faults: tuple[tuple[int, str], ...] = ()
     notes: tuple[str, ...] = ()
+    events: tuple[PartEvent, ...] = ()
 
     @property
     def planned(self) -> int:

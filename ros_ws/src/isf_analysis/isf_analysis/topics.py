@@ -28,6 +28,7 @@ NOMINAL = Topic("contour/nominal", "isf_msgs/msg/Contour", "LATCHED")
 CORRECTED = Topic("contour/corrected", "isf_msgs/msg/Contour", "LATCHED")
 CORRECTION = Topic("contour/correction", "isf_msgs/msg/ContourCorrection", "EVENT")
 RESULT = Topic("contour/result", "isf_msgs/msg/ContourResult", "EVENT")
+EVENT = Topic("machine/event", "isf_msgs/msg/MachineEvent", "EVENT")
 MACHINE_STATE = Topic("machine/state", "isf_msgs/msg/MachineState", "STREAM")
 
 CELL = (
@@ -47,7 +48,9 @@ CELL = (
     CORRECTION,
     RESULT,
     Topic("force_ctrl/state", "isf_msgs/msg/ForceCtrlState", "STREAM"),
+    Topic("holder/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
     MACHINE_STATE,
+    EVENT,
     SCAN,
     Topic("/clock", "rosgraph_msgs/msg/Clock", "SENSOR"),
     Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT"),

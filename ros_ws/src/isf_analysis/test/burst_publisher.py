@@ -1,7 +1,8 @@
 """A process that publishes known messages at a high rate once the recorder listens; started by test_recorder.py.
 
 Usage: burst_publisher.py COUNT RATE. Two streams of wrenches and two of targets get COUNT messages each; the n-th
-message of a stream carries n in its numbers. A latched job and one event go out as well.
+message of a stream carries n in its numbers. A latched job, one result, heights of the blank holder, events of the
+machine and three scans go out as well.
 
 Discovery is not symmetric: a publisher may know the recorder before the recorder knows the publisher. Greetings are
 sent until the recorder's diagnostics say that something came on every topic.
@@ -17,10 +18,13 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_analysis.message_types import cell_types, make_message
-from isf_msgs.msg import ContourResult, JobInfo
+from isf_msgs.msg import ContourResult, JobInfo, MachineEvent
 from isf_node import qos
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import PointCloud2
+
+SCANS = 3
 
 
 def main() -> int:
@@ -33,11 +37,19 @@ def main() -> int:
     targets = [node.create_publisher(PoseStamped, f"tool_{k}/target", stream) for k in (1, 2)]
     job = node.create_publisher(JobInfo, "part/info", qos.LATCHED)
     event = node.create_publisher(ContourResult, "contour/result", qos.EVENT)
-    publishers = [*wrenches, *targets, job, event]
+    holder = node.create_publisher(PoseStamped, "holder/target", stream)
+    machine = node.create_publisher(MachineEvent, "machine/event", qos.EVENT)
+    scan = node.create_publisher(PointCloud2, "scan", qos.LATCHED)
+    publishers = [*wrenches, *targets, job, event, holder, machine, scan]
     if not greet(node, publishers):
         return 1
     job.publish(JobInfo(job_name="burst", plan_id="p"))
     event.publish(ContourResult(plan_id="p", index=7))
+    for number in range(1, SCANS + 1):
+        holder.publish(target_bytes(number))
+        machine.publish(MachineEvent(kind=number, text="burst"))
+        scan.publish(PointCloud2(width=number))
+        scan.wait_for_all_acked(Duration(seconds=10))  # as the machine does: of a latched topic only the last is kept
     start = time.monotonic()
     for number in range(count):
         for wrench in wrenches:

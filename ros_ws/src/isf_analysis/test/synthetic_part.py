@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from isf_analysis.events import EventKind, PartEvent
 from isf_analysis.record import PartRecord
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.errors import ErrorCode
@@ -155,6 +156,23 @@ def make_part(
         lost_messages=0,
         sim_time=round(time, 6),
         wall_time=71.25,
+    )
+
+
+def make_events(part: PartRecord) -> tuple[PartEvent, ...]:
+    """Two losses of contact, one galling and the first touch of the die, on contours of ``part``."""
+
+    def event(kind: EventKind, contour: int, share: float, value: float, limit: float, text: str) -> PartEvent:
+        result = part.results[contour]
+        x, y, z = part.nominal[contour].contact[int(share * 100)]
+        time = round(result.start + share * (result.end - result.start), 6)
+        return PartEvent(int(kind), time, (float(x), float(y), float(z)), value, limit, text)
+
+    return (
+        event(EventKind.DIE_CONTACT, 0, 0.1, 40.0, 0.0, "the sheet under the tool touches its support"),
+        event(EventKind.CONTACT_LOST, 1, 0.3, 0.0, 10.0, "the support tool lost the sheet <b>"),
+        event(EventKind.GALLING, 2, 0.5, 210.0, 155.0, "the support tool sheds chips: 210 N, limit 155 N"),
+        event(EventKind.CONTACT_LOST, 3, 0.7, -3.0, 10.0, "the support tool lost the sheet again"),
     )
 
 

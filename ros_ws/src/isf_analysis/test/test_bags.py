@@ -122,7 +122,7 @@ def test_hashes_are_those_of_the_installed_messages(bag: Path) -> None:
                 text = (Path(files) / "msg" / f"{connection.msgtype.split('/')[-1]}.json").read_text()
                 assert connection.digest in text
                 checked += 1
-    assert checked == 6
+    assert checked == 7
 
 
 def test_a_bag_in_a_namespace_is_found(tmp_path: Path) -> None:

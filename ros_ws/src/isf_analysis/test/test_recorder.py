@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import rclpy
-from burst_publisher import target_bytes, wrench_bytes
+from burst_publisher import SCANS, target_bytes, wrench_bytes
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from isf_analysis import mcap_repair
@@ -92,6 +92,12 @@ def test_every_message_is_kept_byte_by_byte(
     assert job.job_name == "burst"
     result = cell_types().deserialize_cdr(found["/contour/result"][-1][1], "isf_msgs/msg/ContourResult")
     assert result.index == 7
+    types = cell_types()
+    scans = [types.deserialize_cdr(data, "sensor_msgs/msg/PointCloud2") for _, data in found["/scan"]]
+    assert [scan.width for scan in scans][-SCANS:] == list(range(1, SCANS + 1))
+    told = [types.deserialize_cdr(data, "isf_msgs/msg/MachineEvent") for _, data in found["/machine/event"]]
+    assert [event.kind for event in told][-SCANS:] == list(range(1, SCANS + 1))
+    assert [data for _, data in found["/holder/target"]][-SCANS:] == [target_bytes(n) for n in range(1, SCANS + 1)]
     assert "recorded" in text
     assert "lost" not in text
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from isf_analysis.events import event_of
 from isf_analysis.record import PartRecord
 from isf_core import __version__
 from isf_core.contour import Contour, ContourCorrection, ContourResult
@@ -103,6 +104,7 @@ def form(
         lost_messages=0,
         sim_time=sample.time,
         wall_time=time.perf_counter() - started,
+        events=tuple(event_of(event) for event in machine.events),
     )
 
 
