@@ -103,7 +103,7 @@ def oriented(mesh: Mesh, up: str, turn: tuple[float, float, float], scale: float
         upright = Rotation.from_euler("x", np.pi)
     matrix = (upright * Rotation.from_euler("xyz", turn)).as_matrix()
     matrix[np.abs(matrix) < 1e-15] = 0.0  # quarter turns are exact
-    return Mesh(scale * mesh.vertices @ matrix.T, mesh.faces)
+    return mesh.with_vertices(scale * mesh.vertices @ matrix.T)
 
 
 def check_size(mesh: Mesh, clamp: tuple[float, float], tool_radius: float) -> None:

@@ -8,7 +8,7 @@ is checked by :mod:`isf_planner.mesh_checks`; what can be repaired is in :mod:`i
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -45,10 +45,12 @@ class Mesh:
     Attributes
     ----------
     vertices : (V, 3) m ; faces : (F, 3) indices, counter-clockwise seen from outside
+    derived : what was found from the faces alone, by name; meshes with other vertices and the same faces share it
     """
 
     vertices: Array
     faces: Indices
+    derived: dict[str, object] = field(default_factory=dict, repr=False, compare=False)
 
     def corners(self) -> Array:
         """(F, 3, 3) m, corner points of every facet."""
@@ -56,7 +58,11 @@ class Mesh:
 
     def moved(self, offset: Array) -> Mesh:
         """The mesh shifted by ``offset`` (3,) m."""
-        return Mesh(self.vertices + offset, self.faces)
+        return self.with_vertices(self.vertices + offset)
+
+    def with_vertices(self, vertices: Array) -> Mesh:
+        """The mesh with its vertices elsewhere, (V, 3) m."""
+        return Mesh(vertices, self.faces, self.derived)
 
 
 def load_mesh(path: Path, unit: str | None) -> Mesh:

@@ -71,8 +71,12 @@ class Topology:
 
 
 def topology(mesh: Mesh) -> Topology:
-    """Edges of the ``mesh``; the work grows with the number of facets."""
-    return Topology(*_edges(np.ascontiguousarray(mesh.faces), len(mesh.vertices)))
+    """Edges of the ``mesh``; the work grows with the number of facets and is done once for the same faces."""
+    known = mesh.derived.get("topology")
+    if not isinstance(known, Topology):
+        known = Topology(*_edges(np.ascontiguousarray(mesh.faces), len(mesh.vertices)))
+        mesh.derived["topology"] = known
+    return known
 
 
 @kernel

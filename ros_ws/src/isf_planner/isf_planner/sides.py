@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from isf_planner.feature_tree import Feature, LoopTree
 from isf_planner.mesh_input import Mesh
+from isf_planner.mesh_topology import topology
 from isf_planner.target_surface import TargetSurface
 from isf_planner.tip_loops import TipLoop, seen_from_above
 
@@ -70,21 +71,19 @@ def halves(mesh: Mesh) -> list[HalfPart]:
     low, high = mesh.vertices.copy(), mesh.vertices.copy()
     low[:, 2] = np.minimum(low[:, 2], flange)
     high[:, 2] = np.maximum(high[:, 2], flange)
-    upper = [HalfPart(Mesh(low, mesh.faces), 1)] if height.min() < -RISES else []
-    return [*upper, HalfPart(turned_over(Mesh(high, mesh.faces)), 2)]
+    upper = [HalfPart(mesh.with_vertices(low), 1)] if height.min() < -RISES else []
+    return [*upper, HalfPart(turned_over(mesh.with_vertices(high)), 2)]
 
 
 def turned_over(mesh: Mesh) -> Mesh:
     """The mesh mirrored at z = 0; seen from above its facets keep their sense, so they look up as before."""
-    return Mesh(mesh.vertices * UPSIDE_DOWN, mesh.faces)
+    return mesh.with_vertices(mesh.vertices * UPSIDE_DOWN)
 
 
 def flange_level(mesh: Mesh) -> float | None:
     """m, mean z of the longest outline; None for a closed body."""
-    edges = np.sort(np.vstack([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1)
-    key = edges[:, 0] * np.int64(len(mesh.vertices)) + edges[:, 1]
-    _, first, count = np.unique(key, return_index=True, return_counts=True)
-    free = edges[first[count == 1]]
+    edges = topology(mesh)
+    free = edges.vertices[edges.free]
     if not len(free):
         return None
     # weighted by length, so that a small hole does not move it; an open part has one long outline

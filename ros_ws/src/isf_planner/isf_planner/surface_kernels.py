@@ -178,7 +178,9 @@ def best_drop(
             for i in range(first, last + 1, stride):
                 dx = pitch * i - x
                 rest = room - dx * dx
-                if rest >= 0.0:
+                below = best - z[j, i]
+                # most nodes are too low for any root: the product is much cheaper
+                if rest >= 0.0 and (below < 0.0 or rest > below * below):
                     value = z[j, i] + np.sqrt(rest)
                     if value > best:
                         best, best_row, best_column = value, j, i

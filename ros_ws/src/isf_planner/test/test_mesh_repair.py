@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from isf_core.errors import ErrorCode, IsfError
 from isf_planner.mesh_checks import check_and_place, oriented
 from isf_planner.mesh_input import Mesh
 from isf_planner.mesh_repair import repair
 from isf_planner.mesh_topology import topology
+from isf_planner.sides import flange_level
 from planner_parts import Cone, revolve
 
 CLAMP, RADIUS = (0.25, 0.25), 5e-3
@@ -133,3 +135,21 @@ def test_turn_scale_and_place() -> None:
     middle = (part.mesh.vertices.max(axis=0) + part.mesh.vertices.min(axis=0)) / 2
     np.testing.assert_allclose(middle[:2], [0.02, -0.01], atol=1e-12)
     assert part.depth == pytest.approx(6e-3)
+
+
+def test_topology_is_found_once_for_the_same_facets() -> None:
+    mesh = Cone().mesh(50e-6)
+    moved = mesh.moved(np.array([0.01, 0.0, 0.0]))
+    assert topology(moved) is topology(mesh)
+    inside = int(np.flatnonzero(~np.isin(mesh.faces, topology(mesh).vertices[topology(mesh).free]).any(axis=1))[0])
+    holed = Mesh(mesh.vertices, np.delete(mesh.faces, inside, axis=0))
+    assert len(topology(holed).free) == len(topology(mesh).free) + 3
+
+
+def test_flange_level_is_that_of_the_outline() -> None:
+    """The outline of the cone is at z = 0; a part of it moved up counts by its length; a closed body has none."""
+    mesh = Cone().mesh(50e-6)
+    assert flange_level(mesh) == pytest.approx(0.0, abs=1e-12)
+    assert flange_level(mesh.moved(np.array([0.0, 0.0, 3e-3]))) == pytest.approx(3e-3, abs=1e-12)
+    box = trimesh.creation.box()
+    assert flange_level(Mesh(np.asarray(box.vertices), np.asarray(box.faces))) is None
