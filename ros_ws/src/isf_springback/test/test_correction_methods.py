@@ -5,13 +5,35 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_springback import METHODS, apply, make_method
-from springback_parts import cone_contour, job_file, result_of
+from isf_core.job import JobFile
+from isf_springback import METHODS, apply, learning_file, make_method
+from isf_springback.learning import features
+from isf_springback.learning_file import Learned
+from springback_parts import JOB_TEXT, cone_contour, job_file, result_of
+
+
+@pytest.fixture(scope="module")
+def job_that_learned(tmp_path_factory):
+    """Job of the cone with a file of parts formed before, which the learned methods need; 1 mm everywhere."""
+    folder = tmp_path_factory.mktemp("methods")
+    contours = [cone_contour(index) for index in range(42)]
+    floor = min(float(contour.forming_tip[:, 2].min()) for contour in contours)
+    feature = np.vstack([features(contour, floor)[::8] for contour in contours])
+    place = np.vstack([contour.contact[::8, :2] for contour in contours])
+    index = np.repeat([contour.index for contour in contours], [len(c.contact[::8]) for c in contours])
+    push = np.full(len(place), 1e-3)
+    nothing = np.zeros(len(place))
+    known = Learned(
+        "cone", 42, 1, index, place, push, nothing, nothing, nothing + 0.7, feature, np.full(len(feature), 1e-3),
+        np.array([[1e-3, 2e-3]]),
+    )  # fmt: skip
+    learning_file.save(known, folder / "known.npz")
+    return JobFile(JOB_TEXT.replace("method: analytic", "method: analytic, learning: known.npz"), folder)
 
 
 @pytest.mark.parametrize("name", sorted(METHODS))
-def test_every_method_answers_every_contour(name):
-    method = make_method(name, job_file())
+def test_every_method_answers_every_contour(name, job_that_learned):
+    method = make_method(name, job_that_learned)
     for index in range(5):
         contour = cone_contour(index)
         correction = method.correct(contour)
@@ -52,12 +74,19 @@ def test_unusable_offset_is_refused(offset):
     assert caught.value.code == ErrorCode.CORRECTION_FAILED
 
 
-def test_malformed_contour_is_refused():
+@pytest.mark.parametrize("name", ["learned", "learned_map"])
+def test_learned_methods_want_a_file(name):
+    with pytest.raises(IsfError) as caught:
+        make_method(name, job_file())
+    assert caught.value.code == ErrorCode.LEARNING_UNUSABLE
+
+
+def test_malformed_contour_is_refused(job_that_learned):
     contour = cone_contour(1)
     contour.contact[4] = np.nan
     for name in METHODS:
         with pytest.raises(IsfError) as caught:
-            make_method(name, job_file()).correct(contour)
+            make_method(name, job_that_learned).correct(contour)
         assert caught.value.code == ErrorCode.CONTOUR_REJECTED
 
 
