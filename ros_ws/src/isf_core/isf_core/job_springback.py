@@ -67,6 +67,13 @@ class ElasticSpec(FileModel):
     """Contours per force forecast (published: 5)."""
 
 
+class FusedSpec(FileModel):
+    """Method "fused": prediction of a model and bias from the scanned shape as one estimate."""
+
+    model: Literal["analytic", "elastic"] = "analytic"
+    """What predicts from the force; elastic takes its options from the section ``elastic``."""
+
+
 class SpringbackSpec(FileModel):
     """Correction of each contour before it is formed."""
 
@@ -81,5 +88,6 @@ class SpringbackSpec(FileModel):
     """Contours at the start whose shape is too shallow to be used (published: 3, Lu 2016, 4.2.1)."""
     mpc: MpcSpec = MpcSpec()
     elastic: ElasticSpec = ElasticSpec()
+    fused: FusedSpec = FusedSpec()
     learning: str | None = None
     """Correction file made by ``isf learn`` from parts formed before, relative to the job file."""

@@ -17,13 +17,14 @@ from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.forming_force import aerens_axial_force, contact_patch
 from isf_core.job import JobFile
-from isf_core.opening import ClampRadius, Opening, clamp_radius
+from isf_core.opening import ClampRadius, Opening
 from isf_core.sheet_deflection import SheetSection, deflection, ring_load_law
 from numpy.typing import NDArray
 
 from isf_springback.continuity import Continuity, forming_radius, limits_of
 from isf_springback.force_forecast import ForecastLaw, forecast
 from isf_springback.loop_path import LoopPath, moving_average, nearest_points
+from isf_springback.sheet_edge import edge_radius
 from isf_springback.sheet_load import axial_sheet_load, push_sign
 
 Array = NDArray[np.float64]
@@ -251,10 +252,9 @@ class AnalyticCorrection:
         short patch and a high line load, though the sheet between opening and clamp feels the same force.
         """
         job_file, options = self._job_file, self._options
-        clamp = job_file.rig.clamp
         assert self._opening is not None  # set by _advance
         radius = self._opening.radius_towards(place)
-        outer = clamp_radius(self._opening, place, clamp.size, options.clamp)
+        outer = edge_radius(job_file, self._opening, place, options.clamp)
         tool = forming_radius(job_file, contour.forming_tool)
         wall = _steepest(angle, tip, self._loads[-1:])
         patch = contact_patch(wall, tool, job_file.job.path.incremental_depth)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from isf_springback.control_points import ControlLoop, ControlPointOptions, control_points
 from isf_springback.database import Database, cache_folder, make_database, write_json
 from isf_springback.elastic_samples import DepthTask, depth_task, solve_depth
+from isf_springback.sheet_edge import free_size
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ def control_loops_of(contours: Sequence[Contour], job_file: JobFile) -> list[Con
     lower = contours[0].forming_tool == 2 and job.tool_2 is not None
     tool = job.tool_2 if lower and job.tool_2 is not None else job.tool_1
     options = ControlPointOptions(loop_increment=job.springback.elastic.loop_increment)
-    return control_points(contours, tool.radius, job_file.rig.clamp.size, options)
+    return control_points(contours, tool.radius, free_size(job_file), options)
 
 
 def database_tasks(contours: Sequence[Contour], loops: Sequence[ControlLoop], job_file: JobFile) -> list[DepthTask]:

@@ -20,9 +20,10 @@ from isf_springback.continuity import forming_radius
 from isf_springback.control_points import ControlLoop, ControlPointOptions, control_loop, part_symmetries
 from isf_springback.database import Database, DatabaseLevel, database_of
 from isf_springback.elastic_samples import depth_task, load_levels, solve_depth
-from isf_springback.force_forecast import forecast
+from isf_springback.force_forecast import ForecastLaw, forecast
 from isf_springback.load_displacement import CubicLaw
 from isf_springback.loop_path import LoopPath, nearest_points
+from isf_springback.sheet_edge import free_size
 from isf_springback.shell.formed_sheet import FacetSize
 
 Array = NDArray[np.float64]
@@ -61,14 +62,15 @@ class ElasticCorrection(AnalyticCorrection):
 
     name = "elastic"
 
-    def __init__(self, job_file: JobFile, database: Database | None = None) -> None:
-        """``database`` in place of the one that the job names or the cache holds.
+    def __init__(self, job_file: JobFile, database: Database | None = None, law: ForecastLaw | None = None) -> None:
+        """``database`` in place of the one that the job names or the cache holds; ``law`` in place of its forecast.
 
         A named database that cannot be used is told by every correction (DATABASE_UNUSABLE, FILE_NOT_FOUND); the
         contours then pass with the last good correction.
         """
         elastic = job_file.job.springback.elastic
-        super().__init__(job_file, AnalyticOptions(law=elastic.forecast))
+        self._law: ForecastLaw = law or elastic.forecast
+        super().__init__(job_file, AnalyticOptions(law=self._law))
         self._elastic = elastic
         self._seen: list[Contour] = []
         self._blocks: list[list[MeasuredLoad]] = [[]]
@@ -159,7 +161,7 @@ class ElasticCorrection(AnalyticCorrection):
                 return super()._forecast(contour, tip, angle)  # tells what is missing
             return np.zeros(len(tip))
         means = [np.mean([known.load_at(tip) for known in block], axis=0) for block in whole[-2:]]
-        return forecast(means[-1], means[0] if len(means) == 2 else None, self._elastic.forecast)
+        return forecast(means[-1], means[0] if len(means) == 2 else None, self._law)
 
     def _levels_around(self, contour: Contour) -> tuple[_Laws, _Laws, float]:
         """Levels before and after ``contour`` and the share of the second one."""
@@ -200,7 +202,7 @@ class ElasticCorrection(AnalyticCorrection):
             return
         radius = forming_radius(self._job_file, contour.forming_tool)
         options = ControlPointOptions(loop_increment=self._elastic.loop_increment)
-        symmetries = part_symmetries([contour], self._job_file.rig.clamp.size, options.symmetry_tolerance)
+        symmetries = part_symmetries([contour], free_size(self._job_file), options.symmetry_tolerance)
         loop = control_loop(contour, radius, options, symmetries)
         points, served, row = _few(loop)
         loads = load_levels(self._elastic.largest_load, _LEVELS_ONLINE)

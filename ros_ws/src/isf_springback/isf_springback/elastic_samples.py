@@ -15,6 +15,7 @@ from isf_core.contour import Contour
 from isf_core.job import JobFile
 from numpy.typing import NDArray
 
+from isf_springback.sheet_edge import free_size
 from isf_springback.sheet_load import push_sign
 from isf_springback.shell.formed_sheet import FacetSize, FormedSheet, formed_sheet, mesh_of
 from isf_springback.shell.load_path import follow_load
@@ -86,7 +87,7 @@ def depth_task(
     last = contours[-1]
     return DepthTask(
         index=last.index,
-        sheet=formed_sheet(contours, job_file.rig.clamp.size),
+        sheet=formed_sheet(contours, free_size(job_file)),
         points=np.asarray(points, dtype=np.float64)[:, :2],
         direction=np.array([0.0, 0.0, push_sign(last)]) if direction is None else np.asarray(direction, dtype=float),
         loads=load_levels(job.springback.elastic.largest_load) if loads is None else loads,

@@ -27,11 +27,12 @@ from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
 from isf_springback.bias_field import BiasField, carried, first_field, updated
 from isf_springback.continuity import MAGNITUDE, forming_radius
 from isf_springback.loop_path import LoopPath, nearest_points
-from isf_springback.offset_memory import OffsetMemory, limit_signed, push_limits
+from isf_springback.offset_memory import VISIBLE, OffsetMemory, limit_signed, push_limits
 from isf_springback.scan_memory import ScanMemory
 from isf_springback.scan_processing import FormedShape, sections
 from isf_springback.shape_remarks import shape_remarks
 from isf_springback.sheet_load import push_sign
+from isf_springback.step_bounds import FREE_SHARE, force_share, largest_rise
 
 Array = NDArray[np.float64]
 
@@ -60,13 +61,17 @@ leaves of the next one's wall (assumed)."""
 
 
 def steady_model(job_file: JobFile) -> AnalyticCorrection:
-    """The analytic model with the last force held.
+    """The model that the job names, with the last force held.
 
     With the trend of the force in the forecast, model and feedback of the shape chase each other: a larger correction
     raises the force, and the forecast raises the next correction again. On the simulated cone the correction changed
     by 0.17 mm rms from contour to contour with the trend, by 0.05 mm without, and the wall came out better.
     """
-    return AnalyticCorrection(job_file, AnalyticOptions(law="hold"))
+    if job_file.job.springback.fused.model == "analytic":
+        return AnalyticCorrection(job_file, AnalyticOptions(law="hold"))
+    from isf_springback.elastic import ElasticCorrection  # numba and its kernels: only who uses them waits
+
+    return ElasticCorrection(job_file, law="hold")
 
 
 @dataclass(frozen=True)
@@ -93,14 +98,16 @@ class FusedCorrection:
         self._predicted: list[tuple[Contour, Array]] = []
         self._remarks: tuple[str, ...] = ()
         self._doubtful = 0.0
+        self._force_share = 0.0
 
     def take_target(self, target: HeightMap) -> None:
         """The shape that is wanted."""
         self._scans.target = target
 
     def learn(self, contour: Contour, result: ContourResult) -> None:
-        """Forces for the model."""
+        """Forces for the model, and how near they come to the limits of the machine."""
         self._model.learn(contour, result)
+        self._force_share = force_share(result, self._job_file)
 
     def follow(self, contour: Contour, correction: ContourCorrection) -> None:
         """Take note that another method corrected ``contour``; the model predicts along, to compare with scans."""
@@ -157,11 +164,13 @@ class FusedCorrection:
             wanted = sign * before[:, 2]  # no force: the last good correction
         else:
             wanted = self._job_file.job.springback.gain * (predicted + bias)
+        rise = largest_rise(self._job_file, self._force_share)
         if self._unconfirmed():
-            slow = SLOW_RISE * self._job_file.job.path.incremental_depth
-            wanted = np.minimum(wanted, np.maximum(sign * before[:, 2], 0.0) + slow)
-        limits = push_limits(self._job_file, contour.forming_tool)
-        value, bound = limit_signed(wanted, path, limits, sign * before[:, 2])
+            rise = min(rise, SLOW_RISE * self._job_file.job.path.incremental_depth)
+        admitted = np.minimum(wanted, np.maximum(sign * before[:, 2], 0.0) + rise)
+        limits = push_limits(self._job_file, contour.forming_tool, change=largest_rise(self._job_file, 0.0))
+        value, bound = limit_signed(admitted, path, limits, sign * before[:, 2])
+        bound |= wanted - admitted > VISIBLE
         offset = np.zeros((len(contour), 3))
         offset[:, 2] = sign * value
         self._memory.remember(contour, offset)
@@ -171,6 +180,11 @@ class FusedCorrection:
             followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
             far = float(disagreement[np.argmax(np.abs(disagreement))])
             remarks.append(f"the shape says {1e3 * far:+.1f} mm springback against the model{followed}")
+        if self._force_share > FREE_SHARE and (wanted > admitted).any():
+            remarks.append(
+                f"the force is at {100 * self._force_share:.0f} % of the machine's limit: the correction grows slower; "
+                "take a smaller tool or depth step"
+            )
         if self._doubtful > SURPRISING:
             remarks.append(f"the last scan surprises at {100 * self._doubtful:.0f} % of the places: believed less")
         if fault is None and np.abs(wanted).max() > MAGNITUDE:
@@ -225,7 +239,7 @@ class FusedCorrection:
             self._scans.clear()
             self._wall = self._bottom = None
             self._predicted = []
-            self._doubtful = 0.0
+            self._doubtful = self._force_share = 0.0
             self._remarks = ()
         self._memory.advance(contour)
 

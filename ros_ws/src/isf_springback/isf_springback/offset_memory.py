@@ -24,7 +24,8 @@ HORIZONTAL_GRADIENT = 0.2
 """m of horizontal offset per m of path (assumed; the published 0.05 of the push would smear the corners of a
 pyramid, where horizontal springback rises by 1.5 mm within some 10 mm of path, Lu 2016, 4.3.2)."""
 
-_VISIBLE = 1e-6
+VISIBLE = 1e-6
+"""m; a smaller effect of a limit is not reported."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,12 @@ class SignedLimits:
     magnitude: float
 
 
-def push_limits(job_file: JobFile, tool: int, magnitude: float = MAGNITUDE) -> SignedLimits:
-    """Limits of the axial component (gradient, smoothing, change: Ren 2018, 4.3.1)."""
-    change = CHANGE_PER_DEPTH * job_file.job.path.incremental_depth
+def push_limits(
+    job_file: JobFile, tool: int, magnitude: float = MAGNITUDE, change: float | None = None
+) -> SignedLimits:
+    """Limits of the axial component (Ren 2018, 4.3.1); ``change`` m in place of the published one."""
+    if change is None:
+        change = CHANGE_PER_DEPTH * job_file.job.path.incremental_depth
     return SignedLimits(GRADIENT, 2.0 * forming_radius(job_file, tool), change, magnitude)
 
 
@@ -61,7 +65,7 @@ def limit_signed(
     value = moving_average(path, limit_gradient(path, within, limits.gradient), limits.smoothing)
     base = limit_gradient(path, np.clip(previous, -limits.magnitude, limits.magnitude), limits.gradient)
     value = np.clip(value, base - limits.change, base + limits.change)
-    limited = (np.abs(value - smooth) > _VISIBLE) | (np.abs(requested) > limits.magnitude)
+    limited = (np.abs(value - smooth) > VISIBLE) | (np.abs(requested) > limits.magnitude)
     return np.asarray(value), np.asarray(limited)
 
 

@@ -1,0 +1,83 @@
+"""The models take the opening of a backing plate as the edge of the sheet."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile
+from isf_core.opening import Opening
+from isf_springback.database import cached_path
+from isf_springback.elastic_samples import depth_task, solve_depth
+from isf_springback.method import apply, make_method
+from isf_springback.sheet_edge import edge_radius, free_size
+from isf_springback.shell.formed_sheet import FacetSize
+from springback_parts import JOB_TEXT, cone_contour, result_of
+
+ROUND = "backing_plate: {shape: circle, size: [88 mm, 88 mm]}\n"
+SQUARE = "backing_plate: {shape: rectangle, size: [90 mm, 80 mm]}\n"
+
+
+def job(plate=""):
+    return JobFile(JOB_TEXT + plate, Path("."))
+
+
+def predicted(method, plate, contours=3):
+    """m, mean springback predicted for the last of a few contours under 500 N, along the push."""
+    chosen = make_method(method, job(plate))
+    for index in range(contours):
+        contour = cone_contour(index)
+        correction = chosen.correct(contour)
+        assert correction.code == 0
+        chosen.learn(apply(contour, correction), result_of(contour, 500.0))
+    return float(correction.springback.mean())
+
+
+def test_free_sheet_is_the_clamp_or_the_opening_of_the_plate():
+    opening = Opening.of(cone_contour(0).contact[:, :2])
+    place = cone_contour(0).contact[::40, :2]
+    assert free_size(job()) == (0.25, 0.25)
+    assert free_size(job(SQUARE)) == (0.09, 0.08)
+    np.testing.assert_allclose(edge_radius(job(), opening, place, "equivalent"), np.sqrt(0.25**2 / np.pi))
+    np.testing.assert_allclose(edge_radius(job(SQUARE), opening, place, "equivalent"), np.sqrt(0.09 * 0.08 / np.pi))
+    for kind in ("equivalent", "local"):
+        np.testing.assert_allclose(edge_radius(job(ROUND), opening, place, kind), 0.044)
+
+
+def test_the_law_stays_defined_where_the_plate_is_as_narrow_as_the_part():
+    opening = Opening.of(0.044 * np.column_stack([np.cos(np.arange(90)), np.sin(np.arange(90))]))
+    radius = edge_radius(job(ROUND), opening, opening.centre + [[0.04, 0.0]], "equivalent")
+    assert radius[0] > 1.03 * opening.radius_towards(np.array([[0.04, 0.0]]))[0]
+
+
+@pytest.mark.parametrize("method", ["analytic", "elastic"])
+@pytest.mark.parametrize("plate", [ROUND, SQUARE])
+def test_a_plate_takes_most_of_the_springback(method, plate):
+    free, backed = predicted(method, ""), predicted(method, plate)
+    assert 2e-3 < free < 7e-3
+    assert 0.05 * free < backed < 0.5 * free
+
+
+def test_shell_over_a_plate_is_the_shell_of_a_clamp_of_that_size():
+    contours = [cone_contour(index) for index in range(4)]
+    small = JobFile(JOB_TEXT, Path("."))
+    small.rig = small.rig.model_copy(update={"clamp": small.rig.clamp.model_copy(update={"size": (0.09, 0.08)})})
+    found = [
+        solve_depth(
+            depth_task(contours, contours[-1].contact[:1], one, size=FacetSize.coarse(), loads=np.array([300.0]))
+        )
+        for one in (job(SQUARE), small)
+    ]
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
+
+
+def test_a_part_wider_than_its_plate_is_told():
+    narrow = job("backing_plate: {shape: circle, size: [60 mm, 60 mm]}\n")
+    with pytest.raises(IsfError) as caught:
+        depth_task([cone_contour(0)], cone_contour(0).contact[:1], narrow)
+    assert caught.value.code == ErrorCode.SHEET_MESH_FAILED
+
+
+def test_databases_with_and_without_plate_have_other_names():
+    names = {cached_path(one) for one in (job(), job(ROUND), job(SQUARE))}
+    assert len(names) == 3

@@ -1,0 +1,95 @@
+"""A fused correction cannot drive the step, and with it the force, past the limits of the machine."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isf_core.job import JobFile
+from isf_springback.method import apply, make_method
+from isf_springback.step_bounds import FREE_SHARE, FULL_SHARE, LARGEST_STEP, force_share, largest_rise
+from springback_parts import JOB_TEXT, cone_contour, result_of
+from test_shape_feedback import COUNT, TARGET, Sheet
+
+STEP = 0.5e-3
+
+
+def job(text=""):
+    return JobFile(JOB_TEXT.replace("method: analytic", "method: fused, " + text) if text else JOB_TEXT, Path("."))
+
+
+def with_peak(contour, share):
+    """A result whose largest axial force is ``share`` of the limit."""
+    rig = job().rig
+    limit = min(rig.limits.force[2], rig.load_cell.force_range[2])
+    result = result_of(contour, 500.0)
+    force = result.forming_force.copy()
+    force[7, 2] = share * limit
+    return replace(result, forming_force=force)
+
+
+def pushes(shares, deeper=3e-3):
+    """m, mean push of every contour while the shape asks for ``deeper`` more than the model."""
+    method = make_method("fused", job("scan_every: 1"))
+    method.take_target(TARGET)
+    sheet, found = Sheet(lambda depth, around: 5e-3 + deeper), []
+    for index, share in enumerate(shares):
+        nominal = cone_contour(index, count=COUNT)
+        correction = method.correct(nominal)
+        corrected = apply(nominal, correction)
+        sheet.form(corrected)
+        method.learn(corrected, with_peak(corrected, share))
+        method.see(sheet.points(), index)
+        found.append((float(-correction.offset[:, 2].mean()), correction))
+    return found
+
+
+def test_share_of_the_weaker_limit():
+    contour = cone_contour(0)
+    assert force_share(with_peak(contour, 0.8), job()) == pytest.approx(0.8, abs=1e-12)
+    empty = replace(result_of(contour, 500.0), forming_force=np.empty((0, 3)))
+    assert force_share(empty, job()) == 0.0
+    blind = replace(result_of(contour, 500.0), forming_force=np.full((len(contour), 3), np.nan))
+    assert force_share(blind, job()) == 0.0
+
+
+@given(share=st.floats(0.0, 2.0), more=st.floats(0.0, 0.5))
+@settings(max_examples=30, deadline=None)
+def test_room_falls_with_the_force_and_never_below_zero(share, more):
+    one = job()
+    assert 0.0 <= largest_rise(one, share + more) <= largest_rise(one, share) <= (LARGEST_STEP - 1.0) * STEP
+    assert largest_rise(one, FREE_SHARE) == pytest.approx((LARGEST_STEP - 1.0) * STEP)
+    assert largest_rise(one, FULL_SHARE + more) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_no_step_exceeds_the_bound_however_much_is_asked_for():
+    push = np.array([value for value, _ in pushes([0.3] * 12)])
+    assert push[-1] > 3e-3
+    assert np.abs(np.diff(push)).max() <= (LARGEST_STEP - 1.0) * STEP + 1e-9
+
+
+def test_near_the_force_limit_the_correction_stops_growing_and_says_so():
+    found = pushes([0.3] * 4 + [0.95] * 4)
+    push = np.array([value for value, _ in found])
+    assert push[4] > push[3] > 0.0
+    assert push[5:].max() <= push[4] + 1e-5
+    assert any("machine's limit" in remark for remark in found[-1][1].remarks)
+    assert not any("machine's limit" in remark for remark in found[3][1].remarks)
+
+
+def test_the_model_of_fused_is_a_choice_of_the_job():
+    """Without scans the prediction is that of the chosen model under the held force."""
+    for model in ("analytic", "elastic"):
+        fused = make_method("fused", job(f"fused: {{model: {model}}}"))
+        alone = make_method(model, job())
+        for index in range(3):
+            contour = cone_contour(index)
+            one, other = fused.correct(contour), alone.correct(contour)
+            for method in (fused, alone):
+                method.learn(apply(contour, one), result_of(contour, 500.0))
+            if index == 0:
+                alone.follow(contour, one)
+        assert one.code == 0
+        np.testing.assert_allclose(one.springback, other.springback, rtol=1e-6)
