@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from isf_planner.part_library.catalogue import asymmetric_cone, pyramid
+from isf_planner.part_library.part_mesh import part_mesh
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -71,6 +73,12 @@ PARTS = {
 
 RISING = {"tpif_cone": Part(24.0, 24.0, Wall(40.0, 6.0, 6.0, 4.0, 8.0))}
 """Parts that rise from their flange, with a partial die beside them (NAME_die)."""
+
+LIBRARY = {
+    "lu_pyramid": pyramid(64e-3, 34e-3, np.radians(50), 30e-3, 8e-3, 14e-3),
+    "lu_asymmetric": asymmetric_cone(60e-3, np.radians(52), np.radians(38), 30e-3, 8e-3, 14e-3),
+}
+"""Parts of the library in other sizes, m and rad."""
 
 BLANK = 1.0
 """mm, thickness of the blank over the dies."""
@@ -180,6 +188,9 @@ def all_parts() -> dict[str, trimesh.Trimesh]:
         meshes[name] = turned_over(make(part))
         meshes[f"{name}_die"] = die_under(meshes[name], part.wall.depth)
     meshes["two_features"] = two_features()
+    for name, shape in LIBRARY.items():
+        mesh = part_mesh(shape, 0.5e-3 * CHORD_ERROR)
+        meshes[name] = trimesh.Trimesh(1e3 * mesh.vertices, mesh.faces, process=False)
     return meshes
 
 
