@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import Job
+from isf_core.job_tooling import ToolSpec
 from isf_core.rig import Rig
 from numpy.typing import NDArray
 
 from isf_planner import mesh_kernels, surface_kernels, tip_surface
 from isf_planner.mesh_checks import PlacedPart, place_text
 from isf_planner.mesh_input import Mesh
+from isf_planner.sides import UPSIDE_DOWN, Side
 from isf_planner.target_surface import TargetSurface
 
 Array = NDArray[np.float64]
@@ -30,6 +34,9 @@ REACH_TOLERANCE = 20e-6
 
 PRESSING_TOLERANCE = 0.1e-3
 """m, by which the support tool may press beside its contact before it is worth a warning."""
+
+FLAT_BALLS = 16
+"""Balls around the flat of a support tip."""
 
 
 def check_fit(part: PlacedPart, job: Job, rig: Rig) -> None:
@@ -107,24 +114,50 @@ def check_travel(contours: tuple[Contour, ...], rig: Rig) -> None:
                 )
 
 
-def check_support(contours: tuple[Contour, ...], surface: TargetSurface, job: Job) -> tuple[str, ...]:
-    """Warning where the support ball is too large for the curvature and presses beside its contact."""
-    if job.tool_2 is None or not contours or not contours[0].has_support:
+def check_support(contours: tuple[Contour, ...], sides: Sequence[Side], job: Job) -> tuple[str, ...]:
+    """Warning where the support tool is too large for the curvature and presses beside its contact.
+
+    The sheet is taken to be as thick beside the contact as at it. A flat tip is a ring of balls. Under the blank the
+    tool stays on the line of a feature's first contour, which is the only one looked at then.
+    """
+    if job.process != "DSIF":
         return ()
-    stride = tip_surface.STRIDE
-    nodes = np.ascontiguousarray(surface.z[::stride, ::stride])
-    radius = job.tool_2.radius
-    deepest, place, index = 0.0, np.zeros(3), 0
-    for contour in contours:
-        centre = contour.support_tip - np.array([0.0, 0.0, radius])
-        gap = job.path.squeeze_factor * contour.thickness
-        pressing = surface_kernels.ball_cut(nodes, surface.origin, stride * surface.pitch, centre, radius + gap)
-        worst = int(np.argmax(pressing))
-        if pressing[worst] > deepest:
-            deepest, place, index = float(pressing[worst]), contour.support_tip[worst], contour.index
+    deepest, place, index, used = 0.0, np.zeros(3), 0, 0.0
+    for side in sides:
+        tool = job.tool_2 if side.forming_tool == 1 else job.tool_1
+        if tool is None:
+            continue
+        stride = tip_surface.STRIDE
+        nodes = np.ascontiguousarray(side.surface.z[::stride, ::stride])
+        features: set[int] = set()
+        for contour in contours:
+            known = contour.feature in features
+            if contour.forming_tool != side.forming_tool or (known and job.path.support == "on_blank"):
+                continue
+            features.add(contour.feature)
+            centres, reach = _support_balls(contour, tool, job)
+            pitch = stride * side.surface.pitch
+            pressing = surface_kernels.ball_cut(nodes, side.surface.origin, pitch, centres, reach)
+            worst = int(np.argmax(pressing))
+            if pressing[worst] > deepest:
+                deepest, index, used = float(pressing[worst]), contour.index, tool.radius
+                place = contour.support_tip[worst % len(contour)]
     if deepest <= PRESSING_TOLERANCE:
         return ()
     return (
-        f"contour {index} at {place_text(place)}: the support tool of radius {radius * 1e3:.2f} mm is too large for "
+        f"contour {index} at {place_text(place)}: the support tool of radius {used * 1e3:.2f} mm is too large for "
         f"the curvature there and presses {deepest * 1e3:.2f} mm deeper beside its contact",
     )
+
+
+def _support_balls(contour: Contour, tool: ToolSpec, job: Job) -> tuple[Array, Array]:
+    """Centres (M * N, 3) m of the balls a support tip consists of, in the view of the forming tool, and how near (m)
+    the given surface may come to them; M is 1 for a ball."""
+    upper = contour.forming_tool == 1
+    tips = contour.support_tip if upper else contour.support_tip * UPSIDE_DOWN
+    bearing = np.arange(FLAT_BALLS if tool.flat_radius > 0 else 1) * 2 * np.pi / FLAT_BALLS
+    around = tool.flat_radius * np.column_stack([np.cos(bearing), np.sin(bearing), np.zeros(len(bearing))])
+    # a lower forming tool touches the other face, one blank's thickness beyond the given surface
+    beyond = 0.0 if upper else job.sheet.thickness
+    centres = (tips + around[:, None, :] - np.array([0.0, 0.0, tool.ball_radius + beyond])).reshape(-1, 3)
+    return centres, np.tile(tool.ball_radius + job.path.squeeze_factor * contour.thickness, len(bearing))

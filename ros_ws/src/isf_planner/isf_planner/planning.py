@@ -10,7 +10,7 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
-from isf_core.job import Job, JobFile
+from isf_core.job import JobFile
 from numpy.typing import NDArray
 
 from isf_planner import (
@@ -25,6 +25,7 @@ from isf_planner import (
     pocket_checks,
     replanning,
     sections,
+    stages,
     target_surface,
     tip_surface,
     tool_paths,
@@ -115,6 +116,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
             planned.append(side)
             warnings += told
         mesh = loaded.moved(shift)
+    preforms = [_plan_half(half, job_file, step)[0] for half in stages.preforms(loaded, planned, job)]
 
     told_of_part = tuple(warnings)
     step("tools", 0.9)
@@ -125,11 +127,13 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
         contours, flat = adsif_path.make_contours(planned[0].tree, planned[0].surface, job_file, plan_id)
         warnings += flat
     else:
-        contours = tool_paths.make_contours(planned, job_file, plan_id)
+        groups = [tool_paths.make_contours(sides, job_file, plan_id) for sides in (*([s] for s in preforms), planned)]
+        contours = stages.joined(groups)
     contours, expected = finishing.finish(contours, job_file)
     warnings += (*formed_thickness.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
-    warnings += part_checks.check_support(_supported(contours, job), planned[0].surface, job)
+    last = [contour for contour in contours if contour.stage == len(preforms)]
+    warnings += part_checks.check_support(last, planned, job)
     target = target_surface.target_map(mesh, rig.clamp.size)
     step("done", 1.0)
     base = PlanBase(job, tuple(planned), told_of_part)
@@ -148,7 +152,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     IsfError : as :func:`plan`; PART_TOO_SMALL_FOR_TOOL where the new tool does not fit
     """
     base, job = before.base, job_file.job
-    if base is None or not replanning.same_contacts(base.job, job):
+    if base is None or job.path.stages or not replanning.same_contacts(base.job, job):
         return plan(job_file)
     mesh = Mesh(*before.mesh)
     part_checks.check_fit(mesh_checks.PlacedPart(mesh, -float(mesh.vertices[:, 2].min()), ()), job, job_file.rig)
@@ -156,7 +160,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     plan_id = _identify(job_file)
     contours, expected = finishing.finish(tool_paths.make_contours(list(sides), job_file, plan_id), job_file)
     part_checks.check_travel(contours, job_file.rig)
-    pressing = part_checks.check_support(_supported(contours, job), sides[0].surface, job)
+    pressing = part_checks.check_support(contours, sides, job)
     left = formed_thickness.left_to_sine_law(sides, job)
     told = tuple(dict.fromkeys((*base.told, *left, *expected, *pressing)))
     return replace(before, plan_id=plan_id, contours=contours, warnings=told, tree=merged(sides))
@@ -195,13 +199,6 @@ def _plan_half(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, A
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
     return Side(tree, surface, half.forming_tool), shift * (UPSIDE_DOWN if half.forming_tool == 2 else 1.0), warnings
-
-
-def _supported(contours: tuple[Contour, ...], job: Job) -> tuple[Contour, ...]:
-    """Contours whose support ball is opposite the contact from below: those that can press beside it."""
-    opposite = job.process == "DSIF" and job.path.support == "opposite"
-    ball = job.tool_2 is not None and job.tool_2.flat_radius == 0
-    return tuple(contour for contour in contours if opposite and ball and contour.forming_tool == 1)
 
 
 def _identify(job_file: JobFile) -> str:

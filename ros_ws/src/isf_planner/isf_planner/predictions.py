@@ -36,13 +36,11 @@ class Validity:
     sheet: tuple[float, float]
     radius: tuple[float, float]
 
-    def objections(self, job: Job) -> tuple[str, ...]:
-        """What of the job's sheet and tool is out of range, for people."""
+    def objections(self, sheet: float, radii: Sequence[float]) -> tuple[str, ...]:
+        """What of the ``sheet`` (m) and the ``radii`` (m) of forming tools is out of range, for people."""
         told = []
-        for what, value, (low, high) in (
-            ("sheet of", job.sheet.thickness, self.sheet),
-            ("tool radius of", job.tool_1.radius, self.radius),
-        ):
+        checked = [("sheet of", sheet, self.sheet), *(("tool radius of", radius, self.radius) for radius in radii)]
+        for what, value, (low, high) in checked:
             if not low - 1e-9 <= value <= high + 1e-9:
                 told.append(f"{what} {value * 1e3:.2f} mm (known for {low * 1e3:g} to {high * 1e3:g} mm)")
         return tuple(told)
@@ -110,16 +108,16 @@ def predict(contours: Sequence[Contour], job_file: JobFile) -> tuple[Prediction,
     predictions = []
     before: Contour | None = None
     for contour, step in zip(contours, steps, strict=True):
-        tool = job.tool_1 if contour.forming_tool == 1 or job.tool_2 is None else job.tool_2
+        radius = _radius(contour.forming_tool, job)
         angle = contour.wall_angle
         held = np.clip(angle, *AERENS.wall_angle)
         balanced = np.clip(angle, *EQUILIBRIUM.wall_angle)
         stress = curve.stress(plane_strain(job.sheet.thickness, job.sheet.thickness * np.cos(balanced)))
         formed = job.sheet.thickness * np.cos(balanced)
-        forces = _equilibrium(stress, formed, balanced, tool.ball_radius, step)
+        forces = _equilibrium(stress, formed, balanced, radius, step)
         predictions.append(
             Prediction(
-                axial=aerens_axial_force(material.tensile_strength, job.sheet.thickness, tool.ball_radius, step, held),
+                axial=aerens_axial_force(material.tensile_strength, job.sheet.thickness, radius, step, held),
                 axial_equilibrium=forces[0],
                 radial_equilibrium=forces[1],
                 regression_valid=_inside(angle, AERENS),
@@ -161,10 +159,17 @@ def warnings_of(contours: Sequence[Contour], predictions: Sequence[Prediction], 
             f"contour {index} at {place_text(contours[index].contact[point])}: about {axial:.0f} N of axial force are "
             f"expected, the rig takes {allowed:.0f} N"
         )
-    objections = AERENS.objections(job)
+    radii = sorted({_radius(contour.forming_tool, job) for contour in contours})
+    objections = AERENS.objections(job.sheet.thickness, radii)
     if objections:
         told.append(f"the predicted force is an extrapolation: {', '.join(objections)}")
     return tuple(told)
+
+
+def _radius(forming_tool: int, job: Job) -> float:
+    """m, of the rounding that forms."""
+    tool = job.tool_1 if forming_tool == 1 or job.tool_2 is None else job.tool_2
+    return tool.ball_radius
 
 
 def step_depths(contours: Sequence[Contour], default: float) -> Array:

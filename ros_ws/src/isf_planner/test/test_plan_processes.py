@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile, load_job
 from isf_core.tip_geometry import tool_gap
-from isf_planner import Plan, plan
+from isf_planner import Plan, part_checks, plan
 from planner_parts import EXAMPLES, Cone, job_for, write
 
 R = 5e-3
@@ -130,6 +131,38 @@ def test_features_without_sections_keep_the_sine_law(folder: Path) -> None:
     assert "at x = " in told
     for contour in result.contours:
         np.testing.assert_allclose(contour.thickness, T0 * np.cos(contour.wall_angle), rtol=1e-12)
+
+
+def test_support_too_large_for_the_curvature_is_told(folder: Path) -> None:
+    """A support ball of 20 mm under an entry fillet of 5 mm; the same on a dome, seen from below."""
+
+    def told(name: str, tool_1: float, tool_2: float, options: str = "") -> list[str]:
+        radii = {"tool_1": f"radius: {tool_1:g} mm", "tool_2": f"radius: {tool_2:g} mm"}
+        return list(planned(folder, name, options, force="0 N", **radii).warnings)
+
+    def pressing(texts: list[str]) -> float:
+        (text,) = texts
+        assert "the support tool of radius 20.00 mm" in text
+        return float(text.split("presses ")[1].split(" mm")[0])
+
+    assert told("cone", 5, 5) == told("dome", 5, 5) == []
+    deep = pressing(told("cone", 5, 20))
+    assert deep > 1.0
+    assert pressing(told("dome", 20, 5)) == pytest.approx(deep, abs=0.02)
+    on_blank = told("cone", 5, 20, "support: on_blank,")
+    assert "contour 0 at" in on_blank[0]  # the others stay on its line
+    assert 0.1 < pressing(on_blank) < deep
+
+
+def test_a_flat_support_that_stands_too_high_is_told(folder: Path) -> None:
+    """The check alone: in place nothing is told, 0.5 mm higher the ring of the flat presses into the wall."""
+    flat = "radius: 8 mm, corner_radius: 5 mm"
+    made = planned(folder, "cone", tool_2=flat, force="0 N")
+    assert made.warnings == ()
+    assert made.base is not None
+    up = tuple(replace(contour, support_tip=contour.support_tip + [0, 0, 0.5e-3]) for contour in made.contours)
+    (told,) = part_checks.check_support(up, made.base.sides, made.base.job)
+    assert 0.3 <= float(told.split("presses ")[1].split(" mm")[0]) <= 0.55
 
 
 # flat tips
