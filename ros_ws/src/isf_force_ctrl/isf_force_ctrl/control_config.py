@@ -68,6 +68,8 @@ class ControlConfig:
     seam_speed : m/s, feed at both ends of a closed contour under force control (published feed); infinite = off
     seam_length : m, so far from its begin; half as far from its end
     axial_compliance : (2,) m/N, z of tool 1 and of tool 2, for measurements
+    frozen_time : s, loaded readings that repeat exactly for so long are a frozen signal
+    sign_force, sign_time : N and s, a force against its only possible sign beyond which a load cell's sign is wrong
     """
 
     rate: float
@@ -113,6 +115,9 @@ class ControlConfig:
     seam_speed: float = 5e-3
     seam_length: float = 6e-3
     axial_compliance: tuple[float, float] = (0.0, 0.0)
+    frozen_time: float = 0.3
+    sign_force: float = 30.0
+    sign_time: float = 0.1
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:

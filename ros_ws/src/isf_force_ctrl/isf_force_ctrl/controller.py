@@ -28,13 +28,13 @@ from isf_force_ctrl.segments import (
     Present,
     Segment,
     braking,
+    continues,
     contour_segments,
-    joins,
     lift_segments,
     posture_of,
 )
 from isf_force_ctrl.tool_moves import Tools
-from isf_force_ctrl.wrench_check import fault_of, plausible
+from isf_force_ctrl.wrench_check import WrenchWatch
 
 NAN = float("nan")
 
@@ -83,7 +83,7 @@ class ForceController:
         if override is not None and not override >= 0.0:
             raise IsfError(ErrorCode.NOT_ARMED, f"support force of {override} N is not possible")
         config = self.config
-        self._laws = ControlLaws(config)
+        self._laws, self._watch = ControlLaws(config), WrenchWatch(config)
         self._plan_id, self._next, self._count = plan_id, first_index, count
         self._support_force = config.support_force if override is None else override
         row = [*tips[0].tolist(), *tips[1].tolist(), *RESTING[6:]]
@@ -92,9 +92,8 @@ class ForceController:
         self._index = first_index
         self._previous: tuple[np.ndarray, np.ndarray] | None = None
         self._lift_normal = np.array([0.0, 0.0, 1.0])
-        self._clear, self._engaged = True, False
+        self._clear, self._engaged, self._open_end = True, False, False
         self._tools = Tools(forming=1, with_support=False)
-        self._open_end = False
         self._stopping: tuple[ErrorCode, str] | None = None
         self._lift_after_stop = self._idle_after = False
         self._settled = self._waited = 0
@@ -127,7 +126,7 @@ class ForceController:
             contour.feed,
             present,
             retract=contour.retract,
-            continues=self._open_end and not contour.closed and not contour.retract and joins(path, present),
+            continues=self._open_end and continues(contour, path, present, self.config.link_length),
             runs_on=self._runs_on(contour) and not last,
         )
         if forced and self.config.learning > 0.0 and self._previous is not None:
@@ -250,8 +249,9 @@ class ForceController:
         self._last_tick = tick
         self._ticks += 1
         forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
-        if self.fault is None and not plausible(wrench_1, wrench_2, self.config.force_limit):
-            self._stop(*fault_of(wrench_1, wrench_2, self.config.force_limit))
+        found = self._watch.look(wrench_1, wrench_2, self._tools.forming, self._mode, self._laws.normal_force)
+        if found and self.fault is None:
+            self._stop(*found)
         blind = self.fault is not None
         laws, row = self._laws, self._playback.row
         if not blind:

@@ -35,6 +35,7 @@ from isf_force_ctrl.node_measurements import MeasurementActions
 from isf_force_ctrl.node_outlet import ForceCtrlOutlet
 from isf_force_ctrl.node_parameters import ForceCtrlParameters
 from isf_force_ctrl.real_time import PeriodicLoop
+from isf_force_ctrl.wrench_frames import WrenchFrames
 from isf_force_ctrl.wrench_pair import WrenchPair
 
 HEARTBEAT = 0.2
@@ -70,6 +71,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             raise IsfError(ErrorCode.FILE_FIELD, "state_decimation must be 1 or more, wrench_timeout 0 or more")
         self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
         self._watchdogs = (ReceiveWatchdog(self._timeout), ReceiveWatchdog(self._timeout))
+        self._frames = WrenchFrames(p.wrench_frame)
         self._delayed, self._patient_until = False, 0.0
         self._ticks = self._late_before = 0
         self._last_mode = Mode.IDLE
@@ -141,10 +143,22 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _on_wrench(self, tool: int, message: WrenchStamped) -> None:
         self._watchdogs[tool - 1].feed()
         self._latency.wrench()
+        if not self._frames.right(tool, message.header.frame_id):
+            self._on_wrong_frame(tool)
+            return
         stamp = message.header.stamp
         self._pair.put(tool, stamp.sec * stamps.NANO + stamp.nanosec, conversion.wrench_array(message))
         if self._loop is None:
             self._step_in_lockstep()
+
+    def _on_wrong_frame(self, tool: int) -> None:
+        """A wrench in other axes is not used; the contour ends with it."""
+        controller = self._controller
+        if controller is not None and tool in self._needed and controller.busy and controller.fault is None:
+            with self._lock:
+                controller.fail(ErrorCode.WRENCH_FRAME, self._frames.text(tool), ticking=self._loop is not None)
+                if self._loop is None:
+                    self._publish_result()
 
     def _step_in_lockstep(self) -> None:
         """Answer a complete pair of wrenches, when there is something to do."""
@@ -322,6 +336,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             raise IsfError(
                 ErrorCode.WRENCH_LOST, f"nothing on {names} in the last {FRESH:g} s", advice="is the machine active?"
             )
+        self._frames.check(self._needed)
         if self._machine is None or not self._machine.tared:
             raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="call machine/tare")
 
@@ -363,7 +378,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
 
 def _tools_with_load_cell(job: Job) -> list[int]:
-    """Tools whose wrench is needed: both, when a second tool takes part."""
+    """Tools whose wrench is needed."""
     return [1, 2] if job.process in ("DSIF", "ADSIF") else [1]
 
 

@@ -15,6 +15,7 @@ class ForceCtrlParameters:
 
     lockstep: bool = parameter(True, "one tick per pair of wrenches; false: by the wall clock")
     wrench_timeout: float = parameter(0.0, "s without a wrench that end a contour; 0: 5 s in lockstep, 0.25 s else")
+    wrench_frame: str = parameter("sheet", "frame_id that wrenches must have")
     state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick")
     loop_gain: float = parameter(ControlConfig.loop_gain, "1/s, K_i K_c of the force loop")
     dead_zone: float = parameter(ControlConfig.dead_zone, "N, force error that is left alone")

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
+from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
 from isf_force_ctrl import tool_moves
@@ -88,6 +90,26 @@ def joins(path: ToolPath, present: Present) -> bool:
         and float(np.linalg.norm(path.tip_1[0] - here.tip_1)) <= JOIN_LENGTH
         and float(np.linalg.norm(path.tip_2[0] - here.tip_2)) <= JOIN_LENGTH
     )
+
+
+def continues(contour: Contour, path: ToolPath, present: Present, farthest: float) -> bool:
+    """Does an open ``contour`` go on from the open one before?
+
+    Raises IsfError CONTOUR_NOT_JOINED when it should, but begins more than ``farthest`` m away: the tools would leave
+    the sheet in the middle of a spiral.
+    """
+    if contour.closed or contour.retract:
+        return False
+    here = present.here
+    apart = max(np.linalg.norm(path.tip_1[0] - here.tip_1), np.linalg.norm(path.tip_2[0] - here.tip_2))
+    if not present.clear and path.forming == present.tools.forming and apart > farthest:
+        raise IsfError(
+            ErrorCode.CONTOUR_NOT_JOINED,
+            f"is open and begins {1e3 * apart:.1f} mm from the end of the one before",
+            where=f"contour {contour.index} of {contour.plan_id}",
+            advice="order the contours, or set retract where the tools are to be lifted",
+        )
+    return joins(path, present)
 
 
 def contour_segments(

@@ -222,6 +222,8 @@ def run(
     """Form ``contours`` against a sandbox; ``on_tick`` may replace the wrenches of a tick."""
     tip_1, tip_2 = np.array([0.0, 0.0, config.park_height]), np.array([0.0, 0.0, -config.park_height])
     sandbox = Sandbox(tip_1, tip_2, planned_distance(contours[0]), rate=config.rate, **plant)  # type: ignore[arg-type]
+    if not plant.get("noise", True):
+        config = replace(config, frozen_time=np.inf)  # a cell without noise stands still
     controller = ForceController(config)
     controller.arm("plan", contours[0].index, contours[0].count, tip_1, tip_2)
     forces, targets, modes, results, holder = [], [], [], [], []

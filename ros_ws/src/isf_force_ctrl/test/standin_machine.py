@@ -2,7 +2,8 @@
 
 Parameters: ``nan_at``, ``silent_at`` (tick at which a wrench turns NaN or the wrenches stop, -1 never),
 ``saturated_at`` (tick from which the load cells are at the end of their range), ``lost_share`` (share of the wrenches
-that never arrive; real time), ``tared``, ``lockstep`` (false: ticks by the clock on the newest targets).
+that never arrive; real time), ``frozen_at`` (tick from which the wrenches repeat), ``frame`` (frame_id of the
+wrenches), ``sign`` (factor on the forces), ``tared``, ``lockstep`` (false: ticks by the clock on the newest targets).
 """
 
 import math
@@ -27,6 +28,11 @@ class StandInMachine(Node):
         self.nan_at, self.silent_at = (self.declare_parameter(n, -1).value for n in ("nan_at", "silent_at"))
         self.saturated_at = self.declare_parameter("saturated_at", -1).value
         self.lost_share = self.declare_parameter("lost_share", 0.0).value
+        self.frozen_at, self.sign = (
+            self.declare_parameter("frozen_at", -1).value,
+            self.declare_parameter("sign", 1.0).value,
+        )
+        frame = self.declare_parameter("frame", conversion.FRAME).value
         self.random = np.random.default_rng(0)
         self.tared = self.declare_parameter("tared", True).value
         self.lockstep = self.declare_parameter("lockstep", True).value
@@ -34,6 +40,8 @@ class StandInMachine(Node):
         self.stamp = [-1, -1]
         self.targets = [(0.0, 0.0, 0.1), (0.0, 0.0, -0.1)]
         self.wrench = [conversion.make_wrench(), conversion.make_wrench()]
+        for message in self.wrench:
+            message.header.frame_id = frame
         self.out = [self.create_publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM) for k in (1, 2)]
         self.state = self.create_publisher(MachineState, "machine/state", qos.STREAM)
         self.create_subscription(PoseStamped, "tool_1/target", lambda m: self.on_target(0, m), qos.STREAM)
@@ -52,7 +60,8 @@ class StandInMachine(Node):
                 wrench[1] = math.nan
             if 0 <= self.saturated_at <= tick:
                 wrench[2] = 1e4
-            conversion.set_wrench(message, wrench)
+            if not 0 <= self.frozen_at <= tick:
+                conversion.set_wrench(message, [self.sign * value for value in wrench])
             message.header.stamp = stamps.to_stamp(stamps.tick_nanoseconds(tick, RATE))
         self.send()
 

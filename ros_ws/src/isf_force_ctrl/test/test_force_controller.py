@@ -264,7 +264,7 @@ def test_skipped_ticks_are_counted():
 
 def test_spif_leaves_tool_2_alone():
     contours = part(2, support_tip=np.empty((0, 3)), force=None, process=Process.SPIF)
-    config = make_config(compensation=1.0)
+    config = make_config(compensation=1.0, frozen_time=np.inf)
     controller = ForceController(config)
     controller.arm("plan", 0, 2, PARK_1, (0.01, 0.02, -0.025))
     tick = 0

@@ -289,3 +289,29 @@ def test_blank_holder_has_targets_in_tpif(cell: Cell) -> None:
     assert (result.completed, result.code) == (True, 0)
     assert max(heights) == pytest.approx(1e-3)
     assert cell.wait(lambda: heights[-1] == 0.0)  # down again when parked
+
+
+def test_wrenches_in_another_frame_are_refused(cell: Cell) -> None:
+    cell.start({"frame": "tool0"})
+    response = cell.arm()
+    deadline = time.monotonic() + 20.0
+    while response.code == ErrorCode.NO_TARE and time.monotonic() < deadline:
+        response = cell.arm()
+    assert response.code == ErrorCode.WRENCH_FRAME
+    assert "'tool0', not 'sheet'" in response.message
+    assert cell.targets == 0
+
+
+def test_a_frozen_wrench_holds_with_its_code(cell: Cell) -> None:
+    cell.start({"frozen_at": 1500})
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.WRENCH_FROZEN)
+    assert cell.wait(lambda: cell.states[-1].mode == ForceCtrlState.HOLD)
+
+
+def test_a_cell_with_the_wrong_sign_holds_with_its_code(cell: Cell) -> None:
+    cell.start({"sign": -1.0})
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.LOAD_CELL_SIGN)
