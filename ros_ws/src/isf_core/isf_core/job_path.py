@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from typing import Literal
 
 from pydantic import Field, model_validator
 
 from isf_core.model_base import FileModel
-from isf_core.quantity import Acceleration, Length, Speed
+from isf_core.quantity import Acceleration, Angle, Length, Speed
 
 
 class PathSpec(FileModel):
@@ -44,6 +46,8 @@ class PathSpec(FileModel):
     """Largest acceleration of the forming tip: it slows down in corners and at both ends; None: feed everywhere."""
     support: Literal["opposite", "on_blank"] = "opposite"
     """DSIF: the support tool is opposite the contact, or stays under the blank along the first contour."""
+    stages: tuple[Angle, ...] = ()
+    """SPIF and DSIF: largest wall angles of the preforms formed before the part itself, ascending; none: one stage."""
     thickness: Literal["sine_law", "overlap"] = "sine_law"
     """How the formed thickness is predicted that the support tool's gap follows."""
 
@@ -63,6 +67,13 @@ class PathSpec(FileModel):
             raise ValueError("compensation machine needs machine_error, the file with the measured errors")
         if len(set(self.compensation)) != len(self.compensation):
             raise ValueError("compensation names something twice")
+        return self
+
+    @model_validator(mode="after")
+    def _stages(self) -> PathSpec:
+        angles = (0.0, *self.stages, 0.5 * math.pi)
+        if any(later <= earlier for earlier, later in itertools.pairwise(angles)):
+            raise ValueError("stages must be ascending wall angles between 0 and 90 deg")
         return self
 
     @model_validator(mode="after")
@@ -103,6 +114,8 @@ class PathSpec(FileModel):
             return f"path.squeeze_factor needs process DSIF: the gap of {process} does not follow it"
         if process in ("SPIF", "DSIF"):
             return None
+        if self.stages:
+            return f"path.stages needs process SPIF or DSIF: {process} forms in one stage"
         if self.thickness != "sine_law":
             return f"path.thickness {self.thickness} needs process SPIF or DSIF: {process} is planned by the sine law"
         if {"sheet", "tool"} & set(self.compensation):
