@@ -132,7 +132,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     contours, expected = finishing.finish(contours, job_file)
     warnings += (*formed_thickness.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
-    last = [contour for contour in contours if contour.stage == len(preforms)]
+    last = tuple(contour for contour in contours if contour.stage == len(preforms))
     warnings += part_checks.check_support(last, planned, job)
     target = target_surface.target_map(mesh, rig.clamp.size)
     step("done", 1.0)

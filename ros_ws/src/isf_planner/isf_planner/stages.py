@@ -90,7 +90,7 @@ def preform(mesh: Mesh, wall_angle: float, radius: float) -> Mesh:
 
 
 def _cone(slope: float, pitch: float, height: float, farthest: float) -> tuple[NDArray[np.int64], Array]:
-    """Node offsets (M, 2) and how far (M,) m a cone hung from a node has fallen there, to ``height`` or ``farthest`` m."""
+    """Node offsets (M, 2) of a hanging cone and how far (M,) m it has fallen there, to ``height`` or ``farthest`` m."""
     reach = int(np.ceil(min(height / slope, farthest) / pitch))
     steps = np.arange(-reach, reach + 1)
     offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
