@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from isf_cell.commands.calibrate_cell import calibrate_file
 from isf_cell.commands.tune import tune_job
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import load_job
+from isf_core.rig import LoadCell
 
 JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
 TUNE = {"stiffness": None, "delay": 0.0, "noise": 1.0, "loop_gain": None, "as_json": True}
@@ -41,7 +44,33 @@ def test_matrix_of_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert np.array(data["matrix"]) == pytest.approx(2.0 * np.eye(3), abs=1e-9)
     assert data["zero"] == pytest.approx([7.0, 7.0, 7.0])
     assert data["rejected_rows"] == []
-    assert "calibration_matrix:" in (tmp_path / "cell.yaml").read_text(encoding="utf-8")
+    assert np.array(data["rig_matrix"]) == pytest.approx(np.diag([0.5, 0.5, 0.5, 1.0, 1.0, 1.0]), abs=1e-9)
+
+
+@pytest.mark.parametrize("axes", [3, 6])
+def test_the_piece_for_the_rig_file_can_be_pasted(tmp_path: Path, axes: int) -> None:
+    response = np.eye(6)
+    response[:axes, :axes] += 0.03 * np.random.default_rng(1).standard_normal((axes, axes))
+    load = np.vstack([np.zeros((1, axes)), *(size * np.eye(axes) for size in (100.0, -100.0, 300.0))])
+    names = ["fx", "fy", "fz", "tx", "ty", "tz"][:axes]
+    header = ",".join([*names, *(f"u{k}" for k in range(axes))])
+    rows = np.column_stack([load, load @ response[:axes, :axes].T + 4.0])
+    calibrate_file(write(tmp_path / "loads.csv", header, rows), None, tmp_path / "cell.yaml", as_json=False)
+    piece = yaml.safe_load((tmp_path / "cell.yaml").read_text(encoding="utf-8"))
+    rig = load_job(JOB).rig
+    cell = LoadCell(**{**rig.load_cell.model_dump(), **piece["load_cell"]})
+    assert np.array(cell.matrix) == pytest.approx(response, abs=1e-5)  # reading = matrix times load
+
+
+def test_a_matrix_of_volts_is_for_the_driver_only(tmp_path: Path) -> None:
+    load = np.vstack([np.zeros((1, 3)), *(size * np.eye(3) for size in (100.0, -100.0, 300.0))])
+    rows = np.column_stack([load, load / 2400.0])
+    calibrate_file(
+        write(tmp_path / "loads.csv", "fx,fy,fz,u1,u2,u3", rows), None, tmp_path / "cell.yaml", as_json=False
+    )
+    piece = yaml.safe_load((tmp_path / "cell.yaml").read_text(encoding="utf-8"))
+    assert set(piece) == {"calibration_matrix"}
+    assert np.array(piece["calibration_matrix"]) == pytest.approx(2400.0 * np.eye(3), abs=1e-6)
 
 
 def test_gains_of_channels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

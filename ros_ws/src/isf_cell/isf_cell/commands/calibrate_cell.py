@@ -14,6 +14,9 @@ from isf_cell import terminal
 
 Array = NDArray[np.float64]
 
+MOST_GAIN, MOST_CONDITION = 3.0, 1e3
+"""A rig's readings are N and N m: gains further from 1 are another unit; a matrix worse than this has no inverse."""
+
 _ADVICE = "a header such as fx,fy,fz,u1,u2,u3 (matrix) or load,X,Y,Z (one line per channel), then one row per load"
 
 
@@ -81,16 +84,43 @@ def _matrix(names: list[str], table: Array, limit: float | None, path: Path) -> 
         "residual_max": np.abs(fit.residual[used]).max(axis=0).tolist(),
         "rejected_rows": (np.flatnonzero(keep)[fit.rejected] + 2).tolist(),
     }
-    rows = "\n".join("  - [" + ", ".join(f"{value:.6g}" for value in line) + "]" for line in fit.matrix)
     text = (
         f"# fitted to {int(used.sum())} loads; residuals (rms) "
         + ", ".join(f"{name} {value:.3g}" for name, value in zip(loads, rms, strict=True))
         + f"; rejected rows: {data['rejected_rows'] or 'none'}\n"
         + f"# {', '.join(loads)} per unit of {', '.join(channels)}; readings without load: "
         + ", ".join(f"{value:.6g}" for value in fit.zero)
-        + f"\ncalibration_matrix:\n{rows}\n"
     )
+    response = _response(fit.matrix, loads)
+    if response is None:
+        text += "\n# for the cell's driver: load = calibration_matrix (reading - reading without load); not for a rig"
+        text += f"\ncalibration_matrix:\n{_lines(fit.matrix, '  ')}\n"
+    else:
+        data["rig_matrix"] = response.tolist()
+        text += "\n# reading = matrix load, for load_cell of a rig file; for the cell's driver its inverse:\n"
+        text += _lines(fit.matrix, "#   ") + f"\nload_cell:\n  matrix:\n{_lines(response, '    ')}\n"
     return data, text
+
+
+def _response(matrix: Array, loads: list[str]) -> Array | None:
+    """(6, 6) readings per load as in ``load_cell.matrix`` of a rig; None for readings that are not in N and N m.
+
+    ``matrix`` is that of :class:`MatrixCalibration`, its inverse. Torques that were not loaded read as they are.
+    """
+    count = len(loads)
+    if loads != ["fx", "fy", "fz", "tx", "ty", "tz"][:count] or count not in (3, 6) or matrix.shape != (count, count):
+        return None
+    if np.linalg.cond(matrix) > MOST_CONDITION:
+        return None
+    response = np.eye(6)
+    response[:count, :count] = np.linalg.inv(matrix)
+    gain = np.diag(response)
+    return response if ((gain > 1.0 / MOST_GAIN) & (gain < MOST_GAIN)).all() else None
+
+
+def _lines(matrix: Array, indent: str) -> str:
+    """Rows of a YAML list."""
+    return "\n".join(f"{indent}- [" + ", ".join(f"{value:.6g}" for value in line) + "]" for line in matrix)
 
 
 def _channels(names: list[str], table: Array, limit: float | None) -> tuple[dict[str, Any], str]:
