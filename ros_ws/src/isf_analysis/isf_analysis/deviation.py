@@ -135,6 +135,20 @@ def regions_of(target: HeightMap, *, rim_width: float = RIM_WIDTH) -> dict[str, 
     return {"wall_and_base": opening, "wall": wall, "base": base, "rim": rim, "flange": ~opening & ~rim}
 
 
+def directions(target: HeightMap) -> tuple[bool, bool]:
+    """Whether the target goes down from the flange, and whether it stands up from it, by more than a hem.
+
+    Less than a twentieth of the whole height counts as nothing.
+    """
+    height = target.z - flange_level(target)
+    known = height[np.isfinite(height)]
+    if not len(known):
+        return False, False
+    low, high = float(-known.min()), float(known.max())
+    least = max(OPENING_DEPTH, 0.05 * (max(low, 0.0) + max(high, 0.0)))
+    return low > least, high > least
+
+
 def flange_level(target: HeightMap) -> float:
     """m, height of the unformed sheet: the median over the border of the grid (0 when the border is unknown)."""
     z = target.z

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
 from matplotlib.figure import Figure
 
-from isf_analysis import figures_process, figures_shape, style
-from isf_analysis.deviation import Deviation
+from isf_analysis import figures_contact, figures_process, figures_shape, style
+from isf_analysis.deviation import Deviation, directions
+from isf_analysis.force_regions import path_forces
 from isf_analysis.record import PartRecord
 
 SHAPE, CORRECTION, FORCE = "shape", "correction", "force"
@@ -67,7 +67,12 @@ def _shape(
     if deviation is None or target is None or scan is None:
         return
     limit = figures_shape.map_limit(deviation, reference_deviation)
-    colours = "Red is too high (not formed deep enough), blue too deep, white on target"
+    standing = directions(target)[1]
+    colours = (
+        "Red is too high, blue too low, white on target"
+        if standing
+        else "Red is too high (not formed deep enough), blue too deep, white on target"
+    )
     if reference is not None and reference_deviation is not None and reference.target is not None:
         yield _Plan(
             "deviation_compare",
@@ -93,23 +98,23 @@ def _shape(
         SHAPE,
         "Deviation of this part",
         f"{colours}. Measured minus wanted height, in the clamp, in the frame of the machine: nothing was aligned. The "
-        f"scale ends at ± {own_limit:g} mm.",
-        partial(figures_shape.deviation_map, deviation, target, own_limit),
+        f"scale ends at ± {own_limit:g} mm." + (" Marks: what the machine noticed there." if record.events else ""),
+        partial(figures_shape.deviation_map, deviation, target, own_limit, record.events),
     )
-    extent = figures_shape.section_extent(deviation)
-    for name, angle, words in (("section_x", 0.0, "along x"), ("section_45", np.pi / 4, "at 45°")):
+    for cut in figures_shape.cuts(deviation):
         yield _Plan(
-            name,
+            cut.name,
             SHAPE,
-            f"Section {words}",
+            f"Section {cut.words}",
             "Profiles to scale, and below them the vertical distance from the target.",
             partial(
                 figures_shape.section,
-                angle,
+                cut.angle,
                 target,
                 scan,
                 reference.scan if reference is not None else None,
-                extent,
+                cut.extent,
+                cut.centre,
             ),
         )
     yield _Plan(
@@ -127,7 +132,8 @@ def _process(record: PartRecord) -> Iterator[_Plan]:
             "corrections",
             CORRECTION,
             "Correction of every contour",
-            "How far each contour was moved before it was formed, and the elastic recovery that was predicted for it.",
+            "How far each contour was moved before it was formed, and the elastic recovery that was predicted for it."
+            + (" Below: the error that the method expects to remain." if figures_process.has_outlook(record) else ""),
             partial(figures_process.corrections, record),
         )
     if figures_process.has_support_force(record):
@@ -144,6 +150,21 @@ def _process(record: PartRecord) -> Iterator[_Plan]:
                 else "The support tool was position controlled: where the force is zero it had lost contact."
             ),
             partial(figures_process.support_force, record),
+        )
+    paths = path_forces(record.results)
+    if paths:
+        yield _Plan(
+            "contact",
+            FORCE,
+            "Contact along the path",
+            "At the contour points. Top: where the support tool carried less than 5 N, from above. Bottom: every "
+            "contour from its first to its last point"
+            + (
+                ", coloured by force less set-point; black: no contact, grey: no set-point."
+                if record.support_force > 0
+                else ", coloured by the force; black: no contact."
+            ),
+            partial(figures_contact.contact_map, paths),
         )
     if any(len(result.forming_force) for result in record.results):
         yield _Plan(

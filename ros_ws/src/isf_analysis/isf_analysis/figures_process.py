@@ -46,11 +46,17 @@ def support_force(record: PartRecord) -> Figure:
 
 def corrections(record: PartRecord) -> Figure:
     """How far each contour was moved down, and the springback that was predicted for it."""
-    figure = style.new_figure(4.4)
-    axes = figure.subplots()
+    outlook = has_outlook(record)
+    figure = style.new_figure(7.4 if outlook else 4.4)
+    panels = figure.subplots(2 if outlook else 1, 1, squeeze=False, height_ratios=[1.4, 1] if outlook else [1])[:, 0]
+    axes = panels[0]
     items = record.corrections
     number = _numbers(items)
-    depth = [-MM * item.offset[:, 2] if len(item.offset) else np.full(1, np.nan) for item in items]
+    upwards = {contour.index for contour in record.nominal if contour.forming_tool == 2}  # formed from below
+    depth = [
+        (MM if item.index in upwards else -MM) * item.offset[:, 2] if len(item.offset) else np.full(1, np.nan)
+        for item in items
+    ]
     axes.fill_between(
         number,
         [float(values.min()) for values in depth],
@@ -64,6 +70,17 @@ def corrections(record: PartRecord) -> Figure:
     predicted = np.array([MM * float(item.springback.mean()) if len(item.springback) else np.nan for item in items])
     if np.isfinite(predicted).any():
         axes.plot(number, predicted, color=style.PREDICTION, linestyle=(0, (4, 2)), label="predicted springback, mean")
+    doubt = np.array([MM * _rms(item.uncertainty) for item in items])
+    if np.isfinite(doubt).any():
+        axes.fill_between(
+            number,
+            predicted - doubt,
+            predicted + doubt,
+            color=style.PREDICTION,
+            alpha=0.18,
+            linewidth=0,
+            label="its uncertainty, ± 1 σ",
+        )
     limited = np.array([bool(item.saturated.any()) for item in items])
     if limited.any():
         axes.plot(
@@ -80,7 +97,25 @@ def corrections(record: PartRecord) -> Figure:
     axes.set_ylabel("moved deeper by [mm]")
     _contour_axis(axes, number)
     style.legend_above(axes, 2)
+    if outlook:
+        _draw_residual(panels[1], items, number)
     return figure
+
+
+def has_outlook(record: PartRecord) -> bool:
+    """True when a method told which error it expects to remain."""
+    return any(np.isfinite(item.residual).any() for item in record.corrections)
+
+
+def _draw_residual(axes: Axes, items: Sequence[ContourCorrection], number: Array) -> None:
+    left = [MM * _known(item.residual) for item in items]
+    low, mean, high = ([float(f(values)) for values in left] for f in (np.min, np.mean, np.max))
+    axes.fill_between(number, low, high, color=style.MUTED, alpha=0.25, linewidth=0, label="least to most")
+    axes.plot(number, mean, color=style.INK, label="expected to remain, mean")
+    axes.axhline(0.0, color=style.TARGET, linestyle=(0, (4, 2)), linewidth=1.2)
+    axes.set_ylabel("too low < error > too high [mm]")
+    _contour_axis(axes, number)
+    style.legend_above(axes, 2)
 
 
 def forming_force(record: PartRecord) -> Figure:
@@ -215,11 +250,18 @@ def _numbers(items: Sequence[ContourResult] | Sequence[ContourCorrection]) -> Ar
 
 
 def _measured(result: ContourResult) -> bool:
-    return len(result.tick_normal_force) > 0 and bool(np.isfinite(result.tick_normal_force).any())
+    """A part without a support tool has the noise of an idle load cell in its ticks."""
+    supported = len(result.support_force) > 0
+    return supported and len(result.tick_normal_force) > 0 and bool(np.isfinite(result.tick_normal_force).any())
 
 
 def _sideways(item: ContourCorrection) -> float:
     return float(np.hypot(*item.offset[:, :2].T).max()) if len(item.offset) else 0.0
+
+
+def _rms(values: Array) -> float:
+    """Root mean square of what is known; NaN when nothing is."""
+    return float(np.sqrt(np.mean(_known(values) ** 2)))
 
 
 def _known(values: Array) -> Array:

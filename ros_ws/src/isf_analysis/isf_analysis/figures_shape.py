@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from isf_core.height_map import HeightMap
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from isf_analysis import style
-from isf_analysis.deviation import OPENING_DEPTH, REGIONS, Deviation, flange_level
+from isf_analysis.deviation import OPENING_DEPTH, REGIONS, Deviation, directions, flange_level
+from isf_analysis.events import EventKind, PartEvent, kind_name
 
 Array = NDArray[np.float64]
 
@@ -27,6 +33,17 @@ REGION_LABELS = {
 }
 
 
+_EVENT_MARKS = {
+    int(EventKind.FRACTURE): ("X", "black"),
+    int(EventKind.BUCKLING): ("D", style.UNCORRECTED),
+    int(EventKind.SATURATION): ("s", style.LIMIT),
+    int(EventKind.GALLING): ("^", "#F0E442"),
+    int(EventKind.CONTACT_LOST): ("v", style.SET_POINT),
+    int(EventKind.DIE_CONTACT): (".", "white"),
+}
+"""Shape and fill of an event's mark."""
+
+
 def map_limit(*deviations: Deviation | None) -> float:
     """mm, half of the colour scale that holds every given part: a round number above the largest |e| shown."""
     largest = [
@@ -37,12 +54,17 @@ def map_limit(*deviations: Deviation | None) -> float:
     return style.rounded_limit(max(largest, default=0.0))
 
 
-def deviation_map(deviation: Deviation, target: HeightMap, limit: float) -> Figure:
-    """Plan view of one part's deviation."""
-    figure = style.new_figure(6.0, maps=True)
+def deviation_map(deviation: Deviation, target: HeightMap, limit: float, events: Sequence[PartEvent] = ()) -> Figure:
+    """Plan view of one part's deviation, with marks where events happened."""
+    x0, x1, y0, y1 = _frame(deviation)
+    wide = y1 - y0 < 0.75 * (x1 - x0)
+    figure = style.new_figure(float(np.clip(1.4 + 6.2 * (y1 - y0) / (x1 - x0), 3.4, 6.0)) if wide else 6.0, maps=True)
     axes = figure.subplots()
     image = _draw_map(axes, deviation, target, limit)
-    _colour_bar(figure, image, [axes])
+    _colour_bar(figure, image, [axes], horizontal=wide, standing=directions(target)[1])
+    if events:
+        _draw_events(axes, events)
+        figure.legend(loc="outside lower center", ncols=3, handletextpad=0.3)
     return figure
 
 
@@ -57,14 +79,74 @@ def deviation_pair(
     left.set_title("uncorrected", color=style.UNCORRECTED)
     right.set_title(label, color=style.PART)
     right.set_ylabel("")
-    _colour_bar(figure, image, [left, right], horizontal=True)
+    _colour_bar(figure, image, [left, right], horizontal=True, standing=directions(target)[1])
     return figure
 
 
-def section(angle: float, target: HeightMap, part: HeightMap, reference: HeightMap | None, extent: float) -> Figure:
-    """Section through the origin at ``angle`` (rad from x) to ``extent`` (m): profiles to scale, and the error."""
+@dataclass(frozen=True)
+class Cut:
+    """Where a section goes: file name, words, centre (x, y) m, angle rad from x, half length m."""
+
+    name: str
+    words: str
+    centre: tuple[float, float]
+    angle: float
+    extent: float
+
+
+def cuts(deviation: Deviation) -> tuple[Cut, ...]:
+    """Sections that show the part: along x and at 45 deg, or, of several features, along them and across each.
+
+    They go through the origin when the part is there, else through its middle. Features smaller than a hundredth of
+    the largest, and those after the fourth, get none.
+    """
+    mask = deviation.masks["wall_and_base"]
+    x, y = deviation.error.x, deviation.error.y
+    labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    cells = ndimage.sum_labels(mask, labels, range(1, count + 1))
+    kept = [k for k in range(1, count + 1) if cells[k - 1] >= 0.01 * cells.max()]
+    boxes = ndimage.find_objects(labels)
+    middles, halves = [], []
+    for k in kept:
+        rows, columns = boxes[k - 1]
+        box = (x[columns.start], x[columns.stop - 1], y[rows.start], y[rows.stop - 1])
+        middles.append((0.5 * float(box[0] + box[1]), 0.5 * float(box[2] + box[3])))
+        halves.append(0.5 * float(np.hypot(box[1] - box[0], box[3] - box[2])))
+    if len(kept) == 1:
+        at_origin = bool(mask[np.argmin(np.abs(y)), np.argmin(np.abs(x))])
+        centre = (0.0, 0.0) if at_origin else middles[0]
+        extent = section_extent(deviation) if at_origin else halves[0] + MARGIN
+        return Cut("section_x", "along x", centre, 0.0, extent), Cut("section_45", "at 45°", centre, np.pi / 4, extent)
+    order = np.argsort([-cells[k - 1] for k in kept], kind="stable")[:4]
+    one, other = sorted(middles[k] for k in order[:2])
+    angle = float(np.arctan2(other[1] - one[1], other[0] - one[0]))
+    centre = (0.5 * (one[0] + other[0]), 0.5 * (one[1] + other[1]))
+    extent = 0.5 * float(np.hypot(other[0] - one[0], other[1] - one[1])) + max(halves) + MARGIN
+    along = Cut("section_x", "through the two largest features", centre, angle, extent)
+    across = [
+        Cut(
+            f"section_feature_{n}",
+            f"across the feature at ({_mm(middles[k])}) mm",
+            middles[k],
+            angle + np.pi / 2,
+            halves[k] + MARGIN,
+        )
+        for n, k in enumerate(order)
+    ]
+    return along, *across
+
+
+def section(
+    angle: float,
+    target: HeightMap,
+    part: HeightMap,
+    reference: HeightMap | None,
+    extent: float,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> Figure:
+    """Section through ``centre`` (m) at ``angle`` (rad from x) to ``extent`` (m): profiles to scale, and the error."""
     s = np.linspace(-extent, extent, 801)
-    points = s[:, None] * np.array([np.cos(angle), np.sin(angle)])
+    points = np.array(centre) + s[:, None] * np.array([np.cos(angle), np.sin(angle)])
     wanted = MM * target.at(points)
     formed = MM * part.at(points)
     before = None if reference is None else MM * reference.at(points)
@@ -82,9 +164,10 @@ def section(angle: float, target: HeightMap, part: HeightMap, reference: HeightM
     bottom.axhline(0.0, color=style.TARGET, linestyle=(0, (4, 2)), linewidth=1.2)
     top.set_aspect("equal", adjustable="box")
     top.set_ylabel("z [mm]")
+    top.yaxis.set_major_locator(MaxNLocator(max(1, int(2.5 * profile_height))))
     style.legend_above(top, 3)
     bottom.set_ylabel("error [mm]")
-    bottom.set_xlabel("distance from the centre [mm]")
+    bottom.set_xlabel("distance from the centre [mm]" if not any(centre) else f"distance from ({_mm(centre)}) [mm]")
     bottom.set_xlim(-MM * extent, MM * extent)
     return figure
 
@@ -169,12 +252,16 @@ def _draw_map(axes: Axes, deviation: Deviation, target: HeightMap, limit: float)
 
 def _draw_target(axes: Axes, target: HeightMap) -> None:
     """Height lines of the target, so that the eye sees the part."""
-    depth = -MM * target.z
-    deepest = float(np.nanmax(depth)) if np.isfinite(depth).any() else 0.0
-    if deepest <= 0:
+    height = MM * (target.z - flange_level(target))
+    known = height[np.isfinite(height)]
+    span = float(known.max() - known.min()) if len(known) else 0.0
+    if span <= 0:
         return
-    step = style.rounded_limit(deepest / 6)
-    levels = -np.arange(step, 0.98 * deepest, step)[::-1]  # a line at the depth of a flat base is noise
+    step = style.rounded_limit(span / 6)
+    # a line at the height of a flat base is noise
+    below = -np.arange(step, max(0.0, -0.98 * float(known.min())), step)
+    above = np.arange(step, max(0.0, 0.98 * float(known.max())), step)
+    levels = MM * flange_level(target) + np.concatenate([below[::-1], above])
     if len(levels):
         axes.contour(
             MM * target.x,
@@ -190,12 +277,13 @@ def _draw_target(axes: Axes, target: HeightMap) -> None:
 
 def _draw_opening(axes: Axes, target: HeightMap) -> None:
     """The edge of the opening, found between the cells so that it looks as smooth as the part."""
-    level = MM * (flange_level(target) - OPENING_DEPTH)
+    level = flange_level(target)
+    off = np.abs(target.z - level)
     axes.contour(
         MM * target.x,
         MM * target.y,
-        np.ma.masked_invalid(MM * target.z),
-        levels=[level],
+        np.ma.masked_invalid(MM * off),
+        levels=[MM * OPENING_DEPTH],
         colors=style.INK,
         linewidths=1.5,
         linestyles="solid",
@@ -204,13 +292,49 @@ def _draw_opening(axes: Axes, target: HeightMap) -> None:
 
 
 def _frame_opening(axes: Axes, deviation: Deviation) -> None:
+    x0, x1, y0, y1 = _frame(deviation)
+    axes.set_xlim(MM * x0, MM * x1)
+    axes.set_ylim(MM * y0, MM * y1)
+
+
+def _frame(deviation: Deviation) -> tuple[float, float, float, float]:
+    """m, least and largest x and y that a map shows: the opening and some flange."""
     rows, columns = np.nonzero(deviation.masks["wall_and_base"])
     x, y = deviation.error.x, deviation.error.y
-    axes.set_xlim(MM * max(x[0], x[columns.min()] - MARGIN), MM * min(x[-1], x[columns.max()] + MARGIN))
-    axes.set_ylim(MM * max(y[0], y[rows.min()] - MARGIN), MM * min(y[-1], y[rows.max()] + MARGIN))
+    return (
+        float(max(x[0], x[columns.min()] - MARGIN)),
+        float(min(x[-1], x[columns.max()] + MARGIN)),
+        float(max(y[0], y[rows.min()] - MARGIN)),
+        float(min(y[-1], y[rows.max()] + MARGIN)),
+    )
 
 
-def _colour_bar(figure: Figure, image: AxesImage, axes: list[Axes], *, horizontal: bool = False) -> None:
+def _draw_events(axes: Axes, events: Sequence[PartEvent]) -> None:
+    """A mark where each event happened, the kinds with shapes and fills of their own."""
+    for kind in dict.fromkeys(event.kind for event in events):
+        same = [event for event in events if event.kind == kind]
+        marker, fill = _EVENT_MARKS.get(kind, ("P", "white"))
+        axes.plot(
+            [MM * event.position[0] for event in same],
+            [MM * event.position[1] for event in same],
+            linestyle="none",
+            marker=marker,
+            markersize=9,
+            markerfacecolor=fill,
+            markeredgecolor=style.INK,
+            markeredgewidth=0.9,
+            label=f"{kind_name(kind)} ({len(same)})",
+            zorder=6,
+        )
+
+
+def _mm(place: tuple[float, float]) -> str:
+    return ", ".join(f"{MM * value + 0.0:.0f}".replace("-", "\N{MINUS SIGN}") for value in place)
+
+
+def _colour_bar(
+    figure: Figure, image: AxesImage, axes: list[Axes], *, horizontal: bool = False, standing: bool = False
+) -> None:
     bar = figure.colorbar(
         image,
         ax=axes,
@@ -219,6 +343,6 @@ def _colour_bar(figure: Figure, image: AxesImage, axes: list[Axes], *, horizonta
         aspect=34 if horizontal else 28,
         pad=0.03,
     )
-    label = "too deep   <   deviation [mm]   >   too high"
+    label = f"too {'low' if standing else 'deep'}   <   deviation [mm]   >   too high"
     bar.set_label(label)
     bar.outline.set_visible(False)

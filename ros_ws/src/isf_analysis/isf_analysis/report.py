@@ -17,8 +17,8 @@ from typing import Any
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 
-from isf_analysis import figures, report_tables, style
-from isf_analysis.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE
+from isf_analysis import figures, report_findings, report_tables, style
+from isf_analysis.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, directions
 from isf_analysis.figures import Picture
 from isf_analysis.record import PartRecord
 from isf_analysis.summary import deviation_of, summarise
@@ -107,7 +107,13 @@ def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Pictu
     parts: list[str] = []
     if numbers["deviation"] is not None:
         parts += ["<h2>Shape</h2>", *_figures(pictures, figures.SHAPE), report_tables.region_table(numbers)]
-    correction = _figures(pictures, figures.CORRECTION)
+    happened = report_findings.event_table(numbers)
+    if happened:
+        parts += ["<h2>Events</h2>", happened]
+    correction = [
+        *_figures(pictures, figures.CORRECTION),
+        *filter(None, (report_findings.outlook_table(numbers), report_findings.remark_table(numbers))),
+    ]
     if correction:
         parts += ["<h2>Springback correction</h2>", *correction]
     force = _figures(pictures, figures.FORCE)
@@ -115,6 +121,8 @@ def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Pictu
         parts += ["<h2>Forces</h2>", *force]
     if numbers["force"] is not None:
         parts.append(report_tables.force_table(numbers["force"]))
+    tables = (report_findings.force_region_table(numbers), report_findings.contact_loss_table(numbers))
+    parts += [text for text in tables if text]
     parts += ["<h2>Job and constants</h2>", report_tables.job_table(record), report_tables.constants(record)]
     parts.append(f"<details><summary>Job file</summary><pre>{escape(record.job_text)}</pre></details>")
     return parts
@@ -138,12 +146,12 @@ def _reading(record: PartRecord, numbers: dict[str, Any]) -> str:
     """What colours, signs and regions mean, and what the numbers do not tell."""
     base, wall = (round(math.degrees(angle)) for angle in (BASE_SLOPE, WALL_SLOPE))
     items = [
-        "<b>Deviation</b> is the measured minus the wanted height. Positive (red) is too high: the part sprang back or "
-        "was not formed deep enough. Negative (blue) is too deep. <i>Normal to the surface</i> is the same distance "
-        "measured square to the wanted surface, smaller on steep walls.",
+        f"<b>Deviation</b> is the measured minus the wanted height. {_sign_words(record)} <i>Normal to the surface</i> "
+        "is the same distance measured square to the wanted surface, smaller on steep walls.",
         "<b>Regions</b> are those of the target. "
-        f"<i>Whole part</i>: everything more than {1e3 * OPENING_DEPTH:g} mm below the flange, with the fillets. "
-        f"<i>Wall</i>: steeper than {wall}°. <i>Base</i>: flatter than {base}° and deeper than half the part. "
+        f"<i>Whole part</i>: everything more than {1e3 * OPENING_DEPTH:g} mm off the flange, with the fillets. "
+        f"<i>Wall</i>: steeper than {wall}°. <i>Base</i>: flatter than {base}° and farther from the flange than half "
+        "the part. "
         f"<i>Rim</i>: {1e3 * RIM_WIDTH:g} mm of flange around the opening. "
         "Largest and mean error on the cards are of the whole part.",
         "<b>Colours of lines</b>: "
@@ -175,6 +183,17 @@ def _reading(record: PartRecord, numbers: dict[str, Any]) -> str:
         )
     items.append("<b>Limits</b>: " + " ".join(limits))
     return "<ul>" + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
+
+
+def _sign_words(record: PartRecord) -> str:
+    down, up = (True, False) if record.target is None else directions(record.target)
+    if not up:
+        return (
+            "Positive (red) is too high: the part sprang back or was not formed deep enough. Negative (blue) is too "
+            "deep."
+        )
+    words = "Positive (red) is too high, negative (blue) is too low, also where the part stands up from the flange"
+    return f"{words}; in what is formed downwards red means not deep enough." if down else f"{words}."
 
 
 def _key(colour: str, words: str) -> str:

@@ -14,6 +14,7 @@ from isf_core.job import JobFile
 from isf_core.shared_files import find_named
 
 from isf_analysis.deviation import REGIONS
+from isf_analysis.events import EventKind, kind_name
 from isf_analysis.figures_shape import REGION_LABELS
 from isf_analysis.record import PartRecord
 
@@ -42,6 +43,7 @@ def banners(numbers: Numbers, has_reference: bool) -> str:
     if numbers["deviation"] is None:
         parts.append(_banner("warn", "No shape to compare", "The record holds no scan or no target."))
     parts += [_banner("warn", "Note", f"{note}.") for note in numbers["notes"]]
+    parts += [_banner("bad", f"Event: {event['kind']}", f"{event['text']}.") for event in _lost_part(numbers)]
     other = numbers["reference"]
     if other is not None and not other["complete"]:
         parts.append(_banner("warn", "The uncorrected reference is not complete", other["failure"]["message"] + "."))
@@ -162,27 +164,35 @@ def _sources(title: str, path: Path) -> str:
     return table(f"{title} {escape(str(content.get('name', path.stem)))}: constants and their sources", _SOURCES, rows)
 
 
-def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """HTML table of ready HTML cells; cells that are numbers are aligned right."""
-    lines = [f'<div class="table"><table><caption>{caption}</caption>']
+def table(
+    caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], *, text: Sequence[int] = (), wrap: bool = False
+) -> str:
+    """HTML table of ready HTML cells; cells that are numbers are aligned right.
+
+    ``text``: columns of words in a table of numbers; ``wrap``: the first column holds sentences.
+    """
+    kind = ' class="wrap"' if wrap else ""
+    lines = [f'<div class="table"><table{kind}><caption>{caption}</caption>']
     if any(head):
         lines.append(
-            "<thead><tr>" + "".join(_cell("th", text, k, len(head)) for k, text in enumerate(head)) + "</tr></thead>"
+            "<thead><tr>"
+            + "".join(_cell("th", word, k not in text, len(head), k) for k, word in enumerate(head))
+            + "</tr></thead>"
         )
     lines.append("<tbody>")
     for row in rows:
         lines.append(
             "<tr>"
             + f"<th>{row[0]}</th>"
-            + "".join(_cell("td", text, k, len(row)) for k, text in enumerate(row[1:], 1))
+            + "".join(_cell("td", word, k not in text, len(row), k) for k, word in enumerate(row[1:], 1))
             + "</tr>"
         )
     lines.append("</tbody></table></div>")
     return "\n".join(lines)
 
 
-def _cell(tag: str, text: str, column: int, columns: int) -> str:
-    right = column > 0 and columns > 3
+def _cell(tag: str, text: str, numeric: bool, columns: int, column: int) -> str:
+    right = numeric and column > 0 and columns > 3
     return f'<{tag} class="n">{text}</{tag}>' if right else f"<{tag}>{text}</{tag}>"
 
 
@@ -225,6 +235,12 @@ def _force_card(force: Numbers | None) -> str:
         "of the time in full control",
         None if share is None else share > 0.99,
     )
+
+
+def _lost_part(numbers: Numbers) -> list[Numbers]:
+    """Events after which the part is scrap."""
+    scrap = {kind_name(EventKind.FRACTURE), kind_name(EventKind.BUCKLING)}
+    return [event for event in numbers["events"] if event["kind"] in scrap]
 
 
 def _code_name(code: int) -> str:

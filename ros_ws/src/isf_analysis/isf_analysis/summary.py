@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from isf_analysis.deviation import Deviation, RegionError, compare
+from isf_analysis.findings import findings
 from isf_analysis.force_metrics import ForceMetrics, force_metrics
 from isf_analysis.record import PartRecord
 
@@ -90,6 +91,7 @@ def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
         "sim_s": _number(record.sim_time),
         "wall_s": _number(record.wall_time),
         "notes": list(record.notes),
+        **findings(record),
     }
 
 

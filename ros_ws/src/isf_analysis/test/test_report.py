@@ -84,6 +84,7 @@ def test_every_figure_is_beside_the_page_and_inside_it(report: Report) -> None:
         "regions",
         "corrections",
         "support_force",
+        "contact",
         "forming_force",
     ]
     inside = [base64.b64decode(source.removeprefix("data:image/png;base64,")) for source in page_of(report).pictures]
@@ -127,7 +128,7 @@ CASES: dict[str, tuple[PartRecord, set[str], str]] = {
     "without reference": (PART, {"deviation_compare"}, "No reference"),
     "without force control": (
         make_part(spacing=2.5e-3, contours=3, process="SPIF", support_force=0.0, correction="none"),
-        {"deviation_compare", "corrections", "support_force"},
+        {"deviation_compare", "corrections", "support_force", "contact"},
         "no force control in this part",
     ),
     "position control": (
@@ -149,7 +150,7 @@ CASES: dict[str, tuple[PartRecord, set[str], str]] = {
     "without corrections": (replace(PART, corrections=()), {"deviation_compare", "corrections"}, "Part complete"),
     "without results": (
         replace(PART, results=()),
-        {"deviation_compare", "support_force", "forming_force"},
+        {"deviation_compare", "support_force", "contact", "forming_force"},
         "Part not complete",
     ),
     "material of the user": (
