@@ -27,6 +27,7 @@ from isf_node.watchdog import ReceiveWatchdog
 from rclpy.event_handler import SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
+from isf_force_ctrl.chip_force import chip_warning
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Mode, Vector
 from isf_force_ctrl.latency import LatencyMeter
@@ -309,6 +310,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         tip_1, tip_2 = self._tip(1, (0.0, 0.0, park)), self._tip(2, (0.0, 0.0, -park))
         override = None if math.isnan(request.support_force) else request.support_force
         controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
+        if warning := chip_warning(job_file, override):
+            self.get_logger().warning(warning)
         self._stop_loop()  # from here on no other thread sees the controller
         self._pair.restart()
         self._outlet.has_targets = False

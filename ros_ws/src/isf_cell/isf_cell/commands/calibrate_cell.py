@@ -65,7 +65,7 @@ def _read(path: Path) -> tuple[list[str], Array]:
 
 
 def _matrix(names: list[str], table: Array, limit: float | None, path: Path) -> tuple[dict[str, Any], str]:
-    loads = [name for name in ("fx", "fy", "fz", "tx", "ty", "tz") if name in names]
+    loads: list[str] = [name for name in ("fx", "fy", "fz", "tx", "ty", "tz") if name in names]
     channels = [name for name in names if name not in loads]
     if not loads or not channels:
         raise IsfError(ErrorCode.FILE_FIELD, "no columns of loads or readings", where=str(path), advice=_ADVICE)
