@@ -32,7 +32,7 @@ from isf_springback.scan_memory import ScanMemory
 from isf_springback.scan_processing import FormedShape, sections
 from isf_springback.shape_remarks import shape_remarks
 from isf_springback.sheet_load import push_sign
-from isf_springback.step_bounds import FREE_SHARE, force_share, largest_rise
+from isf_springback.step_bounds import FREE_SHARE, force_remark, force_share, largest_rise
 
 Array = NDArray[np.float64]
 
@@ -181,10 +181,7 @@ class FusedCorrection:
             far = float(disagreement[np.argmax(np.abs(disagreement))])
             remarks.append(f"the shape says {1e3 * far:+.1f} mm springback against the model{followed}")
         if self._force_share > FREE_SHARE and (wanted > admitted).any():
-            remarks.append(
-                f"the force is at {100 * self._force_share:.0f} % of the machine's limit: the correction grows slower; "
-                "take a smaller tool or depth step"
-            )
+            remarks.append(force_remark(self._force_share))
         if self._doubtful > SURPRISING:
             remarks.append(f"the last scan surprises at {100 * self._doubtful:.0f} % of the places: believed less")
         if fault is None and np.abs(wanted).max() > MAGNITUDE:

@@ -29,6 +29,8 @@ from isf_springback.mpc_state import PolarContour, Sections
 from isf_springback.offset_memory import OffsetMemory, horizontal_limits, limit_signed, push_limits
 from isf_springback.scan_memory import ScanMemory
 from isf_springback.scan_processing.sections import contact_reach
+from isf_springback.sheet_load import push_sign
+from isf_springback.step_bounds import FREE_SHARE, force_remark, force_share, largest_rise
 
 Array = NDArray[np.float64]
 
@@ -74,6 +76,7 @@ class ModelPredictiveCorrection:
         self._memory = OffsetMemory()
         self._scans = ScanMemory(job_file)
         self._fault: IsfError | None = None
+        self._force_share = 0.0
 
     def take_target(self, target: HeightMap) -> None:
         """The shape that is wanted."""
@@ -85,8 +88,9 @@ class ModelPredictiveCorrection:
         self._scans.take(points, None if pending is None else pending.contour, index)
 
     def learn(self, contour: Contour, result: ContourResult) -> None:
-        """Forces are not used; a contour that was not completed leaves no shape to steer by."""
+        """Forces only bound the step; a contour that was not completed leaves no shape to steer by."""
         self._fault = None
+        self._force_share = force_share(result, self._job_file)
         if not result.completed:
             self._fault = IsfError(ErrorCode.CORRECTION_FAILED, "was not completed", where=f"contour {result.index}")
 
@@ -119,9 +123,13 @@ class ModelPredictiveCorrection:
         old = np.sum(before[:, :2] * radial, axis=1)
         wanted = before[:, 2] if move is None else before[:, 2] + move.vertical
         wide = old if move is None else old + move.radial
-        tool = contour.forming_tool
+        tool, sign = contour.forming_tool, push_sign(contour)
+        rise = largest_rise(self._job_file, self._force_share, options.largest_step)
+        admitted = sign * np.minimum(sign * wanted, np.maximum(sign * before[:, 2], 0.0) + rise)
+        if self._force_share > FREE_SHARE and (admitted != wanted).any():
+            remarks.append(force_remark(self._force_share))
         limits = push_limits(self._job_file, tool, options.largest_offset)
-        vertical, bound = limit_signed(wanted, path, limits, before[:, 2])
+        vertical, bound = limit_signed(admitted, path, limits, before[:, 2])
         limits = horizontal_limits(self._job_file, tool, options.largest_offset)
         horizontal, bound_h = limit_signed(wide, path, limits, old) if known else (old, np.zeros(len(old), bool))
         offset = np.column_stack([horizontal[:, None] * radial if known else before[:, :2], vertical])

@@ -11,8 +11,10 @@ import numpy as np
 from isf_core.contour import ContourResult
 from isf_core.job import JobFile
 
-LARGEST_STEP = 2.0
-"""Planned steps between consecutive corrected contours (published for step control: 2 mm at 1 mm, Lu 2016, 3.4.1.2)."""
+LARGEST_STEP = 3.0
+"""Planned steps between consecutive corrected contours: the planned one and the published change of a correction, two
+incremental depths (Ren 2018, 4.3.1). With 2, the bound of step control (Lu 2016, 3.4.1.2), corrections of an unbacked
+sheet come too late: chosen after a look at a shallow cone, see docs/springback_feedback.md."""
 
 FREE_SHARE = 0.7
 """Share of the force limit up to which a correction may grow freely (assumed)."""
@@ -33,7 +35,18 @@ def force_share(result: ContourResult, job_file: JobFile) -> float:
     return float(np.nanmax(np.where(np.isfinite(force), force, 0.0) / limit))
 
 
-def largest_rise(job_file: JobFile, share: float) -> float:
-    """m, by which a correction may grow from one contour to the next when the last one took ``share`` of the limit."""
+def largest_rise(job_file: JobFile, share: float, largest_step: float = LARGEST_STEP) -> float:
+    """m, by which a correction may grow from one contour to the next when the last one took ``share`` of the limit.
+
+    ``largest_step`` in planned steps.
+    """
     room = float(np.clip((FULL_SHARE - share) / (FULL_SHARE - FREE_SHARE), 0.0, 1.0))
-    return room * (LARGEST_STEP - 1.0) * job_file.job.path.incremental_depth
+    return room * (largest_step - 1.0) * job_file.job.path.incremental_depth
+
+
+def force_remark(share: float) -> str:
+    """What a person should know when the force held a correction back."""
+    return (
+        f"the force is at {100 * share:.0f} % of the machine's limit: the correction grows slower; "
+        "take a smaller tool or depth step"
+    )

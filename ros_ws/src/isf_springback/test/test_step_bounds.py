@@ -30,9 +30,9 @@ def with_peak(contour, share):
     return replace(result, forming_force=force)
 
 
-def pushes(shares, deeper=3e-3):
+def pushes(shares, deeper=3e-3, method="fused"):
     """m, mean push of every contour while the shape asks for ``deeper`` more than the model."""
-    method = make_method("fused", job("scan_every: 1"))
+    method = make_method(method, job("scan_every: 1"))
     method.take_target(TARGET)
     sheet, found = Sheet(lambda depth, around: 5e-3 + deeper), []
     for index, share in enumerate(shares):
@@ -70,10 +70,12 @@ def test_no_step_exceeds_the_bound_however_much_is_asked_for():
     assert np.abs(np.diff(push)).max() <= (LARGEST_STEP - 1.0) * STEP + 1e-9
 
 
-def test_near_the_force_limit_the_correction_stops_growing_and_says_so():
-    found = pushes([0.3] * 4 + [0.95] * 4)
+@pytest.mark.parametrize("method", ["fused", "mpc_vertical", "mpc_two_directional"])
+def test_near_the_force_limit_the_correction_stops_growing_and_says_so(method):
+    found = pushes([0.3] * 4 + [0.95] * 4, method=method)
+    free = [value for value, _ in pushes([0.3] * 8, method=method)]
     push = np.array([value for value, _ in found])
-    assert push[4] > push[3] > 0.0
+    assert free[-1] > push[-1] + 0.1e-3
     assert push[5:].max() <= push[4] + 1e-5
     assert any("machine's limit" in remark for remark in found[-1][1].remarks)
     assert not any("machine's limit" in remark for remark in found[3][1].remarks)
