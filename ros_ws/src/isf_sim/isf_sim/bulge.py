@@ -2,7 +2,8 @@
 
 The tool leaves a residual moment in the sheet. Its normal displacement b follows lap b - b/l^2 = -k_b on formed or
 enclosed cells and is zero elsewhere, with k_b = c_b 3 Rm/(E t) and 1/l^2 = k_s sqrt(12 (1 - nu^2))/t, k_s the
-largest principal curvature: curved walls are stiff and hardly bulge.
+largest principal curvature: curved walls are stiff and hardly bulge. Cells bulge towards the side of the tool that has
+formed them, or what lies next to them.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 import numpy as np
 from isf_core.material import Material
 from numpy.typing import NDArray
-from scipy.ndimage import binary_fill_holes, gaussian_filter
+from scipy.ndimage import binary_fill_holes, distance_transform_edt, gaussian_filter
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import spsolve
 
@@ -28,7 +29,8 @@ def bulge_overlay(surface: Surface, stride: int, strength: float, thickness: flo
     """
     h = stride * surface.h
     smooth = gaussian_filter(surface.height, 1.5 * thickness / surface.h)[::stride, ::stride]
-    inside = np.array(binary_fill_holes(surface.formed[::stride, ::stride] > 0))
+    formed = surface.formed[::stride, ::stride]
+    inside = np.array(binary_fill_holes(formed != 0))
     inside[0], inside[-1], inside[:, 0], inside[:, -1] = False, False, False, False
     overlay = np.zeros(smooth.shape)
     if not inside.any():
@@ -38,6 +40,9 @@ def bulge_overlay(surface: Surface, stride: int, strength: float, thickness: flo
     t = thickness / stretch
     foundation = _largest_curvature(zx, zy, h) * math.sqrt(12.0 * (1.0 - material.poisson_ratio**2)) / t
     source = strength * 3.0 * material.tensile_strength / (material.young_modulus * t)
+    if (formed < 0).any():
+        rows, columns = distance_transform_edt(formed == 0, return_distances=False, return_indices=True)
+        source = source * formed[rows, columns]
     overlay[inside] = _solve(inside, zx, zy, foundation, source, h)
     return overlay * stretch
 

@@ -1,7 +1,8 @@
 """The simulated two-tool machine: one blank, two tools on servo axes, two load cells, protective limits.
 
-Frame ``sheet``; a wrench is what the sheet does to the tool, after tare. The upper tool (tool_1) forms; the lower one
-(tool_2) squeezes the sheet against it, or both form together (ADSIF). Not modelled: a lower tool that forms alone.
+Frame ``sheet``; a wrench is what the sheet does to the tool, after tare. One tool forms, upper (tool_1) or lower
+(tool_2) as the contact tells (:mod:`isf_sim.role`), and the other one squeezes the sheet against it, or both form
+together (ADSIF).
 
 Reported tips are those of the axes' encoders: backlash, errors of the axes and the deflection of tool and frame under
 load are not in them, as on a real machine.
@@ -31,11 +32,13 @@ from isf_sim.machine_event import EventWatch, MachineEvent
 from isf_sim.machine_facts import tick_facts
 from isf_sim.machine_sample import MachineSample
 from isf_sim.plant_constants import PlantConstants
+from isf_sim.role import NEEDS_TURN
 from isf_sim.scan_sensor import SCAN_TIME, measured_points
 from isf_sim.sheet_plant import SheetPlant
 from isf_sim.sheet_point import DONE
 from isf_sim.squeeze import no_squeeze
 from isf_sim.tool_release import release_steps
+from isf_sim.turned_sheet import pressing_tip, turn_over
 from isf_sim.world import World, make_world
 
 Array = NDArray[np.float64]
@@ -84,7 +87,7 @@ class SimulatedMachine:
         parts = make_parts(job_file, self.world, constants, park_1, self._generator)
         self.plant: SheetPlant = parts.plant
         self._support = parts.support
-        self._constants = parts.constants
+        self._constants, self._turned_constants = parts.constants
         self._cell_1, self._cell_2 = parts.cells
         self._ring = parts.adsif
         self._adsif = adsif.no_ring(self.plant.surface) if parts.adsif else None
@@ -214,9 +217,7 @@ class SimulatedMachine:
     def loaded(self) -> bool:
         """True when the sheet pushes on a tool with more than LARGEST_TARE_FORCE."""
         axes = self._axes
-        return bool(
-            max(np.abs(axes.force_1).max(initial=0.0), np.abs(axes.force_2).max(initial=0.0)) > LARGEST_TARE_FORCE
-        )
+        return bool(max(np.abs(axes.force_1).max(), np.abs(axes.force_2).max()) > LARGEST_TARE_FORCE)
 
     @property
     def moving(self) -> bool:
@@ -252,14 +253,14 @@ class SimulatedMachine:
             self.faults.append((code, text))
 
     def release(self) -> MachineSample:
-        """Move the tools clear over internal ticks: forming tool up, support tool away along its measured force."""
+        """Move the tools clear over internal ticks: forming tool off the sheet, support tool away along its force."""
         for _ in self.release_steps():
             pass
         return self.sample()
 
     def release_steps(self) -> Iterator[MachineSample]:
         """The ticks of :meth:`release`, one by one."""
-        yield from release_steps(self._axes, self._travel, self.control_rate, self._advance)
+        yield from release_steps(self._axes, self._travel, self.control_rate, self._advance, self.plant.pressing)
 
     def reset(self) -> None:
         """Clear latched faults and limit flags; the tools stay where they are."""
@@ -285,12 +286,8 @@ class SimulatedMachine:
     def _advance(self, target: Array) -> MachineSample:
         row = self.tick_count % BLOCK
         if row == 0 or len(self._draws) == 0:
-            self._draws = np.hstack(
-                [
-                    self._generator.standard_normal((BLOCK, 2 * DRAWS)),
-                    self._more_generator.standard_normal((BLOCK, 6)),
-                ]
-            )
+            own, more = self._generator, self._more_generator
+            self._draws = np.hstack([own.standard_normal((BLOCK, 2 * DRAWS)), more.standard_normal((BLOCK, 6))])
         outcome = self._advance_sheet(target, self._draws[row])
         self.tick_count += 1
         axes = self._axes
@@ -329,15 +326,20 @@ class SimulatedMachine:
                 plant.points,
                 plant.contact,
                 self._squeeze,
+                plant.role,
                 self._cell_1,
                 self._cell_2,
-                constants,
+                constants if plant.pressing == 1 else self._turned_constants,
             )
             if request == DONE:
                 if isinstance(plant, DiePlant):
                     plant.note()
                 return adsif.STABLE
-            plant.serve(request, axes.tips[0].copy())
+            if request == NEEDS_TURN:
+                self._squeeze.force[:] = 0.0
+                turn_over(plant, pressing_tip(axes.tips, 3 - plant.pressing, plant.thickness))
+            else:
+                plant.serve(request, pressing_tip(axes.tips, plant.pressing, plant.thickness))
 
     def _look_for_events(self, outcome: int) -> None:
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
@@ -386,6 +388,7 @@ _UNCHANGING = {
     "plant_constants",
     "control_rate",
     "_constants",
+    "_turned_constants",
     "_ring",
     "_support",
     "_kinematics",

@@ -17,7 +17,7 @@ from isf_sim.load_cell import CellState, make_cell
 from isf_sim.machine_event import EventLimits, event_limits
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.servo import make_servo
-from isf_sim.sheet_plant import SheetPlant
+from isf_sim.sheet_plant import LowerTool, SheetPlant
 from isf_sim.squeeze import SqueezeConstants, indentation_stiffness
 from isf_sim.support_surface import support_of
 from isf_sim.world import World
@@ -34,13 +34,14 @@ class MachineParts:
 
     Attributes
     ----------
-    plant : SheetPlant, its support in place ; constants : of the tick's kernels ; cells : state of both load cells
+    plant : SheetPlant, its support in place
+    constants : of the tick's kernels, for the upper and for the lower tool pressing ; cells : state of both load cells
     adsif : AdsifConstants, None unless the process is ADSIF ; support : (ny, nx) m, rigid surface, None without
     event_limits : EventLimits
     """
 
     plant: SheetPlant
-    constants: mt.MachineConstants
+    constants: tuple[mt.MachineConstants, mt.MachineConstants]
     cells: tuple[CellState, CellState]
     adsif: AdsifConstants | None
     support: Array | None
@@ -66,6 +67,7 @@ def make_parts(
         world=world,
         constants=constants,
         tip=tip,
+        lower=LowerTool(job.tool_2.radius, rig.tool_2.compliance) if job.tool_2 else None,
     )
     support = support_of(job_file, plant.surface, plant.thickness)
     if support is not None:
@@ -82,17 +84,18 @@ def make_parts(
         feedforward=rig.servo.velocity_feedforward,
         limit=rig.servo.following_error_limit,
     )
+    of_tick = mt.MachineConstants(
+        servo=servo,
+        errors=make_axis_errors(rig),
+        point=plant.sides[0],
+        squeeze=_squeeze_constants(job_file, world, constants, plant),
+        cell_1=cell_1,
+        cell_2=cell_2,
+        force_limit=np.array(rig.limits.force),
+    )
     return MachineParts(
         plant=plant,
-        constants=mt.MachineConstants(
-            servo=servo,
-            errors=make_axis_errors(rig),
-            point=plant.point_constants,
-            squeeze=_squeeze_constants(job_file, world, constants, plant),
-            cell_1=cell_1,
-            cell_2=cell_2,
-            force_limit=np.array(rig.limits.force),
-        ),
+        constants=(of_tick, of_tick._replace(point=plant.sides[1], squeeze=_swapped(of_tick.squeeze))),
         cells=(state_1, state_2),
         adsif=_adsif_constants(job_file, world, plant) if job.process == "ADSIF" else None,
         support=support,
@@ -124,6 +127,17 @@ def _squeeze_constants(
         window=constants.window_radii * radius_1,
         forming_compliance=np.array(rig.tool_1.compliance) * world.compliance,
         support_compliance=np.array(rig.tool_2.compliance) * world.compliance,
+    )
+
+
+def _swapped(c: SqueezeConstants) -> SqueezeConstants:
+    """The same pair of tools with their roles exchanged."""
+    return c._replace(
+        forming_radius=c.support_radius,
+        support_radius=c.forming_radius,
+        window=c.window * c.support_radius / c.forming_radius,
+        forming_compliance=c.support_compliance,
+        support_compliance=c.forming_compliance,
     )
 
 

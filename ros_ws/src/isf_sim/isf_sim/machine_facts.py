@@ -26,12 +26,15 @@ def tick_facts(
 ) -> TickFacts:
     """Facts after tick number ``tick``; ``radii`` m of both balls (0: no second tool)."""
     contact = plant.contact
-    forming, support = axes.tips.tolist()
-    fx, fy, fz = axes.force_2.tolist()
+    upper, lower = axes.tips.tolist()
+    turned = plant.pressing == 2
+    forming, support = (lower, upper) if turned else (upper, lower)
+    on_forming, on_support = (axes.force_2, axes.force_1) if turned else (axes.force_1, axes.force_2)
+    fx, fy, fz = on_support.tolist()
     gap = math.inf
     if radii[1] > 0.0:
-        apart = math.dist(forming[:2], support[:2])
-        gap = math.hypot(apart, support[2] - radii[1] - forming[2] - radii[0]) - radii[0] - radii[1]
+        apart = math.dist(upper[:2], lower[:2])
+        gap = math.hypot(apart, lower[2] - radii[1] - upper[2] - radii[0]) - radii[0] - radii[1]
     strain = 0.0
     if contact.axial[0] > 0.0:
         slope = float(contact.wall[0])
@@ -43,7 +46,7 @@ def tick_facts(
         tick=tick,
         forming=tuple(forming),
         support=tuple(support),
-        axial=float(axes.force_1[2]),
+        axial=-float(on_forming[2]) if turned else float(on_forming[2]),
         support_force=math.sqrt(fx * fx + fy * fy + fz * fz),
         gap=gap,
         strain=strain,

@@ -13,10 +13,12 @@ from isf_sim.axis_error import AxisErrors, true_tips
 from isf_sim.control_points import ControlPoints
 from isf_sim.jit import kernel
 from isf_sim.load_cell import CellConstants, CellState, read_cell
+from isf_sim.role import NEEDS_TURN, Role, other_tool_presses
 from isf_sim.servo import ServoConstants, follow_targets
 from isf_sim.sheet_point import DONE, Contact, PointConstants, advance_point
 from isf_sim.squeeze import Squeeze, SqueezeConstants, squeeze_sheet
 from isf_sim.surface import Surface, TipTrack
+from isf_sim.turned_sheet import turn_tip
 
 Array = NDArray[np.float64]
 
@@ -88,25 +90,42 @@ def advance_tick(
     points: ControlPoints,
     contact: Contact,
     squeeze: Squeeze,
+    role: Role,
     cell_1: CellState,
     cell_2: CellState,
     constants: MachineConstants,
 ) -> int:
     """Advance one tick towards ``target`` (6,) m with the normal numbers ``draws`` (18,).
 
-    Returns DONE, or what the sheet needs first; the caller serves the request and calls again.
+    ``constants`` are those of the tool that presses. Returns DONE, or what the sheet needs first; the caller serves
+    the request and calls again.
     """
     _move_axes(target, axes, constants)
-    tip_1, tip_2 = axes.tips[0], axes.tips[1]
+    forming, support = np.empty(3), np.empty(3)
+    turned = role.pressing[0] == 2
+    if turned:
+        turn_tip(axes.tips[1], constants.squeeze.thickness, forming)
+        turn_tip(axes.tips[0], constants.squeeze.thickness, support)
+    else:
+        forming[:] = axes.tips[0]
+        support[:] = axes.tips[1]
+    if constants.squeeze.present and other_tool_presses(
+        forming, support, constants.point.step, surface, contact, role, constants.squeeze
+    ):
+        return NEEDS_TURN
     pull = np.empty(2)
     pull[0], pull[1] = -squeeze.force[0], -squeeze.force[1]
-    request = advance_point(tip_1, pull, surface, track, points, contact, constants.point)
+    request = advance_point(forming, pull, surface, track, points, contact, constants.point)
     if request != DONE:
         return request
-    squeeze_sheet(tip_1, tip_2, surface, contact, squeeze, constants.squeeze)
+    squeeze_sheet(forming, support, surface, contact, squeeze, constants.squeeze)
     for k in range(3):
-        axes.force_1[k] = -contact.force[k] - squeeze.force[k]
-        axes.force_2[k] = squeeze.force[k]
+        on_forming, on_support = -contact.force[k] - squeeze.force[k], squeeze.force[k]
+        if turned:
+            sign = -1.0 if k == 2 else 1.0
+            axes.force_1[k], axes.force_2[k] = sign * on_support, sign * on_forming
+        else:
+            axes.force_1[k], axes.force_2[k] = on_forming, on_support
     _finish(draws, axes, cell_1, cell_2, constants)
     if squeeze.indentation[0] > 0.0 and squeeze.indentation[0] >= squeeze.thickness[0]:
         axes.flags[0] |= TOOLS_TOUCH

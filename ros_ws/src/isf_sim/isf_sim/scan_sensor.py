@@ -105,7 +105,7 @@ def _shining(points: Array, slopes: Array, generator: np.random.Generator) -> ND
 
 def _kept_by_trimming(plan: Array, surface: Surface) -> NDArray[np.bool_]:
     """Points in the formed region, what it encloses, and a rim around it."""
-    formed = surface.formed > 0
+    formed = surface.formed != 0
     if not formed.any():
         return np.ones(len(plan), dtype=bool)
     distance = distance_transform_edt(~binary_fill_holes(formed)) * surface.h

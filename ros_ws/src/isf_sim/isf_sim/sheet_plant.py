@@ -2,12 +2,14 @@
 
 The kernel (:mod:`isf_sim.sheet_point`) moves the tool from tick to tick; every millimetre of depth or 16 mm of way
 it asks for a coarse solution of the *actual* shape, every sixteenth of a loop for an update of the following base.
+While the lower tool presses, the whole state is turned over (:mod:`isf_sim.turned_sheet`).
 """
 
 from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from isf_core.height_map import HeightMap
@@ -20,6 +22,7 @@ from isf_sim.bending_yield import take_plastic_curvature
 from isf_sim.bulge import bulge_overlay
 from isf_sim.control_points import CAPACITY, ControlPoints, no_control_points
 from isf_sim.plant_constants import PlantConstants
+from isf_sim.role import Role, first_role
 from isf_sim.sheet_point import (
     DONE,
     LAST_BASE,
@@ -34,7 +37,7 @@ from isf_sim.sheet_point import (
 from isf_sim.shell import Deflection, Elastic, Shell
 from isf_sim.squeeze import indentation_stiffness
 from isf_sim.support import support_points
-from isf_sim.surface import Surface, TipTrack, bilinear_grid, empty_track, flat_surface, onto, sample_mean
+from isf_sim.surface import LONG_AGO, Surface, TipTrack, bilinear_grid, empty_track, flat_surface, onto, sample_mean
 from isf_sim.thickness import coarse_area, limit_margin, thickness_map
 from isf_sim.world import World
 
@@ -48,12 +51,30 @@ RELATED = 30.0e-3
 """m, distance (depth counts threefold) within which an earlier solution is a good start."""
 
 
+@dataclass(frozen=True)
+class LowerTool:
+    """Ball radius m and compliance (3,) m/N of the lower tool, which may press as well."""
+
+    radius: float
+    compliance: tuple[float, float, float]
+
+
+@dataclass
+class Aside:
+    """What waits while the other tool presses: its track, its path (3,) m as in Contact, its flag of a support."""
+
+    track: TipTrack
+    path: Array
+    holder: Array
+
+
 class SheetPlant:
-    """State of one blank under a forming tool of ``radius`` m.
+    """State of one blank under an upper tool of ``radius`` m, and a ``lower`` one that may press instead.
 
     Attributes
     ----------
-    surface, track, contact, points : state arrays, shared with the kernels
+    surface, track, contact, points : state arrays, shared with the kernels; turned over while the lower tool presses
+    role : Role, which tool presses ; aside : Aside
     shell : Shell ; material : perturbed Material ; thickness : m ; solve_time : s wall ; solutions : count
     """
 
@@ -69,12 +90,12 @@ class SheetPlant:
         world: World | None = None,
         constants: PlantConstants | None = None,
         tip: Array | None = None,
+        lower: LowerTool | None = None,
     ) -> None:
         world = world or World()
         self.constants = constants = constants or PlantConstants()
         self.thickness = thickness = thickness * world.thickness
         self.material = material.model_copy(update={"young_modulus": material.young_modulus * world.young_modulus})
-        self.radius = radius
         self.size = clamp.size
         self.shell = Shell(
             clamp.size,
@@ -88,7 +109,11 @@ class SheetPlant:
         self.track: TipTrack = empty_track(clamp.size, constants.track_cell)
         self.contact: Contact = no_contact(np.array([0.0, 0.0, 0.1]) if tip is None else tip)
         self.points: ControlPoints = no_control_points()
-        self.point_constants = self._point_constants(incremental_depth, compliance, world)
+        self.role: Role = first_role()
+        self.aside = Aside(empty_track(clamp.size, constants.track_cell), np.array([0.0, LONG_AGO, 0.0]), np.zeros(1))
+        upper = self._point_constants(radius, incremental_depth, compliance, world)
+        other = self._point_constants(lower.radius, incremental_depth, lower.compliance, world) if lower else upper
+        self.sides: tuple[PointConstants, PointConstants] = (upper, other)
         self.solve_time = 0.0
         self.solutions = 0
         self._states: list[Array] = []
@@ -96,8 +121,23 @@ class SheetPlant:
         self._relaxed_path = 0.0
         self._unbalanced = False
 
+    @property
+    def pressing(self) -> int:
+        """The tool that presses: 1 upper, 2 lower."""
+        return int(self.role.pressing[0])
+
+    @property
+    def point_constants(self) -> PointConstants:
+        """Constants of the tool that presses."""
+        return self.sides[self.pressing - 1]
+
+    @property
+    def radius(self) -> float:
+        """m, ball of the tool that presses."""
+        return self.point_constants.radius
+
     def move(self, tip: Array, pull: Array) -> None:
-        """Move the forming tool to ``tip`` (3,) m under the horizontal ``pull`` (2,) N of the support tool."""
+        """Move the pressing tool to ``tip`` (3,) m under the horizontal ``pull`` (2,) N of the support tool."""
         while True:
             request = advance_point(
                 tip, pull, self.surface, self.track, self.points, self.contact, self.point_constants
@@ -147,7 +187,10 @@ class SheetPlant:
         base_following.follow(self.surface, self.track, path[TRAVELLED], path[LOOP], pillow, self.radius)
 
     def measured_shape(self, spacing: float = 1.0e-3) -> HeightMap:
-        """Unloaded upper surface as a scanner sees it: Z and the bulge overlay, on a grid of ``spacing`` m."""
+        """Unloaded upper surface as a scanner sees it: Z and the bulge overlay, on a grid of ``spacing`` m.
+
+        In frame ``sheet``, whichever tool presses.
+        """
         self.update_base()
         strength = self.constants.bulge_strength(self.thickness, self.radius)
         coarse = max(1, round(self.constants.track_cell / self.surface.h))
@@ -159,7 +202,7 @@ class SheetPlant:
         bilinear_grid(overlay, rows, columns, bulge)
         x = self.surface.x0 + stride * self.surface.h * np.arange(z.shape[1], dtype=np.float64)
         y = self.surface.y0 + stride * self.surface.h * np.arange(z.shape[0], dtype=np.float64)
-        return HeightMap(x, y, z + bulge)
+        return HeightMap(x, y, (z + bulge) if self.pressing == 1 else -(z + bulge))
 
     def thickness_map(self) -> Array:
         """(ny, nx) m, thickness of the sheet normal to its surface, on the nodes of ``surface``."""
@@ -168,6 +211,11 @@ class SheetPlant:
     def limit_margin(self) -> Array:
         """(ny, nx), thinning ln(t0 / t) that is left before the forming limit; negative beyond it."""
         return limit_margin(self.thickness_map(), self.thickness, self.material.max_wall_angle)
+
+    def forget_solutions(self) -> None:
+        """Drop the control points: the sheet is loaded in another way from now on."""
+        self.points.used[0] = 0
+        self._states = []
 
     # -- coarse solution -----------------------------------------------------------------------------
 
@@ -254,6 +302,8 @@ class SheetPlant:
         coarse = onto(self.track, grid, self.size)
         self.track.tip[...] += coarse
         self.track.base[...] += coarse
+        self.aside.track.tip[...] -= coarse  # in the frame of the other tool
+        self.aside.track.base[...] -= coarse
 
     def _relax_formed(self) -> None:
         """Material that the tool has formed since the last solution conforms to it: its residual state is gone."""
@@ -276,7 +326,7 @@ class SheetPlant:
         self._unbalanced = True
 
     def _point_constants(
-        self, incremental_depth: float, compliance: tuple[float, float, float], world: World
+        self, radius: float, incremental_depth: float, compliance: tuple[float, float, float], world: World
     ) -> PointConstants:
         constants = self.constants
         rigidity = self.material.young_modulus * self.thickness**3 / (12.0 * (1.0 - self.material.poisson_ratio**2))
@@ -285,10 +335,10 @@ class SheetPlant:
             * world.force_level
             * (self.material.tensile_strength / 1e6)
             * (self.thickness * 1e3) ** 1.57
-            * (2e3 * self.radius) ** 0.41
+            * (2e3 * radius) ** 0.41
         )
         return PointConstants(
-            radius=self.radius,
+            radius=radius,
             amplitude=amplitude,
             step=incremental_depth,
             friction=self.material.friction * world.friction,
@@ -297,14 +347,14 @@ class SheetPlant:
             wrap_exponent=constants.wrap_exponent,
             compliance=np.array(compliance) * world.compliance,
             local_compliance=max(self.shell.dx, self.shell.dy) ** 2 / (16.0 * math.pi * rigidity),
-            die_stiffness=self._die_stiffness(),
-            window=constants.window_radii * self.radius,
+            die_stiffness=self._die_stiffness(radius),
+            window=constants.window_radii * radius,
             lag_length=constants.lag_length,
             fresh_depth=constants.fresh_depth,
             fresh_distance=constants.fresh_distance,
         )
 
-    def _die_stiffness(self) -> float:
+    def _die_stiffness(self, radius: float) -> float:
         """N/m, plastic indentation of the sheet between the tool and a rigid, nearly flat support."""
         flow = 0.5 * self.constants.flow_factor * (self.material.yield_strength + self.material.tensile_strength)
-        return indentation_stiffness(self.radius, 1e3 * self.radius, flow, self.constants.indentation_factor)
+        return indentation_stiffness(radius, 1e3 * radius, flow, self.constants.indentation_factor)

@@ -28,7 +28,7 @@ class Surface(NamedTuple):
     ----------
     height : (ny, nx) plastic surface ; before : (ny, nx) the same before the present pass of the tool
     touched : (ny, nx) path length at which the present pass first touched a node
-    formed : (ny, nx) 1 where the tool has formed
+    formed : (ny, nx) 1 where the tool that presses has formed, -1 where the other one has
     squeeze, squeeze_before, squeezed : (ny, nx) largest squeeze force, the same before the present pass, path length
     origin : (ny, nx, 2) m, where a node's material lay on the flat blank minus where it is (x, y)
     support : (ny, nx) upper face of a sheet that lies on the rigid surface below, at rest; -inf where there is none

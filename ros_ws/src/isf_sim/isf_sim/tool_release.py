@@ -1,4 +1,4 @@
-"""Release of contact after a fault: forming tool up, support tool away along the force that it feels."""
+"""Release of contact after a fault: forming tool clear in z, support tool away along the force that it feels."""
 
 from __future__ import annotations
 
@@ -23,13 +23,17 @@ AT_REST = 1.0e-3
 
 
 def release_steps(
-    axes: Axes, travel: Array, control_rate: float, advance: Callable[[Array], MachineSample]
+    axes: Axes, travel: Array, control_rate: float, advance: Callable[[Array], MachineSample], pressing: int = 1
 ) -> Iterator[MachineSample]:
-    """The ticks of a release one by one, within ``travel`` (3,) m; ``advance`` makes a tick towards (6,) m."""
-    push = axes.force_2.copy()
+    """The ticks of a release one by one, within ``travel`` (3,) m; ``advance`` makes a tick towards (6,) m.
+
+    ``pressing``: the forming tool, 1 upper, 2 lower.
+    """
+    push = axes.force_2.copy() if pressing == 1 else axes.force_1.copy()
+    clear = np.array([0.0, 0.0, 1.0 if pressing == 1 else -1.0])
     size = float(np.linalg.norm(push))
-    away = push / size if size > 1.0 else np.array([0.0, 0.0, -1.0])
-    step = RELEASE_SPEED / control_rate * np.concatenate([[0.0, 0.0, 1.0], away])
+    away = push / size if size > 1.0 else -clear
+    step = RELEASE_SPEED / control_rate * np.concatenate([clear, away] if pressing == 1 else [away, clear])
     limit = np.tile(travel, 2)
     free_way = moved = 0.0
     while free_way < RELEASE_CLEARANCE and moved < LARGEST_RELEASE:

@@ -122,7 +122,8 @@ def test_tools_that_would_collide(formed: Callable[[], SimulatedMachine]) -> Non
     assert machine.faults[0][0] in (ErrorCode.TOOL_COLLISION, ErrorCode.FORCE_LIMIT)
     machine.release()
     assert not machine.loaded
-    assert np.array_equal(machine.measured_shape().z, before)
+    # the upper tool is clear, so the lower one lifts the sheet a little before the balls meet: 4 um stay
+    assert np.abs(machine.measured_shape().z - before).max() < 0.02e-3
 
 
 def test_force_beyond_range_saturates_the_cell_and_stops() -> None:
