@@ -32,9 +32,9 @@ class Measured:
         self.plan = plan(self.job_file)
         stack.enter_context(started("-m", "isf_sim.node", autostart=True, job=JOB))
         stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True))
-        assert cell._arm.wait_for_service(20.0)
+        assert cell._arm.wait_for_service(60.0)
         tare = cell.node.create_client(Tare, "machine/tare")
-        assert tare.wait_for_service(20.0)
+        assert tare.wait_for_service(60.0)
         future = tare.call_async(Tare.Request())
         assert cell.wait(future.done)
         assert future.result().code == 0
@@ -52,7 +52,7 @@ class Measured:
     def call(self, kind: Any, name: str, goal: Any) -> tuple[Any, list[Any]]:
         """Result and feedback of an action."""
         client = ActionClient(self.cell.node, kind, name)
-        assert client.wait_for_server(20.0)
+        assert client.wait_for_server(60.0)
         seen: list[Any] = []
         sent = client.send_goal_async(goal, feedback_callback=lambda message: seen.append(message.feedback))
         assert self.cell.wait(sent.done)
