@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import trimesh
 from isf_cell.exit_codes import Exit
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,3 +43,17 @@ def test_parts_are_listed_and_made(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["depth_mm"] == pytest.approx(12.0)
     assert (tmp_path / "c.stl").stat().st_size > 100_000
     assert "depth" in isf("part", "cone", "--set", "size=12 mm", cwd=tmp_path).stderr
+
+
+def test_a_cad_file_tells_its_unit_itself(tmp_path: Path) -> None:
+    assert isf("part", "cone", "--set", "depth=6 mm", "-o", "c.stl", cwd=tmp_path).returncode == Exit.OK
+    mesh = trimesh.load_mesh(tmp_path / "c.stl")
+    mesh.units = "millimeter"
+    mesh.export(tmp_path / "c.3mf")
+    done = isf("plan", "c.3mf", "--json", "-o", "run", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    assert json.loads(done.stdout)["depth_mm"] == pytest.approx(6.0, abs=0.02)
+    (tmp_path / "bad.step").write_text("no CAD file", encoding="utf-8")
+    done = isf("plan", "bad.step", cwd=tmp_path)
+    assert done.returncode == Exit.INPUT
+    assert "MESH_UNREADABLE" in done.stderr

@@ -52,7 +52,12 @@ def _main() -> None:
 
 @app.command()
 def plan(
-    part: Annotated[Path, typer.Argument(help="job file (YAML), or a mesh file with --unit", metavar="PART")],
+    part: Annotated[
+        Path,
+        typer.Argument(
+            help="job file (YAML), a mesh with --unit, a CAD file (STEP, IGES, 3MF), or a plan (.npz)", metavar="PART"
+        ),
+    ],
     unit: Annotated[
         str | None, typer.Option(help="unit of the coordinates when PART is a mesh: mm, cm, m or in")
     ] = None,

@@ -26,6 +26,9 @@ FORMATS = ("stl", "obj", "ply", "off")
 
 MESHES_WITH_UNIT = ("3mf",)
 
+KNOWN = (*FORMATS, *MESHES_WITH_UNIT, *cad_input.FORMATS)
+"""Every format that is read."""
+
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 25.4e-3}
 
 UNITS_3MF = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 25.4e-3, "foot": 0.3048, "meter": 1.0}
@@ -75,9 +78,8 @@ def load_mesh(path: Path, unit: str | None) -> Mesh:
     """
     kind = path.suffix.lower().lstrip(".")
     where = str(path)
-    known = (*FORMATS, *MESHES_WITH_UNIT, *cad_input.FORMATS)
-    if kind not in known:
-        advice = f"export the surface as one of {', '.join(known)}"
+    if kind not in KNOWN:
+        advice = f"export the surface as one of {', '.join(KNOWN)}"
         raise IsfError(ErrorCode.MESH_UNREADABLE, f"'{path.suffix}' is not a mesh format", where=where, advice=advice)
     if kind in FORMATS and unit is None:
         raise IsfError(

@@ -9,18 +9,16 @@ from typing import Any
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile, load_job
-from isf_planner import Plan, exports, plan, plan_view
+from isf_planner import Plan, exports, mesh_input, plan, plan_view
 from isf_planner.plan_figure import draw_plan
 
 from isf_cell import terminal
 from isf_cell.run_folder import make_run_folder
 
-MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off")
-
 _MESH_JOB = """\
 # made by isf plan for a mesh without a job file: single-point forming with common values
 name: {name}
-part: {{mesh: "{mesh}", unit: {unit}}}
+part: {{mesh: "{mesh}"{unit}}}
 process: SPIF
 rig: ren2018
 sheet: {{material: AA5754-O, thickness: 1.0 mm}}
@@ -90,9 +88,10 @@ def _write(result: Plan, wanted: Wanted) -> list[Path]:
 
 
 def _job_of(part: Path, unit: str | None) -> JobFile:
-    if part.suffix.lower() not in MESH_SUFFIXES:
+    kind = part.suffix.lower().lstrip(".")
+    if kind not in mesh_input.KNOWN:
         return load_job(part)
-    if unit is None:
+    if unit is None and kind in mesh_input.FORMATS:
         raise IsfError(
             ErrorCode.FILE_UNIT,
             "a mesh file does not tell its unit",
@@ -100,7 +99,8 @@ def _job_of(part: Path, unit: str | None) -> JobFile:
             advice="add --unit mm (or cm, m, in), or write a job file",
         )
     name = "".join(c if c.isalnum() or c in "_.-" else "_" for c in part.stem)
-    text = _MESH_JOB.format(name=name, mesh=str(part.resolve()).replace('"', ""), unit=unit)
+    mesh = str(part.resolve()).replace('"', "")
+    text = _MESH_JOB.format(name=name, mesh=mesh, unit=f", unit: {unit}" if unit else "")
     return JobFile(text, part.resolve().parent, str(part))
 
 
