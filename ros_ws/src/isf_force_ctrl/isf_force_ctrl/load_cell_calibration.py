@@ -87,7 +87,8 @@ def fit_matrix(load: Array, reading: Array) -> MatrixCalibration:
         if found.sum() <= columns or (found == keep).all():
             break
         keep = found
-    matrix, constant = solution[:-1].T, solution[-1]
+    matrix: Array = np.asarray(solution[:-1].T, dtype=np.float64)
+    constant = solution[-1]
     # F = M u + c = M (u - u_0): without load the readings are u_0; of channels no load case shows, the least-norm one
     zero = reading[free & keep].mean(axis=0) if (free & keep).any() else -np.linalg.pinv(matrix) @ constant
     residual = load - (reading - zero) @ matrix.T

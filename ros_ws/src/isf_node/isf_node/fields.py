@@ -89,14 +89,14 @@ RESULT = {
 def to_flat(value: Any) -> array.array[float]:
     """One copy of an array of any shape as ``array.array('d')``, which rclpy takes without checking each element."""
     flat = array.array("d")
-    flat.frombytes(np.ascontiguousarray(value, dtype=np.float64).reshape(-1).view(np.uint8))
+    flat.frombytes(np.ascontiguousarray(value, dtype=np.float64).reshape(-1).view(np.uint8).data)
     return flat
 
 
 def to_flag_bytes(value: Any) -> array.array[int]:
     """Booleans as ``array.array('B')`` of 0 and 1."""
     flat = array.array("B")
-    flat.frombytes(np.ascontiguousarray(value, dtype=np.uint8).reshape(-1))
+    flat.frombytes(np.ascontiguousarray(value, dtype=np.uint8).reshape(-1).data)
     return flat
 
 

@@ -165,7 +165,7 @@ def _check_indices(vertices: Array, faces: Indices, where: str) -> None:
 
 
 def _check_finite(vertices: Array, faces: Indices, where: str) -> None:
-    finite = np.isfinite(vertices).all(axis=1)
+    finite = np.asarray(np.isfinite(vertices).all(axis=1))
     if finite.all():
         return
     wrong = ~finite[faces].all(axis=1)
