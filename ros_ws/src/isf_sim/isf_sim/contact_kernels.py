@@ -46,11 +46,8 @@ def touch_heights(surface: Surface, path: float, window: float, x: float, y: flo
 
 
 @kernel
-def support_height(surface: Surface, x: float, y: float, radius: float) -> float:
-    """Tip height (m) at which a ball over (x, y) presses the sheet against the support; -inf without one."""
-    if surface.holder[0] == 0.0:
-        return -math.inf
-    z = surface.support
+def touching_tip(surface: Surface, z: Array, side: float, x: float, y: float, radius: float) -> float:
+    """Tip height (m) at which a ball over (x, y) touches ``side`` times the height field ``z``; -inf beside it."""
     ny, nx = z.shape
     h = surface.h
     i0, i1 = max(int((x - radius - surface.x0) / h), 0), min(int((x + radius - surface.x0) / h) + 2, nx)
@@ -62,8 +59,16 @@ def support_height(surface: Surface, x: float, y: float, radius: float) -> float
             dx = surface.x0 + i * h - x
             rest = radius * radius - dx * dx - dy * dy
             if rest > 0.0:
-                highest = max(highest, z[j, i] + math.sqrt(rest) - radius)
-    return highest + surface.holder[1]
+                highest = max(highest, side * z[j, i] + math.sqrt(rest) - radius)
+    return highest
+
+
+@kernel
+def support_height(surface: Surface, x: float, y: float, radius: float) -> float:
+    """Tip height (m) at which a ball over (x, y) presses the sheet against the support; -inf without one."""
+    if surface.holder[0] == 0.0:
+        return -math.inf
+    return touching_tip(surface, surface.support, 1.0, x, y, radius) + surface.holder[1]
 
 
 @kernel

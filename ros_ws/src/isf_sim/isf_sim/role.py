@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from isf_sim.contact_kernels import touching_tip
 from isf_sim.jit import kernel
 from isf_sim.sheet_point import TRAVELLED, Contact
 from isf_sim.squeeze import SqueezeConstants
@@ -101,17 +102,4 @@ def _evidence(forming: Array, support: Array, surface: Surface, c: SqueezeConsta
 def _depth(surface: Surface, x: float, y: float, tip: float, radius: float, side: float) -> float:
     """m by which a ball at (x, y) reaches into the unloaded sheet from above (``side`` 1) or, turned over, below (-1);
     ``tip`` m over the face that it meets; -inf when it is clear."""
-    z = surface.height
-    ny, nx = z.shape
-    h = surface.h
-    i0, i1 = max(int((x - radius - surface.x0) / h), 0), min(int((x + radius - surface.x0) / h) + 2, nx)
-    j0, j1 = max(int((y - radius - surface.y0) / h), 0), min(int((y + radius - surface.y0) / h) + 2, ny)
-    deepest = -math.inf
-    for j in range(j0, j1):
-        dy = surface.y0 + j * h - y
-        for i in range(i0, i1):
-            dx = surface.x0 + i * h - x
-            rest = radius * radius - dx * dx - dy * dy
-            if rest > 0.0:
-                deepest = max(deepest, side * z[j, i] + math.sqrt(rest) - radius - tip)
-    return deepest
+    return touching_tip(surface, surface.height, side, x, y, radius) - tip
