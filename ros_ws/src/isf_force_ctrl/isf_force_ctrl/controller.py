@@ -9,18 +9,19 @@ Frame ``sheet``, SI. The contour tells which tool forms. Wrenches are those of t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult
 from isf_core.errors import ErrorCode, IsfError
 
+from isf_force_ctrl.armed_plan import ArmedPlan, armed_plan, contour_name, tips_of
 from isf_force_ctrl.contour_log import ContourLog
 from isf_force_ctrl.contour_path import contour_path
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_laws import TRACKING, ControlLaws
 from isf_force_ctrl.control_state import ControlState, Mode, Targets
+from isf_force_ctrl.engagement import Engagement, pace
 from isf_force_ctrl.learned_offset import feed_forward
 from isf_force_ctrl.playback import Playback
 from isf_force_ctrl.segments import (
@@ -51,7 +52,7 @@ class ForceController:
         self._playback = Playback(RESTING, config.acceleration, config.rate)
         self._log: ContourLog | None = None
         self._result: ContourResult | None = None
-        self._plan_id = ""
+        self._plan = ArmedPlan()
         self._ticks = 0
 
     # -- commands ------------------------------------------------------------------------------
@@ -72,19 +73,13 @@ class ForceController:
 
         Raises IsfError NOT_ARMED.
         """
-        tips = np.array([tip_1, tip_2], dtype=float)
         if self.busy:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
-        if not plan_id or not 0 <= first_index < count:
-            raise IsfError(ErrorCode.NOT_ARMED, f"no contours to form: plan '{plan_id}', {first_index} of {count}")
-        if tips.shape != (2, 3) or not np.isfinite(tips).all():
-            raise IsfError(ErrorCode.NOT_ARMED, "the positions of the tools are not known")
-        override = contour_support_force_override
-        if override is not None and not override >= 0.0:
-            raise IsfError(ErrorCode.NOT_ARMED, f"support force of {override} N is not possible")
+        tips, override = tips_of(tip_1, tip_2), contour_support_force_override
+        self._plan = armed_plan(plan_id, first_index, count, tips, override)
         config = self.config
         self._laws, self._watch = ControlLaws(config), WrenchWatch(config)
-        self._plan_id, self._next, self._count = plan_id, first_index, count
+        self._engagement = Engagement(config)
         self._support_force = config.support_force if override is None else override
         row = [*tips[0].tolist(), *tips[1].tolist(), *RESTING[6:]]
         self._playback = Playback(row, config.acceleration, config.rate)
@@ -96,7 +91,6 @@ class ForceController:
         self._tools = Tools(forming=1, with_support=False)
         self._stopping: tuple[ErrorCode, str] | None = None
         self._lift_after_stop = self._idle_after = False
-        self._settled = self._waited = 0
         self._ticks, self._last_tick = 0, -1
         self._targets = Targets((tips[0, 0], tips[0, 1], tips[0, 2]), (tips[1, 0], tips[1, 1], tips[1, 2]))
         self._mode = Mode.ARMED
@@ -106,20 +100,17 @@ class ForceController:
 
         Raises IsfError NOT_ARMED, CONTOUR_REJECTED.
         """
-        where = f"contour {contour.index} of {contour.plan_id or '(no plan)'}"
+        where = contour_name(contour)
         if self._mode is Mode.HOLD and self.fault is not None:
             raise IsfError(ErrorCode.NOT_ARMED, f"held: {self.fault[1]}", where=where, advice="arm again")
         if self._mode not in (Mode.ARMED, Mode.FREEZE):
             raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where=where, advice="arm the plan first")
-        if contour.plan_id != self._plan_id:
-            raise IsfError(ErrorCode.CONTOUR_REJECTED, f"plan '{self._plan_id}' is armed", where=where)
-        if self.busy or contour.index != self._next:
-            raise IsfError(ErrorCode.CONTOUR_REJECTED, f"out of order, contour {self._next} is expected", where=where)
+        self._plan.check(contour, busy=self.busy)
         here = posture_of(self._playback.row)
         path = contour_path(contour, self.config, (here.tip_1, here.tip_2), self._support_force)
         forced = bool(np.isfinite(path.set_point[0]))
         present = self._present()
-        last = contour.index == self._count - 1
+        last = contour.index == self._plan.count - 1
         segments = contour_segments(
             self.config,
             path,
@@ -141,7 +132,8 @@ class ForceController:
             segments += lift_segments(self.config, end, self._lift_normal, self._tools)
         self._log = ContourLog(contour, forced, self._laws.backoffs)
         self._laws.assign(path.forming, forced=forced)
-        self._index, self._next = contour.index, contour.index + 1
+        self._index = contour.index
+        self._plan.take(contour)
         self._clear = False
         self._play(segments)
 
@@ -182,7 +174,7 @@ class ForceController:
     @property
     def plan_id(self) -> str:
         """Plan that was armed last; empty: none."""
-        return self._plan_id
+        return self._plan.plan_id
 
     @property
     def ticks(self) -> int:
@@ -219,7 +211,7 @@ class ForceController:
             return ControlState("", 0, 0, Mode.IDLE, NAN, 0.0, 0.0, NAN, nothing, nothing, stiffness, 0.0, 0)
         laws, forced = self._laws, self._mode in TRACKING
         return ControlState(
-            plan_id=self._plan_id,
+            plan_id=self._plan.plan_id,
             index=self._index,
             tick=self._ticks,
             mode=self._mode,
@@ -283,7 +275,7 @@ class ForceController:
         if playback.segment.waits:
             if stopping:
                 self._hold()
-            elif self._engagement_over(playback.segment.rows[0][8]):
+            elif self._engagement.over(playback.segment.rows[0][8], self._laws.set_point, self._laws.filtered):
                 self._leave()
             return
         ended = playback.advance(self._wanted_pace())
@@ -299,23 +291,9 @@ class ForceController:
     def _wanted_pace(self) -> float:
         if self._stopping is not None:
             return 1.0 if self._playback.segment.mode is Mode.HOLD else 0.0
-        config = self.config
-        if self._mode is not Mode.CONTROL or config.feed_error == math.inf:
+        if self._mode is not Mode.CONTROL:
             return 1.0
-        excess = (abs(self._laws.set_point - self._laws.filtered) - config.feed_error) / config.feed_error
-        return max(config.feed_floor, min(1.0, 1.0 - excess))
-
-    def _engagement_over(self, wanted: float) -> bool:
-        self._waited += 1
-        config = self.config
-        ramped = self._laws.set_point == wanted
-        near = ramped and abs(wanted - self._laws.filtered) <= config.settled_error
-        self._settled = self._settled + 1 if near else 0
-        ramp_ticks = abs(wanted) / config.set_point_rate * config.rate
-        return (
-            self._settled >= config.settled_time * config.rate
-            or self._waited >= ramp_ticks + config.engage_timeout * config.rate
-        )
+        return pace(self.config, self._laws.set_point - self._laws.filtered)
 
     def _play(self, segments: list[Segment]) -> None:
         self._playback.load(segments)
@@ -327,7 +305,7 @@ class ForceController:
         if mode in TRACKING and self._mode not in (*TRACKING, Mode.FREEZE):
             self._laws.engage()
         self._mode = mode
-        self._waited = self._settled = 0
+        self._engagement.restart()
 
     def _leave(self) -> None:
         """End the present segment: on to the next, or rest."""
@@ -341,7 +319,7 @@ class ForceController:
         self._mode = Mode.FREEZE if self._engaged else Mode.ARMED
         if done.mode is Mode.LIFT:
             self._clear = True
-            if self._idle_after or self._next >= self._count:
+            if self._idle_after or self._plan.done:
                 self._mode = Mode.IDLE
         if self._log is not None:
             self._result, self._log = self._log.result(True, backoffs=self._laws.backoffs), None
