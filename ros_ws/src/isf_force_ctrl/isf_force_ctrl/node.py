@@ -10,40 +10,36 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import Job, JobFile
+from isf_core.job import JobFile
 from isf_msgs import msg as isf
 from isf_msgs.srv import Arm
 from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
-from isf_node.watchdog import ReceiveWatchdog
 from rclpy.event_handler import SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
 from isf_force_ctrl.chip_force import chip_warning
-from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.control_state import Mode, Vector
+from isf_force_ctrl.control_state import Mode
 from isf_force_ctrl.latency import LatencyMeter
 from isf_force_ctrl.measuring_controller import MeasuringController
 from isf_force_ctrl.node_measurements import MeasurementActions
 from isf_force_ctrl.node_outlet import ForceCtrlOutlet
 from isf_force_ctrl.node_parameters import ForceCtrlParameters
+from isf_force_ctrl.node_readiness import Readiness, control_config, tools_with_load_cell
 from isf_force_ctrl.real_time import PeriodicLoop
 from isf_force_ctrl.wrench_frames import WrenchFrames
 from isf_force_ctrl.wrench_pair import WrenchPair
 
 HEARTBEAT = 0.2
 """s of wall time after which the last targets are repeated."""
-
-FRESH = 1.0
-"""s, age up to which wrenches and poses count as present when arming."""
 
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 """s without a wrench that end a contour, unless the parameter wrench_timeout says otherwise."""
@@ -56,8 +52,6 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         super().__init__("force_ctrl", ForceCtrlParameters)
         self._controller: MeasuringController | None = None
         self._pair = WrenchPair()
-        self._poses: list[tuple[float, Vector] | None] = [None, None]
-        self._machine: isf.MachineState | None = None
         self._loop: PeriodicLoop | None = None
         self._lock = threading.RLock()
         self._latency = LatencyMeter()
@@ -71,8 +65,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if p.state_decimation < 1 or p.wrench_timeout < 0.0:
             raise IsfError(ErrorCode.FILE_FIELD, "state_decimation must be 1 or more, wrench_timeout 0 or more")
         self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
-        self._watchdogs = (ReceiveWatchdog(self._timeout), ReceiveWatchdog(self._timeout))
         self._frames = WrenchFrames(p.wrench_frame)
+        self._ready = Readiness(self._timeout, self._frames)
         self._delayed, self._patient_until = False, 0.0
         self._ticks = self._late_before = 0
         self._last_mode = Mode.IDLE
@@ -142,7 +136,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._on_wrench(2, message)
 
     def _on_wrench(self, tool: int, message: WrenchStamped) -> None:
-        self._watchdogs[tool - 1].feed()
+        self._ready.wrench(tool)
         self._latency.wrench()
         if not self._frames.right(tool, message.header.frame_id):
             self._on_wrong_frame(tool)
@@ -155,7 +149,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _on_wrong_frame(self, tool: int) -> None:
         """A wrench in other axes is not used; the contour ends with it."""
         controller = self._controller
-        if controller is not None and tool in self._needed and controller.busy and controller.fault is None:
+        if controller is not None and tool in self._ready.needed and controller.busy and controller.fault is None:
             with self._lock:
                 controller.fail(ErrorCode.WRENCH_FRAME, self._frames.text(tool), ticking=self._loop is not None)
                 if self._loop is None:
@@ -183,9 +177,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 return
             now = self.get_clock().now().nanoseconds
             waiting = self._delayed or time.monotonic() < self._patient_until
-            lost = [] if waiting else [k for k in self._needed if self._watchdogs[k - 1].age() > self._timeout]
+            lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
-                controller.fail(ErrorCode.WRENCH_LOST, self._lost_text(lost), ticking=True)
+                controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost), ticking=True)
             targets = controller.tick(controller.ticks, now / stamps.NANO, *self._pair.wrench)
             self._outlet.targets(targets, now)
             self._after_tick(controller, now)
@@ -223,17 +217,13 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             controller = self._controller
             if controller is None or controller.mode is Mode.IDLE or self._loop is not None:
                 return
-            lost = [k for k in self._needed if self._watchdogs[k - 1].age() > self._timeout]
+            lost = self._ready.lost()
             if controller.busy and lost:
-                controller.fail(ErrorCode.WRENCH_LOST, self._lost_text(lost))
+                controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost))
                 self._publish_state(controller, self.get_clock().now().nanoseconds)
                 self._publish_result()
             if self._outlet.has_targets and time.monotonic() - self._outlet.last_publish >= HEARTBEAT:
                 self._outlet.repeat()
-
-    def _lost_text(self, tools: Sequence[int]) -> str:
-        names = " and ".join(f"tool_{k}/wrench" for k in tools)
-        return f"nothing on {names} for {self._timeout:g} s (is the machine node alive?)"
 
     @contextmanager
     def _own_delay(self) -> Iterator[None]:
@@ -249,12 +239,12 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _on_pose(self, tool: int, message: PoseStamped) -> None:
         tip = conversion.tip_of(message)
-        self._poses[tool - 1] = (time.monotonic(), tip)
+        self._ready.pose(tool, tip)
         if self._controller is not None:
             self._controller.add_measured(tool, stamps.to_seconds(message.header.stamp), tip)
 
     def _on_machine(self, message: isf.MachineState) -> None:
-        self._machine = message
+        self._ready.machine = message
 
     def _on_contour(self, message: isf.Contour) -> None:
         with self._own_delay(), self._lock:
@@ -265,7 +255,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                         ErrorCode.NOT_ARMED, "a contour came, but no plan is armed", where=f"contour {message.index}"
                     )
                 contour = conversion.contour_from_message(message)
-                self._check_wrench_of(contour.forming_tool)
+                self._ready.check_forming(contour.forming_tool)
                 controller.start(contour)
             except IsfError as error:
                 self._refused += 1
@@ -303,11 +293,11 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._controller is not None and self._controller.busy:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
-        self._needed = _tools_with_load_cell(job_file.job)
-        self._check_machine()
-        controller = MeasuringController(self._config(job_file))
+        self._ready.needed = tools_with_load_cell(job_file.job)
+        self._ready.check()
+        controller = MeasuringController(control_config(job_file, self._parameters))
         park = controller.config.park_height
-        tip_1, tip_2 = self._tip(1, (0.0, 0.0, park)), self._tip(2, (0.0, 0.0, -park))
+        tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))
         override = None if math.isnan(request.support_force) else request.support_force
         controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
         if warning := chip_warning(job_file, override):
@@ -322,39 +312,6 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._loop = PeriodicLoop(controller.config.rate, self._step_in_real_time)
             self._loop.start()
         self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index} to {request.count - 1}")
-
-    def _config(self, job_file: JobFile) -> ControlConfig:
-        """Configuration of the job with the node's parameters."""
-        p = self._parameters
-        names = {item.name for item in fields(ControlConfig)}
-        tuned = {item.name: getattr(p, item.name) for item in fields(ForceCtrlParameters) if item.name in names}
-        config = replace(ControlConfig.from_job(job_file), **tuned, runs_on=p.lockstep)
-        config.check()
-        return config
-
-    def _check_machine(self) -> None:
-        stale = [k for k in self._needed if self._watchdogs[k - 1].age() > FRESH]
-        if stale:
-            names = " and ".join(f"tool_{k}/wrench" for k in stale)
-            raise IsfError(
-                ErrorCode.WRENCH_LOST, f"nothing on {names} in the last {FRESH:g} s", advice="is the machine active?"
-            )
-        self._frames.check(self._needed)
-        if self._machine is None or not self._machine.tared:
-            raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="call machine/tare")
-
-    def _check_wrench_of(self, forming_tool: int) -> None:
-        """The forming tool may change from contour to contour; its load cell is needed from here on."""
-        if forming_tool in self._needed or forming_tool not in (1, 2):
-            return
-        if self._watchdogs[forming_tool - 1].age() > FRESH:
-            raise IsfError(ErrorCode.WRENCH_LOST, f"nothing on tool_{forming_tool}/wrench, which forms this contour")
-        self._needed = [1, 2]
-
-    def _tip(self, tool: int, parked: Vector) -> Vector:
-        """Where a tool is: its fresh pose, else parked (a machine that is elsewhere faults on the jump)."""
-        pose = self._poses[tool - 1]
-        return pose[1] if pose is not None and time.monotonic() - pose[0] <= FRESH else parked
 
     def _disarm(self) -> None:
         with self._lock:
@@ -378,11 +335,6 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._loop is not None:
             self._loop.stop()
             self._loop = None
-
-
-def _tools_with_load_cell(job: Job) -> list[int]:
-    """Tools whose wrench is needed."""
-    return [1, 2] if job.process in ("DSIF", "ADSIF") else [1]
 
 
 def main(args: list[str] | None = None) -> int:
