@@ -35,6 +35,8 @@ from isf_sim.sheet_point import (
     no_contact,
 )
 from isf_sim.shell import Deflection, Elastic, Shell
+from isf_sim.shell_lines import Grading
+from isf_sim.shell_region import grow_region, no_region, opening_region, region_lines, relax_formed
 from isf_sim.squeeze import indentation_stiffness
 from isf_sim.support import support_points
 from isf_sim.surface import LONG_AGO, Surface, TipTrack, bilinear_grid, empty_track, flat_surface, onto, sample_mean
@@ -47,6 +49,8 @@ SMALLEST_FORCE = 30.0
 """N, force of a coarse solution at first touch, when none is known yet."""
 THINNEST_SHELL = 0.25
 """Smallest thickness of the coarse shell over the blank's."""
+MOST_CELLS = 40
+"""Cells of the coarse shell along the longer side: large blanks have larger cells at the clamp."""
 RELATED = 30.0e-3
 """m, distance (depth counts threefold) within which an earlier solution is a good start."""
 
@@ -99,7 +103,7 @@ class SheetPlant:
         self.size = clamp.size
         self.shell = Shell(
             clamp.size,
-            constants.coarse_cell,
+            max(constants.coarse_cell, max(clamp.size) / MOST_CELLS),
             Elastic(self.material.young_modulus, self.material.poisson_ratio),
             thickness,
             edge=clamp.edge,
@@ -118,6 +122,7 @@ class SheetPlant:
         self.solutions = 0
         self._states: list[Array] = []
         self._hardened = np.zeros(self.shell.count)
+        self._region = no_region()
         self._relaxed_path = 0.0
         self._unbalanced = False
 
@@ -164,11 +169,15 @@ class SheetPlant:
             raise ValueError(f"support is {height.shape}, the sheet's grid {surface.height.shape}")
         if np.isnan(height).any() or np.isposinf(height).any() or not math.isfinite(offset):
             raise ValueError("heights of the support must be finite or -inf, its offset finite")
-        moved = surface.holder[1] != offset
+        moved, new = surface.holder[1] != offset, not surface.holder[0]
         surface.support[...] = height + self.thickness
         surface.holder[:] = (1.0 if np.isfinite(height).any() else 0.0, offset)
         if moved or not surface.holder[0]:
             self.points.used[0] = 0  # solutions over another support are no solutions any more
+        opening = opening_region(surface) if new else None
+        if opening is not None:
+            self._region[...] = opening
+            self._move_lines()
 
     def serve(self, request: int, tip: Array) -> None:
         """Do what the kernel asked for at ``tip`` (3,) m."""
@@ -221,6 +230,8 @@ class SheetPlant:
 
     def _solve(self, tip: Array) -> None:
         shell, contact = self.shell, self.contact
+        if grow_region(self._region, tip[0], tip[1]):
+            self._move_lines()
         self._relax_formed()
         self._take_shape()
         axial = max(float(contact.axial[0]), SMALLEST_FORCE)
@@ -234,12 +245,24 @@ class SheetPlant:
             self._yield(deflection, tip)
         self.solutions += 1
 
+    def _move_lines(self) -> None:
+        """Put the lines of the coarse shell where the forming region asks for them."""
+        constants, shell = self.constants, self.shell
+        lines = region_lines(
+            shell, self._region, Grading(constants.forming_cell, constants.cell_growth, constants.flange_cell)
+        )
+        nodes = shell.onto_lines(*lines)
+        self._hardened[...] = nodes(self._hardened)
+        self._states = [nodes(state) for state in self._states]
+        shell.move_lines(*lines)
+        self._unbalanced = True
+
     def _take_shape(self) -> None:
         """Present surface and thickness on the coarse grid; the clamp stays at z = 0."""
         shell = self.shell
-        height = sample_mean(self.surface, shell.node_x, shell.node_y, 0.5 * max(shell.dx, shell.dy))
+        height = sample_mean(self.surface, shell.x, shell.y).ravel()
         height[shell.boundary] = 0.0
-        zy, zx = np.gradient(height.reshape(shell.ny, shell.nx), shell.dy, shell.dx)
+        zy, zx = np.gradient(height.reshape(shell.ny, shell.nx), shell.y, shell.x)
         cosine = 1.0 / np.sqrt(1.0 + zx**2 + zy**2).ravel()
         stretch = coarse_area(self.surface, shell.x, shell.y).ravel() * cosine
         shell.set_shape(height, self.thickness * np.clip(stretch, THINNEST_SHELL, 1.0))
@@ -271,11 +294,14 @@ class SheetPlant:
             array[: len(chosen)] = array[chosen]
         self._states = [self._states[k] for k in chosen] + [deflection.state]
         n = len(chosen)
-        sag = max(-deflection.displacement[2], 1e-9)
+        below_grid = self._local_compliance(self.shell.cell_at(tip[0], tip[1])) - self.point_constants.local_compliance
+        displacement = deflection.displacement - np.array([0.0, 0.0, max(below_grid, 0.0) * axial])
+        sag = max(-displacement[2], 1e-9)
         points.place[n] = tip
-        points.displacement[n] = deflection.displacement
+        points.displacement[n] = displacement
         points.force[n] = axial
-        points.exponent[n] = float(np.clip(deflection.axial_compliance * axial / sag, 0.3, 1.0))
+        compliance = deflection.axial_compliance + max(below_grid, 0.0)
+        points.exponent[n] = float(np.clip(compliance * axial / sag, 0.3, 1.0))
         points.used[0] = n + 1
 
     def _yield(self, deflection: Deflection, tip: Array) -> None:
@@ -286,7 +312,7 @@ class SheetPlant:
             deflection.state,
             self._hardened,
             (float(tip[0]), float(tip[1])),
-            shell.patch_reach(0.7 * self.radius),
+            shell.patch_reach(float(tip[0]), float(tip[1]), 0.7 * self.radius),
             self.material.yield_strength,
             self.constants.yield_factor,
         )
@@ -296,10 +322,10 @@ class SheetPlant:
         change = shell.unload(deflection.factor)
         shell.rebase(change)
         grid = change[:, 2].reshape(shell.ny, shell.nx)
-        fine = onto(self.surface, grid, self.size)
+        fine = onto(self.surface, grid, shell.x, shell.y)
         self.surface.height[...] += fine
         self.surface.before[...] += fine
-        coarse = onto(self.track, grid, self.size)
+        coarse = onto(self.track, grid, shell.x, shell.y)
         self.track.tip[...] += coarse
         self.track.base[...] += coarse
         self.aside.track.tip[...] -= coarse  # in the frame of the other tool
@@ -307,29 +333,18 @@ class SheetPlant:
 
     def _relax_formed(self) -> None:
         """Material that the tool has formed since the last solution conforms to it: its residual state is gone."""
-        shell, surface = self.shell, self.surface
+        surface = self.surface
         rows, columns = np.nonzero(surface.touched > self._relaxed_path)
         self._relaxed_path = float(self.contact.path[TRAVELLED])
         if len(rows) == 0:
             return
-        per_cell = shell.dx * shell.dy / surface.h**2
-        for offset, shape, fields in (
-            (0.0, (shell.ny - 1, shell.nx - 1), (shell.residual.membrane, shell.residual.warp)),
-            (0.5, (shell.ny, shell.nx), (shell.residual.bend,)),
-        ):
-            i = ((surface.x0 + columns * surface.h - shell.x[0]) / shell.dx + offset).astype(int)
-            j = ((surface.y0 + rows * surface.h - shell.y[0]) / shell.dy + offset).astype(int)
-            index = np.clip(j, 0, shape[0] - 1) * shape[1] + np.clip(i, 0, shape[1] - 1)
-            left = np.clip(1.0 - np.bincount(index, minlength=shape[0] * shape[1]) / per_cell, 0.0, 1.0)
-            for values in fields:
-                values *= left.reshape(-1, *(1,) * (values.ndim - 1))
+        relax_formed(self.shell, surface, (rows, columns))
         self._unbalanced = True
 
     def _point_constants(
         self, radius: float, incremental_depth: float, compliance: tuple[float, float, float], world: World
     ) -> PointConstants:
         constants = self.constants
-        rigidity = self.material.young_modulus * self.thickness**3 / (12.0 * (1.0 - self.material.poisson_ratio**2))
         amplitude = (
             constants.force_factor
             * world.force_level
@@ -346,13 +361,18 @@ class SheetPlant:
             exponent=constants.force_exponent,
             wrap_exponent=constants.wrap_exponent,
             compliance=np.array(compliance) * world.compliance,
-            local_compliance=max(self.shell.dx, self.shell.dy) ** 2 / (16.0 * math.pi * rigidity),
+            local_compliance=self._local_compliance(constants.forming_cell),
             die_stiffness=self._die_stiffness(radius),
             window=constants.window_radii * radius,
             lag_length=constants.lag_length,
             fresh_depth=constants.fresh_depth,
             fresh_distance=constants.fresh_distance,
         )
+
+    def _local_compliance(self, cell: float) -> float:
+        """m/N, axial compliance of the sheet below the scale of a coarse cell of ``cell`` m."""
+        rigidity = self.material.young_modulus * self.thickness**3 / (12.0 * (1.0 - self.material.poisson_ratio**2))
+        return cell**2 / (16.0 * math.pi * rigidity)
 
     def _die_stiffness(self, radius: float) -> float:
         """N/m, plastic indentation of the sheet between the tool and a rigid, nearly flat support."""

@@ -8,6 +8,7 @@ spread over a patch wider than a cell, the compliance below that scale is added 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -17,7 +18,8 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from isf_sim.shell_assembly import Section, SupportPoints, add_strain, add_support, assemble, membrane_force
-from isf_sim.shell_pattern import make_numbering, number_dofs
+from isf_sim.shell_lines import linear_weights, node_widths
+from isf_sim.shell_pattern import make_numbering, number_dofs, star_weights
 
 Array = NDArray[np.float64]
 
@@ -104,11 +106,6 @@ class Shell:
         edge_spring: float = 1.0e6,
     ) -> None:
         self.nx, self.ny = (max(4, round(length / cell)) + 1 for length in size)
-        self.dx, self.dy = size[0] / (self.nx - 1), size[1] / (self.ny - 1)
-        self.x = np.linspace(-size[0] / 2, size[0] / 2, self.nx)
-        self.y = np.linspace(-size[1] / 2, size[1] / 2, self.ny)
-        gx, gy = np.meshgrid(self.x, self.y)
-        self.node_x, self.node_y = gx.ravel(), gy.ravel()
         self.elastic = elastic
         self.count = self.nx * self.ny
         inside = np.zeros((self.ny, self.nx), dtype=bool)
@@ -118,37 +115,86 @@ class Shell:
         self._active[self.boundary, 2] = False
         if edge == "fixed":
             self._active[self.boundary] = False
-        self._edge_stiffness = edge_spring * 0.5 * (self.dx + self.dy) if edge == "free" else 0.0
-        self.node_area = np.full(self.count, self.dx * self.dy)
-        self.node_area[np.isclose(np.abs(self.node_x), size[0] / 2)] *= 0.5
-        self.node_area[np.isclose(np.abs(self.node_y), size[1] / 2)] *= 0.5
+        self._edge_spring = edge_spring if edge == "free" else 0.0
         self.height = np.zeros(self.count)
         self.thickness = np.full(self.count, thickness)
         self.support: SupportPoints | None = None
         cells = (self.nx - 1) * (self.ny - 1)
         self.residual = StrainState(np.zeros((cells, 3)), np.zeros((self.count, 2)), np.zeros(cells))
         self._number(None)
+        self._place_lines(
+            *(np.linspace(-0.5, 0.5, n) * length for n, length in zip((self.nx, self.ny), size, strict=True))
+        )
         self.set_shape(self.height, self.thickness)
         self._number(self._fill_reducing_order())
 
     # -- shape ---------------------------------------------------------------------------------
 
+    def move_lines(self, x: Array, y: Array) -> None:
+        """Put the lines of the grid to x (nx,), y (ny,) m; they must span the same sheet.
+
+        Residual state, height and thickness are carried over by linear interpolation, so the sheet is out of balance
+        by what the interpolation changes.
+        """
+        nodes = self.onto_lines(x, y)
+        old = self.residual
+        middle = [0.5 * (lines[1:] + lines[:-1]) for lines in (self.x, self.y, x, y)]
+        along_x, along_y = linear_weights(middle[0], middle[2]), linear_weights(middle[1], middle[3])
+
+        def cells(values: Array) -> Array:
+            grid = values.reshape(self.ny - 1, self.nx - 1, -1)
+            return np.asarray(np.einsum("ab,bcd,ec->aed", along_y, grid, along_x)).reshape(values.shape)
+
+        new = StrainState(cells(old.membrane), nodes(old.bend), cells(old.warp))
+        for target, value in zip(vars(old).values(), vars(new).values(), strict=True):
+            target[...] = value
+        height, thickness = nodes(self.height), nodes(self.thickness)
+        self._place_lines(x, y)
+        self.set_shape(height, thickness)
+
+    def onto_lines(self, x: Array, y: Array) -> Callable[[Array], Array]:
+        """Function that takes values on the nodes (N, ...) to those of a grid with the lines x (nx,), y (ny,) m."""
+        along_x, along_y = linear_weights(self.x, x), linear_weights(self.y, y)
+
+        def nodes(values: Array) -> Array:
+            grid = values.reshape(self.ny, self.nx, -1)
+            return np.asarray(np.einsum("ab,bcd,ec->aed", along_y, grid, along_x)).reshape(values.shape)
+
+        return nodes
+
+    def _place_lines(self, x: Array, y: Array) -> None:
+        self.x, self.y = np.ascontiguousarray(x), np.ascontiguousarray(y)
+        gx, gy = np.meshgrid(self.x, self.y)
+        self.node_x, self.node_y = gx.ravel(), gy.ravel()
+        dx, dy = np.meshgrid(np.diff(self.x), np.diff(self.y))
+        self.cell_x, self.cell_y = dx.ravel(), dy.ravel()
+        width_x, width_y = node_widths(self.x), node_widths(self.y)
+        self.node_area = np.outer(width_y, width_x).ravel()
+        self._star_xx, self._star_yy = star_weights(self.x, self.y)
+        length = np.zeros((self.ny, self.nx))
+        length[[0, -1], :] += width_x
+        length[:, [0, -1]] += width_y[:, None]
+        self.edge_stiffness = self._edge_spring * length.ravel()
+        self._set_springs()
+
     def set_shape(self, height: Array, thickness: Array) -> None:
         """Unloaded height (N,) m and thickness (N,) m of the sheet."""
         self.height = np.ascontiguousarray(height)
         self.thickness = np.ascontiguousarray(thickness)
-        zy, zx = np.gradient(self.height.reshape(self.ny, self.nx), self.dy, self.dx)
+        zy, zx = np.gradient(self.height.reshape(self.ny, self.nx), self.y, self.x)
         weight = (self.rigidity / np.sqrt(1.0 + zx**2 + zy**2).ravel()).reshape(self.ny, self.nx)
         corner = weight[:-1, :-1] + weight[:-1, 1:] + weight[1:, :-1] + weight[1:, 1:]
         self._section = Section(
-            dx=self.dx,
-            dy=self.dy,
+            dx=self.cell_x,
+            dy=self.cell_y,
+            star_xx=self._star_xx,
+            star_yy=self._star_yy,
             young=self.elastic.young,
             poisson=self.elastic.poisson,
             height=self.height,
             thickness=self.thickness,
             bending=self.node_area * weight.ravel(),
-            twist=0.25 * corner.ravel() * self.dx * self.dy,
+            twist=0.25 * corner.ravel() * self.cell_x * self.cell_y,
             strain=self.residual.membrane,
             bend=self.residual.bend,
             warp=self.residual.warp,
@@ -163,21 +209,23 @@ class Shell:
         """(N,) N m, bending stiffness D = E t^3 / (12 (1 - nu^2))."""
         return np.asarray(self.elastic.young * self.thickness**3 / (12.0 * (1.0 - self.elastic.poisson**2)))
 
-    @property
-    def stars(self) -> tuple[NDArray[np.int32], Array, Array]:
-        """Second-difference stencils of w: nodes (N, 5), weights in x and y (N, 5) 1/m^2."""
-        pattern = self._numbering.pattern
-        return pattern.star, pattern.star_xx, pattern.star_yy
-
     # -- loads and states ------------------------------------------------------------------------
 
-    def patch_reach(self, radius: float) -> float:
-        """m, distance from its centre at which the load of a patch of ``radius`` m ends."""
-        return 2.0 * max(radius, 0.9 * max(self.dx, self.dy))
+    def cell_at(self, x: float, y: float) -> float:
+        """m, longer side of the cell at (x, y) m."""
+        sides = []
+        for lines, place in ((self.x, x), (self.y, y)):
+            k = min(max(int(np.searchsorted(lines, place)) - 1, 0), len(lines) - 2)
+            sides.append(float(lines[k + 1] - lines[k]))
+        return max(sides)
+
+    def patch_reach(self, x: float, y: float, radius: float) -> float:
+        """m, distance from its centre (x, y) m at which the load of a patch of ``radius`` m ends."""
+        return 2.0 * max(radius, 0.9 * self.cell_at(x, y))
 
     def load_patch(self, x: float, y: float, radius: float) -> Array:
         """(N,) weights (sum 1) of a load spread smoothly round (x, y) m."""
-        reach = self.patch_reach(radius)
+        reach = self.patch_reach(x, y, radius)
         distance = (self.node_x - x) ** 2 + (self.node_y - y) ** 2
         weight = np.clip(1.0 - distance / reach**2, 0.0, None) ** 2
         weight[self.boundary] = 0.0
@@ -287,11 +335,17 @@ class Shell:
 
     def _number(self, order: NDArray[np.int32] | None) -> None:
         dof = number_dofs(self._active, order)
-        self._numbering = make_numbering(self.nx, self.ny, self.dx, self.dy, dof)
+        self._numbering = make_numbering(self.nx, self.ny, dof)
         self._force = np.zeros(self._numbering.count + 1)
         self._values = np.zeros(len(self._numbering.rows) + 1)
-        springs = np.zeros(self._numbering.count + 1)
-        springs[dof[self.boundary, :2].ravel()] += self._edge_stiffness
+        if order is not None:
+            self._set_springs()
+
+    def _set_springs(self) -> None:
+        numbering = self._numbering
+        springs = np.zeros(numbering.count + 1)
+        for axis in range(2):
+            springs[numbering.dof[:, axis]] += self.edge_stiffness
         self._springs = springs[:-1]
 
     def _fill_reducing_order(self) -> NDArray[np.int32]:

@@ -8,7 +8,8 @@ With z0 the height of the unloaded sheet and (u, v, w) its displacement, the mem
 in covariant components; the metric a_ab = d_ab + z0,a z0,b enters through the elastic tensor
 H^abcd = E/(1-nu^2) [nu a^ab a^cd + (1-nu)/2 (a^ac a^bd + a^ad a^bc)]. Bending is linear in w with
 D/sqrt(a). The unloaded sheet carries residual strains and curvatures: stresses follow from their sum with those of
-the displacement. Cells are square to the axes, integrated at one point, with an hourglass stiffness on u, v.
+the displacement. Cells are rectangles of any size along the axes, integrated at one point, with an hourglass stiffness
+on u, v that depends on their shape alone; curvatures are three-point differences, exact for a parabola on any lines.
 """
 
 from __future__ import annotations
@@ -35,7 +36,6 @@ class Pattern(NamedTuple):
     cells : (C, 4) nodes (0,0), (1,0), (0,1), (1,1) of each cell
     cell_dof : (C, 12) dof of u, v, w at these nodes ; cell_slot : (C, 12, 12) place in the matrix values
     star : (N, 5) node, left, right, down, up ; star_dof : (N, 5) their w dofs ; star_slot : (N, 5, 5)
-    star_xx, star_yy : (N, 5) 1/m^2, second differences with zero slope at the clamp
     """
 
     cells: Index
@@ -44,8 +44,6 @@ class Pattern(NamedTuple):
     star: Index
     star_dof: Index
     star_slot: Index
-    star_xx: Array
-    star_yy: Array
 
 
 class SupportPoints(NamedTuple):
@@ -64,11 +62,14 @@ class SupportPoints(NamedTuple):
 
 
 class Section(NamedTuple):
-    """Sheet as the kernels need it: dx, dy m; E Pa; nu; (N,) height m, thickness m, bending weight N m^3,
-    (C,) twist weight N m^3; residual state: strain (C, 3) E11, E22, 2 E12, bend (N, 2) and warp (C,) 1/m."""
+    """Sheet as the kernels need it: (C,) dx, dy m of the cells; (N, 5) star_xx, star_yy 1/m^2, second differences with
+    zero slope at the clamp; E Pa; nu; (N,) height m, thickness m, bending weight N m^3, (C,) twist weight N m^3;
+    residual state: strain (C, 3) E11, E22, 2 E12, bend (N, 2) and warp (C,) 1/m."""
 
-    dx: float
-    dy: float
+    dx: Array
+    dy: Array
+    star_xx: Array
+    star_yy: Array
     young: float
     poisson: float
     height: Array
@@ -92,9 +93,8 @@ def assemble(q: Array, section: Section, pattern: Pattern, tangent: bool, force:
 
 @kernel
 def _add_membrane(q: Array, section: Section, pattern: Pattern, tangent: bool, force: Array, values: Array) -> None:
-    dx, dy, young, nu = section.dx, section.dy, section.young, section.poisson
-    gx = np.array([-1.0, 1.0, -1.0, 1.0]) / (2 * dx)
-    gy = np.array([-1.0, -1.0, 1.0, 1.0]) / (2 * dy)
+    young, nu = section.young, section.poisson
+    gx, gy = np.empty(4), np.empty(4)
     hourglass = np.array([1.0, -1.0, -1.0, 1.0])
     b = np.zeros((3, 12))
     db = np.zeros((3, 12))
@@ -104,6 +104,8 @@ def _add_membrane(q: Array, section: Section, pattern: Pattern, tangent: bool, f
     stress = np.zeros(3)
     for c in range(pattern.cells.shape[0]):
         nodes = pattern.cells[c]
+        dx, dy = section.dx[c], section.dy[c]
+        _gradients(dx, dy, gx, gy)
         zx = zy = wx = wy = t = hu = hv = 0.0
         ux = uy = vx = vy = 0.0
         for a in range(4):
@@ -131,7 +133,7 @@ def _add_membrane(q: Array, section: Section, pattern: Pattern, tangent: bool, f
             b[0, a], b[0, 8 + a] = gx[a], slope[0] * gx[a]
             b[1, 4 + a], b[1, 8 + a] = gy[a], slope[1] * gy[a]
             b[2, a], b[2, 4 + a], b[2, 8 + a] = gy[a], gx[a], slope[0] * gy[a] + slope[1] * gx[a]
-        stiff = HOURGLASS * young * t
+        stiff = HOURGLASS * young * t * 0.5 * (dx / dy + dy / dx)
         dof = pattern.cell_dof[c]
         for r in range(12):
             force[dof[r]] += b[0, r] * stress[0] + b[1, r] * stress[1] + b[2, r] * stress[2]
@@ -158,6 +160,15 @@ def _add_membrane(q: Array, section: Section, pattern: Pattern, tangent: bool, f
 
 
 @kernel
+def _gradients(dx: float, dy: float, gx: Array, gy: Array) -> None:
+    """Derivatives 1/m of the four shape functions in the middle of a cell."""
+    gx[0] = gx[2] = -0.5 / dx
+    gx[1] = gx[3] = 0.5 / dx
+    gy[0] = gy[1] = -0.5 / dy
+    gy[2] = gy[3] = 0.5 / dy
+
+
+@kernel
 def _elastic_tensor(zx: float, zy: float, young: float, nu: float, volume: float, d: Array) -> None:
     """Contravariant plane-stress tensor in Voigt order times the cell's volume ``t dx dy sqrt(a)``."""
     a11, a22, a12 = 1.0 + zx * zx, 1.0 + zy * zy, zx * zy
@@ -179,19 +190,21 @@ def _add_bending(q: Array, section: Section, pattern: Pattern, tangent: bool, fo
         kx, ky = section.bend[n, 0], section.bend[n, 1]
         for a in range(5):
             w = q[pattern.star[n, a], 2]
-            kx += pattern.star_xx[n, a] * w
-            ky += pattern.star_yy[n, a] * w
+            kx += section.star_xx[n, a] * w
+            ky += section.star_yy[n, a] * w
         weight = section.bending[n]
         mx, my = weight * (kx + nu * ky), weight * (ky + nu * kx)
         for a in range(5):
-            xa, ya = pattern.star_xx[n, a], pattern.star_yy[n, a]
+            xa, ya = section.star_xx[n, a], section.star_yy[n, a]
             force[pattern.star_dof[n, a]] += xa * mx + ya * my
             if tangent:
                 for s in range(5):
-                    xs, ys = pattern.star_xx[n, s], pattern.star_yy[n, s]
+                    xs, ys = section.star_xx[n, s], section.star_yy[n, s]
                     values[pattern.star_slot[n, a, s]] += weight * (xa * xs + ya * ys + nu * (xa * ys + ya * xs))
-    sign = np.array([1.0, -1.0, -1.0, 1.0]) / (section.dx * section.dy)
+    corner = np.array([1.0, -1.0, -1.0, 1.0])
+    sign = np.empty(4)
     for c in range(pattern.cells.shape[0]):
+        sign[:] = corner / (section.dx[c] * section.dy[c])
         twist = section.warp[c]
         for a in range(4):
             twist += sign[a] * q[pattern.cells[c, a], 2]
@@ -225,11 +238,11 @@ def add_support(q: Array, support: SupportPoints, pattern: Pattern, tangent: boo
 @kernel
 def add_strain(q: Array, section: Section, pattern: Pattern, strain: Array, bend: Array, warp: Array) -> None:
     """Add strain (C, 3), curvature (N, 2) and twist (C,) of the displacement q (N, 3) m to the given arrays."""
-    dx, dy = section.dx, section.dy
-    gx = np.array([-1.0, 1.0, -1.0, 1.0]) / (2 * dx)
-    gy = np.array([-1.0, -1.0, 1.0, 1.0]) / (2 * dy)
-    sign = np.array([1.0, -1.0, -1.0, 1.0]) / (dx * dy)
+    gx, gy = np.empty(4), np.empty(4)
+    corner = np.array([1.0, -1.0, -1.0, 1.0])
     for c in range(pattern.cells.shape[0]):
+        dx, dy = section.dx[c], section.dy[c]
+        _gradients(dx, dy, gx, gy)
         zx = zy = wx = wy = ux = uy = vx = vy = twist = 0.0
         for a in range(4):
             n = pattern.cells[c, a]
@@ -241,7 +254,7 @@ def add_strain(q: Array, section: Section, pattern: Pattern, strain: Array, bend
             vy += gy[a] * q[n, 1]
             wx += gx[a] * q[n, 2]
             wy += gy[a] * q[n, 2]
-            twist += sign[a] * q[n, 2]
+            twist += corner[a] * q[n, 2] / (dx * dy)
         strain[c, 0] += ux + zx * wx + 0.5 * wx * wx
         strain[c, 1] += vy + zy * wy + 0.5 * wy * wy
         strain[c, 2] += uy + vx + zx * wy + zy * wx + wx * wy
@@ -249,17 +262,17 @@ def add_strain(q: Array, section: Section, pattern: Pattern, strain: Array, bend
     for n in range(pattern.star.shape[0]):
         for a in range(5):
             w = q[pattern.star[n, a], 2]
-            bend[n, 0] += pattern.star_xx[n, a] * w
-            bend[n, 1] += pattern.star_yy[n, a] * w
+            bend[n, 0] += section.star_xx[n, a] * w
+            bend[n, 1] += section.star_yy[n, a] * w
 
 
 @kernel
 def membrane_force(strain: Array, section: Section, pattern: Pattern, out: Array) -> None:
     """(C,) N/m, von Mises equivalent of the membrane force of the covariant strains (C, 3)."""
-    dx, dy, nu = section.dx, section.dy, section.poisson
-    gx = np.array([-1.0, 1.0, -1.0, 1.0]) / (2 * dx)
-    gy = np.array([-1.0, -1.0, 1.0, 1.0]) / (2 * dy)
+    nu = section.poisson
+    gx, gy = np.empty(4), np.empty(4)
     for c in range(pattern.cells.shape[0]):
+        _gradients(section.dx[c], section.dy[c], gx, gy)
         zx = zy = t = 0.0
         for a in range(4):
             n = pattern.cells[c, a]

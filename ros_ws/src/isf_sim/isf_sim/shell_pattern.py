@@ -11,6 +11,7 @@ from isf_sim.shell_assembly import Pattern
 
 Bool = NDArray[np.bool_]
 Index = NDArray[np.int32]
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,12 @@ def number_dofs(active: Bool, order: Index | None = None) -> Index:
     return dof
 
 
-def make_numbering(nx: int, ny: int, dx: float, dy: float, dof: Index) -> Numbering:
-    """Pattern of a grid of nx x ny nodes (row by row along x), spacing dx, dy m."""
+def make_numbering(nx: int, ny: int, dof: Index) -> Numbering:
+    """Pattern of a grid of nx x ny nodes (row by row along x)."""
     count = int(dof.max())
     cells = _cells(nx, ny)
     cell_dof = np.concatenate([dof[cells, k] for k in range(3)], axis=1)
-    star, star_xx, star_yy = _stars(nx, ny, dx, dy)
+    star = _stars(nx, ny)
     star_dof = dof[star, 2]
     pairs = [_pairs(cell_dof), _pairs(star_dof), (np.arange(count), np.arange(count))]
     row = np.concatenate([p[0] for p in pairs]).astype(np.int64)
@@ -65,8 +66,6 @@ def make_numbering(nx: int, ny: int, dx: float, dy: float, dof: Index) -> Number
         star=star,
         star_dof=star_dof,
         star_slot=slot[a : a + b].reshape(-1, 5, 5),
-        star_xx=star_xx,
-        star_yy=star_yy,
     )
     starts = np.searchsorted(unique // count, np.arange(count + 1)).astype(np.int32)
     return Numbering(dof, count, pattern, (unique % count).astype(np.int32), starts, slot[a + b :])
@@ -83,19 +82,32 @@ def _pairs(dof: Index) -> tuple[Index, Index]:
     return np.repeat(dof, width, axis=1).ravel(), np.tile(dof, (1, width)).ravel()
 
 
-def _stars(nx: int, ny: int, dx: float, dy: float) -> tuple[Index, NDArray[np.float64], NDArray[np.float64]]:
-    """Five-point second differences; across the edge the sheet is mirrored (zero slope in the clamp)."""
+def _stars(nx: int, ny: int) -> Index:
+    """(N, 5) node, left, right, down, up; the node itself in the place of one beyond the edge."""
     i, j = (a.ravel() for a in np.meshgrid(np.arange(nx), np.arange(ny)))
     node = j * nx + i
     star = np.stack([node, node, node, node, node], axis=1)
-    xx = np.zeros((nx * ny, 5))
-    yy = np.zeros((nx * ny, 5))
-    xx[:, 0] = -2.0
-    yy[:, 0] = -2.0
-    for values, first, index, length, stride in ((xx, 1, i, nx, 1), (yy, 3, j, ny, nx)):
-        has_before, has_after = index > 0, index < length - 1
-        star[has_before, first] -= stride
-        star[has_after, first + 1] += stride
-        values[has_before, first] = np.where(has_after[has_before], 1.0, 2.0)
-        values[has_after, first + 1] = np.where(has_before[has_after], 1.0, 2.0)
-    return star.astype(np.int32), xx / dx**2, yy / dy**2
+    for first, index, length, stride in ((1, i, nx, 1), (3, j, ny, nx)):
+        star[index > 0, first] -= stride
+        star[index < length - 1, first + 1] += stride
+    return star.astype(np.int32)
+
+
+def star_weights(x: Array, y: Array) -> tuple[Array, Array]:
+    """(N, 5), (N, 5) 1/m^2, second differences along x and y on lines m; across the edge the sheet is mirrored
+    (zero slope in the clamp)."""
+    xx, yy = np.zeros((len(y), len(x), 5)), np.zeros((len(y), len(x), 5))
+    xx[:, :, :3] = _three_points(x)
+    yy[:, :, [0, 3, 4]] = _three_points(y)[:, None]
+    return xx.reshape(-1, 5), yy.reshape(-1, 5)
+
+
+def _three_points(lines: Array) -> Array:
+    """(n, 3) 1/m^2, second difference at every line: weights of the line itself, the one before, the one after."""
+    cell = np.diff(lines)
+    before = np.concatenate([cell[:1], cell])
+    after = np.concatenate([cell, cell[-1:]])
+    weights = 2.0 / np.stack([-before * after, before * (before + after), after * (before + after)], axis=1)
+    weights[0, 1:] = 0.0, -weights[0, 0]
+    weights[-1, 1:] = -weights[-1, 0], 0.0
+    return np.asarray(weights)

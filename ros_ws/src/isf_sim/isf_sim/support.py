@@ -32,8 +32,8 @@ def support_points(shell: Shell, surface: Surface) -> SupportPoints | None:
     share = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], axis=1)
     cells = (shell.nx - 1) * (shell.ny - 1)
     row, column = np.divmod(np.arange(cells), shell.nx - 1)
-    x = shell.x[0] + (column[:, None] + a) * shell.dx
-    y = shell.y[0] + (row[:, None] + b) * shell.dy
+    x = shell.x[column][:, None] + a * shell.cell_x[:, None]
+    y = shell.y[row][:, None] + b * shell.cell_y[:, None]
     ny, nx = surface.height.shape
     i = np.clip(np.rint((x - surface.x0) / surface.h).astype(int), 0, nx - 1)
     j = np.clip(np.rint((y - surface.y0) / surface.h).astype(int), 0, ny - 1)
@@ -42,10 +42,10 @@ def support_points(shell: Shell, surface: Surface) -> SupportPoints | None:
     if not chosen.any():
         return None
     clearance = (surface.height[j, i] - height - surface.holder[1])[chosen]
-    stiffness = STIFFNESS * shell.dx * shell.dy / len(a)
+    stiffness = np.broadcast_to((STIFFNESS * shell.cell_x * shell.cell_y / len(a))[:, None], x.shape)[chosen]
     return SupportPoints(
         cell=np.repeat(np.arange(cells, dtype=np.int32), len(a)).reshape(cells, -1)[chosen],
         share=np.broadcast_to(share, (cells, *share.shape))[chosen],
         clearance=clearance,
-        stiffness=np.full(len(clearance), stiffness),
+        stiffness=stiffness,
     )

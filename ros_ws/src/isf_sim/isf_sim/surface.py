@@ -105,44 +105,52 @@ def empty_track(size: tuple[float, float], h: float) -> TipTrack:
     )
 
 
-@kernel
-def _window_means(values: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], half: int, out: Array) -> None:
-    ny, nx = values.shape
-    for k in range(rows.shape[0]):
-        total = 0.0
-        for j in range(rows[k] - half, rows[k] + half + 1):
-            for i in range(columns[k] - half, columns[k] + half + 1):
-                total += values[min(max(j, 0), ny - 1), min(max(i, 0), nx - 1)]
-        out[k] = total / (2 * half + 1) ** 2
-
-
-def sample_mean(surface: Surface, x: Array, y: Array, window: float) -> Array:
-    """(N,) m, surface height averaged over a square of about ``window`` m round the nodes next to (N,), (N,) m."""
-    rows = np.rint((y - surface.y0) / surface.h).astype(np.int64)
-    columns = np.rint((x - surface.x0) / surface.h).astype(np.int64)
-    out = np.empty(len(rows))
-    _window_means(surface.height, rows, columns, round(0.5 * window / surface.h), out)
+def sample_mean(surface: Surface, x: Array, y: Array) -> Array:
+    """(len(y), len(x)) m, surface height at the crossings of the lines x, y m, averaged over half of their spacing."""
+    rows, columns = _windows(y, surface.y0, surface.h), _windows(x, surface.x0, surface.h)
+    out = np.empty((len(y), len(x)))
+    _window_means(surface.height, rows, columns, out)
     return out
 
 
-def onto(grid: Surface | TipTrack, values: Array, size: tuple[float, float]) -> Array:
-    """Values (ny, nx) on nodes that span ``size`` m exactly, interpolated to the nodes of ``grid``.
+def _windows(lines: Array, start: float, h: float) -> NDArray[np.int64]:
+    """(n, 2) middle and half width, in nodes of the fine grid, of the windows round the lines m."""
+    spacing = np.gradient(lines)
+    middle, half = np.rint((lines - start) / h), np.rint(0.25 * spacing / h)
+    return np.stack([middle, half], axis=1).astype(np.int64)
+
+
+@kernel
+def _window_means(values: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], out: Array) -> None:
+    ny, nx = values.shape
+    for r in range(rows.shape[0]):
+        for c in range(columns.shape[0]):
+            tall, wide = rows[r, 1], columns[c, 1]
+            total = 0.0
+            for j in range(rows[r, 0] - tall, rows[r, 0] + tall + 1):
+                for i in range(columns[c, 0] - wide, columns[c, 0] + wide + 1):
+                    total += values[min(max(j, 0), ny - 1), min(max(i, 0), nx - 1)]
+            out[r, c] = total / ((2 * tall + 1) * (2 * wide + 1))
+
+
+def onto(grid: Surface | TipTrack, values: Array, x: Array, y: Array) -> Array:
+    """Values (len(y), len(x)) on the lines x, y m, interpolated to the nodes of ``grid``.
 
     By cubic splines: a bilinear surface has a kink in slope at every coarse node, which tool and support tool would
     feel as a ripple of the wall.
     """
     shape = (grid.height if isinstance(grid, Surface) else grid.tip).shape
-    rows = _spline_weights(values.shape[0], size[1], shape[0], grid.y0, grid.h)
-    columns = _spline_weights(values.shape[1], size[0], shape[1], grid.x0, grid.h)
+    rows = _spline_weights(y.tobytes(), shape[0], grid.y0, grid.h)
+    columns = _spline_weights(x.tobytes(), shape[1], grid.x0, grid.h)
     return np.asarray(rows @ values @ columns.T)
 
 
 @lru_cache(maxsize=16)
-def _spline_weights(nodes: int, length: float, fine: int, start: float, h: float) -> Array:
-    """(fine, nodes) values of the interpolating cubic splines of unit values on nodes that span ``length`` m."""
-    coarse = np.linspace(-0.5 * length, 0.5 * length, nodes)
+def _spline_weights(lines: bytes, fine: int, start: float, h: float) -> Array:
+    """(fine, n) values of the interpolating cubic splines of unit values on ``lines`` (n,) m, as bytes."""
+    coarse = np.frombuffer(lines)
     places = np.clip(start + h * np.arange(fine), coarse[0], coarse[-1])
-    return np.asarray(make_interp_spline(coarse, np.eye(nodes), k=3)(places))
+    return np.asarray(make_interp_spline(coarse, np.eye(len(coarse)), k=3)(places))
 
 
 @kernel

@@ -36,7 +36,7 @@ def coarse_area(surface: Surface, x: Array, y: Array) -> Array:
     ny, nx = surface.height.shape
     i = np.clip(np.rint((x - surface.x0) / surface.h).astype(int), 0, nx - 1)
     j = np.clip(np.rint((y - surface.y0) / surface.h).astype(int), 0, ny - 1)
-    return _origin_area(surface.origin[np.ix_(j, i)], float(y[1] - y[0]), float(x[1] - x[0]))
+    return _origin_area(surface.origin[np.ix_(j, i)], y, x)
 
 
 def limit_margin(thickness: Array, blank: float, max_wall_angle: float) -> Array:
@@ -47,7 +47,8 @@ def limit_margin(thickness: Array, blank: float, max_wall_angle: float) -> Array
     return np.asarray(-np.log(np.cos(max_wall_angle)) - np.log(blank / thickness))
 
 
-def _origin_area(origin: Array, dy: float, dx: float) -> Array:
-    xy, xx = np.gradient(origin[..., 0], dy, dx)
-    yy, yx = np.gradient(origin[..., 1], dy, dx)
+def _origin_area(origin: Array, y: Array | float, x: Array | float) -> Array:
+    """Area on the blank over plan area; ``y``, ``x``: lines m or their spacing."""
+    xy, xx = np.gradient(origin[..., 0], y, x)
+    yy, yx = np.gradient(origin[..., 1], y, x)
     return np.asarray((1.0 + xx) * (1.0 + yy) - xy * yx)

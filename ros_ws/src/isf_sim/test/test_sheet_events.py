@@ -83,9 +83,8 @@ def test_flat_formed_area_bulges_as_a_membrane_would() -> None:
 def test_grids_exchange_linear_fields_exactly() -> None:
     surface = flat_surface((0.1, 0.08), 0.5e-3)
     x, y = np.linspace(-0.05, 0.05, 11), np.linspace(-0.04, 0.04, 9)
-    field = onto(surface, 2.0 * x[None, :] - 3.0 * y[:, None], (0.1, 0.08))
+    field = onto(surface, 2.0 * x[None, :] - 3.0 * y[:, None], x, y)
     surface.height[:] = field
     assert bilinear(field, surface.x0, surface.y0, surface.h, 0.013, -0.021) == pytest.approx(0.026 + 0.063)
-    points = np.array([[0.01, 0.02], [-0.03, 0.005]])
-    mean = sample_mean(surface, points[:, 0], points[:, 1], 2.5e-3)
-    assert mean == pytest.approx(2.0 * points[:, 0] - 3.0 * points[:, 1], abs=1e-12)
+    x, y = np.array([-0.03, 0.01, 0.02]), np.array([0.005, 0.01, 0.02])
+    assert sample_mean(surface, x, y) == pytest.approx(2.0 * x - 3.0 * y[:, None], abs=1e-12)

@@ -1,0 +1,83 @@
+"""Where the coarse shell needs small cells: the region that is formed, as it becomes known.
+
+A backing plate tells it by its opening. Otherwise it grows with the places that the tool has pressed, so it is known
+after the first contour and nothing about the planned part is asked for. Lines move while little is bent yet; what the
+shell carries then is interpolated (:meth:`isf_sim.shell.Shell.move_lines`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isf_sim.shell import Shell
+from isf_sim.shell_lines import Grading, graded_lines
+from isf_sim.surface import Surface
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MARGIN = 7.0e-3
+"""m, small cells beyond the place of the tool: as far as its spread load reaches."""
+LEAST_MARGIN = 4.0e-3
+"""m, the region grows when the tool is nearer to its border than this."""
+
+
+def no_region() -> Array:
+    """(2, 2) m, low and high end of the region along x and y; empty."""
+    return np.array([[np.inf, -np.inf], [np.inf, -np.inf]])
+
+
+def grow_region(region: Array, x: float, y: float) -> bool:
+    """Let ``region`` (2, 2) m take in the tool at (x, y) m; False when it does already."""
+    place = np.array([[x], [y]])
+    if bool(((place - region[:, :1] >= LEAST_MARGIN) & (region[:, 1:] - place >= LEAST_MARGIN)).all()):
+        return False
+    region[:, 0] = np.where(place[:, 0] - region[:, 0] >= LEAST_MARGIN, region[:, 0], place[:, 0] - MARGIN)
+    region[:, 1] = np.where(region[:, 1] - place[:, 0] >= LEAST_MARGIN, region[:, 1], place[:, 0] + MARGIN)
+    return True
+
+
+def opening_region(surface: Surface) -> Array | None:
+    """(2, 2) m, the opening of the support under ``surface``; None when it has none or is open at the clamp."""
+    open_ = ~np.isfinite(surface.support)
+    if open_[[0, -1]].any() or open_[:, [0, -1]].any() or not open_.any():
+        return None
+    columns, rows = np.flatnonzero(open_.any(axis=0)), np.flatnonzero(open_.any(axis=1))
+    return np.array(
+        [
+            [start + surface.h * found[0] - LEAST_MARGIN, start + surface.h * found[-1] + LEAST_MARGIN]
+            for start, found in ((surface.x0, columns), (surface.y0, rows))
+        ]
+    )
+
+
+def region_lines(shell: Shell, region: Array, grading: Grading) -> tuple[Array, Array]:
+    """(nx,), (ny,) m, lines for ``region`` (2, 2) m."""
+    x, y = (
+        graded_lines(2.0 * float(lines[-1]), len(lines) - 1, float(ends[0]), float(ends[1]), grading)
+        for lines, ends in zip((shell.x, shell.y), region, strict=True)
+    )
+    return x, y
+
+
+def relax_formed(shell: Shell, surface: Surface, formed: tuple[Index, Index]) -> None:
+    """Take away the residual state of the material of ``surface`` at ``formed`` rows and columns.
+
+    A cell, or the part of the sheet that belongs to a node, loses the share that was formed of it.
+    """
+    rows, columns = formed
+    ny, nx = surface.height.shape
+    x, y = surface.x0 + surface.h * np.arange(nx), surface.y0 + surface.h * np.arange(ny)
+    residual = shell.residual
+    for lines_x, lines_y, fields in (
+        (shell.x[1:-1], shell.y[1:-1], (residual.membrane, residual.warp)),
+        (0.5 * (shell.x[1:] + shell.x[:-1]), 0.5 * (shell.y[1:] + shell.y[:-1]), (residual.bend,)),
+    ):
+        i, j = np.searchsorted(lines_x, x, side="right"), np.searchsorted(lines_y, y, side="right")
+        wide, high = len(lines_x) + 1, len(lines_y) + 1
+        there = np.outer(np.bincount(j, minlength=high), np.bincount(i, minlength=wide)).ravel()
+        met = np.bincount(j[rows] * wide + i[columns], minlength=wide * high)
+        left = 1.0 - met / np.maximum(there, 1)
+        for values in fields:
+            values *= left.reshape(-1, *(1,) * (values.ndim - 1))
