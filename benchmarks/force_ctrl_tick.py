@@ -17,8 +17,8 @@ from isf_core.errors import ErrorCode
 from isf_force_ctrl import ControlConfig, ForceController
 
 
-def ring(points: int, radius: float = 60e-3) -> Contour:
-    """One ring of a 50 degree cone, 120 N."""
+def ring(points: int, radius: float = 60e-3, plan_id: str = "tick", index: int = 0, count: int = 1) -> Contour:
+    """One ring of a 50 degree cone, 120 N; contour ``index`` of ``count``."""
     angle = 2 * np.pi * np.arange(points) / points
     out = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(points)])
     wall = np.radians(50.0)
@@ -26,9 +26,9 @@ def ring(points: int, radius: float = 60e-3) -> Contour:
     contact = radius * out + [0.0, 0.0, -5e-3]
     thickness = 1e-3 * np.cos(wall)
     return Contour(
-        plan_id="tick",
-        index=0,
-        count=1,
+        plan_id=plan_id,
+        index=index,
+        count=count,
         process=Process.DSIF,
         feed=0.03,
         contact=contact,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,6 +14,9 @@ from isf_force_ctrl.control_state import Flag, Mode
 Array = NDArray[np.float64]
 
 _FORCE_LOOP = int(Flag.SATURATED_ERROR | Flag.SATURATED_RATE | Flag.SATURATED_OFFSET)
+_WIDTH = 21
+"""Numbers per tick."""
+
 _LOOP_MODES = (int(Mode.ENGAGE), int(Mode.CONTROL))
 
 
@@ -27,11 +31,12 @@ class ContourLog:
         self._backoffs_before = backoffs
         self.forced = forced
         self.lost_messages = 0
-        self._rows: list[tuple[float, ...]] = []
+        # Flat numbers, not tuples: making a table of ten thousand tuples would hold up a tick for 20 ms.
+        self._numbers = array("d")
         self._measured: tuple[list[tuple[float, ...]], list[tuple[float, ...]]] = ([], [])
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return len(self._numbers) // _WIDTH
 
     def add(
         self,
@@ -45,7 +50,7 @@ class ContourLog:
         ``state``: time, mode, flags, set-point, normal force, contour coordinate, force offset. ``forces`` and ``tips``
         are (6,): tool 1, then tool 2.
         """
-        self._rows.append((*state, *compliance, *forces, *tips))
+        self._numbers.extend((*state, *compliance, *forces, *tips))
 
     def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:
         """Keep a tip (3,) m reported by the machine."""
@@ -56,7 +61,7 @@ class ContourLog:
 
         ``backoffs``: oscillations found since arming.
         """
-        table = np.array(self._rows, dtype=float).reshape(len(self._rows), -1) if self._rows else np.empty((0, 21))
+        table = self._table()
         time, mode, flags, set_point, normal_force = table[:, :5].T
         at_points = _point_times(table[:, 5], time, len(self.contour), completed=completed)
         values = _interpolated(at_points, time, table[:, 6:21])
@@ -97,11 +102,16 @@ class ContourLog:
 
     def profile(self) -> tuple[Array, Array]:
         """(K, 2) m of the forming tip in the plane and (K,) m offset of the force loop, along the contour."""
-        table = np.array([row for row in self._rows if row[1] == Mode.CONTROL], dtype=float)
+        table = self._table()
+        table = table[table[:, 1] == Mode.CONTROL]
         if not len(table):
             return np.empty((0, 2)), np.empty(0)
         tip = 15 if self.contour.forming_tool == 1 else 18
         return table[:, tip : tip + 2] - table[:, 7:9], table[:, 6]
+
+    def _table(self) -> Array:
+        """(T, 21), one row per tick."""
+        return np.array(self._numbers, dtype=float).reshape(-1, _WIDTH)
 
     def _measured_at(self, tool: int, at_points: Array) -> Array:
         if not self._measured[tool]:

@@ -1,7 +1,8 @@
 """Node ``force_ctrl``: forms corrected contours by streaming targets in answer to wrenches.
 
-In lockstep a pair of wrenches with stamp t_k is answered by a pair of targets with stamp t_(k+1); in real time an own
-thread ticks by the clock on the newest wrenches. See docs/architecture.md for topics, lockstep and watchdogs.
+In lockstep a pair of wrenches with stamp t_k is answered by a pair of targets with stamp t_(k+1); in real time ticks
+are due by the clock, and a pair of wrenches is answered when it comes (real_time.py). See docs/architecture.md for
+topics, lockstep and watchdogs.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ from isf_force_ctrl.node_outlet import ForceCtrlOutlet
 from isf_force_ctrl.node_parameters import ForceCtrlParameters
 from isf_force_ctrl.node_readiness import Readiness, control_config, tools_with_load_cell
 from isf_force_ctrl.real_time import PeriodicLoop
-from isf_force_ctrl.wrench_frames import WrenchFrames
-from isf_force_ctrl.wrench_pair import WrenchPair
+from isf_force_ctrl.thread_priority import RealTimeSettings
+from isf_force_ctrl.wrench_inlet import Fault, WrenchInlet
 
 HEARTBEAT = 0.2
 """s of wall time after which the last targets are repeated."""
@@ -51,7 +52,6 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def __init__(self) -> None:
         super().__init__("force_ctrl", ForceCtrlParameters)
         self._controller: MeasuringController | None = None
-        self._pair = WrenchPair()
         self._loop: PeriodicLoop | None = None
         self._lock = threading.RLock()
         self._latency = LatencyMeter()
@@ -62,11 +62,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def configure(self) -> None:
         self._parameters = p = self.values()
-        if p.state_decimation < 1 or p.wrench_timeout < 0.0:
-            raise IsfError(ErrorCode.FILE_FIELD, "state_decimation must be 1 or more, wrench_timeout 0 or more")
         self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
-        self._frames = WrenchFrames(p.wrench_frame)
-        self._ready = Readiness(self._timeout, self._frames)
+        self._inlet = WrenchInlet(p.wrench_frame, math.inf if p.lockstep else p.wrench_delay, self._timeout)
+        self._pair = self._inlet.pair
+        self._ready = Readiness(self._timeout, self._inlet.frames)
         self._delayed, self._patient_until = False, 0.0
         self._ticks = self._late_before = 0
         self._last_mode = Mode.IDLE
@@ -122,9 +121,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         }
         if controller is not None:
             values |= {"mode": controller.mode.name, "contour": controller.state().index, "ticks": controller.ticks}
+        values |= self._inlet.values() if self._entities else {}
         values |= self._latency.values()
-        if self._loop is not None:
-            values["real_time_priority"] = self._loop.real_time_priority
+        values |= self._loop.values() if self._loop is not None else {}
         return values
 
     # -- wrenches, hot path --------------------------------------------------------------------
@@ -136,23 +135,29 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._on_wrench(2, message)
 
     def _on_wrench(self, tool: int, message: WrenchStamped) -> None:
-        self._ready.wrench(tool)
         self._latency.wrench()
-        if not self._frames.right(tool, message.header.frame_id):
-            self._on_wrong_frame(tool)
-            return
-        stamp = message.header.stamp
-        self._pair.put(tool, stamp.sec * stamps.NANO + stamp.nanosec, conversion.wrench_array(message))
-        if self._loop is None:
+        header = message.header
+        stamp = header.stamp.sec * stamps.NANO + header.stamp.nanosec
+        alive, fault = self._inlet.put(tool, header.frame_id, stamp, conversion.wrench_array(message))
+        if alive:
+            self._ready.wrench(tool)
+        if fault:
+            self._on_bad_wrench(tool, fault)
+        elif self._loop is None:
             self._step_in_lockstep()
+        elif self._pair.fresh(self._ready.needed):
+            self._loop.offer()
 
-    def _on_wrong_frame(self, tool: int) -> None:
-        """A wrench in other axes is not used; the contour ends with it."""
+    def _on_bad_wrench(self, tool: int, fault: Fault) -> None:
+        """A wrench in other axes, or of a clock that cannot be followed, is not used; the contour ends with it."""
         controller = self._controller
-        if controller is not None and tool in self._ready.needed and controller.busy and controller.fault is None:
+        by_clock = self._loop is not None
+        if controller is None or tool not in self._ready.needed or not (controller.busy or by_clock):
+            self._inlet.restart()
+        elif controller.fault is None:
             with self._lock:
-                controller.fail(ErrorCode.WRENCH_FRAME, self._frames.text(tool), ticking=self._loop is not None)
-                if self._loop is None:
+                controller.fail(*fault, ticking=by_clock)
+                if not by_clock:
                     self._publish_result()
 
     def _step_in_lockstep(self) -> None:
@@ -171,18 +176,27 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _step_in_real_time(self) -> None:
         """One tick by the clock on the newest wrenches."""
-        with self._lock:
-            controller = self._controller
+        now = self._clock_offset + time.monotonic_ns()  # a clock that is set meanwhile does not make stamps jump
+        controller = self._controller
+        resting = self._delayed and controller is not None and not controller.busy
+        if not self._lock.acquire(blocking=not resting):
+            self._outlet.repeat(now)  # a contour is being planned
+            self._latency.targets()
+            return
+        try:
             if controller is None or controller.mode is Mode.IDLE:
                 return
-            now = self.get_clock().now().nanoseconds
             waiting = self._delayed or time.monotonic() < self._patient_until
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
                 controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost), ticking=True)
-            targets = controller.tick(controller.ticks, now / stamps.NANO, *self._pair.wrench)
+            self._tick_number += 1 if self._pair.fresh(self._ready.needed) else 2  # a gap: its wrenches were lost
+            self._pair.use()
+            targets = controller.tick(self._tick_number, now / stamps.NANO, *self._pair.wrench)
             self._outlet.targets(targets, now)
             self._after_tick(controller, now)
+        finally:
+            self._lock.release()
 
     def _after_tick(self, controller: MeasuringController, stamp: int) -> None:
         self._latency.targets()
@@ -303,14 +317,20 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if warning := chip_warning(job_file, override):
             self.get_logger().warning(warning)
         self._stop_loop()  # from here on no other thread sees the controller
-        self._pair.restart()
+        self._inlet.restart()
+        self._latency = LatencyMeter()
         self._outlet.has_targets = False
         self._outlet.with_holder = job_file.job.process == "TPIF"
         self._controller = controller
         self._publish_state(controller, self.get_clock().now().nanoseconds)
         if not self._parameters.lockstep:
-            self._loop = PeriodicLoop(controller.config.rate, self._step_in_real_time)
+            self._tick_number = -1
+            self._clock_offset = self.get_clock().now().nanoseconds - time.monotonic_ns()
+            settings = RealTimeSettings(self._parameters.real_time_priority, self._parameters.lock_memory)
+            self._loop = PeriodicLoop(controller.config.rate, self._step_in_real_time, settings)
             self._loop.start()
+            if refused := self._loop.privileges.reason:
+                self.get_logger().warning(f"ticks by the clock without what the system refused: {refused}", once=True)
         self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index} to {request.count - 1}")
 
     def _disarm(self) -> None:

@@ -55,9 +55,11 @@ class ForceCtrlOutlet:
         self.has_targets = True
         self.last_publish = time.monotonic()
 
-    def repeat(self) -> None:
-        """The last targets once more: a sign of life."""
+    def repeat(self, stamp: int | None = None) -> None:
+        """The last targets once more: a sign of life; with their own stamp, or with ``stamp`` ns."""
         for message, publisher in zip(self._messages, self._targets, strict=True):
+            if stamp is not None:
+                message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, stamps.NANO)
             publisher.publish(message)
         if self.with_holder:
             self._holder.publish(self._holder_message)

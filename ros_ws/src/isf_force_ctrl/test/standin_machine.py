@@ -3,11 +3,16 @@
 Parameters: ``nan_at``, ``silent_at`` (tick at which a wrench turns NaN or the wrenches stop, -1 never),
 ``saturated_at`` (tick from which the load cells are at the end of their range), ``lost_share`` (share of the wrenches
 that never arrive; real time), ``frozen_at`` (tick from which the wrenches repeat), ``frame`` (frame_id of the
-wrenches), ``sign`` (factor on the forces), ``tared``, ``lockstep`` (false: ticks by the clock on the newest targets).
+wrenches), ``sign`` (factor on the forces), ``tared``, ``lockstep`` (false: ticks by the clock on the newest targets),
+``late_at`` (tick from which the wrenches come 50 ms late; real time), ``scattered_share`` (share of the wrenches that
+come 50 ms late, after newer ones; real time), ``jump_at``, ``jump`` (tick from which the stamps are off by ``jump`` s),
+``twist`` (true: follows twists by integrating them instead of poses, and publishes poses).
 """
 
+import copy
 import math
 import time
+from collections import deque
 
 import numpy as np
 import rclpy
@@ -20,6 +25,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 RATE = 500.0
+LATE = 25
+"""Ticks that a late wrench is late."""
 
 
 class StandInMachine(Node):
@@ -34,6 +41,12 @@ class StandInMachine(Node):
         )
         frame = self.declare_parameter("frame", conversion.FRAME).value
         self.random = np.random.default_rng(0)
+        self.late_at, self.jump_at = (self.declare_parameter(n, -1).value for n in ("late_at", "jump_at"))
+        self.jump, self.scattered_share = (
+            self.declare_parameter("jump", 0.0).value,
+            self.declare_parameter("scattered_share", 0.0).value,
+        )
+        self.delayed: deque[tuple[int, int, WrenchStamped]] = deque()
         self.tared = self.declare_parameter("tared", True).value
         self.lockstep = self.declare_parameter("lockstep", True).value
         self.sandbox = Sandbox(np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]), planned_distance(ring()))
@@ -62,17 +75,30 @@ class StandInMachine(Node):
                 wrench[2] = 1e4
             if not 0 <= self.frozen_at <= tick:
                 conversion.set_wrench(message, [self.sign * value for value in wrench])
-            message.header.stamp = stamps.to_stamp(stamps.tick_nanoseconds(tick, RATE))
+            message.header.stamp = stamps.to_stamp(self.now())
         self.send()
+
+    def now(self) -> int:
+        """ns: time of the tick in lockstep, else of the clock."""
+        tick = self.sandbox.tick
+        now = stamps.tick_nanoseconds(tick, RATE) if self.lockstep else time.time_ns()
+        return now + (round(self.jump * stamps.NANO) if 0 <= self.jump_at <= tick else 0)
 
     def send(self) -> None:
         if 0 <= self.silent_at <= self.sandbox.tick:
             return
         self.last = time.monotonic()
-        for publisher, message in zip(self.out, self.wrench, strict=True):
+        tick = self.sandbox.tick
+        for index, message in enumerate(self.wrench):
             if self.random.random() < self.lost_share:
                 continue
-            publisher.publish(message)
+            if 0 <= self.late_at <= tick or self.random.random() < self.scattered_share:
+                self.delayed.append((tick + LATE, index, copy.deepcopy(message)))
+            else:
+                self.out[index].publish(message)
+        while self.delayed and self.delayed[0][0] <= tick:
+            _, index, message = self.delayed.popleft()
+            self.out[index].publish(message)
 
     def on_timer(self) -> None:
         self.state.publish(MachineState(tared=self.tared, tick=self.sandbox.tick, lockstep=self.lockstep))

@@ -2,29 +2,72 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import field, fields
 from typing import Any, TypeVar
 
+from isf_core.errors import ErrorCode, IsfError
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
 Parameters = TypeVar("Parameters")
 
 
-def parameter(default: Any, description: str, *, read_only: bool = True) -> Any:
-    """Dataclass field of a node parameter; ``read_only``: fixed when the node starts."""
-    return field(default=default, metadata={"description": description, "read_only": read_only})
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    read_only: bool = True,
+    least: float = -math.inf,
+    most: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Dataclass field of a node parameter; ``read_only``: fixed when the node starts.
+
+    A number must lie in ``least`` .. ``most`` (both included), a text must be one of ``choices`` if there are any.
+    """
+    metadata = {"description": description, "read_only": read_only, "least": least, "most": most, "choices": choices}
+    return field(default=default, metadata=metadata)
 
 
 def declare(node: Node, kind: type[Parameters]) -> None:
-    """Declare every field of the dataclass ``kind`` as a parameter of ``node``."""
+    """Declare every field of the dataclass ``kind`` as a parameter of ``node``.
+
+    Raises IsfError FILE_FIELD when a parameter was given a value of another type.
+    """
     for item in fields(kind):  # type: ignore[arg-type]
         descriptor = ParameterDescriptor(
             description=item.metadata.get("description", ""), read_only=item.metadata.get("read_only", True)
         )
-        node.declare_parameter(item.name, item.default, descriptor)
+        try:
+            node.declare_parameter(item.name, item.default, descriptor)
+        except ParameterException as error:
+            raise IsfError(
+                ErrorCode.FILE_FIELD, str(error), where=f"parameter {item.name}", advice=f"e.g. {item.default}"
+            ) from error
 
 
 def read(node: Node, kind: type[Parameters]) -> Parameters:
-    """The present values of the parameters declared by :func:`declare`."""
-    return kind(**{item.name: node.get_parameter(item.name).value for item in fields(kind)})  # type: ignore[arg-type]
+    """The present values of the parameters declared by :func:`declare`.
+
+    Raises IsfError FILE_FIELD when one is not finite, out of its range, or none of its choices.
+    """
+    values = {item.name: node.get_parameter(item.name).value for item in fields(kind)}  # type: ignore[arg-type]
+    for item in fields(kind):  # type: ignore[arg-type]
+        _check(item.name, values[item.name], **{key: item.metadata[key] for key in _LIMITS if key in item.metadata})
+    return kind(**values)
+
+
+_LIMITS = ("least", "most", "choices")
+
+
+def _check(
+    name: str, value: Any, least: float = -math.inf, most: float = math.inf, choices: tuple[str, ...] = ()
+) -> None:
+    where = f"parameter {name}"
+    if isinstance(value, str) and choices and value not in choices:
+        raise IsfError(ErrorCode.FILE_FIELD, f"'{value}' is none of {', '.join(choices)}", where=where)
+    # infinite is a value of its own for limits that are off, where the range does not end
+    if isinstance(value, int | float) and not least <= value <= most:
+        raise IsfError(ErrorCode.FILE_FIELD, f"{value:g} is not within {least:g} to {most:g}", where=where)
