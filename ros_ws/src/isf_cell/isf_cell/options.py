@@ -30,8 +30,8 @@ class RunOptions:
         return self.correction or job_file.job.springback.method
 
     def set_point(self, job_file: JobFile) -> float:
-        """Support force of the run, N; 0 = position control."""
-        return job_file.job.control.support_force if self.support_force is None else self.support_force
+        """Support force of the run, N; 0 = position control. A chosen one (``auto``) is told for walls of 45 deg."""
+        return job_file.job.support_force_at() if self.support_force is None else self.support_force
 
     def support_force_field(self) -> float:
         """The override as it goes into a message: NaN means the job's."""

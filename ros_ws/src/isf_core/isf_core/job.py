@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from isf_core import yaml_file
 from isf_core.contour import Process
@@ -19,6 +20,7 @@ from isf_core.material import Material, load_material
 from isf_core.model_base import FileModel
 from isf_core.quantity import Angle
 from isf_core.rig import Rig, load_rig
+from isf_core.support_window import SupportWindow, check_window, support_window
 
 
 class Job(FileModel):
@@ -39,6 +41,7 @@ class Job(FileModel):
     springback: SpringbackSpec = SpringbackSpec()
     wall_angle_limit: Angle | None = Field(default=None, gt=0.0, lt=1.5708)
     """Overrides the material's largest wall angle."""
+    _support_window: SupportWindow | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _tools(self) -> Job:
@@ -50,7 +53,7 @@ class Job(FileModel):
             raise ValueError("process TPIF needs die (mesh and unit)")
         if self.die is not None and self.process != "TPIF":
             raise ValueError(f"process {self.process} has no die: use TPIF, or leave die out")
-        if self.process in ("SPIF", "TPIF") and self.control.support_force > 0:
+        if self.process in ("SPIF", "TPIF") and self.control.force_controlled:
             raise ValueError(f"process {self.process} has no support tool: control.support_force must be 0 N")
         return self
 
@@ -58,7 +61,7 @@ class Job(FileModel):
     def _path_of_process(self) -> Job:
         if problem := self.path.without_effect(self.process):
             raise ValueError(problem)
-        if self.path.support == "on_blank" and self.control.support_force > 0:
+        if self.path.support == "on_blank" and self.control.force_controlled:
             raise ValueError("path.support on_blank has no force control: control.support_force must be 0 N")
         return self
 
@@ -79,6 +82,18 @@ class Job(FileModel):
         if "machine" in wanted and self.tool_2 is None:
             raise ValueError("path.compensation machine needs two tools: it corrects the distance between them")
         return self
+
+    @property
+    def support_window(self) -> SupportWindow | None:
+        """Limits that ``control.support_force: auto`` is chosen between; None with a given force."""
+        return self._support_window
+
+    def support_force_at(self, wall_angle: float = math.radians(45.0)) -> float:
+        """N, set-point of the support tool on a wall of ``wall_angle`` rad; 0 = position control."""
+        given = self.control.support_force
+        if given != "auto":
+            return given
+        return 0.0 if self._support_window is None else self._support_window.set_point(wall_angle)
 
     @property
     def process_type(self) -> Process:
@@ -102,7 +117,21 @@ class JobFile:
         self.job: Job = yaml_file.parse(text, Job, name)
         self.material: Material = load_material(self.job.sheet.material, base)
         self.rig: Rig = load_rig(self.job.rig, base)
+        self.job._support_window = _support_window(self)
         self.mesh: Path = (base / self.job.part.mesh).resolve()
+
+
+def _support_window(job_file: JobFile) -> SupportWindow | None:
+    """Raises IsfError SUPPORT_FORCE_WINDOW when the support force is to be chosen, but none serves."""
+    job, material, rig = job_file.job, job_file.material, job_file.rig
+    if job.control.support_force != "auto" or job.tool_2 is None:
+        return None
+    radius = min(job.tool_1.ball_radius, job.tool_2.ball_radius)
+    window = support_window(
+        material.tensile_strength, radius, job.sheet.thickness, rig.contact_stiffness, rig.limits.offset
+    )
+    check_window(window, job.wall_angle_limit or material.max_wall_angle, material.name)
+    return window
 
 
 def load_job(path: str | Path) -> JobFile:

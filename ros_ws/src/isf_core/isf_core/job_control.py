@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from isf_core.model_base import FileModel
 from isf_core.quantity import Angle, Force, Frequency, Length
+
+SupportForce = Annotated[Force, Field(ge=0.0, le=1500.0)]
 
 
 class ControlSpec(FileModel):
@@ -15,8 +18,9 @@ class ControlSpec(FileModel):
 
     rate: Frequency = Field(default=500.0, ge=100.0, le=2000.0)
     """Rate f_s of wrenches and targets."""
-    support_force: Force = Field(default=0.0, ge=0.0, le=1500.0)
-    """Set-point of the horizontal normal force on the support tool; 0 = position control."""
+    support_force: Literal["auto"] | SupportForce = 0.0
+    """Set-point of the horizontal normal force on the support tool; 0 = position control, ``auto`` = from sheet, tools,
+    rig and wall angle (:mod:`isf_core.support_window`)."""
     engage_depth: Length = Field(default=0.0, ge=0.0)
     """Force control acts on contours at least this deep: not on the entry fillet (Ren 2018, 2.4.1)."""
     engage_wall_angle: Angle = Field(default=math.radians(15.0), ge=0.0, lt=1.5708)
@@ -27,3 +31,8 @@ class ControlSpec(FileModel):
     support_compensation: float | None = Field(default=None, ge=0.0, le=1.0)
     """Factor on the compliance compensation of the support tool, on contours without force control. None: as much as
     is stable in ADSIF, where no wall guides the tools (Ren 2018, 3.3.1), nothing in other processes."""
+
+    @property
+    def force_controlled(self) -> bool:
+        """True when the support tool is to be force-controlled at all."""
+        return self.support_force == "auto" or self.support_force > 0.0

@@ -1,26 +1,18 @@
-"""The support force from which the sheet sheds chips."""
+"""Warning of a support force from which the sheet sheds chips; the limit: :mod:`isf_core.support_window`."""
 
 from __future__ import annotations
 
 from isf_core.job import JobFile
-
-CHIP_FACTOR = 0.42
-"""Calibrated: F = c R_m R t0 lies between the 120 N that leave AA1100-O of 1 mm fine under tools of 4.5 mm, and the
-200 N that shed chips (Ren 2018, 2.4.1), at their geometric mean."""
-
-
-def chip_force(tensile_strength: float, radius: float, thickness: float) -> float:
-    """N, normal force from which chips are to be expected; Pa, m of the smaller tool, m of the blank."""
-    return CHIP_FACTOR * tensile_strength * radius * thickness
+from isf_core.support_window import chip_force
 
 
 def chip_warning(job_file: JobFile, support_force: float | None) -> str:
     """What to say about ``support_force`` N (None: the job's) on the job's sheet; empty when it leaves it fine."""
     job = job_file.job
-    force = job.control.support_force if support_force is None else support_force
+    force = job.support_force_at() if support_force is None else support_force
     if job.tool_2 is None or force <= 0.0:
         return ""
-    radius = min(job.tool_1.radius, job.tool_2.radius)
+    radius = min(job.tool_1.ball_radius, job.tool_2.ball_radius)
     most = chip_force(job_file.material.tensile_strength, radius, job.sheet.thickness)
     if force <= most:
         return ""

@@ -5,8 +5,11 @@ Both tools are given point by point at the same path parameter, so that they arr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from isf_core import tip_geometry
+from isf_core.contour import Contour
 from isf_core.job import Job
 from isf_core.job_tooling import ToolSpec
 from numpy.typing import NDArray
@@ -42,13 +45,31 @@ def along_first(first: Array, points: Array, *, closed: bool) -> Array:
 def set_points(job: Job, depth: float, wall_angle: Array) -> Array:
     """(N,) N, force set-points of a contour whose shallowest tip lies ``depth`` m deep, or (0,) for position control.
 
-    None on the entry fillet and on walls too flat for a horizontal force (Ren 2018, 2.4.1), nor under the blank.
+    None on the entry fillet and on walls too flat for a horizontal force (Ren 2018, 2.4.1), nor under the blank. A
+    force that is chosen (``support_force: auto``) is the one for the flattest point of the contour.
     """
-    control = job.control
+    control, flattest = job.control, float(wall_angle.min())
+    force = job.support_force_at(flattest)
     forced = (
-        control.support_force > 0
+        force > 0
         and job.path.support == "opposite"
         and depth >= control.engage_depth - 1e-9
-        and wall_angle.min() >= control.engage_wall_angle
+        and flattest >= control.engage_wall_angle
     )
-    return np.full(len(wall_angle), control.support_force) if forced else np.empty(0)
+    return np.full(len(wall_angle), force) if forced else np.empty(0)
+
+
+def chosen_force(job: Job, contours: Sequence[Contour]) -> str:
+    """What ``control.support_force: auto`` came to on ``contours`` and why, one line; empty when the force is given."""
+    window = job.support_window
+    if window is None:
+        return ""
+    forced = [contour for contour in contours if contour.force_controlled]
+    if not forced:
+        return f"support force auto: no contour under force control; {window.told(window.least_wall_angle)}"
+    force = [float(contour.support_force.min()) for contour in forced]
+    flattest = min(float(contour.wall_angle.min()) for contour in forced)
+    return (
+        f"support force auto: {min(force):.0f} to {max(force):.0f} N on {len(forced)} of {len(contours)} contours, "
+        f"from number {forced[0].index} on; {window.told(flattest)}"
+    )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile, load_job
-from isf_planner import Plan, exports, mesh_input, plan, plan_view
+from isf_planner import Plan, exports, mesh_input, plan, plan_view, support_tool
 from isf_planner.plan_figure import draw_plan
 
 from isf_cell import terminal
@@ -51,6 +51,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     _write_table(result, table)
     data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": list(result.warnings)}
     data |= {"files": [str(path) for path in _write(result, wanted)]}
+    data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
     if as_json:
         terminal.print_json(data)
     terminal.console.print(
@@ -58,6 +59,8 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         f"{data['time_s'] / 60:.1f} min at feed; wall angle up to {data['max_wall_angle_deg']:.1f} deg, "
         f"thinnest {data['min_thickness_mm']:.2f} mm"
     )
+    if chosen := support_tool.chosen_force(job_file.job, result.contours):
+        terminal.console.print(chosen, soft_wrap=True)
     for warning in result.warnings:
         terminal.console.print(f"[yellow]warning[/yellow] {warning}", soft_wrap=True)
     terminal.console.print(f"picture {picture}\ntable   {table}", soft_wrap=True)
