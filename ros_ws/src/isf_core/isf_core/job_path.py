@@ -46,6 +46,8 @@ class PathSpec(FileModel):
     """Largest acceleration of the forming tip: it slows down in corners and at both ends; None: feed everywhere."""
     support: Literal["opposite", "on_blank"] = "opposite"
     """DSIF: the support tool is opposite the contact, or stays under the blank along the first contour."""
+    islands: Literal["around", "swap"] = "around"
+    """DSIF: what rises from the floor of a pocket is formed around from above, or from below with the tools swapped."""
     stages: tuple[Angle, ...] = ()
     """SPIF and DSIF: largest wall angles of the preforms formed before the part itself, ascending; none: one stage."""
     thickness: Literal["sine_law", "overlap"] = "sine_law"
@@ -112,6 +114,8 @@ class PathSpec(FileModel):
             return f"path.support {self.support} needs process DSIF: {process} has no support tool to place"
         if process != "DSIF" and self.squeeze_factor != 1.0:
             return f"path.squeeze_factor needs process DSIF: the gap of {process} does not follow it"
+        if process != "DSIF" and self.islands != "around":
+            return f"path.islands {self.islands} needs process DSIF: {process} has no second tool that forms"
         if process in ("SPIF", "DSIF"):
             return None
         if self.stages:

@@ -35,6 +35,7 @@ def contour_of(
     *,
     formed: Array | None = None,
     first: Array | None = None,
+    base: float = 0.0,
 ) -> Contour:
     """Contour of a path for the job's tools.
 
@@ -43,6 +44,7 @@ def contour_of(
     path : tips of the ball that is the rounding of the forming tool's tip, on the given surface
     formed : (N,) m, predicted thickness; None: sine law
     first : (K, 3) m, line of support tips under the blank (``path.support`` on_blank); None: opposite the contact
+    base : m, z of the flange of the feature: 0, or the floor it stands on
 
     Raises
     ------
@@ -74,7 +76,7 @@ def contour_of(
             support_tip = support_tool.opposite(contact, path.normal, gap, other, away, upper=not upper)
         else:
             support_tip = support_tool.along_first(first, points, closed=path.closed)
-        support_force = support_tool.set_points(job, float(np.abs(path.points[:, 2]).min()), wall_angle)
+        support_force = support_tool.set_points(job, float(np.abs(path.points[:, 2] - base).min()), wall_angle)
     return Contour(
         plan_id=plan_id,
         index=index,

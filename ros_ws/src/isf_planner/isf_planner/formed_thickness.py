@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from isf_planner.joined_paths import TipPath
 from isf_planner.loop_family import family
 from isf_planner.mesh_checks import place_text
-from isf_planner.sides import UPSIDE_DOWN, Side
+from isf_planner.sides import Side
 from isf_planner.tip_loops import TipLoop
 
 Array = NDArray[np.float64]
@@ -48,11 +48,11 @@ def left_to_sine_law(sides: Sequence[Side], job: Job) -> tuple[str, ...]:
     """Warning for the features that the overlap method leaves to the sine law, with their place."""
     if job.path.thickness == "sine_law":
         return ()
-    chains = [[side.tree.loops[k] for k in feature.loops] for side in sides for feature in side.tree.features]
-    left = [chain[0] for chain in chains if chain and not sectioned(chain)]
+    chains = [(side, [side.tree.loops[k] for k in feature.loops]) for side in sides for feature in side.tree.features]
+    left = [(side, chain[0]) for side, chain in chains if chain and not sectioned(chain)]
     if not left:
         return ()
-    place = left[0].tip.mean(axis=0) * (UPSIDE_DOWN if left[0].forming_tool == 2 else 1.0)
+    place = left[0][0].in_sheet(left[0][1].tip.mean(axis=0))
     return (
         f"thickness overlap: at {place_text(place)} and {len(left) - 1} more features the passes "
         f"do not follow each other inwards (an island, or fewer than three contours): sine law there",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from isf_core.contour import Contour
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from isf_planner import mesh_kernels, surface_kernels, tip_surface
 from isf_planner.mesh_checks import PlacedPart, place_text
 from isf_planner.mesh_input import Mesh
-from isf_planner.sides import UPSIDE_DOWN, Side
+from isf_planner.sides import Side, first_number, holder
 from isf_planner.target_surface import TargetSurface
 
 Array = NDArray[np.float64]
@@ -34,6 +35,9 @@ REACH_TOLERANCE = 20e-6
 
 PRESSING_TOLERANCE = 0.1e-3
 """m, by which the support tool may press beside its contact before it is worth a warning."""
+
+NOWHERE = -10.0
+"""m, height of nodes that are to be left out."""
 
 FLAT_BALLS = 16
 """Balls around the flat of a support tip."""
@@ -114,6 +118,79 @@ def check_travel(contours: tuple[Contour, ...], rig: Rig) -> None:
                 )
 
 
+def check_islands(sides: Sequence[Side]) -> None:
+    """No island is left to be formed around when they are to be formed from the other side.
+
+    Raises
+    ------
+    IsfError : ISLAND_WITHOUT_FLOOR with the place of the largest one
+    """
+    found = [
+        (side, loop)
+        for side in sides
+        for feature in side.tree.features
+        for loop in [side.tree.loops[feature.loops[-1]]]
+        if feature.island
+    ]
+    if not found:
+        return
+    side, loop = max(found, key=lambda one: float(np.ptp(one[1].points, axis=0).max()))
+    raise IsfError(
+        ErrorCode.ISLAND_WITHOUT_FLOOR,
+        f"{len(found)} islands do not stand on a plane floor parallel to the sheet: where the tools swap is not clear",
+        where=f"island around {place_text(side.in_sheet(loop.tip).mean(axis=0))}",
+        advice="give the pocket a plane floor all around the island, or use path.islands: around",
+    )
+
+
+def left_by_springback(sides: Sequence[Side], job: Job) -> tuple[str, ...]:
+    """Warning where nothing keeps a floor at its height until what stands on it is formed from the other side."""
+    floors = sorted({side.base for side in sides if side.base != 0.0})
+    if not floors or job.springback.method != "none" or "sheet" in job.path.compensation:
+        return ()
+    heights = ", ".join(f"{base * 1e3:.1f}" for base in floors)
+    return (
+        f"the tools swap on floors at {heights} mm, but the sheet springs off these heights once they are formed: "
+        "without a springback correction the tools press from the wrong side until they meet the sheet",
+    )
+
+
+def check_floors(contours: Sequence[Contour], sides: Sequence[Side], job: Job) -> None:
+    """The support tool of what stands on a floor has room between it and the wall that ends on that floor.
+
+    Raises
+    ------
+    IsfError : PART_TOO_SMALL_FOR_TOOL with the place
+    """
+    for number, side in enumerate(sides):
+        held = holder(side, sides[:number])
+        tool = job.tool_2 if side.forming_tool == 1 else job.tool_1
+        if held is None or tool is None:
+            continue
+        around = sides[held[0]]
+        # the support tool runs where the one that formed the floor ran, on the same face of the sheet
+        face = np.array([0.0, 0.0, 0.0 if around.forming_tool == 1 else job.sheet.thickness])
+        # what presses on the floor itself is a matter of the island's curvature: check_support
+        floor = float(around.seen(np.array([0.0, 0.0, side.base]))[2])
+        z = around.surface.z
+        wall = replace(around.surface, z=np.where(z > floor + PRESSING_TOLERANCE, z, NOWHERE))
+        mine = range(first_number(sides, number), first_number(sides, number + 1))
+        for contour in contours:
+            if contour.feature not in mine or not contour.has_support:
+                continue
+            tips = around.seen(contour.support_tip) - face
+            cut = tip_surface.drop_tool(wall, tips[:, :2], tool.ball_radius)[0] - tips[:, 2]
+            worst = int(np.argmax(cut))
+            if cut[worst] > PRESSING_TOLERANCE:
+                raise IsfError(
+                    ErrorCode.PART_TOO_SMALL_FOR_TOOL,
+                    f"between the island and the wall around its floor there is no room for the support tool of "
+                    f"radius {tool.radius * 1e3:.2f} mm: it would press {cut[worst] * 1e3:.2f} mm into the wall",
+                    where=f"contour {contour.index} at {place_text(contour.support_tip[worst])}",
+                    advice="use a smaller support tool, widen the floor, or use path.islands: around",
+                )
+
+
 def check_support(contours: tuple[Contour, ...], sides: Sequence[Side], job: Job) -> tuple[str, ...]:
     """Warning where the support tool is too large for the curvature and presses beside its contact.
 
@@ -123,19 +200,20 @@ def check_support(contours: tuple[Contour, ...], sides: Sequence[Side], job: Job
     if job.process != "DSIF":
         return ()
     deepest, place, index, used = 0.0, np.zeros(3), 0, 0.0
-    for side in sides:
+    for number, side in enumerate(sides):
         tool = job.tool_2 if side.forming_tool == 1 else job.tool_1
         if tool is None:
             continue
+        mine = range(first_number(sides, number), first_number(sides, number + 1))
         stride = tip_surface.STRIDE
         nodes = np.ascontiguousarray(side.surface.z[::stride, ::stride])
         features: set[int] = set()
         for contour in contours:
             known = contour.feature in features
-            if contour.forming_tool != side.forming_tool or (known and job.path.support == "on_blank"):
+            if contour.feature not in mine or (known and job.path.support == "on_blank"):
                 continue
             features.add(contour.feature)
-            centres, reach = _support_balls(contour, tool, job)
+            centres, reach = _support_balls(contour, side, tool, job)
             pitch = stride * side.surface.pitch
             pressing = surface_kernels.ball_cut(nodes, side.surface.origin, pitch, centres, reach)
             worst = int(np.argmax(pressing))
@@ -150,14 +228,13 @@ def check_support(contours: tuple[Contour, ...], sides: Sequence[Side], job: Job
     )
 
 
-def _support_balls(contour: Contour, tool: ToolSpec, job: Job) -> tuple[Array, Array]:
+def _support_balls(contour: Contour, side: Side, tool: ToolSpec, job: Job) -> tuple[Array, Array]:
     """Centres (M * N, 3) m of the balls a support tip consists of, in the view of the forming tool, and how near (m)
     the given surface may come to them; M is 1 for a ball."""
-    upper = contour.forming_tool == 1
-    tips = contour.support_tip if upper else contour.support_tip * UPSIDE_DOWN
+    tips = side.seen(contour.support_tip)
     bearing = np.arange(FLAT_BALLS if tool.flat_radius > 0 else 1) * 2 * np.pi / FLAT_BALLS
     around = tool.flat_radius * np.column_stack([np.cos(bearing), np.sin(bearing), np.zeros(len(bearing))])
     # a lower forming tool touches the other face, one blank's thickness beyond the given surface
-    beyond = 0.0 if upper else job.sheet.thickness
+    beyond = 0.0 if side.forming_tool == 1 else job.sheet.thickness
     centres = (tips + around[:, None, :] - np.array([0.0, 0.0, tool.ball_radius + beyond])).reshape(-1, 3)
     return centres, np.tile(tool.ball_radius + job.path.squeeze_factor * contour.thickness, len(bearing))

@@ -238,7 +238,7 @@ def _way(contour: Contour, job: Job) -> float:
     if job.process == "ADSIF":
         return float(contour.index + 1)
     z = float(contour.forming_tip[:, 2].mean()) + contour.holder_height
-    return MM * (-z if contour.forming_tool == 1 else z + job.sheet.thickness)
+    return MM * abs(z if contour.forming_tool == 1 else z + job.sheet.thickness)
 
 
 def _way_label(plan: Plan, job: Job) -> str:

@@ -34,7 +34,8 @@ from isf_planner import (
 from isf_planner.feature_tree import LoopTree
 from isf_planner.mesh_input import Mesh
 from isf_planner.replanning import PlanBase
-from isf_planner.sides import UPSIDE_DOWN, HalfPart, Side, halves, merged, swapped
+from isf_planner.sides import UPSIDE_DOWN, HalfPart, Side, merged, parts, swapped
+from isf_planner.warning_places import in_sheet
 
 Array = NDArray[np.float64]
 
@@ -110,12 +111,16 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
         planned, mesh = [tpif.side], tpif.mesh
         warnings += tpif.warnings
     else:
-        planned, shift = [], np.zeros(3)
-        for part in halves(loaded) if job.process == "DSIF" else [HalfPart(loaded, 1)]:
+        planned, shifts = [], []
+        for part in _parts(loaded, job_file):
             side, shift, told = _plan_half(part, job_file, step)
             planned.append(side)
+            shifts.append(shift)
             warnings += told
-        mesh = loaded.moved(shift)
+        mesh = loaded.moved(shifts[0])  # the height of an island's floor is known from the others
+    if job.path.islands == "swap":
+        part_checks.check_islands(planned)
+        warnings += part_checks.left_by_springback(planned, job)
     preforms = [_plan_half(half, job_file, step)[0] for half in stages.preforms(loaded, planned, job)]
 
     told_of_part = tuple(warnings)
@@ -133,6 +138,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += (*formed_thickness.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
     last = tuple(contour for contour in contours if contour.stage == len(preforms))
+    part_checks.check_floors(last, planned, job)
     warnings += part_checks.check_support(last, planned, job)
     target = target_surface.target_map(mesh, rig.clamp.size)
     step("done", 1.0)
@@ -160,6 +166,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     plan_id = _identify(job_file)
     contours, expected = finishing.finish(tool_paths.make_contours(list(sides), job_file, plan_id), job_file)
     part_checks.check_travel(contours, job_file.rig)
+    part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
     left = formed_thickness.left_to_sine_law(sides, job)
     told = tuple(dict.fromkeys((*base.told, *left, *expected, *pressing)))
@@ -174,8 +181,28 @@ def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:
     return mesh_repair.repair(mesh, 2.0 * tool) if part.repair else (mesh, ())
 
 
+def _parts(mesh: Mesh, job_file: JobFile) -> list[HalfPart]:
+    """What each tool forms; one tool forms everything alone."""
+    if job_file.job.process != "DSIF":
+        return [HalfPart(mesh, 1)]
+    return parts(mesh, swap_islands=job_file.job.path.islands == "swap")
+
+
 def _plan_half(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, Array, list[str]]:
-    """Loops of what one tool forms, in the view of that tool; the shift (3,) m of the mesh in frame ``sheet``."""
+    """Loops of what one tool forms, in the view of that tool; the shift (3,) m of the mesh in frame ``sheet``.
+
+    What is told, also by an error, names places in frame ``sheet``.
+    """
+    try:
+        side, shift, warnings = _plan_view(half, job_file, step)
+    except IsfError as error:
+        what, where = (in_sheet(text, half.forming_tool, half.base) for text in (error.what, error.where))
+        raise IsfError(error.code, what, where=where, advice=error.advice) from error
+    upright = shift * (UPSIDE_DOWN if half.forming_tool == 2 else 1.0)
+    return side, upright, [in_sheet(text, half.forming_tool, half.base) for text in warnings]
+
+
+def _plan_view(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, Array, list[str]]:
     job, rig = swapped(job_file.job, half.forming_tool), job_file.rig
     radius = job.tool_1.ball_radius
     part = mesh_checks.check_and_place(half.mesh, rig.clamp.size, job.tool_1.radius, place=job.part.place)
@@ -183,7 +210,8 @@ def _plan_half(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, A
     if job.process == "ADSIF":
         adsif_path.check_reachable(part.mesh, adsif_path.surface_for(job_file))
     limit = job.wall_angle_limit or job_file.material.max_wall_angle
-    warnings = list(part.warnings + part_checks.check_wall_angle(part.mesh, limit))
+    moved = part.warnings if half.base == 0.0 else ()  # told once, with the height of the flange
+    warnings = list(moved + part_checks.check_wall_angle(part.mesh, limit))
 
     step("sampling the surface", 0.05)
     surface = target_surface.fine_surface(part.mesh, radius)
@@ -198,7 +226,7 @@ def _plan_half(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, A
     pocket_checks.check_pockets(part.mesh, levels, nodes, radius)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
-    return Side(tree, surface, half.forming_tool), shift * (UPSIDE_DOWN if half.forming_tool == 2 else 1.0), warnings
+    return Side(tree, surface, half.forming_tool, half.base), shift, warnings
 
 
 def _identify(job_file: JobFile) -> str:

@@ -38,6 +38,7 @@ KEPT_PATH = {
     "arc_step",
     "smallest_step",
     "largest_step",
+    "islands",
 }
 """Fields of ``path`` that the contacts depend on."""
 

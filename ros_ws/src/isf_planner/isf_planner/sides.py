@@ -2,7 +2,8 @@
 
 The forming tool stands on the concave side of a feature, the support tool on the other; the roles swap with the side,
 also within one part (Ren 2018, 1.1; Praveen 2020, 3.2). A feature that rises above the blank is planned as a pocket
-of the part seen from below: the mesh is cut at the flange level, and the part above is turned over.
+of the part seen from below: the mesh is cut at the flange level, and the part above is turned over. With islands
+formed by the other tool (``path.islands: swap``), the floor that an island stands on is its flange, and so on in it.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 from isf_core.job import Job
 from numpy.typing import NDArray
 
-from isf_planner.feature_tree import Feature, LoopTree
+from isf_planner import islands
+from isf_planner.feature_tree import Feature, LoopTree, within
 from isf_planner.mesh_input import Mesh
 from isf_planner.mesh_topology import topology
 from isf_planner.target_surface import TargetSurface
@@ -36,10 +39,16 @@ class HalfPart:
     ----------
     mesh : opening upwards, seen from the forming tool: turned over for the lower tool
     forming_tool : 1 or 2
+    base : m, z in frame ``sheet`` of the flange of ``mesh``: 0, or the floor that an island stands on
     """
 
     mesh: Mesh
     forming_tool: int
+    base: float = 0.0
+
+    def in_sheet(self, points: Array) -> Array:
+        """Points (..., 3) m of the view of the forming tool in frame ``sheet``."""
+        return in_sheet(points, self.forming_tool, self.base)
 
 
 @dataclass(frozen=True)
@@ -50,11 +59,42 @@ class Side:
     ----------
     tree : loops and features ; surface : the sampled target, both as the forming tool sees them
     forming_tool : 1 or 2
+    base : m, as in :class:`HalfPart`
     """
 
     tree: LoopTree
     surface: TargetSurface
     forming_tool: int = 1
+    base: float = 0.0
+
+    def in_sheet(self, points: Array) -> Array:
+        """Points (..., 3) m of the view of the forming tool in frame ``sheet``."""
+        return in_sheet(points, self.forming_tool, self.base)
+
+    def seen(self, points: Array) -> Array:
+        """Points (..., 3) m of frame ``sheet`` in the view of the forming tool."""
+        moved = points - np.array([0.0, 0.0, self.base])
+        return np.asarray(moved * UPSIDE_DOWN if self.forming_tool == 2 else moved)
+
+
+def in_sheet(points: Array, forming_tool: int, base: float) -> Array:
+    """Points (..., 3) m as ``forming_tool`` sees them, over a flange at ``base`` m, in frame ``sheet``."""
+    upright = points * UPSIDE_DOWN if forming_tool == 2 else points
+    return np.asarray(upright + np.array([0.0, 0.0, base]))
+
+
+def parts(mesh: Mesh, *, swap_islands: bool) -> list[HalfPart]:
+    """What the tools form of a part, in the order of forming: what holds a floor before what stands on it."""
+    flange = flange_level(mesh) if swap_islands else None
+    if flange is None:
+        return halves(mesh)
+    rest, found = islands.taken_out(mesh, flange)
+    inner = [
+        replace(part, base=part.base + island.level)
+        for island in found
+        for part in parts(island.mesh, swap_islands=True)
+    ]
+    return [*halves(rest), *inner]
 
 
 def halves(mesh: Mesh) -> list[HalfPart]:
@@ -100,19 +140,39 @@ def swapped(job: Job, forming_tool: int) -> Job:
 
 
 def merged(sides: Sequence[Side]) -> LoopTree:
-    """All loops and features in frame ``sheet``, renumbered."""
+    """All loops and features in frame ``sheet``, renumbered; what stands on a floor is a child of its feature."""
     loops: list[TipLoop] = []
     features: list[Feature] = []
-    for side in sides:
+    for index, side in enumerate(sides):
         first_loop, first_feature = len(loops), len(features)
+        held = holder(side, sides[:index])
+        top = first_number(sides, held[0]) + held[1] if held else -1
         for loop in side.tree.loops:
-            here = seen_from_above(loop) if side.forming_tool == 2 else loop
+            here = seen_from_above(loop, side.base) if side.forming_tool == 2 else loop.raised(side.base)
             parent = loop.parent + first_loop if loop.parent >= 0 else -1
             loops.append(
                 replace(here, feature=loop.feature + first_feature, parent=parent, forming_tool=side.forming_tool)
             )
         for feature in side.tree.features:
-            parent = feature.parent + first_feature if feature.parent >= 0 else -1
+            parent = feature.parent + first_feature if feature.parent >= 0 else top
             number, members = feature.number + first_feature, tuple(k + first_loop for k in feature.loops)
             features.append(Feature(number, parent, feature.island, side.forming_tool, members))
     return LoopTree(tuple(loops), tuple(features))
+
+
+def first_number(sides: Sequence[Side], index: int) -> int:
+    """Number of the first feature of the side ``index`` among the features of all sides."""
+    return sum(len(side.tree.features) for side in sides[:index])
+
+
+def holder(side: Side, earlier: Sequence[Side]) -> tuple[int, int] | None:
+    """Index of the side, and number of its feature, on whose floor ``side`` stands: the narrowest around it."""
+    if side.base == 0.0 or not side.tree.loops:
+        return None
+    around = []
+    for index, other in enumerate(earlier):
+        for feature in other.tree.features:
+            shape = shapely.Polygon(other.tree.loops[feature.loops[-1]].points)
+            if not feature.island and within(side.tree.loops[0].points, shape):
+                around.append((shape.area, index, feature.number))
+    return min(around)[1:] if around else None

@@ -73,6 +73,10 @@ class TipLoop:
         z = self.height if len(self.height) else np.full(len(self.points), self.level)
         return np.column_stack([self.points, z])
 
+    def raised(self, height: float) -> TipLoop:
+        """The loop ``height`` m higher."""
+        return replace(self, level=self.level + height, height=self.height + height) if height else self
+
     def contact(self, radius: float) -> Array:
         """(N, 3) m, contacts of the ball of ``radius`` m that the loop was made for."""
         up = radius if self.forming_tool == 1 else -radius
@@ -133,9 +137,10 @@ def settle(
     return points, contact, height
 
 
-def seen_from_above(loop: TipLoop) -> TipLoop:
-    """A loop planned on the mirrored surface (z to -z) as a loop of the lower tool in frame ``sheet``."""
+def seen_from_above(loop: TipLoop, base: float = 0.0) -> TipLoop:
+    """A loop planned on the mirrored surface (z to -z), over a flange at ``base`` m, in frame ``sheet``."""
     flip = np.array([1.0, 1.0, -1.0])
-    return replace(
+    turned = replace(
         loop, level=-loop.level, normal=loop.normal * flip, height=-loop.height, forming_tool=3 - loop.forming_tool
     )
+    return turned.raised(base)

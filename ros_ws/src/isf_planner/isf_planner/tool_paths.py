@@ -4,8 +4,8 @@ Features are formed one after the other, parents before children, each from the 
 between features. Within a feature the loops become separate contours, contours joined by ramps, or one spiral, in the
 direction the job asks for.
 
-A feature that rises above the blank is formed by the lower tool, which touches the other face of the sheet, one
-thickness below the given surface.
+A feature that rises above the blank, or from a floor, is formed by the lower tool, which touches the other face of the
+sheet, one thickness below the given surface.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from isf_planner import feed_profile, formed_thickness, joined_paths
 from isf_planner.contours import contour_of, path_of
 from isf_planner.joined_paths import TipPath
-from isf_planner.sides import UPSIDE_DOWN, Side, swapped
+from isf_planner.sides import UPSIDE_DOWN, Side, first_number, swapped
 from isf_planner.slicing import signed_area
 from isf_planner.tip_loops import TipLoop
 
@@ -44,8 +44,8 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
     job = job_file.job
     chains = [
         (side, number, [side.tree.loops[k] for k in feature.loops])
-        for side, start in zip(sides, _first_numbers(sides), strict=True)
-        for number, feature in enumerate(side.tree.features, start)
+        for index, side in enumerate(sides)
+        for number, feature in enumerate(side.tree.features, first_number(sides, index))
         if feature.loops
     ]
     groups = [feature_paths(chain, side, job) for side, _, chain in chains]
@@ -56,8 +56,10 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
         formed = formed_thickness.along(chain, paths, swapped(job, side.forming_tool))
         first: Array | None = None
         for k, (path, thickness) in enumerate(zip(paths, formed, strict=True)):
-            seen = replace(_from_below(path) if side.forming_tool == 2 else path, feature=number)
-            contour = contour_of(seen, job, plan_id, len(contours), count, formed=thickness, first=first)
+            seen = replace(_in_sheet(path, side), feature=number)
+            contour = contour_of(
+                seen, job, plan_id, len(contours), count, formed=thickness, first=first, base=side.base
+            )
             if job.path.support == "on_blank" and contour.has_support and first is None:
                 first = contour.support_tip
             contours.append(replace(contour, retract=k == 0 and bool(contours)))
@@ -77,11 +79,6 @@ def feature_paths(chain: Sequence[TipLoop], side: Side, job: Job) -> list[TipPat
     return joined_paths.ramps(side.surface, paths, options.ramp_length, radius, spacing)
 
 
-def _first_numbers(sides: Sequence[Side]) -> list[int]:
-    """Number of the first feature of every side."""
-    return [sum(len(side.tree.features) for side in sides[:k]) for k in range(len(sides))]
-
-
 def _directed(path: TipPath, direction: str, number: int) -> TipPath:
     """A closed path in the sense of travel asked for, whether it goes around a pocket or an island."""
     clockwise = signed_area(path.points[:, :2]) < 0
@@ -96,6 +93,7 @@ def _staggered(path: TipPath, distance: float) -> TipPath:
     return replace(path, points=np.roll(path.points, -shift, axis=0), normal=np.roll(path.normal, -shift, axis=0))
 
 
-def _from_below(path: TipPath) -> TipPath:
-    """A path planned on the part turned over, in frame ``sheet``."""
-    return replace(path, points=path.points * UPSIDE_DOWN, normal=path.normal * UPSIDE_DOWN, forming_tool=2)
+def _in_sheet(path: TipPath, side: Side) -> TipPath:
+    """A path planned in the view of the side's forming tool, in frame ``sheet``."""
+    normal = path.normal * UPSIDE_DOWN if side.forming_tool == 2 else path.normal
+    return replace(path, points=side.in_sheet(path.points), normal=normal, forming_tool=side.forming_tool)
