@@ -60,6 +60,9 @@ class ElasticSpec(FileModel):
     """Depth between control loops (published)."""
     largest_load: Force = Field(default=1000.0, gt=10.0)
     """Largest load of the samples; published 600 N, which the forces of deep cones exceed."""
+    engine: Literal["compact", "kratos"] = "compact"
+    """What computes the samples of a database and ``predict``: the shell of this package, or KratosMultiphysics, which
+    is installed by itself, takes some twenty times as long and gives the same; while forming it is always the former."""
     forecast: Literal["hold", "half_step", "linear"] = "hold"
     """Force forecast; half_step is the published 1.5 F_(i-1) - 0.5 F_(i-2). The more a forecast runs ahead, the more
     the force that a deeper push raises swings the next push: see docs/springback.md."""

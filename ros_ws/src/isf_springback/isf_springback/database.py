@@ -183,7 +183,8 @@ def cached_path(job_file: JobFile) -> Path:
     parts += [part.model_dump() for part in (job.part, job.sheet, job.path, job.tool_1, job_file.rig.clamp)]
     parts += [job.process, None if job.tool_2 is None else job.tool_2.model_dump()]
     parts += [] if job.backing_plate is None else [job.backing_plate.model_dump()]
-    elastic = job.springback.elastic.model_dump(exclude={"database", "forecast", "block"})
+    elastic = job.springback.elastic.model_dump(exclude={"database", "forecast", "block", "engine"})
+    parts += [] if job.springback.elastic.engine == "compact" else [job.springback.elastic.engine]
     digest = hashlib.sha256(repr([*parts, elastic]).encode())
     if job_file.mesh.is_file():
         digest.update(job_file.mesh.read_bytes())

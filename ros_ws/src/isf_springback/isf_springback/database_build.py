@@ -54,7 +54,11 @@ def database_tasks(contours: Sequence[Contour], loops: Sequence[ControlLoop], jo
     IsfError : SHEET_MESH_FAILED
     """
     position = {contour.index: k for k, contour in enumerate(contours)}
-    return [depth_task(contours[: position[loop.index] + 1], loop.points[loop.computed], job_file) for loop in loops]
+    engine = job_file.job.springback.elastic.engine
+    return [
+        depth_task(contours[: position[loop.index] + 1], loop.points[loop.computed], job_file, engine=engine)
+        for loop in loops
+    ]
 
 
 def build_database(

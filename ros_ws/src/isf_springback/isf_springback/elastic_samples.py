@@ -15,6 +15,7 @@ from isf_core.contour import Contour
 from isf_core.job import JobFile
 from numpy.typing import NDArray
 
+from isf_springback.engine_kratos import kratos_displacement
 from isf_springback.sheet_edge import free_size
 from isf_springback.sheet_load import push_sign
 from isf_springback.shell.formed_sheet import FacetSize, FormedSheet, formed_sheet, mesh_of
@@ -43,6 +44,7 @@ class DepthTask:
     young, poisson, thickness : Pa, -, m of the flat blank
     edge : condition of the clamped edge
     size : facets
+    engine : "compact", the shell of this package, or "kratos"
     """
 
     index: int
@@ -55,6 +57,7 @@ class DepthTask:
     thickness: float
     edge: EdgeCondition
     size: FacetSize
+    engine: str = "compact"
 
     def digest(self) -> str:
         """Name of the result: all inputs at a resolution of 1 um and nine digits."""
@@ -65,6 +68,8 @@ class DepthTask:
             text.update(np.round(np.asarray(array), 9).tobytes())
         numbers = (self.young, self.poisson, self.thickness, self.edge.in_plane, *vars(self.size).values())
         text.update(f"{ENGINE_VERSION} {self.edge.slope} {[f'{number:.9g}' for number in numbers]}".encode())
+        if self.engine != "compact":
+            text.update(self.engine.encode())
         return text.hexdigest()[:24]
 
 
@@ -76,6 +81,7 @@ def depth_task(
     direction: Array | None = None,
     size: FacetSize = FacetSize(),  # noqa: B008 - frozen
     loads: Array | None = None,
+    engine: str = "compact",
 ) -> DepthTask:
     """Task for ``points`` (M, 2) m on the last of ``contours``, loaded along the push unless ``direction`` is given.
 
@@ -96,6 +102,7 @@ def depth_task(
         thickness=job.sheet.thickness,
         edge=edge_condition(job_file),
         size=size,
+        engine=engine,
     )
 
 
@@ -118,10 +125,14 @@ def solve_depth(task: DepthTask) -> Array:
 
     Raises
     ------
-    IsfError : SHEET_MESH_FAILED, SHELL_NOT_SOLVED
+    IsfError : SHEET_MESH_FAILED, SHELL_NOT_SOLVED; FILE_NOT_FOUND, the engine is not installed
     """
     mesh = mesh_of(task.sheet, task.points, task.size)
-    model = ShellModel(mesh, sine_law_thickness(mesh, task.thickness), task.young, task.poisson, task.edge)
+    thickness = sine_law_thickness(mesh, task.thickness)
+    if task.engine == "kratos":
+        moved = kratos_displacement(mesh, thickness, task.young, task.poisson, task.edge, task.direction, task.loads)
+        return np.asarray(moved @ task.direction)
+    model = ShellModel(mesh, thickness, task.young, task.poisson, task.edge)
     unloaded = model.factor()
     rows = [follow_load(model, int(node), task.direction, task.loads, unloaded) for node in mesh.loaded]
     return np.stack(rows) @ task.direction

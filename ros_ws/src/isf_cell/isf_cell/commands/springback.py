@@ -38,7 +38,14 @@ def predict_part(job: Path, forces: list[float], depth_mm: float | None, directi
     loop = _loop_at(loops, depth_mm)
     upto = [contour for contour in contours if contour.index <= loop.index]
     # the path to small loads is short: more levels would not change the result
-    task = depth_task(upto, loop.points[loop.computed], job_file, direction=_DIRECTIONS.get(direction), loads=loads)
+    task = depth_task(
+        upto,
+        loop.points[loop.computed],
+        job_file,
+        direction=_DIRECTIONS.get(direction),
+        loads=loads,
+        engine=job_file.job.springback.elastic.engine,
+    )
     deflection = solve_depth(task)
     rows = [
         {

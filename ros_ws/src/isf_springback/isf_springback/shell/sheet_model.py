@@ -98,7 +98,7 @@ class ShellModel:
         self.free = (6 * self._order[:, None] + np.arange(6)).ravel()
         self.free = self.free[free[self.free]]
         self._unit = np.where(self.free % 6 < 3, 1.0, 1.0 / LEVER)
-        self._edge_spring = _edge_springs(mesh, edge)
+        self._edge_spring = edge_springs(mesh, edge)
         self._make_pattern(count)
         self._factor: SuperLU | None = None
 
@@ -270,8 +270,8 @@ def held_freedoms(mesh: SheetMesh, edge: EdgeCondition) -> Index:
     return np.unique(np.concatenate(held))
 
 
-def _edge_springs(mesh: SheetMesh, edge: EdgeCondition) -> Array | None:
-    """(6 N,) N/m, spring of every freedom; None when the edge has none."""
+def edge_springs(mesh: SheetMesh, edge: EdgeCondition) -> Array | None:
+    """(6 N,) N/m, spring of every freedom by its share of the edge; None when the edge has none."""
     if edge.immovable or edge.in_plane == 0.0:
         return None
     ring = mesh.points[mesh.edge]
