@@ -18,6 +18,7 @@ from isf_node.lifecycle import CellNode
 from isf_node.parameters import parameter
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
+from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
 from isf_cell.graph_client import GraphClient
@@ -62,6 +63,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self._client = GraphClient(self, values.service_timeout)
         self._nominal = self.create_publisher(Contour, "contour/nominal", qos.LATCHED)
         self._info = self.create_publisher(JobInfo, "part/info", qos.LATCHED)
+        self._lift = self.create_publisher(PointCloud2, "tool_lift", qos.LATCHED)
         self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT)
         self.create_subscription(ContourCorrection, "contour/correction", self._on_correction, qos.EVENT)
         self.create_subscription(MachineState, "machine/state", self._on_machine_state, qos.STREAM)
@@ -87,6 +89,9 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
     def publish_info(self, info: JobInfo) -> None:
         info.header.stamp = self.get_clock().now().to_msg()
         self._info.publish(info)
+
+    def publish_lift(self, cloud: PointCloud2) -> None:
+        self._lift.publish(cloud)
 
     def publish_feedback(self, feedback: FormPart.Feedback) -> None:
         if feedback.phase != "forming":

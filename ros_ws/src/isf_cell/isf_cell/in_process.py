@@ -18,12 +18,15 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.measuring_controller import MeasuringController
 from isf_planner import Plan, plan
 from isf_sim.machine import MachineSample, SimulatedMachine
+from isf_springback.lift_feedback import LiftFeedback, lift_due, reading_of
 from isf_springback.method import CorrectionMethod, apply, make_method
 from isf_springback.shape_feedback import ShapeFeedback, scan_due
 from numpy.typing import NDArray
 
+from isf_cell.lift_between import lift_in_process
 from isf_cell.options import RunOptions
 from isf_cell.part_step import PartStep
 
@@ -61,7 +64,7 @@ def form(
     method = make_method(options.method(job_file), job_file)
     if isinstance(method, ShapeFeedback):
         method.take_target(part_plan.target)
-    controller = ForceController(ControlConfig.from_job(job_file, support_force=options.support_force))
+    controller = MeasuringController(ControlConfig.from_job(job_file, support_force=options.support_force))
     sample = machine.sample()
     controller.arm(part_plan.plan_id, 0, len(part_plan.contours), sample.tip_1.tolist(), sample.tip_2.tolist())
 
@@ -75,6 +78,10 @@ def form(
             break
         if cancelled and cancelled():
             break
+        if lift_due(job_file, nominal.index, nominal.count):
+            rows, sample = lift_in_process(controller, machine, sample, result)
+            if isinstance(method, LiftFeedback):
+                method.feel(reading_of(rows), nominal.index)
         if scan_due(job_file, nominal.index, nominal.count):
             points = _scan(machine, sensor=job_file.job.springback.scan_sensor)
             if isinstance(method, ShapeFeedback):

@@ -23,12 +23,15 @@ from isf_msgs.msg import Contour, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
 from isf_node.conversion import contour_from_message
 from isf_node.lifecycle import failure
+from isf_springback.lift_feedback import lift_due
 from isf_springback.shape_feedback import scan_due
+from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from isf_cell.checkpoint import Checkpoint
 from isf_cell.graph_client import GraphClient
 from isf_cell.heartbeat_monitor import HeartbeatMonitor
+from isf_cell.lift_in_graph import lift_in_graph
 from isf_cell.options import RunOptions
 from isf_cell.part_step import PartStep
 from isf_cell.reference_run import UNCORRECTED
@@ -46,6 +49,8 @@ class Outlet(Protocol):
     def publish_nominal(self, contour: Contour) -> None: ...
 
     def publish_info(self, info: JobInfo) -> None: ...
+
+    def publish_lift(self, cloud: PointCloud2) -> None: ...
 
     def publish_feedback(self, feedback: FormPart.Feedback) -> None: ...
 
@@ -149,6 +154,9 @@ class PartRun:
             self._pause_here(index, count)
             self._form_contour(index)
             self._done += 1
+            if lift_due(job_file, index, count):
+                result, patience = self._results[index], self._settings.contour_timeout
+                self._outlet.publish_lift(lift_in_graph(self._client, self._watch, result, patience, self._tell))
             if scan_due(job_file, index, count):
                 self._scan_between(index, sensor=job_file.job.springback.scan_sensor)
             if self._settings.checkpoint:

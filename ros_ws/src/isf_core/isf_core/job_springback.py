@@ -85,6 +85,9 @@ class SpringbackSpec(FileModel):
     gain: float = Field(default=1.0, ge=0.0, le=2.0)
     scan_every: int = Field(default=0, ge=0)
     """The shape is measured after every so many contours, for methods that use it; 0: never."""
+    lift_every: int = Field(default=0, ge=0)
+    """The forming tool is lifted after every so many contours and measures springback where it stands, for methods
+    that use it; 0: never."""
     scan_sensor: bool = False
     """Simulated machine: scans as a scanner sees the part (noise, holes, registration) instead of exact ones."""
     open_loop_contours: int = Field(default=3, ge=0)

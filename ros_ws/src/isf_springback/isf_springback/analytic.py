@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from isf_springback.continuity import Continuity, forming_radius, limits_of
 from isf_springback.force_forecast import ForecastLaw, forecast
+from isf_springback.law_scale import LawScale
+from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import LoopPath, moving_average, nearest_points
 from isf_springback.sheet_edge import edge_radius
 from isf_springback.sheet_load import axial_sheet_load, push_sign
@@ -109,7 +111,7 @@ class Prediction:
 
 
 class AnalyticCorrection:
-    """Corrects contour after contour; see the module text. State: opening, two measured loads, last correction."""
+    """Corrects contour after contour; see the module text. State: opening, two loads, last correction, tool lifts."""
 
     name = "analytic"
 
@@ -124,6 +126,9 @@ class AnalyticCorrection:
         self._first_index = -1
         self._loads: list[MeasuredLoad] = []
         self._fault: IsfError | None = None
+        self._contour: Contour | None = None
+        self._scale = LawScale()
+        self._lift_remark = ""
 
     def correct(self, contour: Contour) -> ContourCorrection:
         """Correction of the next contour; never raises for missing or bad forces.
@@ -188,6 +193,26 @@ class AnalyticCorrection:
         older = [known for known in self._loads if known.index != result.index][-1:]
         self._loads = [*older, MeasuredLoad(result.index, place, mean, _steepest(contour.wall_angle, place, older))]
 
+    def feel(self, reading: LiftReading | None, index: int) -> None:
+        """Scale the law by what the tool lift after contour ``index`` told; a useless one is told by a remark."""
+        contour = self._contour
+        if reading is None or contour is None or contour.index != index:
+            self._lift_remark = f"the tool lift after contour {index} told nothing; the model stays as it was"
+            return
+        point = int(nearest_points(reading.place[None, :2], contour.forming_tip[:, :2])[0])
+        try:
+            law = self._law_at(contour, point, reading.force)
+        except IsfError as error:
+            self._lift_remark = f"the tool lift after contour {index} is not used: {error.message}"
+            return
+        self._scale.take(contour.contact[point], reading, law)
+        self._lift_remark = self._scale.remark()
+
+    def lifted_share(self, place: Array) -> Array:
+        """(M,) factor on the law at ``place`` (M, 3) m that tool lifts gave, at the last measured forces; 1: none."""
+        force = self._loads[-1].load_at(place[:, :2]) if self._loads else np.zeros(len(place))
+        return self._scale.at(place, force).factor
+
     def follow(self, contour: Contour, correction: ContourCorrection) -> None:
         """Take note that another method corrected ``contour``."""
         self._advance(contour)
@@ -199,9 +224,12 @@ class AnalyticCorrection:
         The first contour of a feature is its opening: parts are formed from the outside to the inside.
         """
         pending = self._continuity.pending
+        self._contour = contour
         if pending is not None and pending.plan_id != contour.plan_id:
             self._feature = None
             self._fault = None
+            self._scale.clear()
+            self._lift_remark = ""
         if self._feature != (contour.feature, contour.stage):
             self._feature = (contour.feature, contour.stage)
             self._opening = Opening.of(contour.contact[:, :2])
@@ -218,8 +246,23 @@ class AnalyticCorrection:
         angle = path.at(contour.wall_angle, position)
         force = self._forecast(contour, tip, angle)
         springback = self._springback(contour, point[:, :2], tip, angle, force)
-        along = np.interp(path.position, position, springback, period=path.length if path.closed else None)
-        return Prediction(point, springback, force, np.asarray(along))
+        scale = self._scale.at(point, force)
+        springback = scale.factor * springback
+        period = path.length if path.closed else None
+        along = np.asarray(np.interp(path.position, position, springback, period=period))
+        if not len(self._scale):
+            return Prediction(point, springback, force, along, remarks=self._lift_remarks())
+        deviation = np.interp(path.position, position, scale.deviation * springback, period=period)
+        return Prediction(point, springback, force, along, np.asarray(deviation), self._lift_remarks())
+
+    def _lift_remarks(self) -> tuple[str, ...]:
+        return (self._lift_remark,) if self._lift_remark else ()
+
+    def _law_at(self, contour: Contour, point: int, force: Array) -> Array:
+        """(K,) m, springback at path point ``point`` under ``force`` (K,) N by the law as it is computed."""
+        count = len(force)
+        place, tip = (np.tile(known[point, :2], (count, 1)) for known in (contour.contact, contour.forming_tip))
+        return self._springback(contour, place, tip, np.full(count, contour.wall_angle[point]), force)
 
     def _forecast(self, contour: Contour, tip: Array, angle: Array) -> Array:
         """(M,) N, force expected at the control points."""

@@ -138,18 +138,38 @@ class ElasticCorrection(AnalyticCorrection):
         force = _around(path, self._forecast(contour, contour.forming_tip[:, :2], contour.wall_angle), place)
         springback = cubic.displacement(force)
         stiffness = np.maximum(cubic.stiffness(springback), 1.0)
-        deviation = np.hypot(MODEL_DEVIATION * springback, np.where(force > 0.0, FORCE_DEVIATION / stiffness, 0.0))
+        scale = self._scale.at(contour.contact[place], force)
+        springback = scale.factor * springback
+        part = scale.deviation if len(self._scale) else MODEL_DEVIATION
+        deviation = np.hypot(part * springback, np.where(force > 0.0, scale.factor * FORCE_DEVIATION / stiffness, 0.0))
         period = path.length if path.closed else None
         along, spread = (
             np.interp(path.position, path.position[place], values, period=period) for values in (springback, deviation)
         )
-        remarks: tuple[str, ...] = (self._remark,) if self._remark else ()
+        remarks = ((self._remark,) if self._remark else ()) + self._lift_remarks()
         if float(force.max()) > BEYOND_SAMPLES * laws.largest:
             remarks += (
                 f"contour {contour.index}: force {float(force.max()):.0f} N is beyond the computed loads "
                 f"(up to {laws.largest:.0f} N); raise springback.elastic.largest_load",
             )
         return Prediction(contour.contact[place], springback, force, along, spread, remarks)
+
+    def _law_at(self, contour: Contour, point: int, force: Array) -> Array:
+        """As the base class, from the laws of the control points; raises what :meth:`_predict` raises."""
+        if self._unusable is not None:
+            raise self._unusable
+        path = LoopPath.of(contour)
+        low, high, share = self._levels_around(contour)
+
+        def on_level(laws: _Laws) -> Array:
+            place = nearest_points(laws.points[:, :2], contour.contact[:, :2])
+            order = np.argsort(path.position[place], kind="stable")
+            cubic, position = CubicLaw(laws.cubic.k[order]), path.position[place[order]]
+            here, period = path.position[point], path.length if path.closed else None
+            each = [cubic.displacement(np.full(len(order), load)) for load in force]
+            return np.array([float(np.interp(here, position, values, period=period)) for values in each])
+
+        return on_level(low) if share == 0.0 else (1.0 - share) * on_level(low) + share * on_level(high)
 
     def _forecast(self, contour: Contour, tip: Array, angle: Array) -> Array:
         """(M,) N; with blocks of several contours from the means of the last two whole blocks."""

@@ -24,8 +24,9 @@ from isf_core.job import JobFile
 from numpy.typing import NDArray
 
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
-from isf_springback.bias_field import BiasField, carried, first_field, updated
+from isf_springback.bias_field import START_DEVIATION, BiasField, carried, first_field, updated
 from isf_springback.continuity import MAGNITUDE, forming_radius
+from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.offset_memory import VISIBLE, OffsetMemory, limit_signed, push_limits
 from isf_springback.scan_memory import ScanMemory
@@ -109,6 +110,20 @@ class FusedCorrection:
         self._model.learn(contour, result)
         self._force_share = force_share(result, self._job_file)
 
+    def feel(self, reading: LiftReading | None, index: int) -> None:
+        """A tool lift scales the model; as far as scans have fixed the sum of model and bias, the sum stays."""
+        before = [self._model.lifted_share(contour.contact) for contour, _ in self._predicted]
+        self._model.feel(reading, index)
+        after = [self._model.lifted_share(contour.contact) for contour, _ in self._predicted]
+        if not self._predicted:
+            return
+        contour, predicted = self._predicted[-1]
+        grown = (after[-1] / before[-1] - 1.0) * predicted
+        self._wall, self._bottom = (_shifted(field, contour, grown) for field in (self._wall, self._bottom))
+        self._predicted = [
+            (known[0], new / old * known[1]) for known, old, new in zip(self._predicted, before, after, strict=True)
+        ]
+
     def follow(self, contour: Contour, correction: ContourCorrection) -> None:
         """Take note that another method corrected ``contour``; the model predicts along, to compare with scans."""
         self._advance(contour)
@@ -175,7 +190,7 @@ class FusedCorrection:
         offset[:, 2] = sign * value
         self._memory.remember(contour, offset)
         self._keep(contour, predicted)
-        remarks = list(self._remarks)
+        remarks = [*model.remarks, *self._remarks]
         if np.abs(disagreement).max() >= TOLD_BIAS:
             followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
             far = float(disagreement[np.argmax(np.abs(disagreement))])
@@ -270,6 +285,15 @@ class FusedCorrection:
         left = np.abs(contour.forming_tip[:, 2] - float(np.nanmin(target.z)))
         height = forming_radius(self._job_file, contour.forming_tool) * (1.0 - np.cos(np.radians(50.0)))
         return np.asarray(np.clip(1.0 - left / height, 0.0, 1.0))
+
+
+def _shifted(field: BiasField | None, contour: Contour, grown: Array) -> BiasField | None:
+    """``field`` after the model has ``grown`` by (N,) m along ``contour``: less where measured, as it was elsewhere."""
+    if field is None:
+        return None
+    measured = 1.0 - np.clip(field.deviation / START_DEVIATION, 0.0, 1.0) ** 2
+    shift = measured * grown[nearest_points(field.place, contour.contact[:, :2])]
+    return BiasField(field.place, field.bias - shift, field.covariance)
 
 
 def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius: float) -> Reading:

@@ -1,6 +1,6 @@
 """Node ``springback``: corrects every contour before it is formed.
 
-Takes ``part/info``, ``part/target``, ``contour/nominal``, ``contour/result`` and ``scan``; publishes
+Takes ``part/info``, ``part/target``, ``contour/nominal``, ``contour/result``, ``tool_lift`` and ``scan``; publishes
 ``contour/correction`` (what was done and why) and then ``contour/corrected``. The parameter ``method`` may be set
 between any two contours.
 """
@@ -26,6 +26,7 @@ from isf_node.conversion import (
 )
 from isf_node.lifecycle import CellNode
 from isf_node.parameters import parameter
+from isf_node.tool_lift_cloud import lift_from_cloud
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
@@ -54,7 +55,7 @@ class SpringbackParameters:
         "", "folder that relative material and rig paths of the job in part/info refer to", read_only=False
     )
     result_timeout: float = parameter(
-        5.0, "s of wall time to wait for the job, the result and the scan before a contour"
+        5.0, "s of wall time to wait for the job, the result, the tool lift and the scan before a contour"
     )
 
 
@@ -84,6 +85,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self.create_subscription(Contour, "contour/nominal", self._on_nominal, qos.LATCHED),
             self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT),
             self.create_subscription(PointCloud2, "part/target", self._on_target, qos.LATCHED),
+            self.create_subscription(PointCloud2, "tool_lift", self._on_lift, qos.LATCHED),
             self.create_subscription(PointCloud2, "scan", self._on_scan, qos.LATCHED),
         ]
         timer = self.create_timer(LOOK_PERIOD, self._work, clock=self.steady_clock)
@@ -149,6 +151,15 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self._session.take_target(height_map_from_message(message))
         except ValueError as error:
             self.report(IsfError(ErrorCode.CORRECTION_FAILED, f"the target is not a height map: {error}"))
+
+    def _on_lift(self, message: PointCloud2) -> None:
+        try:
+            rows = lift_from_cloud(message)
+        except ValueError as error:
+            self.report(IsfError(ErrorCode.LIFT_MISSING, f"not a tool lift: {error}", where="topic tool_lift"))
+            return
+        self._session.take_lift(rows, stamp_seconds(message))
+        self._work()
 
     def _on_scan(self, message: PointCloud2) -> None:
         try:

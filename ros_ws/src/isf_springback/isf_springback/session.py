@@ -1,8 +1,9 @@
-"""One part after the other as the springback node sees it, free of ROS: job, contours, results, scans in any order.
+"""One part after the other as the springback node sees it, free of ROS: job, contours, results, tool lifts and scans in
+any order.
 
-A contour is corrected when its job is known, the result of the contour before it is there, and the scan made in
-between when one is due; or when waiting for them took too long. A change of method takes effect at the next contour:
-the new method is told all that happened so far, so that it continues without a jump.
+A contour is corrected when its job is known, the result of the contour before it is there, and the lift and the scan
+made in between when they are due; or when waiting for them took too long. A change of method takes effect at the next
+contour: the new method is told all that happened so far, so that it continues without a jump.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from isf_core.job import JobFile
 from numpy.typing import NDArray
 
 from isf_springback.handover import fade_horizontal
+from isf_springback.lift_feedback import LiftFeedback, lift_awaited, reading_of
 from isf_springback.method import CorrectionMethod, NoCorrection, apply, check_name, make_method
 from isf_springback.shape_feedback import ShapeFeedback, scan_awaited
 
@@ -42,6 +44,7 @@ class _Formed:
     correction: ContourCorrection
     corrected: Contour
     result: ContourResult | None = None
+    lift: Array | None = None
     scan: Array | None = None
 
 
@@ -60,6 +63,7 @@ class CorrectionSession:
         self._history: list[_Formed] = []
         self._method: CorrectionMethod | None = None
         self._target: HeightMap | None = None
+        self._lift: tuple[float, Array] | None = None
         self._scan: tuple[float, Array] | None = None
 
     @property
@@ -91,6 +95,7 @@ class CorrectionSession:
                 if formed.result is None and self._method is not None:
                     self._method.learn(formed.corrected, result)
                 formed.result = result
+                self._place_lift()
                 self._place_scan()
                 return
 
@@ -100,10 +105,26 @@ class CorrectionSession:
         if isinstance(self._method, ShapeFeedback):
             self._method.take_target(target)
 
+    def take_lift(self, rows: Array, time_stamp: float) -> None:
+        """Rows (K, 4) of a tool lift, see :func:`isf_springback.lift_feedback.reading_of`, stamped as scans are."""
+        self._lift = (time_stamp, rows)
+        self._place_lift()
+
     def take_scan(self, points: Array, time_stamp: float) -> None:
         """Points (P, 3) m of the formed sheet, measured at ``time_stamp`` s of the clock of the results."""
         self._scan = (time_stamp, points)
         self._place_scan()
+
+    def _place_lift(self) -> None:
+        """Hand the newest lift to the contour it was made after."""
+        if self._lift is None or not self._history:
+            return
+        last = self._history[-1]
+        if last.result is None or last.lift is not None or self._lift[0] < last.result.end - STAMP_TOLERANCE:
+            return
+        last.lift, self._lift = self._lift[1], None
+        if isinstance(self._method, LiftFeedback):
+            self._method.feel(reading_of(last.lift), last.nominal.index)
 
     def _place_scan(self) -> None:
         """Hand the newest scan to the contour it was made after; an older one (latched, another part) waits in vain."""
@@ -127,7 +148,8 @@ class CorrectionSession:
             return None
         late = self._clock() - self._since >= self._timeout
         has_job = self._job is not None and self._job_plan in ("", contour.plan_id)
-        if not late and not (has_job and self._result_is_here(contour) and self._scan_is_here(contour)):
+        here = self._result_is_here(contour) and self._lift_is_here(contour) and self._scan_is_here(contour)
+        if not late and not (has_job and here):
             return None
         self._waiting = None
         try:
@@ -162,17 +184,33 @@ class CorrectionSession:
         last = self._history[-1]
         return not wanted or last.nominal.index != contour.index - 1 or last.scan is not None
 
+    def _lift_is_here(self, contour: Contour) -> bool:
+        """True unless a tool lift was announced by the job for this contour and the method would use it."""
+        if self._job is None or not self._history or not self._follows(contour):
+            return True
+        wanted = lift_awaited(self._job, contour.index) and isinstance(self._method, LiftFeedback)
+        last = self._history[-1]
+        return not wanted or last.nominal.index != contour.index - 1 or last.lift is not None
+
     def _told(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:
-        """The correction with SCAN_MISSING when its scan never came."""
-        if correction.code or self._scan_is_here(contour):
+        """The correction with LIFT_MISSING or SCAN_MISSING when its lift or scan never came."""
+        if correction.code:
             return correction
-        error = IsfError(
+        if not self._lift_is_here(contour):
+            return _with(
+                correction,
+                ErrorCode.LIFT_MISSING,
+                f"no tool lift within {self._timeout:g} s; goes on without",
+                "check that the cell serves the action lift_tool, or set springback.lift_every to 0",
+            )
+        if self._scan_is_here(contour):
+            return correction
+        return _with(
+            correction,
             ErrorCode.SCAN_MISSING,
             f"no scan within {self._timeout:g} s; goes on without",
-            where=f"contour {contour.index}",
-            advice="check the scanner, or set springback.scan_every to 0",
+            "check the scanner, or set springback.scan_every to 0",
         )
-        return replace(correction, code=int(error.code), message=error.message)
 
     def _without_jump(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:
         """Hand over horizontal offsets of another method gradually: methods know only their own directions."""
@@ -195,7 +233,7 @@ class CorrectionSession:
             self._method = None
         if not self._history:
             self._method = None
-            self._scan = None  # of an earlier part
+            self._lift = self._scan = None  # of an earlier part
         if self._method is None or self._method.name != self.method_name:
             method = make_method(self.method_name, self._job)
             looks = method if isinstance(method, ShapeFeedback) else None
@@ -205,10 +243,18 @@ class CorrectionSession:
                 method.follow(formed.nominal, formed.correction)
                 if formed.result is not None:
                     method.learn(formed.corrected, formed.result)
+                if formed.lift is not None and isinstance(method, LiftFeedback):
+                    method.feel(reading_of(formed.lift), formed.nominal.index)
                 if looks and formed.scan is not None:
                     looks.see(formed.scan, formed.nominal.index)
             self._method = method
         return self._method
+
+
+def _with(correction: ContourCorrection, code: ErrorCode, what: str, advice: str) -> ContourCorrection:
+    """``correction`` with the code and text of what was missing."""
+    error = IsfError(code, what, where=f"contour {correction.index}", advice=advice)
+    return replace(correction, code=int(error.code), message=error.message)
 
 
 def _refusal(contour: Contour, method: str, error: IsfError) -> ContourCorrection:

@@ -1,0 +1,52 @@
+"""Tool lifts between contours through the node graph against the same cores in one process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from isf_analysis.bag_reader import read_bag
+from isf_cell import graph_run, in_process
+from isf_cell.options import RunOptions
+from isf_core.job import JobFile
+from isf_node.stamps import from_seconds, to_nanoseconds
+from isf_node.tool_lift_cloud import lift_from_cloud, lift_to_cloud
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "examples" / "jobs"
+TEXT = (FOLDER / "mini_cone.yaml").read_text(encoding="utf-8")
+
+
+def quiet(_: Any) -> None:
+    """Feedback that nobody looks at."""
+
+
+def test_a_lift_survives_its_message() -> None:
+    rows = np.random.default_rng(2).normal(size=(17, 4))
+    message = lift_to_cloud(rows, from_seconds(12.5))
+    np.testing.assert_array_equal(lift_from_cloud(message), rows)
+    assert to_nanoseconds(message.header.stamp) == 12_500_000_000
+    assert lift_from_cloud(lift_to_cloud(np.empty((0, 4)), from_seconds(0.0))).shape == (0, 4)
+    message.data = message.data[:-8]
+    with pytest.raises(ValueError, match="bytes"):
+        lift_from_cloud(message)
+    message.fields = message.fields[:3]
+    with pytest.raises(ValueError, match="force"):
+        lift_from_cloud(message)
+
+
+@pytest.mark.graph
+def test_graph_and_in_process_agree_with_lifts(tmp_path: Path) -> None:
+    """1 um, contour by contour; the tool is lifted after every third contour."""
+    job_file = JobFile(TEXT.replace("method: analytic", "method: fused\n  lift_every: 3"), FOLDER)
+    _, failure = graph_run.form(job_file, RunOptions(seed=5), tmp_path, quiet)
+    assert failure is None
+    there, here = read_bag(tmp_path / "bag"), in_process.form(job_file, RunOptions(seed=5))
+    assert [c.code for c in there.corrections] == [0] * there.planned
+    for mine, theirs in zip(here.corrections, there.corrections, strict=True):
+        np.testing.assert_allclose(theirs.offset, mine.offset, atol=1e-6)
+        assert theirs.remarks == mine.remarks
+    assert not any("tool lift" in remark for remark in here.corrections[2].remarks)
+    assert any("tool lifting" in remark for remark in here.corrections[-1].remarks)
