@@ -3,19 +3,21 @@
 and a partial die.
 
 A wall profile (flange, entry fillet, straight wall, floor fillet, floor) is swept along the closed line in
-which the extended wall meets the sheet plane. Facets deviate from the smooth surface by less than 10 um.
+which the extended wall meets the sheet plane. Facets deviate from the smooth surface by less than 10 um, of the
+parts of 260 and 610 mm by less than 20 um.
 Usage: make_parts.py [folder], default: the folder ``parts`` beside this file.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import trimesh
-from isf_planner.part_library.catalogue import asymmetric_cone, pyramid
+from isf_planner.part_library.catalogue import asymmetric_cone, free_form, funnel, pyramid
+from isf_planner.part_library.part import Part as LibraryPart
 from isf_planner.part_library.part_mesh import part_mesh
 from numpy.typing import NDArray
 
@@ -74,11 +76,29 @@ PARTS = {
 RISING = {"tpif_cone": Part(24.0, 24.0, Wall(40.0, 6.0, 6.0, 4.0, 8.0))}
 """Parts that rise from their flange, with a partial die beside them (NAME_die)."""
 
+
+def first_feature(part: LibraryPart) -> LibraryPart:
+    """A part of the library without what is formed on its base."""
+    return replace(part, features=part.features[:1])
+
+
 LIBRARY = {
     "lu_pyramid": pyramid(64e-3, 34e-3, np.radians(50), 30e-3, 8e-3, 14e-3),
     "lu_asymmetric": asymmetric_cone(60e-3, np.radians(52), np.radians(38), 30e-3, 8e-3, 14e-3),
+    "praveen_cone_150": funnel(75e-3, np.radians(25), np.radians(60), 30e-3, 10e-3, 10e-3),
+    "praveen_cone_250": funnel(125e-3, np.radians(25), np.radians(60), 40e-3, 10e-3, 10e-3),
+    "praveen_cone_610": funnel(305e-3, np.radians(25), np.radians(60), 50e-3, 10e-3, 10e-3),
+    "praveen_free_form": first_feature(free_form(1.94, np.radians(45), 40e-3)),
 }
 """Parts of the library in other sizes, m and rad."""
+
+LIBRARY_CHORD = {
+    "praveen_cone_150": 10e-6,
+    "praveen_cone_250": 10e-6,
+    "praveen_cone_610": 20e-6,
+    "praveen_free_form": 20e-6,
+}
+"""m, distance between facet and surface of some parts; of others half of CHORD_ERROR."""
 
 BLANK = 1.0
 """mm, thickness of the blank over the dies."""
@@ -189,7 +209,7 @@ def all_parts() -> dict[str, trimesh.Trimesh]:
         meshes[f"{name}_die"] = die_under(meshes[name], part.wall.depth)
     meshes["two_features"] = two_features()
     for name, shape in LIBRARY.items():
-        mesh = part_mesh(shape, 0.5e-3 * CHORD_ERROR)
+        mesh = part_mesh(shape, LIBRARY_CHORD.get(name, 0.5e-3 * CHORD_ERROR))
         meshes[name] = trimesh.Trimesh(1e3 * mesh.vertices, mesh.faces, process=False)
     return meshes
 
