@@ -1,0 +1,223 @@
+"""The page of the springback table: published parts with their regions and goals, the table, pictures of every part."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import springback_rows
+from isf_analysis import style
+from isf_analysis.figures_shape import deviation_pair, map_limit
+
+COMMAND = "./isf python benchmarks/springback_table.py --worlds 0,1-20 --jobs 2 --page"
+MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)")
+SHAPES = ("none", "mpc_vertical", "mpc_two_directional", "fused(analytic)")
+LARGE = ("none", "analytic", "fused(analytic)")
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What is to be reached: ``kind`` of measure, mm or share, in the median and in the worst world."""
+
+    kind: str
+    median: float
+    worst: float
+
+
+@dataclass(frozen=True)
+class Published:
+    """A part of a source: methods compared on it, region in which the source measures, its result, goals."""
+
+    methods: tuple[str, ...]
+    region: str
+    uncorrected: str
+    corrected: str
+    goals: tuple[Goal, ...]
+    note: str = ""
+
+
+PRAVEEN = (Goal("max", 0.5, 0.8),)
+PARTS: dict[str, Published] = {
+    "ren_cone": Published(
+        MODELS, "wall_and_base", "5.7 / 3.1", "1.5 / 0.8", (Goal("max", 0.6, 1.2), Goal("mean", 0.2, 0.5))
+    ),
+    "ren_pyramid": Published(
+        MODELS, "wall_and_base", "4.8 / 2.6", "1.1 / 0.2", (Goal("max", 0.6, 1.1), Goal("mean", 0.15, 0.4))
+    ),
+    "lu_cone": Published(SHAPES, "base", "3.0", "0.25", (Goal("max", 0.15, 0.25),)),
+    "lu_pyramid": Published(
+        SHAPES, "walls_base", "3", "0.3 (corners 0.5)", (Goal("p95", 0.2, 0.3), Goal("max", 0.3, 0.5))
+    ),
+    "lu_asymmetric": Published(SHAPES, "walls_base", "3", "0.3 (few spots more)", (Goal("p95", 0.2, 0.3),)),
+    "tpif_cone": Published(
+        ("none", "mpc_two_directional", "fused(analytic)"),
+        "wall_and_base",
+        "19.5 % within 0.3",
+        "70 % within 0.3",
+        (Goal("share", 0.9, 0.8),),
+        "a small cone over a partial die; the part of the source has flat and curved walls and is 35 mm high",
+    ),
+    "praveen_cone_150": Published((*LARGE, "elastic"), "wall_and_base", "1.1", "0.33", PRAVEEN),
+    "praveen_cone_250": Published(LARGE, "wall_and_base", "2.2", "0.75", PRAVEEN),
+    "praveen_cone_610": Published(LARGE, "wall_and_base", "4.45", "0.77", PRAVEEN),
+    "praveen_free_form": Published(LARGE, "wall_and_base", "2.88", "0.74", PRAVEEN, "F1 of 260 mm alone"),
+}
+"""mm, vertical, in the clamp. Sources: Ren 2018, 4.3; Lu 2016, 4.2-4.4; Praveen 2020, 3.2."""
+
+WORDS = {
+    "wall_and_base": "whole opening",
+    "base": "base",
+    "walls_base": "walls (steeper than 15 deg) and base",
+}
+HEADER = (
+    "| part | method | worlds | nominal | median world | worst world | goals: median; worst |"
+    "\n|---|---|---|---|---|---|---|"
+)
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Markdown table of all rows: per part and method the nominal world, median and worst of the others."""
+    lines = [HEADER]
+    for name, part in PARTS.items():
+        methods = dict.fromkeys([*part.methods, *(row["method"] for row in rows if row["job"] == name)])
+        found = [(method, springback_rows.of(rows, name, method)) for method in methods]
+        lines += [line(name, part, method, some) for method, some in found if some]
+    return "\n".join(lines)
+
+
+def line(name: str, part: Published, method: str, rows: Sequence[dict[str, Any]]) -> str:
+    """One line; runs that ended early are told and count in no number."""
+    whole = [row for row in rows if row["code"] == 0 and part.region in row]
+    nominal = [row for row in whole if row["world"] == 0]
+    others = [row for row in whole if row["world"] != 0]
+    ended = sorted({(row["contours"], row["planned"], row["code"]) for row in rows if row["code"]})
+    told = [f"{k} of {planned} contours, code {code}" for k, planned, code in ended]
+    worlds = ("0" if nominal else "-") + (f" and {len(others)}" if others else "")
+    cells = [
+        name,
+        method,
+        "; ".join([worlds, *told]),
+        _numbers(part, nominal, statistics.median),
+        _numbers(part, others, statistics.median),
+        _numbers(part, others, max),
+        "-" if method == "none" else _goals(part, others, ended=bool(ended)),
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+def _kinds(part: Published) -> tuple[str, ...]:
+    kinds = ["max", "mean", *(goal.kind for goal in part.goals)]
+    return tuple(dict.fromkeys(kinds)) if part.goals[0].kind != "share" else ("share", "max", "mean")
+
+
+def _numbers(part: Published, rows: Sequence[dict[str, Any]], of: Any) -> str:
+    if not rows:
+        return "-"
+    return " / ".join(_shown(kind, _over(rows, part.region, kind, of)) for kind in _kinds(part))
+
+
+def _over(rows: Sequence[dict[str, Any]], region: str, kind: str, of: Any) -> float:
+    values = [float(row[region][kind]) for row in rows]
+    if of is max and kind == "share":
+        return min(values)  # the worst world is that of the smallest share
+    return float(of(values))
+
+
+def _shown(kind: str, value: float) -> str:
+    return f"{100 * value:.0f} %" if kind == "share" else f"{value:.2f}"
+
+
+def _goals(part: Published, rows: Sequence[dict[str, Any]], *, ended: bool) -> str:
+    """Each goal with what became of it: met, missed, or open while no off-nominal world was run."""
+    texts = []
+    for goal in part.goals:
+        states = []
+        for of, bound in ((statistics.median, goal.median), (max, goal.worst)):
+            state = "open"
+            if rows:
+                value = _over(rows, part.region, goal.kind, of)
+                good = value >= bound if goal.kind == "share" else value <= bound
+                state = "met" if good and not (ended and of is max) else "missed"
+            states.append(f"{_shown(goal.kind, bound)} {state}")
+        texts.append(f"{goal.kind} " + "; ".join(states))
+    return ", ".join(texts)
+
+
+def best(rows: Sequence[dict[str, Any]], name: str) -> str | None:
+    """Method with the smallest median of the part's first goal (largest share), of those with most worlds; not none."""
+    part = PARTS[name]
+    goal = part.goals[0]
+    scores: list[tuple[int, float, str]] = []
+    for method in dict.fromkeys(row["method"] for row in rows if row["job"] == name):
+        found = springback_rows.of(rows, name, method)
+        whole = [row for row in found if row["code"] == 0 and part.region in row]
+        if method != "none" and whole and len(whole) == len(found):
+            value = _over(whole, part.region, goal.kind, statistics.median)
+            scores.append((-len(whole), -value if goal.kind == "share" else value, method))
+    return min(scores)[2] if scores else None
+
+
+def pictures(rows: Sequence[dict[str, Any]], maps: Path, folder: Path) -> list[str]:
+    """Error maps of the nominal world without correction and with the best method, one picture per part."""
+    texts = []
+    for name in PARTS:
+        method = best(rows, name)
+        nominal = {row["method"]: row for row in rows if row["job"] == name and row["world"] == 0}
+        shapes = [
+            springback_rows.shapes(maps / f"{nominal[wanted]['key']}.npz") if wanted in nominal else None
+            for wanted in ("none", method or "")
+        ]
+        if method is None or shapes[0] is None or shapes[1] is None:
+            continue
+        (before, before_target), (after, target) = shapes[0], shapes[1]
+        with style.applied():
+            figure = deviation_pair(before, before_target, after, target, map_limit(before, after), method)
+            data = style.png(figure)
+        path = folder / "images" / f"springback_{name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+        texts.append(f"### {name}\n\n![{name}: without correction and with {method}](images/{path.name})\n")
+    return texts
+
+
+def write(rows: Sequence[dict[str, Any]], digest: str, maps: Path, folder: Path) -> Path:
+    """Write the page and its pictures; returns the page."""
+    versions = sorted({row["sources"] for row in rows})
+    told = f"Sources {digest}." if versions == [digest] else f"Rows of sources {', '.join(versions)}; present {digest}."
+    regions = "\n".join(
+        f"| {name} | {WORDS[part.region]} | {part.uncorrected} | {part.corrected} | {part.note or '-'} |"
+        for name, part in PARTS.items()
+    )
+    text = f"""# Springback: parts, methods, worlds
+
+Written by `{COMMAND}`. {told}
+Simulated machine, formed in one process; vertical errors in the clamp, formed minus target, mm. World 0 is nominal; in
+the others sheet, machine and load cells are off by up to 20 %, which the controllers do not know. Methods that look at
+the shape see a scan with noise, holes and registration after every contour.
+
+## Published
+
+| part | region | uncorrected | corrected | what differs here |
+|---|---|---|---|---|
+{regions}
+
+Largest, or largest / mean. What else the jobs assume stands in `examples/jobs`.
+
+## Reached
+
+Per cell: largest / mean, then the measures of the goals (p95: 95 % of the points are closer; share: points within
+{springback_rows.BAND} mm). Runs that ended early are named with their contours and code and count in no number.
+
+{table(rows)}
+
+## Error maps, nominal world
+
+Left without correction, right the best method by the median of the first goal.
+
+{chr(10).join(pictures(rows, maps, folder)) or "None yet."}"""
+    path = folder / "results_springback.md"
+    path.write_text(text.rstrip() + "\n", encoding="utf-8")
+    return path

@@ -1,0 +1,192 @@
+"""One run of the springback table: what it depends on, its numbers, and the file that keeps them.
+
+A row is named by its content: the job with mesh, die, rig and material, the method, the world, and the sources of the
+packages that computed it. So a campaign goes on after it was stopped, and nothing computed by other sources is taken
+for present. Lengths in rows are mm, forces N.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_analysis.deviation import Deviation, compare
+from isf_analysis.record import PartRecord
+from isf_cell import in_process
+from isf_cell.options import RunOptions
+from isf_core.errors import IsfError
+from isf_core.height_map import HeightMap
+from isf_core.job import JobFile
+from numpy.typing import NDArray
+from springback import Case, job_of
+
+Mask = NDArray[np.bool_]
+
+COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "isf_sim")
+"""Packages whose sources name a row; of isf_cell and isf_analysis only what takes part."""
+
+ALSO = ("isf_cell.in_process", "isf_cell.options", "isf_analysis.deviation")
+
+BAND = 0.3
+"""mm, band of which the share of points is told (Lu 2016, 4.4)."""
+
+REGIONS = ("wall_and_base", "base", "wall", "walls_base")
+"""Those of isf_analysis.deviation, and walls with base but without the fillets between them."""
+
+
+def sources() -> str:
+    """Digest of the sources that the packages are imported from."""
+    text = hashlib.sha256()
+    files: list[Path] = []
+    for name in COMPUTED_BY:
+        files += sorted(_file(name).parent.rglob("*.py"))
+    for path in [*files, *(_file(name) for name in ALSO)]:
+        text.update(path.name.encode() + path.read_bytes())
+    return text.hexdigest()[:12]
+
+
+def _file(name: str) -> Path:
+    found = importlib.import_module(name).__file__
+    assert found is not None
+    return Path(found)
+
+
+def key(case: Case, job_file: JobFile, digest: str) -> str:
+    """Name of the row of ``case`` computed by the sources ``digest``."""
+    text = hashlib.sha256()
+    job = job_file.job
+    text.update(job.model_dump_json().encode())
+    text.update(job_file.rig.model_dump_json().encode() + job_file.material.model_dump_json().encode())
+    named = [str(job_file.mesh), job.die.mesh if job.die else None, job.path.machine_error, job.springback.learning]
+    for name in named:
+        if name is not None and (path := job_file.base / name).is_file():
+            text.update(path.read_bytes())
+    text.update(f"{case.method} {case.world} {digest}".encode())
+    return text.hexdigest()[:16]
+
+
+def read(path: Path) -> dict[str, dict[str, Any]]:
+    """Rows of a file of JSON lines by their key; a last line that was cut off by a stop is left out."""
+    rows: dict[str, dict[str, Any]] = {}
+    if path.is_file():
+        for text in path.read_text(encoding="utf-8").splitlines():
+            try:
+                row = json.loads(text)
+            except ValueError:
+                continue
+            rows[row["key"]] = row
+    return rows
+
+
+def keep(path: Path, row: dict[str, Any]) -> None:
+    """Append a row; a line that a stop cut off is closed first."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cut = path.is_file() and path.stat().st_size > 0 and not path.read_bytes().endswith(b"\n")
+    with path.open("a", encoding="utf-8") as file:
+        file.write(("\n" if cut else "") + json.dumps(row) + "\n")
+        file.flush()
+
+
+def run(case: Case, name: str, digest: str, maps: Path) -> dict[str, Any]:
+    """Row of one run; the shape of the nominal world goes to ``maps``. A job that is refused is a row too."""
+    row: dict[str, Any] = {**vars(case), "key": name, "sources": digest, "code": 0, "message": ""}
+    started, used = time.perf_counter(), time.process_time()
+    try:
+        job_file, method = job_of(case)
+        # the standard worlds are those of seed 0
+        record = in_process.form(job_file, RunOptions(correction=method, world=case.world, seed=0))
+    except IsfError as error:
+        return {**row, "code": int(error.code), "message": str(error), "contours": 0, "planned": 0}
+    row["wall_s"], row["cpu_s"] = round(time.perf_counter() - started, 1), round(time.process_time() - used, 1)
+    return {**row, **numbers(record), **_shape(record, maps / f"{name}.npz" if case.world == 0 else None)}
+
+
+def numbers(record: PartRecord) -> dict[str, Any]:
+    """Contours, ending and forces of a run."""
+    failure = record.failure()
+    forces = [
+        float(np.nanmean(np.abs(result.forming_force[:, 2]))) for result in record.results if result.forming_force.size
+    ]
+    return {
+        "contours": record.formed,
+        "planned": record.planned,
+        "code": failure[0] if failure else 0,
+        "message": failure[1] if failure else "",
+        "force_N": round(max(forces, default=float("nan")), 1),
+        "sim_s": round(record.sim_time, 1),
+    }
+
+
+def _shape(record: PartRecord, path: Path | None) -> dict[str, Any]:
+    if record.scan is None or record.target is None:
+        return {}
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(path, **_packed("scan", record.scan), **_packed("target", record.target))
+    return measures(compare(record.scan, record.target))
+
+
+def measures(deviation: Deviation) -> dict[str, dict[str, float]]:
+    """Per region: largest, mean and signed mean error, 95th percentile, mm; share of points within BAND."""
+    masks = {**deviation.masks, "walls_base": deviation.masks["wall"] | deviation.masks["base"]}
+    found: dict[str, dict[str, float]] = {}
+    for region in REGIONS:
+        error = 1e3 * deviation.error.z[masks[region] & np.isfinite(deviation.error.z)]
+        if len(error):
+            size = np.abs(error)
+            values = {
+                "max": float(size.max()),
+                "mean": float(size.mean()),
+                "signed": float(error.mean()),
+                "p95": float(np.percentile(size, 95)),
+                "share": float(np.mean(size <= BAND)),
+            }
+            found[region] = {name: round(value, 4) for name, value in values.items()}
+    return found
+
+
+def _packed(name: str, shape: HeightMap) -> dict[str, NDArray[np.float32]]:
+    return {f"{name}_{axis}": np.asarray(getattr(shape, axis), dtype=np.float32) for axis in ("x", "y", "z")}
+
+
+def shapes(path: Path) -> tuple[Deviation, HeightMap] | None:
+    """Deviation and target kept by :func:`run`, or None."""
+    if not path.is_file():
+        return None
+    with np.load(path) as data:
+        scan, target = (
+            HeightMap(*(np.asarray(data[f"{name}_{axis}"], dtype=np.float64) for axis in ("x", "y", "z")))
+            for name in ("scan", "target")
+        )
+    return compare(scan, target), target
+
+
+def worlds(texts: Iterable[str]) -> list[int]:
+    """Numbers of worlds from texts such as 0, 1-20 or 3,5.
+
+    Raises
+    ------
+    ValueError : something else
+    """
+    found: list[int] = []
+    for text in ",".join(texts).split(","):
+        first, _, last = text.partition("-")
+        found += range(int(first), int(last or first) + 1)
+    return list(dict.fromkeys(found))
+
+
+def of(rows: Iterable[dict[str, Any]], job: str, method: str) -> list[dict[str, Any]]:
+    """Rows of a part and a method by world; of a world with several the one kept last."""
+    by_world = {row["world"]: row for row in rows if row["job"] == job and row["method"] == method}
+    return [by_world[world] for world in sorted(by_world)]
+
+
+def latest(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of every case the row kept last, whatever its sources."""
+    return list({(row["job"], row["method"], row["world"]): row for row in rows}.values())
