@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from isf_core.model_base import FileModel
 from isf_core.quantity import Angle, Force, Frequency, Length
@@ -31,6 +31,25 @@ class ControlSpec(FileModel):
     support_compensation: float | None = Field(default=None, ge=0.0, le=1.0)
     """Factor on the compliance compensation of the support tool, on contours without force control. None: as much as
     is stable in ADSIF, where no wall guides the tools (Ren 2018, 3.3.1), nothing in other processes."""
+
+    components: tuple[Literal["normal", "vertical", "tangential"], ...] = ("normal",)
+    """Which components of the force on the support tool are controlled; the horizontal normal one always is. Vertical
+    and tangential turn the line of the ball centres, slowly and within small offsets."""
+    vertical_force: Force | None = Field(default=None, ge=0.0, le=1500.0)
+    """Set-point of the vertical component, positive in compression; None: that of a contact without friction, the
+    normal one times the cotangent of the wall angle."""
+    tangential_force: Force = Field(default=0.0, ge=-500.0, le=500.0)
+    """Set-point of the tangential component, along the outward normal turned by +90 deg about z."""
+
+    @model_validator(mode="after")
+    def _components_with_set_points(self) -> ControlSpec:
+        if "normal" not in self.components:
+            raise ValueError("components must hold normal: the other components turn a force whose size it controls")
+        if "vertical" not in self.components and self.vertical_force is not None:
+            raise ValueError("vertical_force has no effect unless components holds vertical")
+        if "tangential" not in self.components and self.tangential_force != 0.0:
+            raise ValueError("tangential_force has no effect unless components holds tangential")
+        return self
 
     @property
     def force_controlled(self) -> bool:

@@ -5,7 +5,7 @@ Defaults carry their source; those that the source states per update of its 440 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
@@ -21,6 +21,9 @@ Vector = tuple[float, float, float]
 MOST_OF_BOTH = 0.8
 """Largest K_p K_c when both tools are compensated: their sum comes near to 1 / K_c, and what is over-estimated by a
 quarter would run away (Ren 2018, section 2.3.3)."""
+
+REFERENCE_FORCE = 100.0
+"""N, normal force for which the time of taking a component's offset back is exact."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,12 @@ class ControlConfig:
     seam_length : m, so far from its begin; half as far from its end
     axial_compliance : (2,) m/N, z of tool 1 and of tool 2, for measurements
     frozen_time : s, loaded readings that repeat exactly for so long are a frozen signal
+    vertical, tangential : these components of the force on the support tool are controlled as well
+    vertical_force : N, positive in compression; None: that of a contact without friction
+    tangential_force : N, along d_n turned by +90 deg about z
+    component_gain : 1/s, of these two loops; 1 of 24 (chosen)
+    component_limit : m, largest offset of each (published limit of an offset, Appendix B)
+    ball_reach : m, sum of the radii of both balls
     sign_force, sign_time : N and s, a force against its only possible sign beyond which a load cell's sign is wrong
     """
 
@@ -118,6 +127,13 @@ class ControlConfig:
     frozen_time: float = 0.3
     sign_force: float = 30.0
     sign_time: float = 0.1
+    vertical: bool = False
+    tangential: bool = False
+    vertical_force: float | None = None
+    tangential_force: float = 0.0
+    component_gain: float = 1.0
+    component_limit: float = 1.024e-3
+    ball_reach: float = 0.0
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
@@ -142,6 +158,11 @@ class ControlConfig:
             support_compensation=_support_compensation(job_file),
             axial_compliance=(rig.tool_1.compliance[2], rig.tool_2.compliance[2]),
             rapid_speed=min(ControlConfig.rapid_speed, 0.6 * rig.limits.speed),
+            vertical="vertical" in job.control.components,
+            tangential="tangential" in job.control.components,
+            vertical_force=job.control.vertical_force,
+            tangential_force=job.control.tangential_force,
+            ball_reach=job.tool_1.ball_radius + (job.tool_2.ball_radius if job.tool_2 is not None else 0.0),
         )
         config.check()
         return config
@@ -173,6 +194,14 @@ class ControlConfig:
             dead_zone=self.dead_zone,
             offset_limit=self.offset_limit,
             ramp_back_time=self.ramp_back_time,
+        )
+
+    def component_force(self) -> ContactForceSettings:
+        """Settings of the loops for the vertical and the tangential force; their gain follows set-point and path."""
+        return replace(
+            self.contact_force(),
+            integral_gain=self.component_gain * max(self.ball_reach, 1e-3) / REFERENCE_FORCE,
+            offset_limit=self.component_limit,
         )
 
     def compliance(self, tool: int = 1) -> ComplianceSettings:

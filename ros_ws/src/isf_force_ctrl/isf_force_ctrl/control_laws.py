@@ -11,6 +11,7 @@ from isf_force_ctrl.compliance import ComplianceCompensation
 from isf_force_ctrl.contact_force import ContactForceLoop
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Flag, Mode, Targets
+from isf_force_ctrl.force_components import ForceComponents
 from isf_force_ctrl.load_cell_filter import Fir
 from isf_force_ctrl.oscillation import OscillationMonitor
 from isf_force_ctrl.segments import Row
@@ -35,6 +36,9 @@ class ControlLaws:
             ComplianceCompensation(config.compliance(1)),
             ComplianceCompensation(config.compliance(2)),
         )
+        self._components: tuple[ForceComponents, ...] = ()
+        if config.vertical or config.tangential:
+            self._components = (ForceComponents(config, 1), ForceComponents(config, 2))
         self._filter = Fir(config.coefficients())
         self._monitor = OscillationMonitor(config.rate, config.oscillation_swing)
         self._estimate = StiffnessEstimate(
@@ -71,10 +75,11 @@ class ControlLaws:
         """m, force offset of the support tool along d_n, positive towards the forming tool."""
         return self._loops[self._support].offset
 
-    def support_offset(self, row: Row) -> tuple[float, float]:
-        """m, force offset of the support tool in x and y."""
+    def support_offset(self, row: Row) -> tuple[float, float, float]:
+        """(3,) m, offset of the support tool by all its force loops."""
         offset = -self.offset if self._support else self.offset
-        return offset * row[6], offset * row[7]
+        x, y, z = self._components[self._support].offset if self._components else (0.0, 0.0, 0.0)
+        return offset * row[6] + x, offset * row[7] + y, z
 
     @property
     def forming_offset(self) -> tuple[float, float]:
@@ -121,6 +126,8 @@ class ControlLaws:
         else:
             loop.freeze()
         self._compensate(forces)
+        if self._components:
+            flags |= self._control_components(mode, row, forces)
         self.flags = flags | loop.flags | self._compliances[self._forming].flags
         return self._targets(row)
 
@@ -154,6 +161,20 @@ class ControlLaws:
             loop.ramp_back()
             self._used_loop[self._forming] = abs(loop.offset) > _NEGLIGIBLE
 
+    def _control_components(self, mode: Mode, row: Row, forces: tuple[float, ...] | None) -> int:
+        """Vertical and tangential force of the support tool; the forming tool's offsets go to zero. Returns flags."""
+        components, other = self._components[self._support], self._components[self._forming]
+        if mode is Mode.CONTROL and forces is not None:
+            x, y, z = forces[3 * self._support : 3 * self._support + 3]
+            components.control(row, (x, y, z), self.set_point)
+        elif mode in _TAKEN_BACK:
+            components.ramp_back(row)
+        else:
+            components.freeze(row)
+        if not other.at_rest:
+            other.ramp_back(row)
+        return components.flags
+
     def _targets(self, row: Row) -> Targets:
         one, two = self._compliances
         offset_1, offset_2 = self._loops[0].offset, self._loops[1].offset
@@ -163,4 +184,7 @@ class ControlLaws:
             x_1, y_1 = x_1 + offset_1 * row[6], y_1 + offset_1 * row[7]
         if self._used_compliance[1]:
             x_2, y_2 = x_2 + two.x, y_2 + two.y
+        if self._components:
+            (a, b, c), (d, e, f) = self._components[0].offset, self._components[1].offset
+            return Targets((x_1 + a, y_1 + b, row[2] + c), (x_2 + d, y_2 + e, row[5] + f), row[12])
         return Targets((x_1, y_1, row[2]), (x_2, y_2, row[5]), row[12])

@@ -220,7 +220,7 @@ class ForceController:
             normal_force_filtered=laws.filtered,
             error=laws.error if forced else NAN,
             forming_offset=(*laws.forming_offset, 0.0),
-            support_offset=(*laws.support_offset(self._playback.row), 0.0),
+            support_offset=laws.support_offset(self._playback.row),
             contact_stiffness=laws.contact_stiffness,
             feed=self._playback.feed,
             flags=laws.flags,
