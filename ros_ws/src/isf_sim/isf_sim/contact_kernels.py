@@ -126,6 +126,11 @@ def envelope(surface: Surface, path: float, window: float, x: float, y: float, t
     h = surface.h
     i0, i1 = max(int((x - radius - surface.x0) / h), 1), min(int((x + radius - surface.x0) / h) + 2, nx - 1)
     j0, j1 = max(int((y - radius - surface.y0) / h), 1), min(int((y + radius - surface.y0) / h) + 2, ny - 1)
+    if i1 <= i0 or j1 <= j0:
+        return
+    # all nodes move from the same shape: in place, material would flow with the order of the nodes
+    old = z[j0 - 1 : j1 + 1, i0 - 1 : i1 + 1].copy()
+    origin = surface.origin[j0 - 1 : j1 + 1, i0 - 1 : i1 + 1].copy()
     for j in range(j0, j1):
         dy = surface.y0 + j * h - y
         for i in range(i0, i1):
@@ -137,23 +142,26 @@ def envelope(surface: Surface, path: float, window: float, x: float, y: float, t
                     if path - surface.touched[j, i] >= window:
                         surface.before[j, i] = z[j, i]
                         surface.touched[j, i] = path
-                    _move_material(surface, j, i, z[j, i] - ball)
+                    _move_material(surface, j, i, old, origin, j - j0 + 1, i - i0 + 1, z[j, i] - ball)
                     z[j, i] = ball
                     surface.formed[j, i] = 1
 
 
 @kernel
-def _move_material(surface: Surface, j: int, i: int, drop: float) -> None:
-    """A node goes down by ``drop`` m: its material moves along the normal, so it comes from further up the slope."""
-    z, origin, h = surface.height, surface.origin, surface.h
-    zx, zy = (z[j, i + 1] - z[j, i - 1]) / (2.0 * h), (z[j + 1, i] - z[j - 1, i]) / (2.0 * h)
+def _move_material(surface: Surface, j: int, i: int, z: Array, origin: Array, b: int, a: int, drop: float) -> None:
+    """Node (j, i) goes down by ``drop`` m: its material moves along the normal, so it comes from further up the slope.
+
+    ``z`` m and ``origin`` m: shape and origins before the ball came, in a window where the node is (b, a).
+    """
+    h = surface.h
+    zx, zy = (z[b, a + 1] - z[b, a - 1]) / (2.0 * h), (z[b + 1, a] - z[b - 1, a]) / (2.0 * h)
     share = drop / (1.0 + zx * zx + zy * zy)
     sx, sy = max(min(share * zx, h), -h), max(min(share * zy, h), -h)
-    before_i, before_j = i - 1 if sx > 0.0 else i + 1, j - 1 if sy > 0.0 else j + 1
+    before_a, before_b = a - 1 if sx > 0.0 else a + 1, b - 1 if sy > 0.0 else b + 1
     for k in range(2):
-        here = origin[j, i, k]
-        carried = abs(sx) * (origin[j, before_i, k] - here) + abs(sy) * (origin[before_j, i, k] - here)
-        origin[j, i, k] = here + carried / h - (sx if k == 0 else sy)
+        here = origin[b, a, k]
+        carried = abs(sx) * (origin[b, before_a, k] - here) + abs(sy) * (origin[before_b, a, k] - here)
+        surface.origin[j, i, k] = here + carried / h - (sx if k == 0 else sy)
 
 
 @kernel

@@ -17,9 +17,6 @@ class PlantConstants:
     force_exponent: float = _constant(0.18, "published: Aerens et al. 2009, scallop^0.09, so the step^0.18")
     wrap_exponent: float = _constant(0.5, "assumed: growth of the force where the wall wraps round the tool")
     tangential_share: float = _constant(0.25, "assumed: share of the groove angle in the force along the motion")
-    yield_factor: float = _constant(
-        2.6, "calibrated: global bending yield, on the springback of the uncontrolled cone of Ren 2018, 5.76 mm"
-    )
     bulge_factor: float = _constant(0.8, "calibrated: at t/R = 0.3, on Behera's pyramid; grows with (t/R)^2")
     base_pillow: float = _constant(0.3, "assumed: pillow of the following base over the blank's thickness")
     squeeze_memory: float = _constant(0.5, "assumed: lasting part of the squeeze indentation")

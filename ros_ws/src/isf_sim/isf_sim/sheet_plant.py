@@ -18,7 +18,6 @@ from isf_core.rig import Clamp
 from numpy.typing import NDArray
 
 from isf_sim import base_following
-from isf_sim.bending_yield import take_plastic_curvature
 from isf_sim.bulge import bulge_overlay
 from isf_sim.control_points import CAPACITY, ControlPoints, no_control_points
 from isf_sim.plant_constants import PlantConstants
@@ -36,10 +35,10 @@ from isf_sim.sheet_point import (
 )
 from isf_sim.shell import Deflection, Elastic, Shell
 from isf_sim.shell_lines import Grading
-from isf_sim.shell_region import grow_region, no_region, opening_region, region_lines, relax_formed
+from isf_sim.shell_region import grow_region, no_region, opening_region, region_lines
 from isf_sim.squeeze import indentation_stiffness
 from isf_sim.support import support_points
-from isf_sim.surface import LONG_AGO, Surface, TipTrack, bilinear_grid, empty_track, flat_surface, onto, sample_mean
+from isf_sim.surface import LONG_AGO, Surface, TipTrack, bilinear_grid, empty_track, flat_surface, sample_mean
 from isf_sim.thickness import coarse_area, limit_margin, thickness_map
 from isf_sim.world import World
 
@@ -121,10 +120,7 @@ class SheetPlant:
         self.solve_time = 0.0
         self.solutions = 0
         self._states: list[Array] = []
-        self._hardened = np.zeros(self.shell.count)
         self._region = no_region()
-        self._relaxed_path = 0.0
-        self._unbalanced = False
 
     @property
     def pressing(self) -> int:
@@ -232,7 +228,6 @@ class SheetPlant:
         shell, contact = self.shell, self.contact
         if grow_region(self._region, tip[0], tip[1]):
             self._move_lines()
-        self._relax_formed()
         self._take_shape()
         axial = max(float(contact.axial[0]), SMALLEST_FORCE)
         force = np.array([contact.lateral[0], contact.lateral[1], -axial])
@@ -241,8 +236,6 @@ class SheetPlant:
         if not deflection.converged or not np.isfinite(deflection.displacement).all():
             deflection = shell.solve(patch, force)
         self._keep(tip, axial, deflection)
-        if contact.axial[0] > SMALLEST_FORCE:
-            self._yield(deflection, tip)
         self.solutions += 1
 
     def _move_lines(self) -> None:
@@ -252,10 +245,8 @@ class SheetPlant:
             shell, self._region, Grading(constants.forming_cell, constants.cell_growth, constants.flange_cell)
         )
         nodes = shell.onto_lines(*lines)
-        self._hardened[...] = nodes(self._hardened)
         self._states = [nodes(state) for state in self._states]
         shell.move_lines(*lines)
-        self._unbalanced = True
 
     def _take_shape(self) -> None:
         """Present surface and thickness on the coarse grid; the clamp stays at z = 0."""
@@ -303,43 +294,6 @@ class SheetPlant:
         compliance = deflection.axial_compliance + max(below_grid, 0.0)
         points.exponent[n] = float(np.clip(compliance * axial / sag, 0.3, 1.0))
         points.used[0] = n + 1
-
-    def _yield(self, deflection: Deflection, tip: Array) -> None:
-        """Lasting bending of flange, wall and base; the whole surface takes its share."""
-        shell = self.shell
-        yielded = take_plastic_curvature(
-            shell,
-            deflection.state,
-            self._hardened,
-            (float(tip[0]), float(tip[1])),
-            shell.patch_reach(float(tip[0]), float(tip[1]), 0.7 * self.radius),
-            self.material.yield_strength,
-            self.constants.yield_factor,
-        )
-        if not (yielded or self._unbalanced):
-            return
-        self._unbalanced = False
-        change = shell.unload(deflection.factor)
-        shell.rebase(change)
-        grid = change[:, 2].reshape(shell.ny, shell.nx)
-        fine = onto(self.surface, grid, shell.x, shell.y)
-        self.surface.height[...] += fine
-        self.surface.before[...] += fine
-        coarse = onto(self.track, grid, shell.x, shell.y)
-        self.track.tip[...] += coarse
-        self.track.base[...] += coarse
-        self.aside.track.tip[...] -= coarse  # in the frame of the other tool
-        self.aside.track.base[...] -= coarse
-
-    def _relax_formed(self) -> None:
-        """Material that the tool has formed since the last solution conforms to it: its residual state is gone."""
-        surface = self.surface
-        rows, columns = np.nonzero(surface.touched > self._relaxed_path)
-        self._relaxed_path = float(self.contact.path[TRAVELLED])
-        if len(rows) == 0:
-            return
-        relax_formed(self.shell, surface, (rows, columns))
-        self._unbalanced = True
 
     def _point_constants(
         self, radius: float, incremental_depth: float, compliance: tuple[float, float, float], world: World

@@ -2,8 +2,8 @@
 
 While the lower tool presses, the plant works in z' = -z - t0: the lower face of the sheet is the upper one there, and
 the lower face of the flat blank lies at z' = 0. A sheet whose upper face is at Z has its lower face at Z - t0 (volume
-constancy: t0 along z), so its height turns into -Z. Curvatures and residual moments change sign, strains do not. A
-support stands below the sheet only; while the lower tool presses, the sheet is taken to be off it.
+constancy: t0 along z), so its height turns into -Z. A support stands below
+the sheet only; while the lower tool presses, the sheet is taken to be off it.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ def pressing_tip(tips: Array, tool: int, thickness: float) -> Array:
 
 def turn_over(plant: SheetPlant, tip: Array) -> None:
     """Let the other tool, with its tip at (3,) m in the frame after the turn, press the sheet of ``plant``."""
-    surface, contact, residual = plant.surface, plant.contact, plant.shell.residual
+    surface, contact = plant.surface, plant.contact
     plant.update_base()  # what this tool has walked round follows it before the tool leaves
-    for values in (surface.height, surface.formed, residual.bend, residual.warp):
+    for values in (surface.height, surface.formed):
         np.negative(values, out=values)
     surface.before[...] = surface.height
     _exchange_tracks(plant)

@@ -72,6 +72,21 @@ def test_volume_is_kept() -> None:
     assert volume == pytest.approx(blank, rel=0.015)
 
 
+def test_a_wall_is_as_thick_all_round() -> None:
+    """The order in which nodes are visited does not show: the four sides of a cone, but for the seam of the circles.
+
+    The tool runs round, so sides differ by their distance from the seam, where it steps down; 3 % is what is left.
+    """
+    surface = flat_surface((0.08, 0.08), 0.5e-3)
+    form_cone(surface, math.radians(60.0), 15e-3)
+    thickness, middle = thickness_map(surface, BLANK), surface.height.shape[0] // 2
+    i = round(25e-3 / surface.h)
+    sides = np.array(
+        [thickness[middle + i, middle], thickness[middle - i, middle], thickness[middle, middle - i]]
+    )  # the side at +x is the seam
+    assert sides == pytest.approx(np.full(3, sides.mean()), rel=0.03)
+
+
 def test_second_steeper_pass_leaves_more_than_a_single_one() -> None:
     """40 deg, then 65 deg: the wall turns and stretches by 1 / cos(25 deg) at most, it is not drawn anew."""
     once, twice = flat_surface((0.08, 0.08), 0.5e-3), flat_surface((0.08, 0.08), 0.5e-3)
@@ -79,7 +94,7 @@ def test_second_steeper_pass_leaves_more_than_a_single_one() -> None:
     form_cone(twice, math.radians(40.0), 15e-3)
     form_cone(twice, math.radians(65.0), 15e-3)
     single, double = walls(once)[0].mean(), walls(twice)[0].mean()
-    assert double > 1.1 * single
+    assert double > 1.05 * single
 
 
 def test_coarse_area_of_a_flat_sheet_is_one() -> None:
