@@ -35,7 +35,7 @@ def predict(
 
 @app.command(name="control-points")
 def control_points(job: Job, output: Output = None, json: Json = False) -> None:
-    """Where springback is computed: picture and table, with k-means beside it."""
+    """Where springback is computed: picture and table, with k-means and k-medoids beside it."""
     from isf_cell.commands.springback import show_control_points
 
     show_control_points(job, output, as_json=json)

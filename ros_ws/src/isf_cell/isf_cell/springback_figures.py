@@ -12,7 +12,7 @@ from isf_analysis.record import PartRecord
 from isf_core.contour import Contour
 from isf_core.job import JobFile
 from isf_springback.control_points import ControlLoop
-from isf_springback.feature_clusters import k_means
+from isf_springback.feature_clusters import k_means, k_medoids
 from isf_springback.loop_features import loop_features
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
@@ -25,12 +25,12 @@ _STRETCH = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#
 def draw_control_points(
     contours: Sequence[Contour], loops: Sequence[ControlLoop], job_file: JobFile, path: Path
 ) -> Path:
-    """Plan views: all control loops with their stretches and points; the middle loop by k-means."""
+    """Plan views: all control loops with their stretches and points; the middle loop by k-means and k-medoids."""
     by_index = {contour.index: contour for contour in contours}
     middle = max(loops, key=lambda loop: (len(loop.points), -loop.index))
     with style.applied():
         figure = style.new_figure(5.2, maps=True)
-        left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+        left, *others = figure.subplots(1, 3, sharex=True, sharey=True)
         for loop in loops:
             _draw_stretches(left, by_index[loop.index].contact, loop.labels, width=1.2)
         for loop in loops:
@@ -39,12 +39,13 @@ def draw_control_points(
         contour = by_index[middle.index]
         features = loop_features(contour, tool).normalised(tool)
         clusters = int(middle.labels.max()) + 1
-        labels = k_means(features, clusters) if clusters > 1 else middle.labels
-        _draw_stretches(right, contour.contact, labels, width=4.0)
+        for axes, name, method in zip(others, ("k-means", "k-medoids"), (k_means, k_medoids), strict=True):
+            labels = method(features, clusters) if clusters > 1 else middle.labels
+            _draw_stretches(axes, contour.contact, labels, width=4.0)
+            axes.set_title(f"{name}, contour {middle.index}")
         left.set_title("neighbours only: control points")
-        right.set_title(f"k-means, contour {middle.index}")
         left.set_ylabel("y [mm]")
-        for axes in (left, right):
+        for axes in (left, *others):
             axes.set_aspect("equal")
             axes.set_xlabel("x [mm]")
         path.write_bytes(style.png(figure))

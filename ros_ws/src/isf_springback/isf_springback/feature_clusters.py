@@ -1,7 +1,7 @@
 """Stretches of a contour with like features: Ward clustering in which only neighbours on the loop may merge.
 
-Ren 2018, 4.2.5: the number of clusters is the one with the largest Calinski-Harabasz index. k-means, which knows no
-neighbours, is here for comparison only.
+Ren 2018, 4.2.5: the number of clusters is the one with the largest Calinski-Harabasz index. k-means and k-medoids,
+which know no neighbours, are here for comparison only.
 """
 
 from __future__ import annotations
@@ -68,6 +68,32 @@ def k_means(features: Array, count: int) -> Labels:
     from sklearn.cluster import KMeans
 
     return _numbered(KMeans(count, n_init=4, random_state=0).fit_predict(features).astype(np.int64))
+
+
+def k_medoids(features: Array, count: int) -> Labels:
+    """(N,) labels by k-medoids, for comparison: as k-means, with distances instead of their squares.
+
+    Greedy first choice, then the best exchange of a medoid for a point until none lowers the sum of distances
+    (partitioning around medoids, Kaufman and Rousseeuw 1990).
+    """
+    from scipy.spatial.distance import cdist
+
+    apart = cdist(features, features)
+    medoids = [int(np.argmin(apart.sum(axis=0)))]
+    while len(medoids) < min(count, len(features)):
+        nearest = apart[:, medoids].min(axis=1)
+        medoids.append(int(np.argmin(np.minimum(nearest[:, None], apart).sum(axis=0))))
+    total = float(apart[:, medoids].min(axis=1).sum())
+    while True:
+        best = (total, -1, -1)
+        for k in range(len(medoids)):
+            others = medoids[:k] + medoids[k + 1 :]
+            nearest = apart[:, others].min(axis=1) if others else np.full(len(apart), np.inf)
+            sums = np.minimum(nearest[:, None], apart).sum(axis=0)
+            best = min(best, (float(sums.min()), k, int(np.argmin(sums))))
+        if best[0] >= total * (1.0 - 1e-12):
+            return _numbered(np.argmin(apart[:, medoids], axis=1).astype(np.int64))
+        total, medoids[best[1]] = best[0], best[2]
 
 
 def stretches(labels: Labels, *, closed: bool = True) -> int:

@@ -33,6 +33,7 @@ from isf_springback.scan_memory import ScanMemory
 from isf_springback.scan_processing import FormedShape, sections
 from isf_springback.shape_remarks import shape_remarks
 from isf_springback.sheet_load import push_sign
+from isf_springback.steady_prediction import SteadyPrediction
 from isf_springback.step_bounds import FREE_SHARE, force_remark, force_share, largest_rise
 
 Array = NDArray[np.float64]
@@ -96,7 +97,7 @@ class FusedCorrection:
         self._scans = ScanMemory(job_file)
         self._wall: BiasField | None = None
         self._bottom: BiasField | None = None
-        self._predicted: list[tuple[Contour, Array]] = []
+        self._steady = SteadyPrediction()
         self._remarks: tuple[str, ...] = ()
         self._doubtful = 0.0
         self._force_share = 0.0
@@ -112,24 +113,25 @@ class FusedCorrection:
 
     def feel(self, reading: LiftReading | None, index: int) -> None:
         """A tool lift scales the model; as far as scans have fixed the sum of model and bias, the sum stays."""
-        before = [self._model.lifted_share(contour.contact) for contour, _ in self._predicted]
+        steps = self._steady.steps
+        before = [self._model.lifted_share(contour.contact) for contour, _ in steps]
         self._model.feel(reading, index)
-        after = [self._model.lifted_share(contour.contact) for contour, _ in self._predicted]
-        if not self._predicted:
+        if not steps:
             return
-        contour, predicted = self._predicted[-1]
-        grown = (after[-1] / before[-1] - 1.0) * predicted
-        self._wall, self._bottom = (_shifted(field, contour, grown) for field in (self._wall, self._bottom))
-        self._predicted = [
-            (known[0], new / old * known[1]) for known, old, new in zip(self._predicted, before, after, strict=True)
+        factors = [
+            self._model.lifted_share(contour.contact) / old for (contour, _), old in zip(steps, before, strict=True)
         ]
+        contour, predicted = steps[-1]
+        grown = (factors[-1] - 1.0) * predicted
+        self._wall, self._bottom = (_shifted(field, contour, grown) for field in (self._wall, self._bottom))
+        self._steady.scaled(factors)
 
     def follow(self, contour: Contour, correction: ContourCorrection) -> None:
         """Take note that another method corrected ``contour``; the model predicts along, to compare with scans."""
         self._advance(contour)
         predicted = self._model.correct(contour)
         self._model.follow(contour, correction)
-        self._keep(contour, _along(predicted, contour))
+        self._steady.take(contour, _along(predicted, contour), seen=self._wall is not None)
         self._memory.remember(contour, np.asarray(correction.offset))
 
     def see(self, points: Array, index: int) -> None:
@@ -137,13 +139,13 @@ class FusedCorrection:
         applied = self._memory.pending
         shape = self._scans.take(points, None if applied is None else applied.contour, index)
         target = self._scans.target
-        if shape is None or applied is None or target is None or not self._predicted:
+        if shape is None or applied is None or target is None or not self._steady.steps:
             return
         contour = applied.contour
         reading = read_errors(contour, shape, target, forming_radius(self._job_file, contour.forming_tool))
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
         sign = push_sign(contour)
-        pushed, model = sign * applied.offset[near, 2], self._predicted[-1][1][near]
+        pushed, model = sign * applied.offset[near, 2], self._steady.steps[-1][1][near]
         pushed_before, model_before = sign * self._memory.last(contour)[near, 2], self._model_before(reading.place)
         noise = np.full(len(near), float(np.hypot(READING_DEVIATION, shape.noise)))
         known = self._fields(reading.place)
@@ -169,7 +171,7 @@ class FusedCorrection:
         self._advance(contour)
         model = self._model.correct(contour)
         fault = IsfError(ErrorCode(model.code), model.message) if model.code else self._scans.fault_before(contour)
-        predicted = _along(model, contour)
+        predicted = self._steady.take(contour, _along(model, contour), seen=self._wall is not None)
         path = LoopPath.of(contour)
         place, disagreement, deviation = self._bias(contour, path)
         bias = np.clip(disagreement, -np.maximum(predicted, LARGEST_BIAS), LARGEST_BIAS)
@@ -189,7 +191,6 @@ class FusedCorrection:
         offset = np.zeros((len(contour), 3))
         offset[:, 2] = sign * value
         self._memory.remember(contour, offset)
-        self._keep(contour, predicted)
         remarks = [*model.remarks, *self._remarks]
         if np.abs(disagreement).max() >= TOLD_BIAS:
             followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
@@ -233,16 +234,9 @@ class FusedCorrection:
             return False  # several contours without a scan: the model is all there is
         return self._wall is None or self._doubtful > SURPRISING
 
-    def _keep(self, contour: Contour, predicted: Array) -> None:
-        """Remember what the model said of the last two contours."""
-        older = [
-            step for step in self._predicted if step[0].index < contour.index and step[0].plan_id == contour.plan_id
-        ]
-        self._predicted = [*older[-1:], (contour, predicted)]
-
     def _model_before(self, place: Array) -> Array:
         """(M,) m, prediction of the contour before the last one, seen from ``place`` (M, 2) m."""
-        contour, predicted = self._predicted[0]
+        contour, predicted = self._steady.steps[0]
         return np.asarray(predicted[nearest_points(place, contour.forming_tip[:, :2])])
 
     def _advance(self, contour: Contour) -> None:
@@ -250,7 +244,7 @@ class FusedCorrection:
         if pending is not None and pending.contour.plan_id != contour.plan_id:
             self._scans.clear()
             self._wall = self._bottom = None
-            self._predicted = []
+            self._steady.clear()
             self._doubtful = self._force_share = 0.0
             self._remarks = ()
         self._memory.advance(contour)

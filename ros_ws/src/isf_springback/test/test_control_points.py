@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from isf_planner.part_library.catalogue import fish_fin, heart
 from isf_springback.control_points import ControlPointOptions, control_contours, control_points, part_symmetries
-from isf_springback.feature_clusters import ClusterOptions, calinski_harabasz, cluster_loop, k_means, stretches
+from isf_springback.feature_clusters import (
+    ClusterOptions,
+    calinski_harabasz,
+    cluster_loop,
+    k_means,
+    k_medoids,
+    stretches,
+)
 from isf_springback.loop_features import loop_features
 from loop_parts import contour_of, pyramid_loops, rounded_square
 from springback_parts import cone_contour
@@ -64,6 +71,31 @@ def test_k_means_mixes_places_that_ward_keeps_apart():
     ward, means = clusters(contour), k_means(features, 8)
     assert stretches(ward) == ward.max() + 1 == 8
     assert stretches(means) > 8
+
+
+def test_k_medoids_finds_the_best_middles_and_mixes_places_too():
+    features = np.array([0.0, 0.1, 0.2, 1.0, 1.1, 5.0, 5.1])[:, None]
+    assert k_medoids(features, 3).tolist() == [0, 0, 0, 1, 1, 2, 2]
+    assert k_medoids(features, 1).tolist() == [0] * 7
+    contour = contour_of(rounded_square(60e-3, 0.0), 5e-3)
+    curvature = loop_features(contour, TOOL).normalised(TOOL)
+    found = k_medoids(curvature, 8)
+    assert stretches(clusters(contour)) == 8
+    assert stretches(found) > 8  # the four corners share labels: no place of its own for each
+
+
+@pytest.mark.parametrize("inwards", [0.5e-3, 5e-3, 10e-3])
+def test_short_straights_of_the_heart_are_stretches_of_their_own(inwards):
+    """Two straights of 4 to 6 mm between convex and concave arcs, shorter than the window of the curvature (10 mm)."""
+    part = heart()
+    ring = part.features[0].levels.ring(inwards, 1e-6, (inwards, inwards)) - part.origin
+    contour = contour_of(ring, 5e-3)
+    labels, curvature = clusters(contour), loop_features(contour, TOOL).curvature
+    assert labels.max() + 1 == len(part.features[0].levels.line.curvature) == 8
+    length = np.bincount(labels) * 0.5e-3
+    short = np.flatnonzero(length < 6.1e-3)
+    assert len(short) == 2
+    assert all(abs(np.median(curvature[labels == k])) * TOOL < 0.06 for k in short)
 
 
 @pytest.mark.parametrize("make", [fish_fin, heart], ids=["fish fin", "heart"])
