@@ -1,38 +1,35 @@
 """Coarse nonlinear shell: elastic response of the formed sheet in its clamp to the force of a tool.
 
-Nodes on a regular grid with displacements u, v, w (frame ``sheet``); the unloaded shape is the height map of the
-actual part. At the clamp w and its slope are zero; in its plane the edge is free (on a weak spring) or fixed.
-Energies: :mod:`isf_sim.shell_assembly`. Valid for slopes up to about 60 deg and cells of about 8 mm; the load is
-spread over a patch wider than a cell, the compliance below that scale is added by the caller.
+Nodes where lines along x and y cross (:mod:`isf_sim.shell_lines`), with displacements u, v, w (frame ``sheet``); the
+unloaded shape is the height map of the actual part. At the clamp w and its slope are zero; in its plane the edge is
+free (on a weak spring) or fixed. Energies: :mod:`isf_sim.shell_assembly`; solution: :mod:`isf_sim.shell_equilibrium`.
+Valid for slopes up to about 60 deg; the load is spread over a patch wider than a cell, the compliance below that
+scale is added by the caller.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import SuperLU, splu
 
 from isf_sim.shell_assembly import Section, SupportPoints, add_strain, add_support, assemble, membrane_force
+from isf_sim.shell_equilibrium import conjugate_gradients, find_equilibrium
+from isf_sim.shell_factor import BandForm, Factor, KeptFactor
 from isf_sim.shell_lines import linear_weights, node_widths
 from isf_sim.shell_pattern import make_numbering, number_dofs, star_weights
 
 Array = NDArray[np.float64]
 
-LARGEST_STEP = 4.0e-3
-"""m, largest change of w in one Newton step."""
-RESIDUAL_TOLERANCE = 1.0e-3
+RESIDUAL_TOLERANCE = 1.0e-5
 """Residual over the load at which a solution is accepted."""
-STEP_TOLERANCE = 1.0e-7
-"""m, change of w at which a solution is accepted."""
-SLOW_CONVERGENCE = 0.5
-"""The matrix is factorised anew when a step leaves more than this part of the residual."""
-LARGEST_ITERATIONS = 40
-BALANCE = 0.01
+COMPLIANCE_TOLERANCE = 1.0e-2
+"""The same for the tangent, whose own error goes with the square of it."""
+BALANCE = 1.0e-3
 """Part of the out-of-balance forces of the residual stresses that may be left when the sheet is unloaded."""
 
 
@@ -64,23 +61,11 @@ class Deflection:
     axial_compliance : m/N, tangent dw/dF at the tool
     iterations, factorisations : work done
     converged : False when the iteration limit was hit
-    factor : factors of a matrix near the state
     """
 
     state: Array
     displacement: Array
     axial_compliance: float
-    iterations: int
-    factorisations: int
-    converged: bool
-    factor: SuperLU
-
-
-class _Equilibrium(NamedTuple):
-    """State (N, 3) m, factors of a matrix near it, work done."""
-
-    q: Array
-    factor: SuperLU
     iterations: int
     factorisations: int
     converged: bool
@@ -121,12 +106,11 @@ class Shell:
         self.support: SupportPoints | None = None
         cells = (self.nx - 1) * (self.ny - 1)
         self.residual = StrainState(np.zeros((cells, 3)), np.zeros((self.count, 2)), np.zeros(cells))
-        self._number(None)
+        self._number()
         self._place_lines(
             *(np.linspace(-0.5, 0.5, n) * length for n, length in zip((self.nx, self.ny), size, strict=True))
         )
         self.set_shape(self.height, self.thickness)
-        self._number(self._fill_reducing_order())
 
     # -- shape ---------------------------------------------------------------------------------
 
@@ -139,28 +123,19 @@ class Shell:
         nodes = self.onto_lines(x, y)
         old = self.residual
         middle = [0.5 * (lines[1:] + lines[:-1]) for lines in (self.x, self.y, x, y)]
-        along_x, along_y = linear_weights(middle[0], middle[2]), linear_weights(middle[1], middle[3])
-
-        def cells(values: Array) -> Array:
-            grid = values.reshape(self.ny - 1, self.nx - 1, -1)
-            return np.asarray(np.einsum("ab,bcd,ec->aed", along_y, grid, along_x)).reshape(values.shape)
-
+        cells = _between_lines(*middle)
         new = StrainState(cells(old.membrane), nodes(old.bend), cells(old.warp))
         for target, value in zip(vars(old).values(), vars(new).values(), strict=True):
             target[...] = value
         height, thickness = nodes(self.height), nodes(self.thickness)
+        self._loaded.drop()
+        self._unloaded.drop()
         self._place_lines(x, y)
         self.set_shape(height, thickness)
 
     def onto_lines(self, x: Array, y: Array) -> Callable[[Array], Array]:
         """Function that takes values on the nodes (N, ...) to those of a grid with the lines x (nx,), y (ny,) m."""
-        along_x, along_y = linear_weights(self.x, x), linear_weights(self.y, y)
-
-        def nodes(values: Array) -> Array:
-            grid = values.reshape(self.ny, self.nx, -1)
-            return np.asarray(np.einsum("ab,bcd,ec->aed", along_y, grid, along_x)).reshape(values.shape)
-
-        return nodes
+        return _between_lines(self.x, self.y, x, y)
 
     def _place_lines(self, x: Array, y: Array) -> None:
         self.x, self.y = np.ascontiguousarray(x), np.ascontiguousarray(y)
@@ -264,82 +239,60 @@ class Shell:
 
     def solve(self, patch: Array, force: Array, start: Array | None = None) -> Deflection:
         """Equilibrium with ``force`` (3,) N spread by ``patch`` (N,), from the state ``start`` (N, 3) m."""
-        q = np.zeros((self.count, 3)) if start is None else start.copy()
+        begin = np.zeros(self._numbering.count) if start is None else self._flat(start)
         load = self._flat(patch[:, None] * force)
-        scale = float(np.linalg.norm(load)) + 1e-9
-        found = self._equilibrium(q, load, RESIDUAL_TOLERANCE * scale, near=start is not None)
-        compliance = self._axial_compliance(patch, found.q, found.factor)
-        return Deflection(found.q, patch @ found.q, compliance, *found[2:5], found.factor)
+        tolerance = RESIDUAL_TOLERANCE * (float(np.linalg.norm(load)) + 1e-9)
+        found = find_equilibrium(
+            begin, self._loaded.get(), lambda q: load - self._inner(q), self._renewed(self._loaded), tolerance
+        )
+        state = self._unflat(found.q)
+        compliance, more = self._axial_compliance(patch, state, found.factor)
+        return Deflection(
+            state, patch @ state, compliance, found.iterations, found.factorisations + more, found.converged
+        )
 
-    def unload(self, factor: SuperLU | None = None) -> Array:
-        """(N, 3) m, displacement without load: where the residual stresses balance each other.
-
-        ``factor``: of a matrix of the loaded sheet, to begin with.
-        """
-        q = np.zeros((self.count, 3))
-        first = float(np.linalg.norm(self._assemble(q, tangent=False)))
+    def unload(self) -> Array:
+        """(N, 3) m, displacement without load: where the residual stresses balance each other."""
+        begin = np.zeros(self._numbering.count)
+        first = float(np.linalg.norm(self._inner(begin)))
         if first == 0.0:
-            return q
-        found = self._equilibrium(q, np.zeros(self._numbering.count), BALANCE * first, near=False, factor=factor)
-        return found.q if found.converged else q
+            return self._unflat(begin)
+        found = find_equilibrium(
+            begin, self._unloaded.get(), lambda q: -self._inner(q), self._renewed(self._unloaded), BALANCE * first
+        )
+        return self._unflat(found.q if found.converged else begin)
 
-    def _equilibrium(
-        self, q: Array, load: Array, tolerance: float, *, near: bool, factor: SuperLU | None = None
-    ) -> _Equilibrium:
-        """Modified Newton from ``q``: the factorised matrix is kept as long as a step leaves less than
-        SLOW_CONVERGENCE of the residual. ``near``: the start itself may be accepted; ``factor``: first matrix."""
-        fresh = factor is None
-        inner = self._assemble(q, tangent=fresh)
-        iterations, factorisations = 0, 0
-        if factor is None:
-            factor, factorisations = self._factorise(), 1
-        residual = load - inner
-        size = float(np.linalg.norm(residual))
-        converged = size < tolerance and near
-        while not converged and iterations < LARGEST_ITERATIONS:
-            step = self._unflat(factor.solve(residual))
-            largest = float(np.abs(step[:, 2]).max())
-            shrink = min(1.0, LARGEST_STEP / max(largest, 1e-12))
-            iterations += 1
-            while True:
-                trial = q + shrink * step
-                trial_residual = load - self._assemble(trial, tangent=False)
-                trial_size = float(np.linalg.norm(trial_residual))
-                accepted = trial_size < 1.5 * size or shrink < 0.1 or iterations <= 2
-                if accepted or not fresh:
-                    break
-                shrink *= 0.5
-            slow = not accepted or trial_size > SLOW_CONVERGENCE * size
-            if accepted or fresh:
-                q, residual, size = trial, trial_residual, trial_size
-                converged = size < tolerance or (fresh and largest * shrink < STEP_TOLERANCE)
-            fresh = False
-            if slow and not converged:  # the old matrix misled, or is not good enough any more
-                self._assemble(q, tangent=True)
-                factor = self._factorise()
-                factorisations += 1
-                fresh = True
-        return _Equilibrium(q, factor, iterations, factorisations, converged)
+    def _inner(self, q: Array) -> Array:
+        return self._assemble(self._unflat(q), tangent=False)
 
-    def _axial_compliance(self, patch: Array, q: Array, factor: SuperLU) -> float:
-        """Tangent at ``q`` (m/N) with the factors of a nearby state: three steps of iterative refinement."""
-        self._assemble(q, tangent=True)
-        matrix = self._matrix()
+    def _renewed(self, kept: KeptFactor) -> Callable[[Array], Factor]:
+        """Function that factorises the matrix of a state (n,) m and keeps it in ``kept``."""
+
+        def renew(q: Array) -> Factor:
+            self._assemble(self._unflat(q), tangent=True)
+            return kept.renew(self._values[:-1])
+
+        return renew
+
+    def _axial_compliance(self, patch: Array, state: Array, factor: Factor) -> tuple[float, int]:
+        """Tangent at ``state`` (m/N) with the factors of a nearby one; factorisations that it took."""
         load = self._flat(patch[:, None] * np.array([0.0, 0.0, 1.0]))
-        response = factor.solve(load)
-        for _ in range(3):
-            response += factor.solve(load - matrix @ response)
-        return float(load @ response)
+        self._assemble(state, tangent=True)
+        matrix = self._matrix()
+        response = conjugate_gradients(lambda x: matrix @ x, factor, load, COMPLIANCE_TOLERANCE)
+        if response is not None:
+            return float(load @ response), 0
+        return float(load @ self._loaded.renew(self._values[:-1]).solve(load)), 1
 
     # -- linear algebra ----------------------------------------------------------------------------
 
-    def _number(self, order: NDArray[np.int32] | None) -> None:
-        dof = number_dofs(self._active, order)
+    def _number(self) -> None:
+        dof = number_dofs(self._active, self.nx, self.ny)
         self._numbering = make_numbering(self.nx, self.ny, dof)
         self._force = np.zeros(self._numbering.count + 1)
         self._values = np.zeros(len(self._numbering.rows) + 1)
-        if order is not None:
-            self._set_springs()
+        form = BandForm(self._numbering.rows, self._numbering.starts)
+        self._loaded, self._unloaded = (KeptFactor(form, len(self._numbering.rows)) for _ in range(2))
 
     def _set_springs(self) -> None:
         numbering = self._numbering
@@ -347,11 +300,6 @@ class Shell:
         for axis in range(2):
             springs[numbering.dof[:, axis]] += self.edge_stiffness
         self._springs = springs[:-1]
-
-    def _fill_reducing_order(self) -> NDArray[np.int32]:
-        """Ordering found once; later factorisations use the natural order of the renumbered dofs."""
-        self._assemble(np.zeros((self.count, 3)), tangent=True)
-        return np.asarray(self._factorise("MMD_AT_PLUS_A").perm_c)
 
     def _assemble(self, q: Array, *, tangent: bool) -> Array:
         numbering = self._numbering
@@ -367,9 +315,6 @@ class Shell:
         shape = (numbering.count, numbering.count)
         return csc_matrix((self._values[:-1], numbering.rows, numbering.starts), shape=shape, copy=False)
 
-    def _factorise(self, order: str = "NATURAL") -> SuperLU:
-        return splu(self._matrix(), permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-
     def _flat(self, values: Array) -> Array:
         out = np.empty(self._numbering.count)
         out[self._numbering.dof[self._active]] = values[self._active]
@@ -379,3 +324,14 @@ class Shell:
         out = np.zeros((self.count, 3))
         out[self._active] = values[self._numbering.dof[self._active]]
         return out
+
+
+def _between_lines(x: Array, y: Array, new_x: Array, new_y: Array) -> Callable[[Array], Array]:
+    """Function that interpolates values (len(y) len(x), ...) on lines x, y m linearly to the lines new_x, new_y m."""
+    along_x, along_y = linear_weights(x, new_x), linear_weights(y, new_y)
+
+    def between(values: Array) -> Array:
+        grid = np.tensordot(along_y, values.reshape(len(y), len(x), -1), axes=(1, 0))
+        return np.asarray(np.tensordot(along_x, grid, axes=(1, 1)).swapaxes(0, 1).reshape(values.shape))
+
+    return between

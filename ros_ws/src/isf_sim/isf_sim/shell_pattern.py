@@ -33,12 +33,16 @@ class Numbering:
     diagonal: Index
 
 
-def number_dofs(active: Bool, order: Index | None = None) -> Index:
-    """(N, 3) dof numbers for an (N, 3) mask; ``order`` (count,) permutes them (new = order[old])."""
+def number_dofs(active: Bool, nx: int, ny: int) -> Index:
+    """(N, 3) dof numbers for an (N, 3) mask, along the shorter side of the grid first: the narrowest band."""
     count = int(active.sum())
-    numbers = np.arange(count, dtype=np.int32) if order is None else order.astype(np.int32)
-    dof = np.full(active.shape, count, dtype=np.int32)
-    dof[active] = numbers
+    dof = np.empty(active.shape, dtype=np.int32)
+    nodes = np.arange(nx * ny)
+    if nx > ny:
+        nodes = nodes.reshape(ny, nx).T.ravel()
+    numbers = np.full(active.shape, count, dtype=np.int32)
+    numbers[active[nodes]] = np.arange(count, dtype=np.int32)
+    dof[nodes] = numbers
     return dof
 
 

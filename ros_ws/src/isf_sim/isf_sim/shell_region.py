@@ -1,8 +1,7 @@
 """Where the coarse shell needs small cells: the region that is formed, as it becomes known.
 
 A backing plate tells it by its opening. Otherwise it grows with the places that the tool has pressed, so it is known
-after the first contour and nothing about the planned part is asked for. Lines move while little is bent yet; what the
-shell carries then is interpolated (:meth:`isf_sim.shell.Shell.move_lines`).
+after the first contour and nothing about the planned part is asked for.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from isf_sim.shell_lines import Grading, graded_lines
 from isf_sim.surface import Surface
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 MARGIN = 7.0e-3
 """m, small cells beyond the place of the tool: as far as its spread load reaches."""
@@ -59,25 +57,3 @@ def region_lines(shell: Shell, region: Array, grading: Grading) -> tuple[Array, 
         for lines, ends in zip((shell.x, shell.y), region, strict=True)
     )
     return x, y
-
-
-def relax_formed(shell: Shell, surface: Surface, formed: tuple[Index, Index]) -> None:
-    """Take away the residual state of the material of ``surface`` at ``formed`` rows and columns.
-
-    A cell, or the part of the sheet that belongs to a node, loses the share that was formed of it.
-    """
-    rows, columns = formed
-    ny, nx = surface.height.shape
-    x, y = surface.x0 + surface.h * np.arange(nx), surface.y0 + surface.h * np.arange(ny)
-    residual = shell.residual
-    for lines_x, lines_y, fields in (
-        (shell.x[1:-1], shell.y[1:-1], (residual.membrane, residual.warp)),
-        (0.5 * (shell.x[1:] + shell.x[:-1]), 0.5 * (shell.y[1:] + shell.y[:-1]), (residual.bend,)),
-    ):
-        i, j = np.searchsorted(lines_x, x, side="right"), np.searchsorted(lines_y, y, side="right")
-        wide, high = len(lines_x) + 1, len(lines_y) + 1
-        there = np.outer(np.bincount(j, minlength=high), np.bincount(i, minlength=wide)).ravel()
-        met = np.bincount(j[rows] * wide + i[columns], minlength=wide * high)
-        left = 1.0 - met / np.maximum(there, 1)
-        for values in fields:
-            values *= left.reshape(-1, *(1,) * (values.ndim - 1))

@@ -131,12 +131,13 @@ class Encoder:
 
 
 def _is_constant(value: Any) -> bool:
-    """What a fresh tree holds as well: models of files, frozen constants, functions, classes, factorisations."""
+    """What a fresh tree holds as well: models of files, frozen constants, functions, classes, caches that say so."""
     frozen = getattr(getattr(type(value), "__dataclass_params__", None), "frozen", False)
     return bool(
         frozen
+        or getattr(type(value), "constant_of_state", False)
         or isinstance(value, pydantic.BaseModel | type | types.FunctionType | types.MethodType)
-        or type(value).__name__ in ("SuperLU", "CPUDispatcher")
+        or type(value).__name__ == "CPUDispatcher"
     )
 
 

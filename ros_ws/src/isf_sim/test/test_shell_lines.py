@@ -12,7 +12,7 @@ from isf_sim.sheet_plant import SheetPlant
 from isf_sim.shell import Elastic, Shell
 from isf_sim.shell_assembly import HOURGLASS
 from isf_sim.shell_lines import Grading, graded_lines, linear_weights, node_widths
-from isf_sim.shell_region import grow_region, no_region, opening_region, relax_formed
+from isf_sim.shell_region import grow_region, no_region, opening_region
 from isf_sim.surface import flat_surface, onto, sample_mean
 from numpy.typing import NDArray
 
@@ -184,18 +184,6 @@ def test_region_follows_the_tool_and_the_opening_of_a_plate() -> None:
     surface.support[...] = 0.0
     surface.support[30:71, 20:61] = -np.inf
     assert opening_region(surface) == pytest.approx(np.array([[-34e-3, 14e-3], [-24e-3, 24e-3]]))
-
-
-def test_formed_material_loses_its_residual_state() -> None:
-    """The whole surface formed: nothing is left on any cell; half of a cell formed: half is left."""
-    shell, surface = graded_shell(), flat_surface((LENGTH, LENGTH), 0.5e-3)
-    everywhere = np.nonzero(np.ones(surface.height.shape, dtype=bool))
-    for values in vars(shell.residual).values():
-        values[...] = 1.0
-    relax_formed(shell, surface, (everywhere[0][:0], everywhere[1][:0]))
-    assert all((values == 1.0).all() for values in vars(shell.residual).values())
-    relax_formed(shell, surface, everywhere)
-    assert all((values == 0.0).all() for values in vars(shell.residual).values())
 
 
 def test_coarse_lines_gather_where_the_plant_is_pressed() -> None:
