@@ -70,7 +70,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._ticks = self._late_before = 0
         self._last_mode = Mode.IDLE
 
-        self._outlet = ForceCtrlOutlet(self)
+        if p.output == "twist" and p.lockstep:
+            raise IsfError(ErrorCode.FILE_FIELD, "twists are velocities by the clock, not in lockstep", where="output")
+        self._outlet = ForceCtrlOutlet(self, twist=p.output == "twist")
         # Each event handler is one more entity in every wait of the executor.
         into: dict[str, Any] = {"event_callbacks": SubscriptionEventCallbacks(use_default_callbacks=False)}
         subscriptions = [
@@ -157,7 +159,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         elif controller.fault is None:
             with self._lock:
                 controller.fail(*fault, ticking=by_clock)
-                if not by_clock:
+                if not by_clock:  # else the next tick tells it
+                    self._publish_state(controller, self.get_clock().now().nanoseconds)
                     self._publish_result()
 
     def _step_in_lockstep(self) -> None:
@@ -185,11 +188,15 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             return
         try:
             if controller is None or controller.mode is Mode.IDLE:
+                self._outlet.rest()
                 return
             waiting = self._delayed or time.monotonic() < self._patient_until
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
                 controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost), ticking=True)
+            blind = self._parameters.output == "twist" and not waiting and controller.fault is None
+            if blind and (text := self._ready.pose_lost_text()):
+                controller.fail(ErrorCode.POSE_LOST, text, ticking=True)
             self._tick_number += 1 if self._pair.fresh(self._ready.needed) else 2  # a gap: its wrenches were lost
             self._pair.use()
             targets = controller.tick(self._tick_number, now / stamps.NANO, *self._pair.wrench)
@@ -254,6 +261,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _on_pose(self, tool: int, message: PoseStamped) -> None:
         tip = conversion.tip_of(message)
         self._ready.pose(tool, tip)
+        self._outlet.measured(tool, tip)
         if self._controller is not None:
             self._controller.add_measured(tool, stamps.to_seconds(message.header.stamp), tip)
 
@@ -308,7 +316,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
         self._ready.needed = tools_with_load_cell(job_file.job)
-        self._ready.check()
+        self._ready.check(with_pose=self._parameters.output == "twist")
         controller = MeasuringController(control_config(job_file, self._parameters))
         park = controller.config.park_height
         tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))
@@ -319,7 +327,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._stop_loop()  # from here on no other thread sees the controller
         self._inlet.restart()
         self._latency = LatencyMeter()
-        self._outlet.has_targets = False
+        self._outlet.start(tip_1, tip_2, controller.config.rate)
         self._outlet.with_holder = job_file.job.process == "TPIF"
         self._controller = controller
         self._publish_state(controller, self.get_clock().now().nanoseconds)
@@ -336,6 +344,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _disarm(self) -> None:
         with self._lock:
             if self._controller is not None:
+                self._inlet.restart()  # whatever the wrenches' time is now, the tools are lifted by it
                 self._controller.disarm()
                 self._publish_state(self._controller, self.get_clock().now().nanoseconds)
                 self._step_in_lockstep()
@@ -355,6 +364,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._loop is not None:
             self._loop.stop()
             self._loop = None
+            self._outlet.rest(last=True)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,12 +1,13 @@
-"""What force_ctrl publishes: targets every tick, the blank holder where there is one, states and results."""
+"""What force_ctrl publishes: targets (poses or twists) every tick, the blank holder, states and results."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from isf_core.contour import ContourResult
 from isf_msgs import msg as isf
 from isf_node import conversion, qos, stamps
@@ -14,15 +15,28 @@ from isf_node.lifecycle import CellNode
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 
-from isf_force_ctrl.control_state import ControlState, Targets
+from isf_force_ctrl.control_state import ControlState, Targets, Vector
+from isf_force_ctrl.target_twist import TargetTwist
+
+RESTING = 10
+"""Twists of zero that are sent when the tools are to stand."""
 
 
 class ForceCtrlOutlet:
-    """The node's publishers and the messages of its streams, which are filled anew for every tick."""
+    """The node's publishers and the messages of its streams, which are filled anew for every tick.
 
-    def __init__(self, node: CellNode[Any]) -> None:
+    ``twist``: targets go out as TwistStamped on ``tool_k/target_twist`` instead of poses on ``tool_k/target``.
+    """
+
+    def __init__(self, node: CellNode[Any], *, twist: bool = False) -> None:
         self._node = node
-        self._targets = [self._publisher(PoseStamped, f"tool_{k}/target", qos.STREAM_SOURCE) for k in (1, 2)]
+        kind, topic = (TwistStamped, "target_twist") if twist else (PoseStamped, "target")
+        self._targets = [self._publisher(kind, f"tool_{k}/{topic}", qos.STREAM_SOURCE) for k in (1, 2)]
+        self._twists: list[TargetTwist] | None = None
+        self._twist_messages = (TwistStamped(), TwistStamped()) if twist else None
+        for message in self._twist_messages or ():
+            message.header.frame_id = conversion.FRAME
+        self._zeros = 0
         self._holder = self._publisher(PoseStamped, "holder/target", qos.STREAM_SOURCE)
         self._states = self._publisher(isf.ForceCtrlState, "force_ctrl/state", qos.STREAM_SOURCE)
         self._results = self._publisher(isf.ContourResult, "contour/result", qos.EVENT)
@@ -39,14 +53,37 @@ class ForceCtrlOutlet:
         for publisher in (*self._targets, self._holder, self._states, self._results):
             self._node.destroy_publisher(publisher)
 
+    def start(self, tip_1: Vector, tip_2: Vector, rate: float) -> None:
+        """Targets follow, ``rate`` per second; the tools are at ``tip_1``, ``tip_2`` m."""
+        self.has_targets = False
+        self._twists = [TargetTwist(tip, rate) for tip in (tip_1, tip_2)]
+
+    def measured(self, tool: int, tip: Vector) -> None:
+        """The tip (3,) m of ``tool`` (1, 2) that the machine reported."""
+        if self._twists is not None:
+            self._twists[tool - 1].measured = tip
+
+    def rest(self, *, last: bool = False) -> None:
+        """The tools are to stand: a driver that follows twists must be told. ``last``: nothing is sent after this."""
+        while self._twist_messages is not None and self._zeros > 0:
+            self._zeros -= 1
+            self._send_twists(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), None)
+            if not last:
+                break
+
     def targets(self, targets: Targets, stamp: int) -> None:
         """Both targets, valid at ``stamp`` ns."""
         seconds, rest = divmod(stamp, stamps.NANO)
-        for message, tip, publisher in zip(self._messages, targets[:2], self._targets, strict=True):
-            message.header.stamp.sec, message.header.stamp.nanosec = seconds, rest
-            position = message.pose.position
-            position.x, position.y, position.z = tip
-            publisher.publish(message)
+        if self._twist_messages is not None and self._twists is not None:
+            self._zeros = RESTING
+            velocities = [law.step(tip) for law, tip in zip(self._twists, targets[:2], strict=True)]
+            self._send_twists(velocities, (seconds, rest))
+        else:
+            for message, tip, publisher in zip(self._messages, targets[:2], self._targets, strict=True):
+                message.header.stamp.sec, message.header.stamp.nanosec = seconds, rest
+                position = message.pose.position
+                position.x, position.y, position.z = tip
+                publisher.publish(message)
         if self.with_holder:
             holder = self._holder_message
             holder.header.stamp.sec, holder.header.stamp.nanosec = seconds, rest
@@ -56,7 +93,13 @@ class ForceCtrlOutlet:
         self.last_publish = time.monotonic()
 
     def repeat(self, stamp: int | None = None) -> None:
-        """The last targets once more: a sign of life; with their own stamp, or with ``stamp`` ns."""
+        """The last targets once more: a sign of life; with their own stamp, or with ``stamp`` ns.
+
+        Only while the tools rest: as twists these are none.
+        """
+        if self._twist_messages is not None:
+            self._send_twists(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), None if stamp is None else divmod(stamp, stamps.NANO))
+            return
         for message, publisher in zip(self._messages, self._targets, strict=True):
             if stamp is not None:
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, stamps.NANO)
@@ -64,6 +107,14 @@ class ForceCtrlOutlet:
         if self.with_holder:
             self._holder.publish(self._holder_message)
         self.last_publish = time.monotonic()
+
+    def _send_twists(self, velocities: Sequence[Vector], stamp: tuple[int, int] | None) -> None:
+        for message, velocity, publisher in zip(self._twist_messages or (), velocities, self._targets, strict=True):
+            if stamp is not None:
+                message.header.stamp.sec, message.header.stamp.nanosec = stamp
+            linear = message.twist.linear
+            linear.x, linear.y, linear.z = velocity
+            publisher.publish(message)
 
     def state(self, state: ControlState, stamp: int, latency: float) -> None:
         """The controller's state at ``stamp`` ns; ``latency`` s from wrench to targets."""

@@ -25,6 +25,11 @@ class ForceCtrlParameters:
         60, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", least=0, most=98
     )
     lock_memory: bool = parameter(True, "ask for memory that is never paged out while ticking by the clock")
+    output: str = parameter(
+        "pose",
+        "pose: PoseStamped on tool_k/target; twist: TwistStamped on tool_k/target_twist (not in lockstep)",
+        choices=("pose", "twist"),
+    )
     state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick", least=1, most=100_000)
     loop_gain: float = parameter(ControlConfig.loop_gain, "1/s, K_i K_c of the force loop", least=0.1, most=500.0)
     dead_zone: float = parameter(ControlConfig.dead_zone, "N, force error that is left alone", least=0.0, most=100.0)

@@ -48,14 +48,23 @@ class Readiness:
         names = " and ".join(f"tool_{k}/wrench" for k in tools)
         return f"nothing on {names} for {self.timeout:g} s (is the machine node alive?)"
 
-    def check(self) -> None:
-        """Raise IsfError WRENCH_LOST, WRENCH_FRAME or NO_TARE when the tools must not move."""
+    def pose_lost_text(self) -> str:
+        """What to say of needed tools whose pose has stopped coming; empty: none. Twists need the poses."""
+        now, poses = time.monotonic(), self._poses
+        lost = [k for k in self.needed if (pose := poses[k - 1]) is None or now - pose[0] > self.timeout]
+        names = " and ".join(f"tool_{k}/pose" for k in lost)
+        return f"nothing on {names} for {self.timeout:g} s: twists would drift away from the path" if lost else ""
+
+    def check(self, *, with_pose: bool = False) -> None:
+        """Raise IsfError WRENCH_LOST, POSE_LOST, WRENCH_FRAME or NO_TARE when the tools must not move."""
         stale = [k for k in self.needed if self._watchdogs[k - 1].age() > FRESH]
         if stale:
             names = " and ".join(f"tool_{k}/wrench" for k in stale)
             raise IsfError(
                 ErrorCode.WRENCH_LOST, f"nothing on {names} in the last {FRESH:g} s", advice="is the machine active?"
             )
+        if with_pose and (text := self.pose_lost_text()):
+            raise IsfError(ErrorCode.POSE_LOST, text, advice="the driver has to publish its poses")
         self._frames.check(self.needed)
         if self.machine is None or not self.machine.tared:
             raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="call machine/tare")

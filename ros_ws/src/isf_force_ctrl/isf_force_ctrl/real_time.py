@@ -3,7 +3,7 @@
 Ticks are due on a grid of periods. The grid follows the arrival of the wrenches (at most one per cent faster or slower
 than its nominal rate), so a pair that comes about when a tick is due makes that tick at once, in the thread that
 received it. Where none comes in time (lost, late, or a sensor with another rate) an own thread makes the tick with the
-newest wrenches a quarter of a period later: targets never wait for a message. Ticks that are late are counted, never
+newest wrenches 0.4 periods later: targets never wait for a message. Ticks that are late are counted, never
 hidden.
 """
 
@@ -20,11 +20,11 @@ from isf_force_ctrl.thread_priority import Privileges, RealTimeSettings, acquire
 EARLY = 0.25
 """Share of a period that a pair of wrenches may come before its tick is due and still be answered at once."""
 
-PATIENCE = 0.25
+PATIENCE = 0.4
 """Share of a period that a tick waits for its wrenches."""
 
-LATE = 0.5
-"""Share of a period after which a tick is late."""
+LATE = 1.0
+"""Share of a period after which a tick is late: the next one is due."""
 
 FOLLOWED = 0.05
 """Share of the deviation between the arrival of the wrenches and the grid by which the grid moves in one tick."""

@@ -6,7 +6,9 @@ that never arrive; real time), ``frozen_at`` (tick from which the wrenches repea
 wrenches), ``sign`` (factor on the forces), ``tared``, ``lockstep`` (false: ticks by the clock on the newest targets),
 ``late_at`` (tick from which the wrenches come 50 ms late; real time), ``scattered_share`` (share of the wrenches that
 come 50 ms late, after newer ones; real time), ``jump_at``, ``jump`` (tick from which the stamps are off by ``jump`` s),
-``twist`` (true: follows twists by integrating them instead of poses, and publishes poses).
+``gap`` (m by which the tools stand too far apart), ``twist`` (true: integrates twists instead of following poses, and
+publishes poses; real time), ``drift`` (m/s in x that it adds to the twists), ``poses_until`` (tick after which it
+publishes no poses). ``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and ``gap`` may change at run time.
 """
 
 import copy
@@ -17,14 +19,19 @@ from collections import deque
 import numpy as np
 import rclpy
 from contact_sandbox import Sandbox, planned_distance, ring
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from isf_msgs.msg import MachineState
 from isf_node import conversion, qos, stamps
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 RATE = 500.0
+START = 50_000
+"""Tick of the first stamp in lockstep."""
+
 LATE = 25
 """Ticks that a late wrench is late."""
 
@@ -46,10 +53,20 @@ class StandInMachine(Node):
             self.declare_parameter("jump", 0.0).value,
             self.declare_parameter("scattered_share", 0.0).value,
         )
+        self.gap = self.declare_parameter("gap", 0.0).value
         self.delayed: deque[tuple[int, int, WrenchStamped]] = deque()
         self.tared = self.declare_parameter("tared", True).value
         self.lockstep = self.declare_parameter("lockstep", True).value
         self.sandbox = Sandbox(np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]), planned_distance(ring()))
+        self.twist, self.drift, self.poses_until = (
+            self.declare_parameter("twist", False).value,
+            self.declare_parameter("drift", 0.0).value,
+            self.declare_parameter("poses_until", -1).value,
+        )
+        self.velocity = [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
+        self.poses = [self.create_publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
+        self.sandbox.gap = lambda time, angle: self.gap
+        self.add_on_set_parameters_callback(self.on_parameters)
         self.stamp = [-1, -1]
         self.targets = [(0.0, 0.0, 0.1), (0.0, 0.0, -0.1)]
         self.wrench = [conversion.make_wrench(), conversion.make_wrench()]
@@ -57,17 +74,29 @@ class StandInMachine(Node):
             message.header.frame_id = frame
         self.out = [self.create_publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM) for k in (1, 2)]
         self.state = self.create_publisher(MachineState, "machine/state", qos.STREAM)
-        self.create_subscription(PoseStamped, "tool_1/target", lambda m: self.on_target(0, m), qos.STREAM)
-        self.create_subscription(PoseStamped, "tool_2/target", lambda m: self.on_target(1, m), qos.STREAM)
-        self.last = 0.0
+        for k in (0, 1):
+            tool = f"tool_{k + 1}"
+            if self.twist:
+                topic = f"{tool}/target_twist"
+                self.create_subscription(TwistStamped, topic, lambda m, k=k: self.on_twist(k, m), qos.STREAM)
+            else:
+                self.create_subscription(PoseStamped, f"{tool}/target", lambda m, k=k: self.on_target(k, m), qos.STREAM)
+        self.last, self.offset = 0.0, 0
         self.measure()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.1, self.on_timer, clock=steady)
         if not self.lockstep:
             self.create_timer(1.0 / RATE, self.on_clock, clock=steady)
 
+    def on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            setattr(self, parameter.name, parameter.value)
+        return SetParametersResult(successful=True)
+
     def measure(self) -> None:
         tick = self.sandbox.tick
+        # from one tick to the next only: targets that are on their way are still of the old time
+        self.offset = round(self.jump * stamps.NANO) if 0 <= self.jump_at <= tick else 0
         for message, wrench in zip(self.wrench, self.sandbox.wrenches(), strict=True):
             if tick == self.nan_at:
                 wrench[1] = math.nan
@@ -78,11 +107,11 @@ class StandInMachine(Node):
             message.header.stamp = stamps.to_stamp(self.now())
         self.send()
 
-    def now(self) -> int:
-        """ns: time of the tick in lockstep, else of the clock."""
+    def now(self, ahead: int = 0) -> int:
+        """ns: time of the tick, or of one ``ahead``, in lockstep, else of the clock."""
         tick = self.sandbox.tick
-        now = stamps.tick_nanoseconds(tick, RATE) if self.lockstep else time.time_ns()
-        return now + (round(self.jump * stamps.NANO) if 0 <= self.jump_at <= tick else 0)
+        now = stamps.tick_nanoseconds(START + tick + ahead, RATE) if self.lockstep else time.time_ns()
+        return now + self.offset
 
     def send(self) -> None:
         if 0 <= self.silent_at <= self.sandbox.tick:
@@ -106,13 +135,36 @@ class StandInMachine(Node):
             self.send()
 
     def on_clock(self) -> None:
+        if self.twist:
+            self.integrate()
         self.sandbox.advance(*self.targets)
         self.measure()
 
+    def integrate(self) -> None:
+        """As a driver does that is sent velocities: by its own clock, and never quite exactly."""
+        now = time.monotonic()
+        passed, self.integrated = now - getattr(self, "integrated", now), now
+        for k, (x, y, z) in enumerate(self.velocity):
+            a, b, c = self.targets[k]
+            moving = self.drift if (x, y, z) != (0.0, 0.0, 0.0) else 0.0
+            self.targets[k] = (a + passed * (x + moving), b + passed * y, c + passed * z)
+            if self.poses_until < 0 or self.sandbox.tick <= self.poses_until:
+                pose = conversion.make_pose()
+                pose.header.stamp = stamps.to_stamp(self.now())
+                conversion.set_tip(pose, self.sandbox.position[3 * k : 3 * k + 3])
+                self.poses[k].publish(pose)
+
+    def on_twist(self, tool: int, message: TwistStamped) -> None:
+        if message.header.frame_id == conversion.FRAME:
+            linear = message.twist.linear
+            self.velocity[tool] = (linear.x, linear.y, linear.z)
+
     def on_target(self, tool: int, message: PoseStamped) -> None:
+        if message.header.frame_id != conversion.FRAME:
+            return
         self.targets[tool] = conversion.tip_of(message)
         self.stamp[tool] = stamps.to_nanoseconds(message.header.stamp)
-        due = stamps.tick_nanoseconds(self.sandbox.tick + 1, RATE)
+        due = self.now(1)
         if self.lockstep and self.stamp == [due, due]:
             self.sandbox.advance(*self.targets)
             self.measure()

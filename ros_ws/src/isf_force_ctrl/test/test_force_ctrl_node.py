@@ -84,7 +84,7 @@ class Cell:
         self._stack.enter_context(started(str(here.with_name("standin_machine.py")), remap=remap, **options))
         values: dict[str, Any] = {"wrench_timeout": 1.0, **parameters}
         self._stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, remap=remap, **values))
-        assert self._arm.wait_for_service(20.0)
+        assert self._arm.wait_for_service(60.0)
 
     def wait(self, condition: Callable[[], Any], timeout: float = 40.0) -> bool:
         deadline = time.monotonic() + timeout
