@@ -38,10 +38,17 @@ WATCH = 2.0
 Todo = list[tuple[Case, str]]
 
 
-def cases_of(parts: Sequence[str], methods: Sequence[str] | None, worlds: Sequence[int]) -> list[Case]:
-    """Cases in the order of their use: one world of every part after the other, the nominal one first."""
+def cases_of(parts: Sequence[str] | None, methods: Sequence[str] | None, worlds: Sequence[int]) -> list[Case]:
+    """Cases in the order of their use: world after world, so that a campaign that is stopped holds whole worlds.
+
+    Without ``parts`` all of them, large ones in the nominal world only.
+    """
     return [
-        Case(part, method, world) for world in worlds for part in parts for method in methods or PARTS[part].methods
+        Case(part, method, world)
+        for world in worlds
+        for part in parts or PARTS
+        if parts or world == 0 or not PARTS[part].large
+        for method in methods or PARTS[part].methods
     ]
 
 
@@ -114,7 +121,7 @@ def databases(todo: Todo, console: Console) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compute what is missing, print the table, write the page when asked to."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--parts", nargs="+", choices=sorted(PARTS), default=list(PARTS))
+    parser.add_argument("--parts", nargs="+", choices=sorted(PARTS), help="left out: all, large ones in world 0 only")
     parser.add_argument("--methods", nargs="+", help="for example: none analytic 'fused(elastic)'; None: of each part")
     parser.add_argument("--worlds", nargs="+", default=["0"], help="for example: 0,1-20")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
