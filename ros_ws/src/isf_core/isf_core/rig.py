@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from isf_core import yaml_file
 from isf_core.model_base import FileModel
 from isf_core.quantity import Compliance, Force, Frequency, Length, Speed, Stiffness, Time, Torque
+from isf_core.rig_layers import layered_text
 from isf_core.shared_files import find_named
 
 
@@ -138,9 +139,12 @@ class Rig(FileModel):
 
 
 def load_rig(name_or_path: str, base: Path | None = None) -> Rig:
-    """Rig by name ("ren2018") or by path relative to ``base``, paths of error maps made absolute; raises IsfError."""
+    """Rig by name ("ren2018") or by path relative to ``base``, paths of error maps made absolute; raises IsfError.
+
+    A file may tell only what differs from another rig: see :mod:`isf_core.rig_layers`.
+    """
     path = find_named("rigs", name_or_path, base)
-    rig = yaml_file.load(path, Rig)
+    rig = yaml_file.parse(layered_text(path), Rig, str(path))
     tools = {}
     for name in ("tool_1", "tool_2"):
         tool: ToolAxis = getattr(rig, name)
