@@ -158,6 +158,17 @@ def contour_segments(
     if forced and not (continues and present.engaged):
         wait = list(rows[0])
         wait[Column.COORDINATE] = float("nan")
+        if not present.engaged and wait[Column.SET_POINT] > config.engage_force:
+            wait[Column.SET_POINT] = config.engage_force
+            ticks = _ramp_ticks(config, float(path.set_point[0]) - config.engage_force, len(rows))
+            ramp = Segment(Mode.ENGAGE, rows[: ticks + 1], runs_on=True)
+            rows = rows[ticks:]
+            return [
+                *segments,
+                Segment(Mode.ENGAGE, [wait], waits=True),
+                ramp,
+                Segment(Mode.CONTROL, rows, runs_on=runs_on),
+            ]
         segments.append(Segment(Mode.ENGAGE, [wait], waits=True))
     segments.append(Segment(Mode.CONTROL if forced else Mode.POSITION, rows, runs_on=runs_on))
     return segments
@@ -172,13 +183,18 @@ def _onward(
     rows = rows_of(sample(path, feed, tool_moves.limits_of(config), entry=max(entry, 1e-4), runs_on=runs_on))
     _fade_in(config, rows, present, feed)
     if forced and not present.engaged:
-        least = float(path.set_point[0]) / config.set_point_rate + config.settled_time
-        ticks = min(len(rows) - 2, int(np.ceil((least + 0.2) * config.rate)))
+        ticks = _ramp_ticks(config, float(path.set_point[0]), len(rows))
         return [
             Segment(Mode.ENGAGE, rows[: ticks + 1], runs_on=True),
             Segment(Mode.CONTROL, rows[ticks:], runs_on=runs_on),
         ]
     return [Segment(Mode.CONTROL if forced else Mode.POSITION, rows, runs_on=runs_on)]
+
+
+def _ramp_ticks(config: ControlConfig, force: float, count: int) -> int:
+    """Ticks in which the set-point rises by ``force`` N and the force settles, on a way of ``count`` ticks."""
+    least = force / config.set_point_rate + config.settled_time
+    return min(count - 2, int(np.ceil((least + 0.2) * config.rate)))
 
 
 def _fade_in(config: ControlConfig, rows: list[Row], present: Present, feed: float) -> None:
