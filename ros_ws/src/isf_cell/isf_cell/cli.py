@@ -221,6 +221,48 @@ def calibrate_cell(
 
 
 @app.command()
+def identify(
+    job: JobArgument,
+    property: Annotated[
+        str, typer.Option("--property", "-p", help="compliance, stiffness, servo or signs", show_default=False)
+    ],
+    tool: Annotated[int, typer.Option(help="1 (upper) or 2 (lower)", min=1, max=2)] = 1,
+    repeats: Annotated[int, typer.Option(help="visits of each place", min=1, max=20)] = 2,
+    place: Annotated[
+        list[str] | None, typer.Option(help='"x y z" in mm, again for each place  [default: a set]', metavar="PLACE")
+    ] = None,
+    max_force: Annotated[float, typer.Option(help="N that no load cell may exceed")] = 600.0,
+    contours: Annotated[int | None, typer.Option(help="contours formed first, for a wall  [default: 70 %]")] = None,
+    world: World = 0,
+    seed: Seed = 0,
+    cell: Annotated[
+        bool, typer.Option("--cell", help="on the running cell of this ROS domain, armed, as it is")
+    ] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="rig file to write  [default: in runs/]", metavar="FILE")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Identify compliance, contact stiffness, servo or load cells with the tools; writes a rig file."""
+    from isf_cell.commands.identify import identify_machine
+
+    identify_machine(
+        job,
+        property,
+        output,
+        tool=tool,
+        repeats=repeats,
+        places=tuple(place or ()),
+        max_force=max_force,
+        contours=contours,
+        world=world,
+        seed=seed,
+        cell=cell,
+        as_json=json,
+    )
+
+
+@app.command()
 def doctor(json: Json = False) -> None:
     """Check the installation: what works, what is missing, and what to do about it."""
     from isf_cell.commands.doctor import examine

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Mode, Targets
 from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.identification import make_probe
+from isf_force_ctrl.identify_settings import IdentifySettings, ToolGeometry
 from isf_force_ctrl.measurement import Measurement
+from isf_force_ctrl.probe import Probe
 from isf_force_ctrl.tool_lift import LiftSettings, ToolLift
 from isf_force_ctrl.wrench_check import fault_of, plausible
 
@@ -21,6 +26,7 @@ class MeasuringController(ForceController):
         super().__init__(config)
         self._measurement: Measurement | None = None
         self._mode_before = Mode.IDLE
+        self._formed: Contour | None = None
 
     # -- commands ------------------------------------------------------------------------------
 
@@ -34,8 +40,32 @@ class MeasuringController(ForceController):
         self._begin(lift)
         return lift
 
+    def identify(self, settings: IdentifySettings, geometry: ToolGeometry) -> Probe:
+        """Identify a property of the machine, from the sheet or from park; the tools are parked afterwards.
+
+        Raises IsfError NOT_ARMED, MEASUREMENT_REFUSED.
+        """
+        self._check_at_rest(on_sheet=False)
+        normal = self._lift_normal if not self._clear else np.array([0.0, 0.0, 1.0])
+        probe = make_probe(
+            self.config, settings, geometry, self._formed, self._playback.row, self._tools, normal, clear=self._clear
+        )
+        self._begin(probe)
+        return probe
+
+    def start(self, contour: Contour) -> None:
+        """As the base class."""
+        super().start(contour)
+        self._formed = contour
+
+    def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:
+        """As the base class; a measurement may want it as well."""
+        super().add_measured(tool, time, tip)
+        if isinstance(self._measurement, Probe):
+            self._measurement.add_measured(tool, time, tip)
+
     def cancel(self) -> None:
-        """End a measurement early: the tools return to where it began."""
+        """End a measurement early: the tools return to where it began, or are lifted and parked."""
         if self._measurement is not None:
             self._measurement.give_up(ErrorCode.STOPPED, "the measurement was cancelled", stay=False)
 
@@ -89,21 +119,32 @@ class MeasuringController(ForceController):
         forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
         if plausible(wrench_1, wrench_2, self.config.force_limit):
             self._laws.sense(self._playback.row, forces)
-        row = self._playback.row = measurement.step(forces)
-        self._targets = self._laws.step(Mode.FREEZE, row, row, None)
+        if isinstance(measurement, Probe):
+            self._targets = self._probe(measurement, forces, time)
+        else:
+            row = self._playback.row = measurement.step(forces)
+            self._targets = self._laws.step(Mode.FREEZE, row, row, None)
         if measurement.ended:
             self._end()
         return self._targets
 
     # -- inside --------------------------------------------------------------------------------
 
-    def _check_at_rest(self) -> None:
+    def _probe(self, probe: Probe, forces: tuple[float, ...], time: float) -> Targets:
+        """One tick of an identification: offsets are taken back and stay zero, so commands are what was planned."""
+        probe.targets = [*self._targets.tip_1, *self._targets.tip_2]
+        probe.time = time
+        row = self._playback.row = probe.step(forces)
+        self._tools, self._lift_normal, self._clear = probe.tools, probe.lift_normal, probe.clear
+        return self._laws.step(Mode.LIFT, row, row, (0.0,) * 6)
+
+    def _check_at_rest(self, *, on_sheet: bool = True) -> None:
         stopped = self._mode is Mode.HOLD and self.fault is not None and self.fault[0] is ErrorCode.STOPPED
         if self.busy or self._playback.moving:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="wait for the contour, or stop it")
         if self._mode not in (Mode.ARMED, Mode.FREEZE) and not stopped:
             raise IsfError(ErrorCode.NOT_ARMED, f"no measurement in {self._mode.name}", advice="arm a plan first")
-        if self._clear:
+        if on_sheet and self._clear:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are not on the sheet", advice="form a contour first")
 
     def _begin(self, measurement: Measurement) -> None:
@@ -118,6 +159,10 @@ class MeasuringController(ForceController):
         self._measurement.give_up(code, text, stay=True)
 
     def _end(self) -> None:
+        if isinstance(self._measurement, Probe):
+            self._engaged = False
+            if self._clear and self._mode_before is not Mode.HOLD:
+                self._mode_before = Mode.ARMED
         self._measurement, self._mode = None, self._mode_before
         if self._lift_after_stop:
             self._lift_after_stop = False

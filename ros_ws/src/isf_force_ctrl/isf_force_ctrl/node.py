@@ -31,6 +31,7 @@ from isf_force_ctrl.chip_force import chip_warning
 from isf_force_ctrl.control_state import Mode
 from isf_force_ctrl.latency import LatencyMeter
 from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.node_identify import IdentifyAction
 from isf_force_ctrl.node_measurements import MeasurementActions
 from isf_force_ctrl.node_outlet import ForceCtrlOutlet
 from isf_force_ctrl.node_parameters import ForceCtrlParameters
@@ -88,9 +89,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self.create_service(Trigger, "force_ctrl/stop", self._on_stop),
         ]
         timers = [self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)]
-        actions = MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep)
+        lift = MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep)
+        identify = IdentifyAction(self, self._lock, self._ready, self._armed_job, self._step_in_lockstep)
         self._entities = [
-            (lambda item: item.close(), actions),
+            *((lambda item: item.close(), item) for item in (lift, identify)),
             *((self.destroy_subscription, item) for item in subscriptions),
             *((self.destroy_service, item) for item in services),
             *((self.destroy_timer, item) for item in timers),
@@ -329,7 +331,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._latency = LatencyMeter()
         self._outlet.start(tip_1, tip_2, controller.config.rate)
         self._outlet.with_holder = job_file.job.process == "TPIF"
-        self._controller = controller
+        self._controller, self._job_file = controller, job_file
         self._publish_state(controller, self.get_clock().now().nanoseconds)
         if not self._parameters.lockstep:
             self._tick_number = -1
@@ -340,6 +342,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if refused := self._loop.privileges.reason:
                 self.get_logger().warning(f"ticks by the clock without what the system refused: {refused}", once=True)
         self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index} to {request.count - 1}")
+
+    def _armed_job(self) -> tuple[MeasuringController, JobFile] | None:
+        return (self._controller, self._job_file) if self._controller is not None else None
 
     def _disarm(self) -> None:
         with self._lock:

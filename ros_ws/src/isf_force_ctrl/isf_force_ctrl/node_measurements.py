@@ -15,7 +15,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 
 from isf_force_ctrl.measuring_controller import MeasuringController
-from isf_force_ctrl.tool_lift import LiftSettings, ToolLift
+from isf_force_ctrl.tool_lift import LiftSettings
 
 PERIOD = 0.1
 """s of wall time between two feedback messages."""
@@ -60,7 +60,11 @@ class MeasurementActions:
             self._node.report(error)
             handle.abort()
             return LiftTool.Result(code=int(error.code), message=error.message)
-        await in_thread(lambda: self._follow(handle, controller, lift), self._node.executor)
+
+        def tell() -> None:
+            handle.publish_feedback(LiftTool.Feedback(lift=lift.lift, force=lift.force))
+
+        await in_thread(lambda: follow(handle, controller, self._lock, tell), self._node.executor)
         found = lift.record()
         result = LiftTool.Result(code=int(lift.code), message=lift.message)
         result.springback, result.force = found.springback, found.force
@@ -80,13 +84,16 @@ class MeasurementActions:
             raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where="lift_tool", advice="arm the plan first")
         return controller
 
-    def _follow(self, handle: ServerGoalHandle, controller: MeasuringController, lift: ToolLift) -> None:
-        """Until the measurement has ended; ticks go on in the node's own callbacks meanwhile."""
-        cancelled = False
-        while controller.measuring:
-            if handle.is_cancel_requested and not cancelled:
-                cancelled = True
-                with self._lock:
-                    controller.cancel()
-            handle.publish_feedback(LiftTool.Feedback(lift=lift.lift, force=lift.force))
-            time.sleep(PERIOD)
+
+def follow(
+    handle: ServerGoalHandle, controller: MeasuringController, lock: threading.RLock, tell: Callable[[], None]
+) -> None:
+    """Until the measurement has ended; ticks go on in the node's own callbacks meanwhile. ``tell`` gives feedback."""
+    cancelled = False
+    while controller.measuring:
+        if handle.is_cancel_requested and not cancelled:
+            cancelled = True
+            with lock:
+                controller.cancel()
+        tell()
+        time.sleep(PERIOD)

@@ -1,0 +1,148 @@
+"""``isf identify``: compliance, contact stiffness, servo or signs of the load cells, measured with the tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import load_job
+from isf_force_ctrl.identification import Finding
+from isf_force_ctrl.identify_settings import IdentifySettings, Property
+from rich.table import Table
+
+from isf_cell import terminal
+from isf_cell.run_folder import make_run_folder
+
+NAMES = {
+    "compliance": Property.TOOL_COMPLIANCE,
+    "stiffness": Property.CONTACT_STIFFNESS,
+    "servo": Property.SERVO_RESPONSE,
+    "signs": Property.LOAD_CELL_SIGNS,
+}
+
+_ROWS: dict[Property, tuple[str, str, float, tuple[str, ...]]] = {
+    Property.TOOL_COMPLIANCE: ("compliance", "µm/N", 1e6, ("x", "y", "z")),
+    Property.CONTACT_STIFFNESS: ("contact stiffness", "N/µm", 1e-6, ("K_c",)),
+    Property.SERVO_RESPONSE: ("servo", "Hz", 1.0, ("-3 dB",)),
+    Property.LOAD_CELL_SIGNS: (
+        "load cells",
+        "1 right, -1 turned, 0 other axis",
+        1.0,
+        ("tool_1 Fx", "tool_1 Fy", "tool_1 Fz", "tool_2 Fx", "tool_2 Fy", "tool_2 Fz"),
+    ),
+}
+
+
+def identify_machine(
+    job: Path,
+    name: str,
+    output: Path | None,
+    *,
+    tool: int,
+    repeats: int,
+    places: tuple[str, ...],
+    max_force: float,
+    contours: int | None,
+    world: int,
+    seed: int,
+    cell: bool,
+    as_json: bool,
+) -> None:
+    """Identify property ``name`` of the machine of ``job``; raises IsfError."""
+    if name not in NAMES:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"there is no property '{name}'",
+            where="--property",
+            advice="one of " + ", ".join(NAMES),
+        )
+    job_file = load_job(job)
+    settings = IdentifySettings.of(NAMES[name], tool, repeats, [c for text in places for c in _place(text)], max_force)
+    piece, picture = _files(output, f"identify-{name}")
+    with terminal.part_progress(f"identify {name}") as shown:
+
+        def progress(phase: str, share: float) -> None:
+            shown.phase(f"{phase} ({100 * share:.0f} %)")
+
+        if cell:
+            from isf_cell.identify_client import identify_in_cell
+
+            found = identify_in_cell(settings, progress)
+        else:
+            from isf_cell.identify_run import identify
+
+            found = identify(job_file, settings, contours=contours, world=world, seed=seed, progress=progress)
+    if not len(found.value):
+        raise IsfError(found.code, found.message)
+    data = _written(found, settings, piece, picture)
+    if as_json:
+        terminal.print_json(data)
+    _show(found, settings)
+    terminal.console.print(f"rig file {piece}" + (f"\npicture  {picture}" if data["picture"] else ""), soft_wrap=True)
+    if found.code:
+        raise IsfError(found.code, found.message, where="load cells")
+
+
+def _place(text: str) -> list[float]:
+    """x, y, z in m from "x y z" in mm."""
+    try:
+        numbers = [1e-3 * float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3:
+        raise IsfError(
+            ErrorCode.FILE_FIELD, f"'{text}' is no place", where="--place", advice='such as "10 0 -4", in mm'
+        )
+    return numbers
+
+
+def _files(output: Path | None, name: str) -> tuple[Path, Path]:
+    if output is None:
+        folder = make_run_folder(None, name)
+        return folder / "rig.yaml", folder / "identified.png"
+    if not output.parent.is_dir():
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "its folder does not exist", where=str(output))
+    return output, output.with_suffix(".png")
+
+
+def _written(found: Finding, settings: IdentifySettings, piece: Path, picture: Path) -> dict[str, Any]:
+    """Write the files; returns the result for ``--json``."""
+    text = found.piece
+    if "based_on" in text:  # a whole rig file wants a name, a piece has none
+        text = text.replace("based_on:", f"name: {piece.stem}\nbased_on:", 1)
+    try:
+        piece.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(piece)) from None
+    drawn = None
+    if found.fit is not None:
+        from isf_force_ctrl.identify_figure import draw_finding
+
+        drawn = str(draw_finding(found.fit, picture))
+    return {
+        "property": settings.property.name,
+        "tool": settings.tool,
+        "value": found.value.tolist(),
+        "uncertainty": found.uncertainty.tolist(),
+        "notes": list(found.notes),
+        "rig": str(piece),
+        "picture": drawn,
+    }
+
+
+def _show(found: Finding, settings: IdentifySettings) -> None:
+    title, unit, scale, rows = _ROWS[settings.property]
+    of = f" of tool_{settings.tool}" if settings.property in (Property.TOOL_COMPLIANCE, Property.SERVO_RESPONSE) else ""
+    table = Table(title=title + of, title_justify="left")
+    for head in ("", unit, "standard deviation"):
+        table.add_column(head, justify="left" if not head else "right")
+    for row, value, deviation in zip(rows, found.value, found.uncertainty, strict=True):
+        known = np.isfinite(value)
+        table.add_row(
+            row, f"{scale * value:.4g}" if known else "not observable", f"{scale * deviation:.2g}" if known else "-"
+        )
+    terminal.console.print(table)
+    for note in found.notes:
+        terminal.console.print(f"  {note}", soft_wrap=True, markup=False)
