@@ -138,9 +138,7 @@ def cone() -> None:
     inner = np.abs(error[r < 60e-3]).mean()
     SECTIONS["ren_cone"] = (r, target, target + 1e-3 * error)
     both = [(float(error.max()), 5.7), (float(inner), 3.1)]
-    row(
-        "Ren cone uncorrected, max / mean error [mm]", "5.7 / 3.1", f"{error.max():.2f} / {inner:.2f}", "A, fy: C", both
-    )
+    row("Ren cone uncorrected, max / mean error [mm]", "5.7 / 3.1", f"{error.max():.2f} / {inner:.2f}", "A", both)
     axial = float(plant.contact.axial[0])
     nearest = min(max(axial, 600.0), 750.0)
     row("  axial force at 21 mm [N]", "600-750", f"{axial:.0f}", "P", [(axial, nearest)], 0.20)
@@ -162,8 +160,8 @@ def lift() -> None:
     loaded = (np.array(forces) > 0.05 * forces[0]) & (sag > 0)
     b = np.polyfit(np.log(np.array(forces)[loaded]), np.log(sag[loaded]), 1)[0]
     text = f"{1e3 * rises[-1]:.2f}, {b:.2f}"
-    check = [(1e3 * rises[-1], 5.76)]
-    row("lifting at the end: springback [mm], exponent", "5.76, about 0.57", text, "C, yield factor", check)
+    check = [(1e3 * rises[-1], 5.76), (float(b), 0.57)]
+    row("lifting at the end: springback [mm], exponent", "5.76, about 0.57", text, "A", check)
 
 
 def support() -> None:
@@ -264,8 +262,8 @@ QUICK = ("flat", "compliance", "praveen", "angles", "limits")
 
 
 NAMES = (
-    "flat", "compliance", "praveen", "angles", "limits", "cone", "lift", "support", "parts", "lu", "steps", "behera",
-    "tpif", "adsif", "speed",
+    "flat", "compliance", "praveen", "angles", "limits", "cone", "lift", "support", "corrected_cone", "pyramid",
+    "corrected_pyramid", "lu", "steps", "behera", "tpif", "adsif", "speed",
 )  # fmt: skip
 
 

@@ -93,8 +93,9 @@ def _picture(name: str, r: Array, target: Array, formed: Array) -> None:
 
 _CONSTANTS_HEAD = """## Constants
 
-Calibrated, over all rigs together: the rows below, the limit of chips (one pair of published forces), the gain of
-squeeze on the forming limit (one pair of depths) and the stable angles and two entries of the force table of ADSIF.
+Calibrated, over all rigs together: the bulge below, the limit of chips (one pair of published forces), the gain of
+squeeze on the forming limit (one pair of depths), two entries of the force table of ADSIF and the wall-angle limit of
+AA1050: six. The five constants of the surface of stable angles are a fit to the 19 angles that are published with it.
 Constants of rigs and materials are in their files, each with its origin.
 """
 
@@ -112,16 +113,19 @@ _EVENTS = """## Events and limits
 
 | event | condition | origin |
 |---|---|---|
-| fracture | ln(t0/t) over ln(1/cos a_max) (1 + 0.16 F_n/200 N) along a tool radius | calibrated: Ren 2018, 2.4.1 |
+| fracture | ln(t0/t) beside the tool > 1.15 ln(1/cos a_max) (1 + 0.16 F_n/200 N), four tool radii | gain: calibrated |
 | galling | support force over 0.42 R_m R t0; not told in ADSIF | calibrated: 120 N and 200 N of Ren 2018, 2.4.1 |
 | buckling | ADSIF: gap below 0.6 t0, below 0.7 t0 at position angles up to 25 deg | published: Ren 2018, 3.2.3 |
 | contact lost | no support force for 0.1 s beside the pressing tool | assumed times |
 | die contact | sheet under the tool carried by die or backing plate | - |
 | saturation | load cell at the end of its range, axis beyond its following error | - |
 
-a_max is the material's largest wall angle, or the job's `wall_angle_limit`; the gain of squeeze is a ratio of depths
-(19.0 and 22.1 mm), taken as a ratio of strains (assumed). Small steps do not tear earlier than large ones here, as they
-do in Lu 2016, 4.1.3: no damage is accumulated over passes.
+a_max is the material's largest wall angle in one pass, or the job's `wall_angle_limit`; t is that of the material, so a
+wall of several passes bears more. 1.15 is what the plant's own thinning of one pass is over the sine law; nothing
+published went into it. The gain of squeeze is a ratio of depths (19.0 and 22.1 mm), taken as a ratio of strains
+(assumed); the funnel itself is not formed here: of its shape only the entry angle is printed. Small steps do not tear
+earlier than large ones, as they do in Lu 2016, 4.1.3: no damage is accumulated over passes. Bending to the ball and
+back takes no plastic strain after the first pass in this model, and what friction adds per pass is not published.
 """
 
 _WORLDS_HEAD = """## Standard set of off-nominal worlds

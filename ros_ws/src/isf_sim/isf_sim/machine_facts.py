@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from isf_sim.machine_event import TickFacts
 from isf_sim.machine_tick import Axes
 from isf_sim.sheet_plant import SheetPlant
 from isf_sim.sheet_point import TRAVELLED
 from isf_sim.squeeze import Squeeze
+from isf_sim.thickness import thinning_up_the_wall
 
 TOUCHING = 1.0
 """N between sheet and support, from which on they touch."""
@@ -35,13 +38,14 @@ def tick_facts(
     if radii[1] > 0.0:
         apart = math.dist(upper[:2], lower[:2])
         gap = math.hypot(apart, lower[2] - radii[1] - upper[2] - radii[0]) - radii[0] - radii[1]
-    strain = 0.0
+    strain, place = 0.0, np.zeros(3)
     if contact.axial[0] > 0.0:
-        slope = float(contact.wall[0])
-        left = plant.thickness / math.sqrt(1.0 + slope * slope)
-        if fz != 0.0:
-            left = min(left, float(squeeze.thickness[0]))
-        strain = math.log(plant.thickness / left)
+        tip = contact.formed_tip
+        strain = float(thinning_up_the_wall(plant.surface, tip[0], tip[1], contact.wall, plant.radius, place))
+        if fz != 0.0:  # what the support tool has squeezed thin comes on top
+            slope = float(contact.wall[0])
+            formed = plant.thickness / math.sqrt(1.0 + slope * slope)
+            strain += max(math.log(formed / float(squeeze.thickness[0])), 0.0)
     return TickFacts(
         tick=tick,
         forming=tuple(forming),
@@ -50,6 +54,7 @@ def tick_facts(
         support_force=math.sqrt(fx * fx + fy * fy + fz * fz),
         gap=gap,
         strain=strain,
+        thinnest=(float(place[0]), float(place[1]), -float(place[2]) if turned else float(place[2])),
         travelled=float(contact.path[TRAVELLED]),
         buckles=buckles,
         on_support=bool(contact.on_die[0] > TOUCHING),

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from isf_sim.surface import Surface
+from isf_sim.jit import kernel
+from isf_sim.surface import Surface, bilinear
 
 Array = NDArray[np.float64]
 
@@ -21,6 +22,10 @@ SMOOTHING = 1.5
 """Blank thicknesses: waves of the surface shorter than the sheet is thick do not thin it."""
 THINNEST = 0.05
 """Smallest thickness over the blank's that is told; a sheet has broken long before."""
+WALL_NEAR, WALL_FAR, WALL_PLACES = 0.6, 2.2, 9
+"""Tool radii up the wall between which its thinnest place is looked for, and places there."""
+REACH_CELLS = 3.0
+"""Cells of the fine grid to either side, over which differences are taken."""
 
 
 def thickness_map(surface: Surface, blank: float) -> Array:
@@ -29,6 +34,43 @@ def thickness_map(surface: Surface, blank: float) -> Array:
     zy, zx = np.gradient(gaussian_filter(surface.height, sigma), surface.h)
     area = _origin_area(gaussian_filter(surface.origin, (sigma, sigma, 0.0)), surface.h, surface.h)
     return np.asarray(blank * np.maximum(area / np.sqrt(1.0 + zx**2 + zy**2), THINNEST))
+
+
+@kernel
+def thinning_up_the_wall(surface: Surface, x: float, y: float, wall: Array, radius: float, place: Array) -> float:
+    """Largest ln(t0 / t) of the wall beside a tool of ``radius`` m at (x, y) m, and its ``place`` (3,) m.
+
+    ``wall`` (4,): as in Contact, the wall's direction in 1 and 2; without one the answer is 0.
+    """
+    worst = 0.0
+    place[0], place[1], place[2] = x, y, bilinear(surface.height, surface.x0, surface.y0, surface.h, x, y)
+    if wall[1] == 0.0 and wall[2] == 0.0:
+        return worst
+    reach = REACH_CELLS * surface.h
+    slope, origin_x, origin_y = np.empty(2), np.empty(2), np.empty(2)
+    for n in range(WALL_PLACES):
+        distance = radius * (WALL_NEAR + (WALL_FAR - WALL_NEAR) * n / (WALL_PLACES - 1.0))
+        px, py = x + distance * wall[1], y + distance * wall[2]
+        for axis in range(2):
+            ax, ay = (reach, 0.0) if axis == 0 else (0.0, reach)
+            slope[axis] = _difference(surface.height, surface, px, py, ax, ay)
+            origin_x[axis] = _difference(surface.origin[:, :, 0], surface, px, py, ax, ay)
+            origin_y[axis] = _difference(surface.origin[:, :, 1], surface, px, py, ax, ay)
+        area = (1.0 + origin_x[0]) * (1.0 + origin_y[1]) - origin_x[1] * origin_y[0]
+        left = max(area / np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2), THINNEST)
+        if -np.log(left) > worst:
+            worst = -np.log(left)
+            place[0], place[1] = px, py
+            place[2] = bilinear(surface.height, surface.x0, surface.y0, surface.h, px, py)
+    return worst
+
+
+@kernel
+def _difference(values: Array, surface: Surface, x: float, y: float, ax: float, ay: float) -> float:
+    """Slope of ``values`` on the fine grid between (x - ax, y - ay) and (x + ax, y + ay) m."""
+    ahead = bilinear(values, surface.x0, surface.y0, surface.h, x + ax, y + ay)
+    behind = bilinear(values, surface.x0, surface.y0, surface.h, x - ax, y - ay)
+    return (ahead - behind) / (2.0 * (ax + ay))
 
 
 def coarse_area(surface: Surface, x: Array, y: Array) -> Array:

@@ -19,6 +19,7 @@ QUIET = TickFacts(
     support_force=0.0,
     gap=1e-3,
     strain=0.0,
+    thinnest=(0.012, 0.0, -3e-3),
     travelled=0.0,
     buckles=math.nan,
     on_support=False,
@@ -83,21 +84,22 @@ def test_tools_that_are_lifted_lose_nothing() -> None:
     assert run.hold(2.0, axial=300.0) == []
 
 
-def test_sheet_tears_over_one_tool_radius_of_path_and_once() -> None:
-    """Limit of the material's 65 deg without squeeze: -ln cos 65 deg = 0.861."""
+def test_sheet_tears_over_four_tool_radii_of_way_and_once() -> None:
+    """Limit of the material's 65 deg without squeeze: -1.15 ln cos 65 deg = 0.990."""
     run = Run()
-    assert run.hold(0.1, strain=0.9) == []  # 3 mm of path: a peak
-    assert run.hold(1.0, strain=0.85) == []
-    torn = run.hold(1.0, strain=0.9)
+    assert run.hold(0.5, strain=1.05) == []  # 15 mm of way: the seam
+    assert run.hold(1.0, strain=0.98) == []
+    torn = run.hold(1.0, strain=1.05)
     assert [event.kind for event in torn] == [EventKind.FRACTURE]
-    assert torn[0].limit == pytest.approx(0.861, abs=1e-3)
-    assert run.hold(2.0, strain=1.2) == []
+    assert torn[0].limit == pytest.approx(0.990, abs=1e-3)
+    assert torn[0].position == QUIET.thinnest
+    assert run.hold(2.0, strain=1.4) == []
 
 
 def test_squeeze_delays_fracture() -> None:
     """200 N carry the strain 16 % further (funnel of Ren 2018, 2.4.1: 19.0 and 22.1 mm)."""
-    assert Run().hold(1.0, strain=0.95, support_force=200.0, gap=1e-3)[-1].kind == EventKind.GALLING
-    kinds = [event.kind for event in Run().hold(1.0, strain=1.01, support_force=200.0)]
+    assert Run().hold(1.0, strain=1.1, support_force=200.0, gap=1e-3)[-1].kind == EventKind.GALLING
+    kinds = [event.kind for event in Run().hold(1.0, strain=1.16, support_force=200.0)]
     assert EventKind.FRACTURE in kinds
 
 

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 from isf_sim.contact_kernels import envelope
+from isf_sim.machine_event import OWN_THINNING
 from isf_sim.surface import Surface, flat_surface
-from isf_sim.thickness import coarse_area, limit_margin, thickness_map
+from isf_sim.thickness import coarse_area, limit_margin, thickness_map, thinning_up_the_wall
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -95,6 +96,35 @@ def test_second_steeper_pass_leaves_more_than_a_single_one() -> None:
     form_cone(twice, math.radians(65.0), 15e-3)
     single, double = walls(once)[0].mean(), walls(twice)[0].mean()
     assert double > 1.05 * single
+
+
+@pytest.mark.parametrize("degrees", [45.0, 60.0])
+def test_thinning_beside_the_tool_is_that_of_the_wall(degrees: float) -> None:
+    """Beside the tool on its last circle: the sine law times OWN_THINNING, within 10 %, at a place on the wall."""
+    surface, angle, place = flat_surface((0.08, 0.08), 0.5e-3), math.radians(degrees), np.empty(3)
+    form_cone(surface, angle, 15e-3)
+    circle = OPENING - (RADIUS - (RADIUS - 15e-3) * math.cos(angle)) / math.sin(angle)
+    for turn in (2.0, 3.0, 4.0):
+        outward = np.array([0.0, math.cos(turn), math.sin(turn), 1.0])
+        x, y = circle * outward[1], circle * outward[2]
+        strain = thinning_up_the_wall(surface, x, y, outward, RADIUS, place)
+        assert strain == pytest.approx(-OWN_THINNING * math.log(math.cos(angle)), rel=0.10)
+        assert circle < math.hypot(place[0], place[1]) < OPENING
+        assert -15e-3 < place[2] < 0.0
+    assert thinning_up_the_wall(surface, 0.0, 0.0, np.zeros(4), RADIUS, place) == 0.0
+
+
+def test_wall_of_several_passes_is_told_thicker_than_that_of_one() -> None:
+    """67 deg in one pass, or after one of 50 deg: the event looks at the material, not at the slope."""
+    once, twice, place = flat_surface((0.08, 0.08), 0.5e-3), flat_surface((0.08, 0.08), 0.5e-3), np.empty(3)
+    angle = math.radians(67.0)
+    form_cone(once, angle, 15e-3)
+    form_cone(twice, math.radians(50.0), 15e-3)
+    form_cone(twice, angle, 15e-3)
+    circle = OPENING - (RADIUS - (RADIUS - 15e-3) * math.cos(angle)) / math.sin(angle)
+    outward = np.array([0.0, 0.0, 1.0, 1.0])
+    single, double = (thinning_up_the_wall(s, 0.0, circle, outward, RADIUS, place) for s in (once, twice))
+    assert 0.4 < double < single - 0.05
 
 
 def test_coarse_area_of_a_flat_sheet_is_one() -> None:
