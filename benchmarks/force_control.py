@@ -47,7 +47,7 @@ HEADER = (
 )
 LOOPS_HEADER = (
     "| force control | compensation | largest error [mm] | mean error [mm] | base, mean [mm] | normal force [N] | "
-    "its standard deviation [N] | points without contact [%] |\n|---|---|---|---|---|---|---|---|"
+    "its standard deviation [N] | without contact [%] |\n|---|---|---|---|---|---|---|---|"
 )
 SET_POINTS = (100.0, 120.0, 180.0, 200.0, 300.0)
 SHORT = 16
@@ -78,7 +78,7 @@ class Case:
 @cache
 def sources() -> str:
     """Digest of the packages a run depends on."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(Path(__file__).read_bytes())
     for package in SOURCES:
         for path in sorted((ROOT / "ros_ws" / "src" / package).rglob("*")):
             if path.suffix in (".py", ".yaml", ".csv") and "test" not in path.parts:
@@ -104,8 +104,8 @@ def _job_text(name: str) -> str:
 
 @dataclass
 class Ticks:
-    """What is kept of every tick of a part in mode CONTROL or POSITION: (T, 6) set-point, reading, true force, forming
-    contour, mode, flags."""
+    """What is kept of every tick of a part in mode CONTROL or POSITION: set-point, reading, true force in N, whether
+    the plan wants force control there, mode, flags."""
 
     rows: list[tuple[float, ...]]
     backoffs: int = 0
@@ -137,7 +137,7 @@ def form(case: Case) -> tuple[Ticks, dict[str, float]]:
                 away = np.subtract(before.tip_2[:2], before.tip_1[:2])
                 away = away / max(float(np.hypot(*away)), 1e-6)
                 true = float(away @ sample.true_force_2[:2])
-                row = (state.set_point, state.normal_force, true, nominal.index, state.mode, state.flags)
+                row = (state.set_point, state.normal_force, true, nominal.force_controlled, state.mode, state.flags)
                 ticks.rows.append(row)
             sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
         result = controller.take_result()
@@ -170,12 +170,9 @@ def measure(case: Case) -> dict[str, Any]:
         **{f"shape_{k}": v for k, v in shape.items()},
     }
     if case.shape:
-        late = table[table[:, 3] >= table[:, 3].max() / 2, 2]
-        data |= {
-            "force": float(late.mean()),
-            "spread": float(late.std()),
-            "free": 100.0 * float((late < CONTACT).mean()),
-        }
+        there = table[table[:, 3] > 0, 2]
+        data |= {"force": float(there.mean()), "spread": float(there.std())}
+        data["free"] = 100.0 * float((there < CONTACT).mean())
     if len(engaged):
         wanted, reading, true = engaged[:, :3].T
         read_error, error = np.abs(reading - wanted), np.abs(true - wanted)
@@ -241,8 +238,8 @@ def worlds_row(name: str, rows: list[dict[str, Any]]) -> list[str]:
 def loops_row(case: Case, data: dict[str, Any]) -> str:
     """One line of the table of both loops."""
     return (
-        f"| {f'{case.force:.0f} N' if case.force else 'off'} | {case.compensation:g} | {data['shape_most']:.2f} | "
-        f"{data['shape_mean']:.2f} | {data['shape_base']:+.2f} | {data['force']:.0f} | {data['spread']:.1f} | "
+        f"| {f'{case.force:.0f} N' if case.force else 'off'} | {case.compensation:g} | {data['shape_most']:.3f} | "
+        f"{data['shape_mean']:.3f} | {data['shape_base']:+.3f} | {data['force']:.0f} | {data['spread']:.1f} | "
         f"{data['free']:.1f} |"
     )
 
