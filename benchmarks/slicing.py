@@ -3,18 +3,21 @@
     ./isf python benchmarks/slicing.py
 
 1. 49 level sections of a closed body of 10k, 100k and 1M facets: ours, trimesh's ``section_multiplane`` and the
-   slicing step of PrusaSlicer (from its log; skipped with a line when it is not installed). All on one core, best of
-   several runs; a fitted exponent tells the growth in facets and in levels.
+   slicing step of PrusaSlicer and CuraEngine, from facets to closed polygons, one after the other on the same mesh.
+   Processor time (user and system, of all threads), best of several runs: other work on the computer disturbs it far
+   less than the time on the wall. Of the two programs it is read from the kernel when their log tells that the step
+   begins and ends. A fitted exponent tells the growth in facets and in levels.
 2. The whole plan of a part of 1M facets with more than 100 contours (contacts, normals, tips of two tools, checks), in
    a process of its own: processor time and peak memory; then a change of tool on the finished plan.
 
-CuraEngine is not compared: Debian's package comes without the settings it needs to slice.
+A program that is missing is skipped with a line. CuraEngine needs the definitions of printers of the package ``cura``,
+which need not be installed: ``apt-get download cura && dpkg -x cura_*.deb FOLDER``, then
+``CURA_DEFINITIONS=FOLDER/usr/share/cura/resources``.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import resource
 import shutil
 import subprocess
@@ -22,7 +25,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +39,9 @@ Array = NDArray[np.float64]
 
 FACETS = (10_000, 100_000, 1_000_000)
 LEVELS = 49
+
+LONGEST = 400
+"""s, after which a slicer is given up."""
 
 JOB = """
 name: benchmark
@@ -82,32 +87,73 @@ def body(facets: int) -> trimesh.Trimesh:
 
 
 def best_of(work: Callable[[], object], repeats: int) -> float:
-    """Shortest wall time, s."""
+    """Least processor time, s."""
     times = []
     for _ in range(repeats):
-        started = time.perf_counter()
+        started = time.process_time()
         work()
-        times.append(time.perf_counter() - started)
+        times.append(time.process_time() - started)
     return min(times)
 
 
+def step_time(command: list[str], begins: str, ends: str, environment: dict[str, str]) -> float | None:
+    """s of processor time between two lines of a program's log; None when they do not come."""
+    running = subprocess.Popen(
+        ["timeout", str(LONGEST), *command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        env={**os.environ, **environment},
+    )
+    assert running.stdout is not None
+    started = found = None
+    for line in running.stdout:
+        if started is None and begins in line:
+            started = used(running.pid)
+        elif started is not None and found is None and ends in line:
+            found = used(running.pid) - started
+    running.wait()
+    return found
+
+
+def used(pid: int) -> float:
+    """s, processor time of all threads of the child of ``timeout`` so far, as the scheduler counts it."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    tasks = Path(f"/proc/{children[0]}/task").glob("*/schedstat")
+    return sum(int(task.read_text().split()[0]) for task in tasks) * 1e-9
+
+
 def prusa(path: Path, folder: Path) -> float | None:
-    """s, PrusaSlicer's own time from facets to polygons, by its log; None when it is not installed."""
+    """s, PrusaSlicer from facets to polygons; None when it is not installed."""
     program = shutil.which("prusa-slicer")
     if program is None:
         return None
     options = "--layer-height 0.5 --first-layer-height 0.5 --nozzle-diameter 1 --perimeters 1 --fill-density 0"
     options += " --skirts 0 --top-solid-layers 0 --bottom-solid-layers 0 --loglevel 5"
     command = [program, "--slice", *options.split(), "-o", str(folder / "out.gcode"), str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
-    stamps = {}
-    for line in (done.stdout + done.stderr).splitlines():
-        found = re.match(r"\[([\d-]+ [\d:.]+)\].*(slice_mesh to polygons|removing top empty layers)", line)
-        if found:
-            stamps[found.group(2)] = datetime.fromisoformat(found.group(1)).timestamp()
-    if len(stamps) < 2:
+    return step_time(command, "slice_mesh to polygons", "removing top empty layers", {})
+
+
+def cura(path: Path, folder: Path) -> float | None:
+    """s, CuraEngine from facets to polygons; None when it or its definitions are not there."""
+    program, resources = (
+        shutil.which("CuraEngine"),
+        Path(os.environ.get("CURA_DEFINITIONS", "/usr/share/cura/resources")),
+    )
+    printer = resources / "definitions" / "fdmprinter.def.json"
+    if program is None or not printer.exists():
         return None
-    return stamps["removing top empty layers"] - stamps["slice_mesh to polygons"]
+    options = "layer_height=0.5 layer_height_0=0.5 machine_width=300 machine_depth=300 machine_height=100"
+    options += " machine_center_is_zero=true adhesion_type=none wall_line_count=1 top_layers=0 bottom_layers=0"
+    options += " infill_sparse_density=0 infill_line_distance=0"
+    settings = [word for option in options.split() for word in ("-s", option)]
+    command = [program, "slice", "-v", "-p", "-m1", "-j", str(printer), *settings, "-e0", "-l", str(path)]
+    search = {"CURA_ENGINE_SEARCH_PATH": f"{resources / 'definitions'}:{resources / 'extruders'}"}
+    return step_time([*command, "-o", str(folder / "out.gcode")], "Starting slice...", "slice make polygons", search)
+
+
+PROGRAMS = {"PrusaSlicer": prusa, "CuraEngine": cura}
 
 
 def exponent(sizes: Array, times: Array) -> float:
@@ -127,17 +173,19 @@ def sections(folder: Path) -> None:
         slice_mesh(mesh, levels)
         ours = best_of(lambda mesh=mesh: slice_mesh(mesh, levels), 7)
         theirs = best_of(lambda solid=solid: solid.section_multiplane([0, 0, 0], [0, 0, 1], levels), 2)
-        others = [value for value in (prusa(path, folder) for _ in range(2)) if value is not None]
-        rows.append((len(mesh.faces), ours, theirs, min(others) if others else float("nan")))
+        others = {name: [program(path, folder) for _ in range(3)] for name, program in PROGRAMS.items()}
+        best = [min((value for value in times if value is not None), default=np.nan) for times in others.values()]
+        rows.append((len(mesh.faces), ours, theirs, *best))
         print(
-            f"{len(mesh.faces):>8} facets: ours {ours * 1e3:7.2f} ms, trimesh {theirs * 1e3:7.0f} ms "
-            f"({theirs / ours:4.0f} x), PrusaSlicer {rows[-1][3] * 1e3:8.1f} ms ({rows[-1][3] / ours:5.1f} x)",
+            f"{len(mesh.faces):>8} facets: ours {ours * 1e3:.2f} ms"
+            + "".join(
+                f", {name} {value * 1e3:.0f} ms ({value / ours:.1f} x)" if np.isfinite(value) else f", {name} skipped"
+                for name, value in zip(("trimesh", *PROGRAMS), rows[-1][2:], strict=True)
+            ),
             flush=True,
         )
-    if np.isnan([row[3] for row in rows]).all():
-        print("PrusaSlicer skipped: not installed (apt-get install prusa-slicer)")
     table = np.array(rows)
-    for name, column in (("ours", 1), ("trimesh", 2), ("PrusaSlicer", 3)):
+    for column, name in enumerate(("ours", "trimesh", *PROGRAMS), 1):
         if np.isfinite(table[:, column]).all():
             print(f"growth in facets, {name}: time ~ facets^{exponent(table[:, 0], table[:, column]):.2f}")
     counts = np.array([12, 49, 196, 784])

@@ -180,7 +180,7 @@ def _write_html(scene: Scene, heading: str, path: Path) -> None:
         ) from error
     limits = {"cmin": float(np.nanmin(scene.values)), "cmax": float(np.nanmax(scene.values))}
     figure = go.Figure()
-    plain = binary_dilation(np.isnan(scene.colour))  # up to the first coloured nodes: no gap between both surfaces
+    plain = beside_formed(scene.colour)
     figure.add_surface(
         x=scene.x,
         y=scene.y,
@@ -226,6 +226,15 @@ def _write_html(scene: Scene, heading: str, path: Path) -> None:
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
     )
     figure.write_html(str(path), include_plotlyjs=True, full_html=True, default_height="97vh")
+
+
+def beside_formed(colour: Array) -> NDArray[np.bool_]:
+    """Nodes of the plain surface beside the coloured one, ``colour`` (ny, nx) with NaN where nothing is formed.
+
+    A cell is drawn where all its four nodes are. So the plain surface reaches to every neighbour of a node without a
+    colour, the diagonal ones too: each cell belongs to one of the surfaces, and no gap is left between them.
+    """
+    return np.asarray(binary_dilation(np.isnan(colour), structure=np.ones((3, 3), dtype=np.bool_)))
 
 
 def _tool_names(scene: Scene) -> tuple[str, str, str]:

@@ -220,7 +220,7 @@ def _plan_view(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, A
     warnings += part_checks.check_reach(surface, height, part.depth, radius)
 
     grid = sections.TipGrid(x, y, height, part.depth)
-    levels = level_spacing.levels(grid, job)
+    levels = level_spacing.levels(grid, surface, job)
     nodes, told = sections.trace(grid, levels, job)
     warnings += told
     pocket_checks.check_pockets(part.mesh, levels, nodes, radius)

@@ -97,7 +97,7 @@ def plan_part(loaded: Mesh, job_file: JobFile, step: Callable[[str, float], None
     x, y, tip_height = tip_surface.tip_grid(surface, radius)
     nodes: list[RoughLoop] = []
     front: list[int] = []
-    for level in level_spacing.levels(sections.TipGrid(x, y, tip_height, height), job):
+    for level in level_spacing.levels(sections.TipGrid(x, y, tip_height, height), surface, job):
         front = link(nodes, _around(x, y, tip_height, float(level)), front)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     return TpifPart(Side(tree, surface), finished, height, tuple(warnings))

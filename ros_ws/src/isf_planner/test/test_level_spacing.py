@@ -12,8 +12,8 @@ from planner_parts import Cone, job_for, write
 R = 5e-3
 
 
-def planned(cone: Cone, folder: Path, spacing: str) -> Plan:
-    path = write(cone.mesh(10e-6), folder / "cone.stl")
+def planned(cone: Cone, folder: Path, spacing: str, chord_error: float = 10e-6) -> Plan:
+    path = write(cone.mesh(chord_error), folder / "cone.stl")
     job_file = job_for(path, process="SPIF", spacing="1 mm", depth="1 mm", limit="80 deg")
     text = job_file.text.replace("feed: 30 mm/s,", f"feed: 30 mm/s, {spacing},")
     return plan(type(job_file)(text, path.parent))
@@ -68,3 +68,26 @@ def test_steps_stay_between_their_bounds(tmp_path: Path) -> None:
     assert step.max() <= 0.5e-3 * 1.001
     assert step.min() >= 0.2e-3 * (1 - 1.5 / len(made.contours))
     assert np.ptp(step) > 0.1e-3  # fine at the rim and the floor, coarse on the wall
+
+
+@pytest.mark.parametrize(("angle", "floor"), [(35.0, 5.001e-3), (50.0, 15e-3), (60.0, 15e-3)])
+def test_distances_stay_even_where_fillets_begin_and_end(angle: float, floor: float, tmp_path: Path) -> None:
+    """Contacts of all contours along the exact profile, but for the step onto the floor, which its fillet makes."""
+    cone = Cone(opening=40e-3, angle=np.radians(angle), depth=12e-3, floor=floor)
+    made = planned(cone, tmp_path, "spacing: arc, arc_step: 0.6 mm, smallest_step: 0.05 mm", 2e-6)
+    place = np.array([arc(cone, float(contour.forming_tip[0, 2]) + 2e-6) for contour in made.contours])
+    step = np.diff(place)[:-2]
+    # 0.6 mm shortened alike to end at the full depth, by less than one part in the number of contours
+    assert step.min() > 0.88 * 0.6e-3
+    assert step.max() < 1.05 * 0.6e-3
+
+
+def arc(cone: Cone, z: float) -> float:
+    """m, way along the profile from its beginning to the contact of a ball whose tip is at ``z``."""
+    turn = cone.tip(z, R)[1]
+    height = z + R - R * np.cos(turn)
+    if height > cone.entry_end:
+        return cone.entry * turn
+    wall = (cone.entry_end - max(height, cone.floor_begin)) / np.sin(cone.angle)
+    beyond = cone.floor * (cone.angle - turn) if height < cone.floor_begin else 0.0
+    return float(cone.entry * cone.angle + wall + beyond)

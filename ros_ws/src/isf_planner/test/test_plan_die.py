@@ -40,7 +40,10 @@ def test_levels_follow_the_spacing(tmp_path: Path) -> None:
     wall = [abs(np.degrees(np.median(contour.wall_angle)) - 40.0) < 0.3 for contour in contours]
     steps = -np.diff(holders)[np.array(wall[1:]) & np.array(wall[:-1])]
     assert len(steps) > 3
-    np.testing.assert_allclose(steps, 0.8e-3 * np.sin(np.radians(40.0)), rtol=0.05)
+    wanted = 0.8e-3 * np.sin(np.radians(40.0))
+    # all are shortened alike so that the last one ends at the full height, by less than one part in their number
+    assert steps.max() < 1.02 * wanted
+    assert steps.min() > (0.98 - 1.0 / len(contours)) * wanted
 
 
 def test_part_and_die_stand_where_the_part_is_placed(made: Plan, tmp_path: Path) -> None:

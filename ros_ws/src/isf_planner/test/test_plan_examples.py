@@ -15,7 +15,7 @@ from planner_parts import EXAMPLES
 
 NAMES = (
     *("ren_cone", "ren_pyramid", "spif_cone", "mini_cone"),
-    *("adsif_cone", "tpif_cone", "tpif_cone_die", "two_features"),
+    *("adsif_cone", "tpif_cone", "tpif_cone_die", "two_features", "free_form"),
 )
 
 

@@ -15,7 +15,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import load_job
 from isf_planner import Plan, plan
 from isf_planner.mesh_checks import place_text
-from isf_planner.plan_view import QUANTITIES, make_scene, show
+from isf_planner.plan_view import QUANTITIES, beside_formed, make_scene, show
 from isf_planner.predictions import with_predictions
 from isf_planner.warning_places import warning_places
 from matplotlib.image import imread
@@ -92,3 +92,12 @@ def test_missing_plotly_is_told(made: Plan, tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
     with pytest.raises(IsfError, match="pip install plotly"):
         show(made, tmp_path / "plan.html")
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.95))
+def test_no_gap_between_the_plain_and_the_coloured_surface(seed: int, share: float) -> None:
+    """A cell is drawn where all its four nodes are: every cell belongs to one of the surfaces."""
+    colour = np.where(np.random.default_rng(seed).random((9, 11)) < share, 1.0, np.nan)
+    plain, coloured = beside_formed(colour), np.isfinite(colour)
+    whole = [mask[1:, 1:] & mask[1:, :-1] & mask[:-1, 1:] & mask[:-1, :-1] for mask in (plain, coloured)]
+    assert (whole[0] | whole[1]).all()
