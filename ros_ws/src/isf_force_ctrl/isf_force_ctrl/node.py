@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_core import quantity
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_msgs import msg as isf
@@ -374,6 +375,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
+    quantity.parse("1 mm", "m")  # loads the units, before the node exists: at arming that would make it look dead
     return process.run(ForceCtrlNode, args, streams=True)
 
 
