@@ -83,7 +83,7 @@ def first_feature(part: LibraryPart) -> LibraryPart:
 
 
 LIBRARY = {
-    "lu_pyramid": pyramid(64e-3, 34e-3, np.radians(50), 30e-3, 8e-3, 14e-3),
+    "lu_pyramid": pyramid(75e-3, 62e-3, np.radians(40), 35e-3, 8e-3, 14e-3),
     "lu_asymmetric": asymmetric_cone(60e-3, np.radians(52), np.radians(38), 30e-3, 8e-3, 14e-3),
     "praveen_cone_150": funnel(75e-3, np.radians(25), np.radians(60), 30e-3, 10e-3, 10e-3),
     "praveen_cone_250": funnel(125e-3, np.radians(25), np.radians(60), 40e-3, 10e-3, 10e-3),
