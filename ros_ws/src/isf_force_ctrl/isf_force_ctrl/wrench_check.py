@@ -27,7 +27,8 @@ class WrenchWatch:
     """Watches the wrenches of both tools tick by tick.
 
     A load cell that works is never still: its noise alone changes a loaded reading from tick to tick, so readings that
-    repeat exactly for ``frozen_time`` come from a signal that has frozen. Contacts only push: a forming tool on the
+    repeat exactly for ``frozen_time`` come from a signal that has frozen; the same reading used again, because no new
+    one has come (by the clock), is none. Contacts only push: a forming tool on the
     sheet reads an axial force away from the sheet, and a squeezed support tool a positive normal force. The opposite,
     by more than ``sign_force`` for ``sign_time``, is a cell with a wrong sign; a force loop would push ever harder.
     """
@@ -37,6 +38,7 @@ class WrenchWatch:
         self._frozen_after = config.frozen_time * config.rate
         self._sign_force, self._sign_after = config.sign_force, config.sign_time * config.rate
         self._last: list[Vector] = [_NOTHING, _NOTHING]
+        self._used: list[Sequence[float]] = [_NOTHING, _NOTHING]
         self._same, self._against = [0, 0], [0, 0]
 
     def look(
@@ -49,6 +51,9 @@ class WrenchWatch:
         if not plausible(wrench_1, wrench_2, self._limit):
             return fault_of(wrench_1, wrench_2, self._limit)
         for index, wrench in ((0, wrench_1), (1, wrench_2)):
+            if wrench is self._used[index]:
+                continue
+            self._used[index] = wrench
             force = (wrench[0], wrench[1], wrench[2])
             if force != self._last[index] or max(map(abs, force)) < self._loaded:
                 self._last[index], self._same[index] = force, 0

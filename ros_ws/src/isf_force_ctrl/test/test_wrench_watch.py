@@ -42,6 +42,14 @@ def test_noise_and_unloaded_cells_are_not_frozen():
         assert watch.look(loaded, still, 1, Mode.CONTROL, 120.0) is None
 
 
+def test_a_reading_that_is_used_again_is_not_frozen():
+    # by the clock, while no new message comes: that is a lost signal, and told as one
+    watch, kept = WrenchWatch(make_config()), [(0.0, 0.0, 100.0, 0.0, 0.0, 0.0)] * 2
+    assert all(watch.look(*kept, 1, Mode.CONTROL, 120.0) is None for _ in range(1000))
+    found = [watch.look([0.0, 0.0, 100.0, 0.0, 0.0, 0.0], kept[1], 1, Mode.CONTROL, 120.0) for _ in range(200)]
+    assert found[-1][0] is ErrorCode.WRENCH_FROZEN
+
+
 def test_a_normal_force_of_the_wrong_sign_holds():
     def turned(_, controller, wrench_1, wrench_2):
         return wrench_1, [-value for value in wrench_2]
