@@ -62,12 +62,15 @@ class ElasticSpec(FileModel):
     """Largest load of the samples; published 600 N, which the forces of deep cones exceed."""
     engine: Literal["compact", "kratos"] = "compact"
     """What computes the samples of a database and ``predict``: the shell of this package, or KratosMultiphysics, which
-    is installed by itself, takes some twenty times as long and gives the same; while forming it is always the former."""
+    is installed by itself, takes some twenty times as long and gives the same. While forming it is the former."""
     forecast: Literal["hold", "half_step", "linear"] = "hold"
     """Force forecast; half_step is the published 1.5 F_(i-1) - 0.5 F_(i-2). The more a forecast runs ahead, the more
     the force that a deeper push raises swings the next push: see docs/springback.md."""
     block: int = Field(default=1, ge=1)
     """Contours per force forecast (published: 5)."""
+    horizontal: bool = False
+    """Correct across the wall as well, from the measured horizontal force (left uncorrected in the source); the laws
+    are computed while forming, about a second per ``loop_increment``."""
 
 
 class FusedSpec(FileModel):

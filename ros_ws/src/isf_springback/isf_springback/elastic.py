@@ -7,10 +7,11 @@ computed here, at few points on a coarse mesh, which takes up to a second once p
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from isf_core.contour import Contour, ContourResult
+from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from isf_springback.control_points import ControlLoop, ControlPointOptions, cont
 from isf_springback.database import Database, DatabaseLevel, database_of
 from isf_springback.elastic_samples import depth_task, load_levels, solve_depth
 from isf_springback.force_forecast import ForecastLaw, forecast
+from isf_springback.horizontal_springback import HorizontalSpringback, across_level
 from isf_springback.load_displacement import CubicLaw
 from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.sheet_edge import free_size
@@ -62,8 +64,16 @@ class ElasticCorrection(AnalyticCorrection):
 
     name = "elastic"
 
-    def __init__(self, job_file: JobFile, database: Database | None = None, law: ForecastLaw | None = None) -> None:
-        """``database`` in place of the one that the job names or the cache holds; ``law`` in place of its forecast.
+    def __init__(
+        self,
+        job_file: JobFile,
+        database: Database | None = None,
+        law: ForecastLaw | None = None,
+        *,
+        axial_only: bool = False,
+    ) -> None:
+        """``database`` in place of the one that the job names or the cache holds; ``law`` in place of its forecast;
+        ``axial_only``: z alone, whatever the job says.
 
         A named database that cannot be used is told by every correction (DATABASE_UNUSABLE, FILE_NOT_FOUND); the
         contours then pass with the last good correction.
@@ -72,6 +82,7 @@ class ElasticCorrection(AnalyticCorrection):
         self._law: ForecastLaw = law or elastic.forecast
         super().__init__(job_file, AnalyticOptions(law=self._law))
         self._elastic = elastic
+        self._across = HorizontalSpringback(job_file) if elastic.horizontal and not axial_only else None
         self._seen: list[Contour] = []
         self._blocks: list[list[MeasuredLoad]] = [[]]
         self._unusable: IsfError | None = None
@@ -85,8 +96,38 @@ class ElasticCorrection(AnalyticCorrection):
         if found is not None:
             self._levels = [_laws_of(level, found.loads) for level in found.levels]
 
+    def correct(self, contour: Contour) -> ContourCorrection:
+        """As the base class; across the wall too when the job asks for it."""
+        correction = super().correct(contour)
+        if self._across is None:
+            return correction
+        started = time.perf_counter()
+        remarks = correction.remarks
+        self._across.advance(contour)
+        try:
+            if not correction.code and self._across.due(contour):
+                loop = self._control_loop(contour)
+                points, served, row = _few(loop)
+                kept = replace(loop, points=loop.points[served])
+                self._across.take(across_level(self._seen, kept, points, row, self._job_file))
+        except IsfError as error:
+            remarks += (f"contour {contour.index}: not corrected across the wall: {error.message}",)
+        offset = correction.offset.copy()
+        offset[:, :2], limited = self._across.offset(contour)
+        spent = correction.solve_time + time.perf_counter() - started
+        saturated = np.asarray(correction.saturated) | limited
+        return replace(correction, offset=offset, saturated=saturated, solve_time=spent, remarks=remarks)
+
+    def follow(self, contour: Contour, correction: ContourCorrection) -> None:
+        """As the base class."""
+        super().follow(contour, correction)
+        if self._across is not None:
+            self._across.follow(contour, np.asarray(correction.offset))
+
     def learn(self, contour: Contour, result: ContourResult) -> None:
         """Take the forces measured on the contour last corrected, block by block."""
+        if self._across is not None:
+            self._across.learn(contour, result)
         before = self._loads[-1] if self._loads else None
         super().learn(contour, result)
         if self._loads and self._loads[-1] is not before:
@@ -220,16 +261,19 @@ class ElasticCorrection(AnalyticCorrection):
         due = self._elastic.loop_increment - 1e-6
         if own and abs(depth - float(own[-1].points[:, 2].mean())) < due:
             return
-        radius = forming_radius(self._job_file, contour.forming_tool)
-        options = ControlPointOptions(loop_increment=self._elastic.loop_increment)
-        symmetries = part_symmetries([contour], free_size(self._job_file), options.symmetry_tolerance)
-        loop = control_loop(contour, radius, options, symmetries)
+        loop = self._control_loop(contour)
         points, served, row = _few(loop)
         loads = load_levels(self._elastic.largest_load, _LEVELS_ONLINE)
         task = depth_task(self._seen, points, self._job_file, size=FacetSize.coarse(), loads=loads)
         samples = solve_depth(task)[row]
         level = DatabaseLevel(contour.index, contour.feature, depth, loop.points[served], loop.central[served], samples)
         self._levels.append(_laws_of(level, loads))
+
+    def _control_loop(self, contour: Contour) -> ControlLoop:
+        radius = forming_radius(self._job_file, contour.forming_tool)
+        options = ControlPointOptions(loop_increment=self._elastic.loop_increment)
+        symmetries = part_symmetries([contour], free_size(self._job_file), options.symmetry_tolerance)
+        return control_loop(contour, radius, options, symmetries)
 
 
 def _around(path: LoopPath, values: Array, place: NDArray[np.intp]) -> Array:

@@ -73,7 +73,7 @@ def steady_model(job_file: JobFile) -> AnalyticCorrection:
         return AnalyticCorrection(job_file, AnalyticOptions(law="hold"))
     from isf_springback.elastic import ElasticCorrection  # numba and its kernels: only who uses them waits
 
-    return ElasticCorrection(job_file, law="hold")
+    return ElasticCorrection(job_file, law="hold", axial_only=True)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,192 @@
+"""Horizontal part of the method "elastic": springback across the wall from the measured horizontal force.
+
+While a wall is formed the tool pushes it outwards; when it leaves, the wall comes back inwards by what the shell says
+under that force (Ren 2018, 4.9: about a third of the axial force, 0.6 mm at 200 N on the cone, left uncorrected there).
+The contour is moved outwards by as much. Only the component across the path counts: along the path the force is
+friction. The squeeze between two tools is a pair that leaves the sheet alone; it vanishes in the sum over both tools.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from isf_core.contour import Contour, ContourResult
+from isf_core.job import JobFile
+from numpy.typing import NDArray
+
+from isf_springback.control_points import ControlLoop
+from isf_springback.elastic_samples import depth_task, load_levels
+from isf_springback.load_displacement import CubicLaw, cubic_law
+from isf_springback.loop_path import LoopPath, moving_average, nearest_points
+from isf_springback.offset_memory import horizontal_limits, limit_signed
+from isf_springback.shell.formed_sheet import FacetSize, mesh_of
+from isf_springback.shell.load_path import follow_load
+from isf_springback.shell.sheet_model import ShellModel, sine_law_thickness
+
+Array = NDArray[np.float64]
+
+LOAD_SHARE = 0.5
+"""Largest horizontal load of the samples as a part of the axial one (published: the force is about a third)."""
+
+LEVELS = 3
+
+SECTORS = 24
+"""Parts of the path over one of which the force is averaged (as for the axial force)."""
+
+SMALLEST_SLOPE = np.sin(np.radians(10.0))
+"""Horizontal part of the normal below which a place has no outward direction worth a correction."""
+
+
+@dataclass(frozen=True)
+class AcrossLoad:
+    """Outward load of one contour: ``place`` (N, 2) m, ``load`` (N,) N on the sheet, positive outwards."""
+
+    plan_id: str
+    index: int
+    place: Array
+    load: Array
+
+
+@dataclass(frozen=True)
+class AcrossLevel:
+    """Laws of one depth: ``places`` (M, 2) m along the loop, their ``law`` across the wall."""
+
+    feature: int
+    depth: float
+    places: Array
+    law: CubicLaw
+
+
+def outward(contour: Contour) -> Array:
+    """(N, 2) unit vectors in which the forming tool pushes the wall; zero where the sheet lies flat."""
+    across = -np.asarray(contour.normal)[:, :2]
+    size = np.linalg.norm(across, axis=1)
+    steep = size > SMALLEST_SLOPE
+    return np.asarray(np.where(steep[:, None], across / np.maximum(size, 1e-12)[:, None], 0.0))
+
+
+def across_load(contour: Contour, result: ContourResult) -> AcrossLoad | None:
+    """Load across the path, averaged over a sector; None when the result has no such forces or not finite ones."""
+    force = np.asarray(result.forming_force, dtype=np.float64)
+    if force.shape != (len(contour), 3):
+        return None
+    support = np.asarray(result.support_force, dtype=np.float64)
+    if contour.has_support:
+        if support.shape != force.shape:
+            return None
+        force = force + support
+    load = -(force[:, :2] * outward(contour)).sum(axis=1)
+    if not np.isfinite(load).all():
+        return None
+    path = LoopPath.of(contour)
+    mean = moving_average(path, load, path.length / SECTORS)
+    return AcrossLoad(contour.plan_id, contour.index, contour.forming_tip[:, :2].copy(), mean)
+
+
+def across_level(
+    contours: Sequence[Contour], loop: ControlLoop, places: Array, row: NDArray[np.int64], job_file: JobFile
+) -> AcrossLevel:
+    """Laws at the control points ``loop`` of the last of ``contours`` from computations at ``places`` (K, 2) m.
+
+    ``row`` (M,) names the computation of each control point.
+
+    Raises
+    ------
+    IsfError : SHEET_MESH_FAILED, SHELL_NOT_SOLVED, DATABASE_UNUSABLE
+    """
+    contour = contours[-1]
+    loads = load_levels(LOAD_SHARE * job_file.job.springback.elastic.largest_load, LEVELS)
+    task = depth_task(contours, places, job_file, size=FacetSize.coarse(), loads=loads)
+    mesh = mesh_of(task.sheet, task.points, task.size)
+    model = ShellModel(mesh, sine_law_thickness(mesh, task.thickness), task.young, task.poisson, task.edge)
+    unloaded = model.factor()
+    point = nearest_points(places, contour.contact[:, :2])
+    samples = []
+    for node, direction in zip(mesh.loaded, outward(contour)[point], strict=True):
+        along = np.append(direction, 0.0)
+        samples.append(follow_load(model, int(node), along, loads, unloaded) @ along)
+    depth = float(contour.contact[:, 2].mean())
+    return AcrossLevel(contour.feature, depth, loop.points[:, :2], cubic_law(loads, np.stack(samples)[row]))
+
+
+class HorizontalSpringback:
+    """State: the newest laws, the newest load, and the outward offset of the last contour and of the one in work."""
+
+    def __init__(self, job_file: JobFile) -> None:
+        self._job_file = job_file
+        self._level: AcrossLevel | None = None
+        self._load: AcrossLoad | None = None
+        self._base: tuple[Contour, Array] | None = None
+        self._pending: tuple[Contour, Array] | None = None
+
+    def due(self, contour: Contour) -> bool:
+        """True when ``contour`` is a loop increment deeper than the laws at hand, and walls have begun."""
+        if not outward(contour).any():
+            return False
+        level, depth = self._level, float(contour.contact[:, 2].mean())
+        step = self._job_file.job.springback.elastic.loop_increment - 1e-6
+        return level is None or level.feature != contour.feature or abs(depth - level.depth) >= step
+
+    def take(self, level: AcrossLevel) -> None:
+        """Laws for the coming contours."""
+        self._level = level
+
+    def advance(self, contour: Contour) -> None:
+        """Prepare for ``contour``; another plan, feature or forming tool begins at the planned path."""
+        if self._pending is None or self._pending[0].index != contour.index:
+            self._base = self._pending
+        before = self._base
+        if before is None or _wall(before[0]) != _wall(contour):
+            self._base = None
+            if self._level is not None and self._level.feature != contour.feature:
+                self._level = None
+        if self._load is not None and self._load.plan_id != contour.plan_id:
+            self._load = self._level = None
+
+    def learn(self, contour: Contour, result: ContourResult) -> None:
+        """The load measured on ``contour``; without one the last offset is kept."""
+        self._load = across_load(contour, result) if result.completed else None
+
+    def follow(self, contour: Contour, offset: Array) -> None:
+        """Another method formed ``contour`` with ``offset`` (N, 3) m."""
+        self.advance(contour)
+        self._pending = contour, (np.asarray(offset)[:, :2] * outward(contour)).sum(axis=1)
+
+    def offset(self, contour: Contour) -> tuple[Array, NDArray[np.bool_]]:
+        """(N, 2) m, outward offset of ``contour``, and where a limit changed it (N,).
+
+        The limits are those of other horizontal offsets (slope along the path, change per contour, magnitude).
+        """
+        path, direction = LoopPath.of(contour), outward(contour)
+        previous = self._previous(contour)
+        wanted = self._wanted(contour, path)
+        limits = horizontal_limits(self._job_file, contour.forming_tool)
+        value, limited = limit_signed(previous if wanted is None else wanted, path, limits, previous)
+        self._pending = contour, value
+        return value[:, None] * direction, limited
+
+    def _previous(self, contour: Contour) -> Array:
+        if self._base is None:
+            return np.zeros(len(contour))
+        last, value = self._base
+        return np.asarray(value[nearest_points(contour.forming_tip[:, :2], last.forming_tip[:, :2])])
+
+    def _wanted(self, contour: Contour, path: LoopPath) -> Array | None:
+        """(N,) m, springback across the wall under the load of the contour before; None: not known."""
+        load, level = self._load, self._level
+        if load is None or level is None or load.index != contour.index - 1:
+            return None
+        place = nearest_points(level.places, contour.contact[:, :2])
+        order = np.argsort(path.position[place], kind="stable")
+        place = place[order]
+        force = load.load[nearest_points(contour.forming_tip[place, :2], load.place)]
+        springback = CubicLaw(level.law.k[order]).displacement(force)
+        period = path.length if path.closed else None
+        along = np.interp(path.position, path.position[place], springback, period=period)
+        return np.asarray(self._job_file.job.springback.gain * along)
+
+
+def _wall(contour: Contour) -> tuple[str, int, int, int]:
+    return contour.plan_id, contour.feature, contour.stage, contour.forming_tool
