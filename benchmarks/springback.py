@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import isf_springback.elastic  # noqa: F401 - loaded before the processes start, so that all run the same code
+import numpy as np
 from isf_analysis.deviation import compare
 from isf_cell import in_process
 from isf_cell.commands.springback import built
@@ -41,13 +42,16 @@ PARTS: dict[str, Sequence[str]] = {
     "lu_cone": SHAPES,
     "lu_pyramid": SHAPES,
     "lu_asymmetric": SHAPES,
+    "lu_tpif": ("none", "mpc_tpif"),
 }
 """Methods that are compared on each part unless others are named."""
 REGIONS = ("wall_and_base", "wall", "base", "rim")
 HEADER = (
     "| part | method | worlds | wall and base, max / mean | worst world | wall, max / mean | base, max / signed | "
-    "rim, max / signed |\n|---|---|---|---|---|---|---|---|"
+    "rim, max / signed | within 0.3 mm |\n|---|---|---|---|---|---|---|---|---|"
 )
+BAND = 0.3e-3
+"""m, the tolerance of which Lu 2016, 4.4 tells the share of points within: 19.5 % without and 70 % with control."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,10 @@ def run(case: Case) -> dict[str, Any]:
     row: dict[str, Any] = {**vars(case), "contours": len(record.results), "code": int(record.results[-1].code)}
     if record.scan is None or record.target is None:
         return row
-    regions = compare(record.scan, record.target).regions
+    deviation = compare(record.scan, record.target)
+    regions = deviation.regions
+    error = deviation.error.z[deviation.masks["wall_and_base"]]
+    row["within"] = 100.0 * float(np.mean(np.abs(error[np.isfinite(error)]) <= BAND))
     for region in REGIONS:
         errors = regions[region]
         if errors is not None:
@@ -104,7 +111,7 @@ def line(job: str, method: str, rows: Sequence[dict[str, Any]]) -> str:
     ended = [f"world {row['world']} ended at contour {row['contours']}, {row['code']}" for row in rows if row["code"]]
     worlds = ", ".join([f"{len(whole)}", *ended])
     if not whole:
-        return f"| {job} | {method} | {worlds} | - | - | - | - | - |"
+        return f"| {job} | {method} | {worlds} | - | - | - | - | - | - |"
 
     def median(region: str, kind: str) -> str:
         return f"{statistics.median(row[region][kind] for row in whole):.2f}"
@@ -116,6 +123,7 @@ def line(job: str, method: str, rows: Sequence[dict[str, Any]]) -> str:
         f"{median('wall', 'max')} / {median('wall', 'mean')}",
         f"{median('base', 'max')} / {median('base', 'signed')}",
         f"{median('rim', 'max')} / {median('rim', 'signed')}",
+        f"{statistics.median(row['within'] for row in whole):.0f} %",
     ]
     return f"| {job} | {method} | {worlds} | " + " | ".join(cells) + " |"
 

@@ -4,7 +4,7 @@ and a partial die.
 
 A wall profile (flange, entry fillet, straight wall, floor fillet, floor) is swept along the closed line in
 which the extended wall meets the sheet plane. Facets deviate from the smooth surface by less than 10 um, of the
-parts of 260 and 610 mm by less than 20 um.
+parts of 260 and 610 mm and of free_form by less than 20 um.
 Usage: make_parts.py [folder], default: the folder ``parts`` beside this file.
 """
 
@@ -73,7 +73,10 @@ PARTS = {
     "adsif_cone": Part(24.0, 24.0, Wall(30.0, 6.0, 2.0, 6.0, 8.0)),
 }
 
-RISING = {"tpif_cone": Part(24.0, 24.0, Wall(40.0, 6.0, 6.0, 4.0, 8.0))}
+RISING = {
+    "tpif_cone": Part(24.0, 24.0, Wall(40.0, 6.0, 6.0, 4.0, 8.0)),
+    "lu_tpif": Part(75.0, 53.0, Wall(40.0, 35.0, 8.0, 8.0, 8.0)),
+}
 """Parts that rise from their flange, with a partial die beside them (NAME_die)."""
 
 
@@ -88,6 +91,7 @@ LIBRARY = {
     "praveen_cone_150": funnel(75e-3, np.radians(25), np.radians(60), 30e-3, 10e-3, 10e-3),
     "praveen_cone_250": funnel(125e-3, np.radians(25), np.radians(60), 40e-3, 10e-3, 10e-3),
     "praveen_cone_610": funnel(305e-3, np.radians(25), np.radians(60), 50e-3, 10e-3, 10e-3),
+    "free_form": free_form(0.75, np.radians(40), 6e-3, 5e-3),
     "praveen_free_form": first_feature(free_form(1.94, np.radians(45), 40e-3)),
 }
 """Parts of the library in other sizes, m and rad."""
@@ -97,14 +101,12 @@ LIBRARY_CHORD = {
     "praveen_cone_250": 10e-6,
     "praveen_cone_610": 20e-6,
     "praveen_free_form": 20e-6,
+    "free_form": 16e-6,
 }
 """m, distance between facet and surface of some parts; of others half of CHORD_ERROR."""
 
-BLANK = 1.0
-"""mm, thickness of the blank over the dies."""
-
-DIE_SHARE = 0.6
-"""Part of the height, from the top, that the partial die supports."""
+DIES = {"tpif_cone": (1.0, 0.6), "lu_tpif": (1.6, 0.05)}
+"""mm, thickness of the blank over a die; and the part of the height, from the top, that the partial die supports."""
 
 
 def arc_segments(radius: float, angle: float) -> int:
@@ -161,10 +163,13 @@ def turned_over(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh.vertices * [1.0, 1.0, -1.0], mesh.faces, process=False)
 
 
-def die_under(mesh: trimesh.Trimesh, height: float) -> trimesh.Trimesh:
-    """Upper surface of a partial die under a rising part of ``height`` mm, top of the blank at z = 0 on the die."""
-    kept = mesh.vertices[mesh.faces][:, :, 2].max(axis=1) > (1 - DIE_SHARE) * height
-    die = trimesh.Trimesh(mesh.vertices - [0.0, 0.0, height + BLANK], mesh.faces[kept], process=False)
+def die_under(mesh: trimesh.Trimesh, height: float, blank: float, share: float) -> trimesh.Trimesh:
+    """Upper surface of a partial die under a rising part of ``height`` mm, top of the blank at z = 0 on the die.
+
+    ``blank`` and ``share`` as in DIES.
+    """
+    kept = mesh.vertices[mesh.faces][:, :, 2].max(axis=1) > (1 - share) * height
+    die = trimesh.Trimesh(mesh.vertices - [0.0, 0.0, height + blank], mesh.faces[kept], process=False)
     die.remove_unreferenced_vertices()
     return die
 
@@ -206,7 +211,7 @@ def all_parts() -> dict[str, trimesh.Trimesh]:
     meshes = {name: make(part) for name, part in PARTS.items()}
     for name, part in RISING.items():
         meshes[name] = turned_over(make(part))
-        meshes[f"{name}_die"] = die_under(meshes[name], part.wall.depth)
+        meshes[f"{name}_die"] = die_under(meshes[name], part.wall.depth, *DIES[name])
     meshes["two_features"] = two_features()
     for name, shape in LIBRARY.items():
         mesh = part_mesh(shape, LIBRARY_CHORD.get(name, 0.5e-3 * CHORD_ERROR))
