@@ -172,3 +172,7 @@ class Probe(ABC):
             yield from self.follow([tool_moves.brake(self._config, self.here(), (velocity[:3], velocity[3:]))])
         if not stay:
             yield from self._away()
+        elif self.clear:
+            # who stays over (or under) the sheet is lifted before anything else; at park height there is no need
+            heights = min(self._row[Column.TIP_1 + 2], -self._row[Column.TIP_2 + 2])
+            self.clear = heights > self._config.park_height - self._config.clearance
