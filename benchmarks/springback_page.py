@@ -56,13 +56,12 @@ PARTS: dict[str, Published] = {
         SHAPES, "walls_base", "3", "0.3 (corners 0.5)", (Goal("p95", 0.2, 0.3), Goal("max", 0.3, 0.5))
     ),
     "lu_asymmetric": Published(SHAPES, "walls_base", "3", "0.3 (few spots more)", (Goal("p95", 0.2, 0.3),)),
-    "tpif_cone": Published(
-        ("none", "mpc_two_directional", "fused(analytic)"),
+    "lu_tpif": Published(
+        ("none", "mpc_tpif", "fused(analytic)"),
         "wall_and_base",
         "19.5 % within 0.3",
         "70 % within 0.3",
         (Goal("share", 0.9, 0.8),),
-        "a small cone over a partial die; the part of the source has flat and curved walls and is 35 mm high",
     ),
     "praveen_cone_150": Published((*LARGE, "elastic"), "wall_and_base", "1.1", "0.33", PRAVEEN),
     "praveen_cone_250": Published(LARGE, "wall_and_base", "2.2", "0.75", PRAVEEN, "1 mm steps (published 0.5)"),

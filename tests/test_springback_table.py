@@ -119,7 +119,7 @@ def test_a_part_that_ended_early_is_told_and_meets_no_worst_goal(table: ModuleTy
 
 
 def test_the_worst_share_is_the_smallest(table: ModuleType) -> None:
-    rows = [row("tpif_cone", "mpc_two_directional", world, 1.0) for world in (1, 2)]
+    rows = [row("lu_tpif", "mpc_tpif", world, 1.0) for world in (1, 2)]
     rows[0]["wall_and_base"]["share"], rows[1]["wall_and_base"]["share"] = 0.95, 0.70
     (line,) = [text for text in table.springback_page.table(rows).splitlines() if "mpc" in text]
     assert "share 90 % missed; 80 % missed" in line
