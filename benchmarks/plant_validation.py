@@ -22,8 +22,10 @@ from isf_core.job import JobFile
 from isf_core.material import load_material
 from isf_core.rig import load_rig
 from isf_sim.machine import SimulatedMachine
+from isf_sim.plant_constants import PlantConstants
 from isf_sim.sheet_plant import SheetPlant
 from isf_sim.shell import Elastic, Shell
+from isf_sim.shell_lines import Grading, graded_lines
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -242,6 +244,10 @@ def target_cone_compliance() -> None:
     """Deflection of the target cone, elastic, at the tool's place on its last circle (Ren 2018, Table 4.6)."""
     opening, angle, height = 36e-3, np.radians(50.0), 21e-3
     shell = Shell((0.25, 0.25), 0.25 / 40, Elastic(70e9, 0.33), 1e-3, edge="free")
+    of = PlantConstants()
+    grading = Grading(of.forming_cell, of.cell_growth, of.flange_cell)
+    lines = graded_lines(0.25, 40, -opening - 7e-3, opening + 7e-3, grading)  # as in the plant
+    shell.move_lines(lines, lines)
     r = np.hypot(shell.node_x, shell.node_y)
     slope = np.where((r < opening) & (r > opening - height / np.tan(angle)), angle, 0.0)
     shell.set_shape(-np.clip((opening - r) * np.tan(angle), 0.0, height), 1e-3 * np.cos(slope))

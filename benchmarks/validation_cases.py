@@ -163,8 +163,36 @@ def corrected_cone() -> None:
 
 
 def pyramid() -> None:
-    """Pyramid with rounded corners of Ren 2018, uncorrected."""
-    published_part("ren_pyramid", "none", 40e-3, "4.8 / 2.6", (4.8, 2.6))
+    """Ren 2018, 4.3: pyramid with rounded corners, uncorrected, 20 mm deep in steps of 0.2 mm, the sheet alone.
+
+    Half opening 40 mm, corners of 22 mm and 50 deg are assumed; errors as for the cone, along x and along 45 deg.
+    """
+    rig, angle, corner, half = load_rig("ren2018"), math.radians(50.0), 22e-3, 40e-3
+    plant = SheetPlant(rig.clamp, load_material("AA5754-O"), 1e-3, 5e-3, 0.2e-3, rig.tool_1.compliance)
+    for depth in np.arange(0.2e-3, 20.1e-3, 0.2e-3):
+        inset = half - float(tool_circle(depth, half, angle, 5e-3))
+        for point in rounded_square(half - inset, max(corner - inset, 3e-3), 1.0e-3):
+            plant.move(np.array([point[0], point[1], -depth]), np.zeros(2))
+    force = float(plant.contact.axial[0])
+    shape = plant.measured_shape()
+    r = np.arange(0.0, 5.0 / 3.0 * half, 0.5e-3)
+    errors = []
+    for place in (np.column_stack([r, 0.0 * r]), np.column_stack([r, r]) / math.sqrt(2.0)):
+        beyond = np.maximum(place - (half - corner), 0.0)
+        inside = corner - np.hypot(beyond[:, 0], beyond[:, 1])
+        level = np.where(beyond.max(axis=1) > 0.0, inside, half - place.max(axis=1))
+        target = -np.clip(level * math.tan(angle), 0.0, 20e-3)
+        errors.append(1e3 * (shape.at(place) - target))
+        if not SECTIONS.get("ren_pyramid"):
+            SECTIONS["ren_pyramid"] = (r, target, target + 1e-3 * errors[0])
+    both = np.concatenate(errors)
+    check = [(float(both.max()), 4.8), (float(np.abs(both).mean()), 2.6)]
+    text = f"{both.max():.2f} / {np.abs(both).mean():.2f}"
+    row("Ren pyramid uncorrected, max / mean error [mm]", "4.8 / 2.6", text, "A", check)
+    walls = ", ".join(f"{part.max():.2f} / {np.abs(part).mean():.2f}" for part in errors)
+    row("  the same along x, along 45 deg [mm]", "-", walls, "-")
+    row("  in the centre of the base [mm]", "-", f"{errors[0][0]:.2f}", "-")
+    row("  axial force at 20 mm [N]", "-", f"{force:.0f}", "-")
 
 
 def corrected_pyramid() -> None:

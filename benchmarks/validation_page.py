@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from isf_analysis import style
@@ -21,12 +22,17 @@ DATA = Path(__file__).with_name("validation_rows.json")
 
 TITLES = {
     "ren_cone": "Cone of Ren 2018, uncorrected, 0.2 mm steps",
+    "ren_pyramid": "Pyramid of Ren 2018 along x, uncorrected, 0.2 mm steps",
     "lu_cone": "Cone of Lu 2016 over a backing plate, 2 mm steps",
     "behera_pyramid": "Pyramid of Behera 2015, middle of the walls",
     "tpif_cone": "Two-point forming over a die",
     "adsif_cone": "Accumulative forming, gap compensated",
 }
-BANDS = {"ren_cone": (5.7, "published largest error 5.7 mm"), "lu_cone": (3.0, "published base error about 3 mm")}
+BANDS = {
+    "ren_cone": (5.7, "published largest error 5.7 mm"),
+    "ren_pyramid": (4.8, "published largest error 4.8 mm"),
+    "lu_cone": (3.0, "published base error about 3 mm"),
+}
 """mm over the target's base, as published."""
 
 HEAD = """# Validation of the simulated machine
@@ -56,22 +62,28 @@ def write(
         if (DOCS / "images" / f"validation_{name}.png").is_file()
     ]
     missing = [name for name in order if name not in known and name != "speed"]
+    earlier = (
+        ["\\* measured before the mesh was graded and the sheet elastic between tool and clamp; not run again.\n"]
+        if any(item.get("earlier") for item in rows)
+        else []
+    )
     notes = [f"Not run yet: {', '.join(missing)}.\n"] if missing else []
-    parts = [HEAD, _table(rows), _counts(rows), *notes, *pictures]
+    parts = [HEAD, _table(rows), _counts(rows), *earlier, *notes, *pictures]
     parts += [_CONSTANTS_HEAD, _constants(), _EVENTS, _WORLDS_HEAD, _worlds(), _LIMITS]
     (DOCS / "validation.md").write_text("\n".join(parts), encoding="utf-8")
 
 
-def _table(rows: Sequence[dict[str, str]]) -> str:
+def _table(rows: Sequence[dict[str, Any]]) -> str:
     lines = ["| quantity | published | plant | | |", "|---|---|---|---|---|"]
     for item in rows:
         verdict = "**fails**" if item["verdict"] == "fails" else item["verdict"]
-        cells = (item["quantity"].strip(), item["published"], item["plant"], verdict, item["tag"])
+        plant = f"{item['plant']} \\*" if item.get("earlier") else item["plant"]
+        cells = (item["quantity"].strip(), item["published"], plant, verdict, item["tag"])
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
-def _counts(rows: Sequence[dict[str, str]]) -> str:
+def _counts(rows: Sequence[dict[str, Any]]) -> str:
     predicted = [item for item in rows if item["verdict"] != "-" and not item["tag"].startswith("C")]
     met = sum(item["verdict"] == "met" for item in predicted)
     return f"Of {len(predicted)} rows that were not calibrated {met} are met.\n"
