@@ -1,9 +1,11 @@
 """How fast the sheet of the simulated machine is: points per second, share of the coarse solutions, control ticks.
 
-    ./isf python benchmarks/plant_speed.py [--step MM] [--repeat N]
+    ./isf python benchmarks/plant_speed.py [--step MM] [--repeat N] [--ticks N]
 
-Forms the cone of Ren 2018 (opening radius 36 mm, 50 deg, 21 mm deep) point by point in 0.5 mm spacing, and the same
-cone in 0.5 mm steps through the whole machine at 500 Hz. CPU time of this process; smallest of the repeats.
+Forms the cone of Ren 2018 (opening radius 36 mm, 50 deg, 21 mm deep) point by point in 0.5 mm spacing: CPU time of this
+process (smallest of the repeats), at half and at full depth, and the exponent of the time over the points. Then a loop
+through the whole machine at 500 Hz, 30 mm/s: wall time of the ticks in lockstep (a solution is computed in the tick
+that begins it) and in real time (in a thread; a tick every 2 ms). Wall times count on a quiet computer only.
 """
 
 from __future__ import annotations
@@ -11,13 +13,16 @@ from __future__ import annotations
 import argparse
 import resource
 import time
+from pathlib import Path
 
 import numpy as np
+from isf_core.job import JobFile
 from isf_core.material import load_material
 from isf_core.rig import load_rig
+from isf_sim.machine import SimulatedMachine
 from isf_sim.sheet_plant import SheetPlant
 from numpy.typing import NDArray
-from plant_validation import spiral
+from plant_validation import FEED, JOB, RATE, drive, spiral
 
 Array = NDArray[np.float64]
 
@@ -46,21 +51,55 @@ def form(step: float, share: float) -> tuple[int, float, float, SheetPlant, Arra
     return len(tips), time.process_time() - started, solving[0], plant, each
 
 
+def ticks(count: int, *, real_time: bool) -> tuple[Array, int]:
+    """Wall time s of ``count`` ticks on circles with 25 mm radius, and coarse solutions in them."""
+    machine = SimulatedMachine(JobFile(JOB.format(material="AA5754-O", radius=5), Path()))
+    machine.tare()
+    machine.plant.worker.ahead = real_time
+    park = np.array([0.0, 0.0, -0.1])
+    drive(machine, (np.array([0.0, 0.0, 0.1]), park), (np.array([25e-3, 0.0, -4e-3]), park))
+    before = machine.plant.solutions
+    each = np.empty(count)
+    begun = time.perf_counter()
+    for k in range(count):
+        turn = k * FEED / RATE / 25e-3
+        tip = np.array([25e-3 * np.cos(turn), 25e-3 * np.sin(turn), -4e-3 - 0.5e-3 * turn / (2.0 * np.pi)])
+        started = time.perf_counter()
+        machine.tick(tip, park)
+        each[k] = time.perf_counter() - started
+        if real_time:
+            time.sleep(max(0.0, begun + (k + 1) / RATE - time.perf_counter()))
+    return each, machine.plant.solutions - before
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--step", type=float, default=0.2, help="depth per loop, mm")
     parser.add_argument("--repeat", type=int, default=2)
+    parser.add_argument("--ticks", type=int, default=10000, help="control ticks, 0: none")
     arguments = parser.parse_args()
     form(arguments.step * 1e-3, 0.1)  # kernels from the cache
+    measured = []
     for share in (0.5, 1.0):
         runs = [form(arguments.step * 1e-3, share) for _ in range(arguments.repeat)]
         points, total, solving, plant, each = min(runs, key=lambda run: run[1])
+        measured.append((points, total))
         p50, p99 = 1e6 * np.percentile(each, [50, 99])
         print(
             f"{points} points: {total:.2f} s, {points / total:.0f} points/s; {plant.solutions} coarse solutions, "
             f"{100 * solving / total:.0f} % of the time, {1e3 * solving / plant.solutions:.0f} ms each; "
             f"a point: median {p50:.0f} us, 99 % {p99:.0f} us, largest {1e3 * each.max():.0f} ms",
+            flush=True,
+        )
+    (few, short), (many, long) = measured
+    print(f"CPU time goes with the number of points to the power {np.log(long / short) / np.log(many / few):.2f}")
+    for name, real_time in (("lockstep", False), ("real time", True)) if arguments.ticks else ():
+        each, solutions = ticks(arguments.ticks, real_time=real_time)
+        p50, p99 = 1e6 * np.percentile(each, [50, 99])
+        print(
+            f"{len(each)} ticks in {name}: median {p50:.0f} us, 99 % {p99:.0f} us, largest {1e3 * each.max():.1f} ms; "
+            f"{solutions} coarse solutions",
             flush=True,
         )
     print(f"memory of the process at its largest: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")

@@ -2,6 +2,9 @@
 
 Near a control point the sheet at the tool moves by u(F) = u_k (F / F_k)^b with b = C_zz F_k / S_k; laws of nearby
 points are blended with Gaussian weights.
+
+A solution is begun where no control point is near enough any more, and taken over LEAD of path later (earlier only when
+the law of the old points reaches no further), whenever it was ready: the same with and without a worker.
 """
 
 from __future__ import annotations
@@ -17,6 +20,22 @@ from isf_sim.jit import kernel
 Array = NDArray[np.float64]
 
 CAPACITY = 64
+LEAD = 3.0e-3
+"""m, way of the tool between the beginning of a solution and its use: 0.1 s at 30 mm/s."""
+APPROACH = 3.0e-3
+"""m, height over the sheet at which the first solution is begun."""
+REACH = 1.6
+"""Distance to which the law of old points serves while a solution is under way, over that at which it is begun."""
+
+OFF_TIES = 1.0e-6
+"""m, what every bound of distance is short of its round value: steps of a path are round too, and at a tie the last bit
+would decide which solutions there are."""
+
+NOTHING, BEGIN, TAKE = 0, 1, 2
+"""What :func:`coarse_request` asks for."""
+
+UNDER_WAY, DUE, HEIGHT = 0, 1, 2
+"""Places in ControlPoints.pending."""
 
 
 class ControlPoints(NamedTuple):
@@ -25,6 +44,7 @@ class ControlPoints(NamedTuple):
     Attributes
     ----------
     place : (K, 3) m, commanded tip ; displacement : (K, 3) m ; force : (K,) N, axial ; exponent : (K,) b
+    pending : (3,) 1 while a solution is under way, m path at which it is used, m height of its place
     """
 
     used: NDArray[np.int64]
@@ -32,6 +52,7 @@ class ControlPoints(NamedTuple):
     displacement: Array
     force: Array
     exponent: Array
+    pending: Array
 
 
 def no_control_points() -> ControlPoints:
@@ -42,12 +63,32 @@ def no_control_points() -> ControlPoints:
         displacement=np.zeros((CAPACITY, 3)),
         force=np.ones(CAPACITY),
         exponent=np.ones(CAPACITY),
+        pending=np.zeros(3),
     )
+
+
+@kernel
+def coarse_request(
+    points: ControlPoints, x: float, y: float, z: float, path: float, depth: float, distance: float
+) -> int:
+    """What the tool at (x, y, z) m after ``path`` m needs: NOTHING, BEGIN a solution, TAKE the one under way over.
+
+    ``depth``, ``distance`` m : see :func:`is_fresh`
+    """
+    if points.pending[UNDER_WAY] > 0.0:
+        if path < points.pending[DUE] and is_fresh(points, x, y, z, REACH * depth, REACH * distance):
+            return NOTHING
+        return TAKE
+    if is_fresh(points, x, y, z, depth, distance):
+        return NOTHING
+    points.pending[HEIGHT] = z
+    return BEGIN
 
 
 @kernel
 def is_fresh(points: ControlPoints, x: float, y: float, z: float, depth: float, distance: float) -> bool:
     """True when a control point lies within ``depth`` m in z and ``distance`` m in the plane."""
+    depth, distance = depth - OFF_TIES, distance - OFF_TIES
     for k in range(points.used[0]):
         place = points.place[k]
         if abs(place[2] - z) < depth and (place[0] - x) ** 2 + (place[1] - y) ** 2 < distance**2:

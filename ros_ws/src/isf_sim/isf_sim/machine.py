@@ -271,6 +271,7 @@ class SimulatedMachine:
 
     def changing(self) -> dict[str, Any]:
         """Everything that changes, by name; not copied."""
+        self.plant.settle()
         return {name: value for name, value in self.__dict__.items() if name not in _UNCHANGING}
 
     def state_copy(self) -> dict[str, Any]:

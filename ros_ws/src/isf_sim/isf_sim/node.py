@@ -159,8 +159,8 @@ class MachineNode(CellNode[MachineParameters]):
         if self._parameters.lockstep:
             self.publish(machine.sample(), decimated=True)
         else:
-            self._begin = self.get_clock().now().nanoseconds
-            self._period = -1
+            self._begin, self._period = self.get_clock().now().nanoseconds, -1
+            machine.plant.worker.ahead = True
             self._thread = PeriodicThread(machine.control_rate, self._on_period)
             self._thread.start()
 

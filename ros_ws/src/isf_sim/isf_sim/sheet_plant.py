@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from isf_sim import base_following
 from isf_sim.bulge import bulge_overlay
-from isf_sim.control_points import CAPACITY, ControlPoints, no_control_points
+from isf_sim.control_points import CAPACITY, DUE, HEIGHT, LEAD, OFF_TIES, UNDER_WAY, ControlPoints, no_control_points
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.role import Role, first_role
 from isf_sim.sheet_point import (
     DONE,
     LAST_BASE,
     LOOP,
+    NEEDS_RESULT,
     NEEDS_SOLUTION,
     TRAVELLED,
     Contact,
@@ -36,6 +37,7 @@ from isf_sim.sheet_point import (
 from isf_sim.shell import Deflection, Elastic, Shell
 from isf_sim.shell_lines import Grading
 from isf_sim.shell_region import grow_region, no_region, opening_region, region_lines
+from isf_sim.solution_worker import SolutionWorker
 from isf_sim.squeeze import indentation_stiffness
 from isf_sim.support import support_points
 from isf_sim.surface import LONG_AGO, Surface, TipTrack, bilinear_grid, empty_track, flat_surface, sample_mean
@@ -121,6 +123,9 @@ class SheetPlant:
         self.solutions = 0
         self._states: list[Array] = []
         self._region = no_region()
+        self.worker = SolutionWorker()
+        self._asked = np.zeros(4)
+        self._found: list[Array] = []
 
     @property
     def pressing(self) -> int:
@@ -159,6 +164,7 @@ class SheetPlant:
         ------
         ValueError : wrong shape, or values that are NaN or +inf
         """
+        self.drop_pending()
         surface = self.surface
         height = np.asarray(height, dtype=float)
         if height.shape != surface.height.shape:
@@ -179,7 +185,9 @@ class SheetPlant:
         """Do what the kernel asked for at ``tip`` (3,) m."""
         started = time.perf_counter()
         if request == NEEDS_SOLUTION:
-            self._solve(tip)
+            self._begin_solution(tip)
+        elif request == NEEDS_RESULT:
+            self._take_solution()
         else:
             self.update_base()
         self.solve_time += time.perf_counter() - started
@@ -219,24 +227,44 @@ class SheetPlant:
 
     def forget_solutions(self) -> None:
         """Drop the control points: the sheet is loaded in another way from now on."""
+        self.drop_pending()
         self.points.used[0] = 0
         self._states = []
 
     # -- coarse solution -----------------------------------------------------------------------------
 
-    def _solve(self, tip: Array) -> None:
-        shell, contact = self.shell, self.contact
+    def _begin_solution(self, tip: Array) -> None:
+        """Begin the solution for a control point at ``tip`` (3,) m with the sheet as it is now."""
+        shell, contact, pending = self.shell, self.contact, self.points.pending
         if grow_region(self._region, tip[0], tip[1]):
             self._move_lines()
         self._take_shape()
         axial = max(float(contact.axial[0]), SMALLEST_FORCE)
         force = np.array([contact.lateral[0], contact.lateral[1], -axial])
         patch = shell.load_patch(tip[0], tip[1], 0.7 * self.radius)
-        deflection = shell.solve(patch, force, self._start(tip, axial))
-        if not deflection.converged or not np.isfinite(deflection.displacement).all():
-            deflection = shell.solve(patch, force)
-        self._keep(tip, axial, deflection)
+        start = self._start(tip, axial)
+        pending[UNDER_WAY], pending[DUE] = 1.0, contact.path[TRAVELLED] + LEAD
+        self._asked[:] = tip[0], tip[1], pending[HEIGHT], axial
+        self.worker.begin(lambda: _solved(shell, patch, force, start))
         self.solutions += 1
+
+    def settle(self) -> None:
+        """Wait for a solution under way: what changes is complete then, and nothing else works on it."""
+        deflection = self.worker.wait()
+        if deflection is not None:
+            self._found = [deflection.state, deflection.displacement, np.array([deflection.axial_compliance])]
+
+    def _take_solution(self) -> None:
+        """Make the solution under way a control point."""
+        self.settle()
+        state, displacement, compliance = self._found
+        self.points.pending[UNDER_WAY] = 0.0
+        self._keep(self._asked[:3].copy(), float(self._asked[3]), state, displacement, float(compliance[0]))
+
+    def drop_pending(self) -> None:
+        """Drop a solution under way: the sheet it was begun for is another one."""
+        self.settle()
+        self.points.pending[UNDER_WAY] = 0.0
 
     def _move_lines(self) -> None:
         """Put the lines of the coarse shell where the forming region asks for them."""
@@ -272,27 +300,26 @@ class SheetPlant:
             return None
         return np.asarray(self._states[nearest] * math.sqrt(axial / self.points.force[nearest]))
 
-    def _keep(self, tip: Array, axial: float, deflection: Deflection) -> None:
+    def _keep(self, tip: Array, axial: float, state: Array, displacement: Array, compliance: float) -> None:
         """Add a control point; older ones close by, or far above or below, are dropped."""
         points, constants = self.points, self.constants
         count = int(points.used[0])
         away = points.place[:count] - tip
-        keep = (away[:, 0] ** 2 + away[:, 1] ** 2 > (0.6 * constants.fresh_distance) ** 2) & (
-            np.abs(away[:, 2]) < 2.5 * constants.fresh_depth
+        keep = (away[:, 0] ** 2 + away[:, 1] ** 2 > (0.6 * constants.fresh_distance - OFF_TIES) ** 2) & (
+            np.abs(away[:, 2]) < 2.5 * constants.fresh_depth - OFF_TIES
         )
         chosen = np.flatnonzero(keep)[-(CAPACITY - 1) :]
         for array in (points.place, points.displacement, points.force, points.exponent):
             array[: len(chosen)] = array[chosen]
-        self._states = [self._states[k] for k in chosen] + [deflection.state]
+        self._states = [self._states[k] for k in chosen] + [state]
         n = len(chosen)
         below_grid = self._local_compliance(self.shell.cell_at(tip[0], tip[1])) - self.point_constants.local_compliance
-        displacement = deflection.displacement - np.array([0.0, 0.0, max(below_grid, 0.0) * axial])
+        displacement = displacement - np.array([0.0, 0.0, max(below_grid, 0.0) * axial])
         sag = max(-displacement[2], 1e-9)
         points.place[n] = tip
         points.displacement[n] = displacement
         points.force[n] = axial
-        compliance = deflection.axial_compliance + max(below_grid, 0.0)
-        points.exponent[n] = float(np.clip(compliance * axial / sag, 0.3, 1.0))
+        points.exponent[n] = float(np.clip((compliance + max(below_grid, 0.0)) * axial / sag, 0.3, 1.0))
         points.used[0] = n + 1
 
     def _point_constants(
@@ -332,3 +359,11 @@ class SheetPlant:
         """N/m, plastic indentation of the sheet between the tool and a rigid, nearly flat support."""
         flow = 0.5 * self.constants.flow_factor * (self.material.yield_strength + self.material.tensile_strength)
         return indentation_stiffness(radius, 1e3 * radius, flow, self.constants.indentation_factor)
+
+
+def _solved(shell: Shell, patch: Array, force: Array, start: Array | None) -> Deflection:
+    """Deflection under ``force``; from the flat state where ``start`` leads nowhere."""
+    deflection = shell.solve(patch, force, start)
+    if not deflection.converged or not np.isfinite(deflection.displacement).all():
+        deflection = shell.solve(patch, force)
+    return deflection

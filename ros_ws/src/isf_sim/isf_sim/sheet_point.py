@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isf_sim.contact_kernels import axial_force, envelope, probe_wall, support_height, touch_heights
-from isf_sim.control_points import ControlPoints, blend, is_fresh
+from isf_sim.control_points import APPROACH, BEGIN, NOTHING, ControlPoints, blend, coarse_request
 from isf_sim.jit import kernel
 from isf_sim.surface import LONG_AGO, Surface, TipTrack
 
 Array = NDArray[np.float64]
 
-DONE, NEEDS_SOLUTION, NEEDS_BASE = 0, 1, 2
+DONE, NEEDS_SOLUTION, NEEDS_BASE, NEEDS_RESULT = 0, 1, 2, 4
 """What :func:`advance_point` asks for; nothing has changed unless it returns DONE."""
 
 TRAVELLED, LAST_BASE, LOOP = 0, 1, 2
@@ -121,9 +121,11 @@ def advance_point(
     touch = np.empty(2)
     touch_heights(surface, path, constants.window, xe, ye, radius, touch)
     in_contact = touch[0] > z
+    if touch[0] > z - APPROACH:
+        request = coarse_request(points, x, y, min(z, touch[0]), path, constants.fresh_depth, constants.fresh_distance)
+        if request != NOTHING:
+            return NEEDS_SOLUTION if request == BEGIN else NEEDS_RESULT
     if in_contact:
-        if not is_fresh(points, x, y, z, constants.fresh_depth, constants.fresh_distance):
-            return NEEDS_SOLUTION
         loop = contact.path[LOOP]
         # way travelled so far, without this step: the update marks it as done, however long the step is
         due = max(loop / 16.0, 0.8 * radius) if loop > 0.0 else 6.0 * radius

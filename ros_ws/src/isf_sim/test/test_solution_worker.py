@@ -1,0 +1,169 @@
+"""Coarse solutions ahead of time: the same bits with and without a worker; a last bit stays a last bit."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_core.job import JobFile
+from isf_core.material import load_material
+from isf_core.rig import load_rig
+from isf_sim.control_points import (
+    BEGIN,
+    LEAD,
+    NOTHING,
+    TAKE,
+    UNDER_WAY,
+    ControlPoints,
+    coarse_request,
+    no_control_points,
+)
+from isf_sim.machine import SimulatedMachine
+from isf_sim.plant_constants import PlantConstants
+from isf_sim.sheet_plant import SheetPlant
+from isf_sim.state_file import load_machine, save_machine
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+RIG, MATERIAL = load_rig("ren2018"), load_material("AA5754-O")
+COARSE = PlantConstants(coarse_cell=250e-3 / 16, fine_cell=1e-3)
+JOB = """
+name: ahead
+part: {mesh: none.stl, unit: mm}
+process: SPIF
+rig: ren2018
+sheet: {material: AA5754-O, thickness: 1 mm}
+tool_1: {radius: 5 mm}
+path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
+"""
+
+
+def make_plant(constants: PlantConstants = COARSE) -> SheetPlant:
+    return SheetPlant(RIG.clamp, MATERIAL, 1e-3, 5e-3, 0.5e-3, RIG.tool_1.compliance, constants=constants)
+
+
+def rings(depth: float, radius: float = 20e-3, step: float = 0.5e-3) -> Array:
+    """(N, 3) m, tips round circles of ``radius`` m, ``step`` m apart: depths tie with the reach of a solution."""
+    turn = np.arange(0.0, 2.0 * np.pi, 1e-3 / radius)
+    levels = np.arange(1, round(depth / step) + 1) * step
+    return np.vstack([np.column_stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn - z]) for z in levels])
+
+
+def formed(plant: SheetPlant, tips: Array) -> Array:
+    for tip in tips:
+        plant.move(tip, np.zeros(2))
+    return plant.measured_shape().z
+
+
+def test_worker_changes_no_bit() -> None:
+    shapes = []
+    for ahead in (False, True):
+        plant = make_plant()
+        plant.worker.ahead = ahead
+        shapes.append(formed(plant, rings(3e-3)))
+    assert (shapes[0] == shapes[1]).all()
+
+
+def pressed(machine: SimulatedMachine, turns: Array) -> list[Array]:
+    """Wrenches of tool 1 on an arc at 4 mm depth."""
+    out = []
+    for turn in turns:
+        tip = np.array([20e-3 * np.cos(turn), 20e-3 * np.sin(turn), -4e-3])
+        out.append(machine.tick(tip, np.array([0.0, 0.0, -0.1])).wrench_1.copy())
+    return out
+
+
+def test_state_saved_while_a_solution_is_under_way(tmp_path: Path) -> None:
+    """Copy and file go on bit by bit from a tick at which a solution was begun and not yet used."""
+    machine = SimulatedMachine(JobFile(JOB, Path()), constants=COARSE)
+    machine.plant.worker.ahead = True
+    machine.tare()
+    start = np.array([0.0, 0.0, 0.1])
+    for share in np.linspace(0.0, 1.0, 900)[1:]:
+        machine.tick(start + share * (np.array([20e-3, 0.0, -4e-3]) - start), -start)
+    turns = np.arange(0.0, 6.0, 0.1e-3 / 20e-3)
+    k = 0
+    pressed(machine, turns[:200])
+    while not machine.plant.points.pending[UNDER_WAY]:
+        pressed(machine, turns[200 + k : 201 + k])
+        k += 1
+    assert k < 800
+    kept = machine.state_copy()
+    file = save_machine(machine, tmp_path / "state.npz")
+    rest = turns[201 + k : 401 + k]
+    first = pressed(machine, rest)
+    taken_up = load_machine(file)
+    assert np.array_equal(first, pressed(taken_up, rest))
+    machine.restore(kept)
+    assert np.array_equal(first, pressed(machine, rest))
+
+
+def test_requests_follow_the_path_alone() -> None:
+    points = no_control_points()
+    assert coarse_request(points, 0.0, 0.0, 0.0, 0.0, 1e-3, 16e-3) == BEGIN
+    points.pending[:2] = 1.0, LEAD
+    assert coarse_request(points, 0.0, 0.0, 0.0, 0.0, 1e-3, 16e-3) == TAKE  # no law at all: it is waited for
+    points = one_point()
+    assert coarse_request(points, 15e-3, 0.0, 0.0, 0.0, 1e-3, 16e-3) == NOTHING
+    assert coarse_request(points, 17e-3, 0.0, 0.0, 0.0, 1e-3, 16e-3) == BEGIN
+    points.pending[:2] = 1.0, LEAD
+    assert coarse_request(points, 18e-3, 0.0, 0.0, 0.5 * LEAD, 1e-3, 16e-3) == NOTHING
+    assert coarse_request(points, 20e-3, 0.0, 0.0, 1.1 * LEAD, 1e-3, 16e-3) == TAKE
+    assert coarse_request(points, 40e-3, 0.0, 0.0, 0.5 * LEAD, 1e-3, 16e-3) == TAKE
+
+
+def one_point() -> ControlPoints:
+    points = no_control_points()
+    points.used[0] = 1
+    return points
+
+
+@pytest.mark.parametrize("error", [-1e-12, 1e-12])
+def test_round_steps_do_not_decide_by_the_last_bit(error: float) -> None:
+    """A path whose steps are as large as the reach of a solution asks for it on either side of the tie."""
+    points = one_point()
+    assert coarse_request(points, 0.0, 0.0, -1e-3 + error, 0.0, 1e-3, 16e-3) == BEGIN
+    assert coarse_request(points, 16e-3 + error, 0.0, 0.0, 0.0, 1e-3, 16e-3) == BEGIN
+
+
+def test_shape_does_not_amplify_a_picometre() -> None:
+    """The tool moved by 1e-12 m: no node moves by more than 1e-9 m."""
+    tips = rings(5e-3)
+    moved = formed(make_plant(), tips + np.array([1e-12, 0.0, 0.0]))
+    assert np.abs(moved - formed(make_plant(), tips)).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "finer",
+    [
+        {"coarse_cell": 5e-3, "forming_cell": 2.8e-3},
+        {"fresh_depth": 0.5e-3, "fresh_distance": 8e-3},
+        {"fine_cell": 0.25e-3},
+    ],
+)
+@pytest.mark.slow
+def test_refinement_changes_the_depth_by_less_than_three_percent(finer: dict[str, float]) -> None:
+    """Loops of a cone, 10 mm deep."""
+    depths = []
+    for constants in (PlantConstants(), dataclasses.replace(PlantConstants(), **finer)):
+        tips = np.vstack(
+            [
+                rings(0.5e-3, 34e-3 - z / np.tan(np.radians(50.0))) - [0.0, 0.0, z - 0.5e-3]
+                for z in np.arange(1, 21) * 0.5e-3
+            ]
+        )
+        depths.append(float(formed(make_plant(constants), tips).min()))
+    assert depths[1] == pytest.approx(depths[0], rel=0.03)
+
+
+def test_copy_of_a_plant_works_on_its_own() -> None:
+    plant = make_plant()
+    plant.worker.ahead = True
+    tips = rings(2e-3)
+    formed(plant, tips[:200])
+    plant.settle()
+    other = copy.deepcopy(plant)
+    assert (formed(plant, tips[200:]) == formed(other, tips[200:])).all()
