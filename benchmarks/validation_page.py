@@ -144,6 +144,8 @@ _WORLDS_HEAD = """## Standard set of off-nominal worlds
 
 Controllers are scored on worlds 1 to 20 of seed 0 (`isf_sim.world.STANDARD_WORLDS`), never on the nominal one alone.
 Factors on the nominal constants; edge spring in N/mm^2; registration of a scanner in mm and deg.
+The yield strength acts through the flow stress alone, its mean with the tensile strength: on the stiffness of the
+squeeze between the tools and of the sheet between tool and die. The sheet between tool and clamp never yields.
 """
 
 

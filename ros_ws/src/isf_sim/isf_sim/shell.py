@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
-from isf_sim.shell_assembly import Section, SupportPoints, add_strain, add_support, assemble, membrane_force
+from isf_sim.shell_assembly import Section, SupportPoints, add_support, assemble
 from isf_sim.shell_equilibrium import conjugate_gradients, find_equilibrium
 from isf_sim.shell_factor import BandForm, Factor, KeptFactor
 from isf_sim.shell_lines import linear_weights, node_widths
@@ -29,17 +29,6 @@ RESIDUAL_TOLERANCE = 1.0e-5
 """Residual over the load at which a solution is accepted."""
 COMPLIANCE_TOLERANCE = 1.0e-2
 """The same for the tangent, whose own error goes with the square of it."""
-BALANCE = 1.0e-3
-"""Part of the out-of-balance forces of the residual stresses that may be left when the sheet is unloaded."""
-
-
-@dataclass(frozen=True)
-class StrainState:
-    """Membrane strain (C, 3) E11, E22, 2 E12 (covariant), curvature (N, 2) and twist (C,) 1/m of the coarse shell."""
-
-    membrane: Array
-    bend: Array
-    warp: Array
 
 
 @dataclass(frozen=True)
@@ -104,8 +93,6 @@ class Shell:
         self.height = np.zeros(self.count)
         self.thickness = np.full(self.count, thickness)
         self.support: SupportPoints | None = None
-        cells = (self.nx - 1) * (self.ny - 1)
-        self.residual = StrainState(np.zeros((cells, 3)), np.zeros((self.count, 2)), np.zeros(cells))
         self._number()
         self._place_lines(
             *(np.linspace(-0.5, 0.5, n) * length for n, length in zip((self.nx, self.ny), size, strict=True))
@@ -117,25 +104,26 @@ class Shell:
     def move_lines(self, x: Array, y: Array) -> None:
         """Put the lines of the grid to x (nx,), y (ny,) m; they must span the same sheet.
 
-        Residual state, height and thickness are carried over by linear interpolation, so the sheet is out of balance
-        by what the interpolation changes.
+        Height and thickness are carried over by linear interpolation.
         """
         nodes = self.onto_lines(x, y)
-        old = self.residual
-        middle = [0.5 * (lines[1:] + lines[:-1]) for lines in (self.x, self.y, x, y)]
-        cells = _between_lines(*middle)
-        new = StrainState(cells(old.membrane), nodes(old.bend), cells(old.warp))
-        for target, value in zip(vars(old).values(), vars(new).values(), strict=True):
-            target[...] = value
         height, thickness = nodes(self.height), nodes(self.thickness)
-        self._loaded.drop()
-        self._unloaded.drop()
+        self._factor.drop()
         self._place_lines(x, y)
         self.set_shape(height, thickness)
 
     def onto_lines(self, x: Array, y: Array) -> Callable[[Array], Array]:
-        """Function that takes values on the nodes (N, ...) to those of a grid with the lines x (nx,), y (ny,) m."""
-        return _between_lines(self.x, self.y, x, y)
+        """Function that takes values on the nodes (N, ...) to those of a grid with the lines x (nx,), y (ny,) m.
+
+        By linear interpolation.
+        """
+        along_x, along_y = linear_weights(self.x, x), linear_weights(self.y, y)
+
+        def between(values: Array) -> Array:
+            grid = np.tensordot(along_y, values.reshape(self.ny, self.nx, -1), axes=(1, 0))
+            return np.asarray(np.tensordot(along_x, grid, axes=(1, 1)).swapaxes(0, 1).reshape(values.shape))
+
+        return between
 
     def _place_lines(self, x: Array, y: Array) -> None:
         self.x, self.y = np.ascontiguousarray(x), np.ascontiguousarray(y)
@@ -170,9 +158,6 @@ class Shell:
             thickness=self.thickness,
             bending=self.node_area * weight.ravel(),
             twist=0.25 * corner.ravel() * self.cell_x * self.cell_y,
-            strain=self.residual.membrane,
-            bend=self.residual.bend,
-            warp=self.residual.warp,
         )
 
     def set_support(self, support: SupportPoints | None) -> None:
@@ -194,13 +179,9 @@ class Shell:
             sides.append(float(lines[k + 1] - lines[k]))
         return max(sides)
 
-    def patch_reach(self, x: float, y: float, radius: float) -> float:
-        """m, distance from its centre (x, y) m at which the load of a patch of ``radius`` m ends."""
-        return 2.0 * max(radius, 0.9 * self.cell_at(x, y))
-
     def load_patch(self, x: float, y: float, radius: float) -> Array:
         """(N,) weights (sum 1) of a load spread smoothly round (x, y) m."""
-        reach = self.patch_reach(x, y, radius)
+        reach = 2.0 * max(radius, 0.9 * self.cell_at(x, y))
         distance = (self.node_x - x) ** 2 + (self.node_y - y) ** 2
         weight = np.clip(1.0 - distance / reach**2, 0.0, None) ** 2
         weight[self.boundary] = 0.0
@@ -211,68 +192,25 @@ class Shell:
             total = 1.0
         return np.asarray(weight / total)
 
-    @property
-    def cells(self) -> NDArray[np.int32]:
-        """(C, 4) nodes of each cell."""
-        return self._numbering.pattern.cells
-
-    def strain(self, state: Array) -> StrainState:
-        """Elastic strains of the displacement ``state`` (N, 3) m, those of the unloaded sheet included."""
-        total = StrainState(*(part.copy() for part in vars(self.residual).values()))
-        add_strain(state, self._section, self._numbering.pattern, total.membrane, total.bend, total.warp)
-        return total
-
-    def membrane_force(self, strain: StrainState) -> Array:
-        """(N,) N/m, von Mises equivalent membrane force at the nodes (mean of the cells round them)."""
-        force = np.empty(len(self.cells))
-        membrane_force(strain.membrane, self._section, self._numbering.pattern, force)
-        around = np.bincount(self.cells.ravel(), minlength=self.count)
-        return np.asarray(np.bincount(self.cells.ravel(), np.repeat(force, 4), self.count) / around)
-
-    def rebase(self, state: Array) -> None:
-        """Make ``state`` (N, 3) m part of the unloaded sheet: its strains stay as residual ones.
-
-        The caller adds the axial part to the height.
-        """
-        residual = self.residual
-        add_strain(state, self._section, self._numbering.pattern, residual.membrane, residual.bend, residual.warp)
-
     def solve(self, patch: Array, force: Array, start: Array | None = None) -> Deflection:
         """Equilibrium with ``force`` (3,) N spread by ``patch`` (N,), from the state ``start`` (N, 3) m."""
         begin = np.zeros(self._numbering.count) if start is None else self._flat(start)
         load = self._flat(patch[:, None] * force)
         tolerance = RESIDUAL_TOLERANCE * (float(np.linalg.norm(load)) + 1e-9)
-        found = find_equilibrium(
-            begin, self._loaded.get(), lambda q: load - self._inner(q), self._renewed(self._loaded), tolerance
-        )
+        found = find_equilibrium(begin, self._factor.get(), lambda q: load - self._inner(q), self._renew, tolerance)
         state = self._unflat(found.q)
         compliance, more = self._axial_compliance(patch, state, found.factor)
         return Deflection(
             state, patch @ state, compliance, found.iterations, found.factorisations + more, found.converged
         )
 
-    def unload(self) -> Array:
-        """(N, 3) m, displacement without load: where the residual stresses balance each other."""
-        begin = np.zeros(self._numbering.count)
-        first = float(np.linalg.norm(self._inner(begin)))
-        if first == 0.0:
-            return self._unflat(begin)
-        found = find_equilibrium(
-            begin, self._unloaded.get(), lambda q: -self._inner(q), self._renewed(self._unloaded), BALANCE * first
-        )
-        return self._unflat(found.q if found.converged else begin)
-
     def _inner(self, q: Array) -> Array:
         return self._assemble(self._unflat(q), tangent=False)
 
-    def _renewed(self, kept: KeptFactor) -> Callable[[Array], Factor]:
-        """Function that factorises the matrix of a state (n,) m and keeps it in ``kept``."""
-
-        def renew(q: Array) -> Factor:
-            self._assemble(self._unflat(q), tangent=True)
-            return kept.renew(self._values[:-1])
-
-        return renew
+    def _renew(self, q: Array) -> Factor:
+        """Factors of the matrix of the state ``q`` (n,) m, kept for the next solution."""
+        self._assemble(self._unflat(q), tangent=True)
+        return self._factor.renew(self._values[:-1])
 
     def _axial_compliance(self, patch: Array, state: Array, factor: Factor) -> tuple[float, int]:
         """Tangent at ``state`` (m/N) with the factors of a nearby one; factorisations that it took."""
@@ -282,7 +220,7 @@ class Shell:
         response = conjugate_gradients(lambda x: matrix @ x, factor, load, COMPLIANCE_TOLERANCE)
         if response is not None:
             return float(load @ response), 0
-        return float(load @ self._loaded.renew(self._values[:-1]).solve(load)), 1
+        return float(load @ self._factor.renew(self._values[:-1]).solve(load)), 1
 
     # -- linear algebra ----------------------------------------------------------------------------
 
@@ -292,7 +230,7 @@ class Shell:
         self._force = np.zeros(self._numbering.count + 1)
         self._values = np.zeros(len(self._numbering.rows) + 1)
         form = BandForm(self._numbering.rows, self._numbering.starts)
-        self._loaded, self._unloaded = (KeptFactor(form, len(self._numbering.rows)) for _ in range(2))
+        self._factor = KeptFactor(form, len(self._numbering.rows))
 
     def _set_springs(self) -> None:
         numbering = self._numbering
@@ -324,14 +262,3 @@ class Shell:
         out = np.zeros((self.count, 3))
         out[self._active] = values[self._numbering.dof[self._active]]
         return out
-
-
-def _between_lines(x: Array, y: Array, new_x: Array, new_y: Array) -> Callable[[Array], Array]:
-    """Function that interpolates values (len(y) len(x), ...) on lines x, y m linearly to the lines new_x, new_y m."""
-    along_x, along_y = linear_weights(x, new_x), linear_weights(y, new_y)
-
-    def between(values: Array) -> Array:
-        grid = np.tensordot(along_y, values.reshape(len(y), len(x), -1), axes=(1, 0))
-        return np.asarray(np.tensordot(along_x, grid, axes=(1, 1)).swapaxes(0, 1).reshape(values.shape))
-
-    return between

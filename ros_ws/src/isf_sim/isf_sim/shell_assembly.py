@@ -7,9 +7,9 @@ With z0 the height of the unloaded sheet and (u, v, w) its displacement, the mem
 
 in covariant components; the metric a_ab = d_ab + z0,a z0,b enters through the elastic tensor
 H^abcd = E/(1-nu^2) [nu a^ab a^cd + (1-nu)/2 (a^ac a^bd + a^ad a^bc)]. Bending is linear in w with
-D/sqrt(a). The unloaded sheet carries residual strains and curvatures: stresses follow from their sum with those of
-the displacement. Cells are rectangles of any size along the axes, integrated at one point, with an hourglass stiffness
-on u, v that depends on their shape alone; curvatures are three-point differences, exact for a parabola on any lines.
+D/sqrt(a). The unloaded sheet is without stress. Cells are rectangles of any size along the axes, integrated at one
+point, with an hourglass stiffness on u, v that depends on their shape alone; curvatures are three-point differences,
+exact for a parabola on any lines.
 """
 
 from __future__ import annotations
@@ -63,8 +63,7 @@ class SupportPoints(NamedTuple):
 
 class Section(NamedTuple):
     """Sheet as the kernels need it: (C,) dx, dy m of the cells; (N, 5) star_xx, star_yy 1/m^2, second differences with
-    zero slope at the clamp; E Pa; nu; (N,) height m, thickness m, bending weight N m^3, (C,) twist weight N m^3;
-    residual state: strain (C, 3) E11, E22, 2 E12, bend (N, 2) and warp (C,) 1/m."""
+    zero slope at the clamp; E Pa; nu; (N,) height m, thickness m, bending weight N m^3, (C,) twist weight N m^3."""
 
     dx: Array
     dy: Array
@@ -76,9 +75,6 @@ class Section(NamedTuple):
     thickness: Array
     bending: Array
     twist: Array
-    strain: Array
-    bend: Array
-    warp: Array
 
 
 @kernel
@@ -122,9 +118,9 @@ def _add_membrane(q: Array, section: Section, pattern: Pattern, tangent: bool, f
             hv += hourglass[a] * q[n, 1]
             t += 0.25 * section.thickness[n]
         _elastic_tensor(zx, zy, young, nu, t * dx * dy, d)
-        strain[0] = section.strain[c, 0] + ux + zx * wx + 0.5 * wx * wx
-        strain[1] = section.strain[c, 1] + vy + zy * wy + 0.5 * wy * wy
-        strain[2] = section.strain[c, 2] + uy + vx + zx * wy + zy * wx + wx * wy
+        strain[0] = ux + zx * wx + 0.5 * wx * wx
+        strain[1] = vy + zy * wy + 0.5 * wy * wy
+        strain[2] = uy + vx + zx * wy + zy * wx + wx * wy
         slope[0] = zx + wx
         slope[1] = zy + wy
         for r in range(3):
@@ -187,7 +183,7 @@ def _elastic_tensor(zx: float, zy: float, young: float, nu: float, volume: float
 def _add_bending(q: Array, section: Section, pattern: Pattern, tangent: bool, force: Array, values: Array) -> None:
     nu = section.poisson
     for n in range(pattern.star.shape[0]):
-        kx, ky = section.bend[n, 0], section.bend[n, 1]
+        kx = ky = 0.0
         for a in range(5):
             w = q[pattern.star[n, a], 2]
             kx += section.star_xx[n, a] * w
@@ -205,7 +201,7 @@ def _add_bending(q: Array, section: Section, pattern: Pattern, tangent: bool, fo
     sign = np.empty(4)
     for c in range(pattern.cells.shape[0]):
         sign[:] = corner / (section.dx[c] * section.dy[c])
-        twist = section.warp[c]
+        twist = 0.0
         for a in range(4):
             twist += sign[a] * q[pattern.cells[c, a], 2]
         weight = 2.0 * (1.0 - nu) * section.twist[c]
@@ -233,54 +229,3 @@ def add_support(q: Array, support: SupportPoints, pattern: Pattern, tangent: boo
                 for s in range(4):
                     share = support.share[p, a] * support.share[p, s]
                     values[pattern.cell_slot[c, 8 + a, 8 + s]] += stiffness * share
-
-
-@kernel
-def add_strain(q: Array, section: Section, pattern: Pattern, strain: Array, bend: Array, warp: Array) -> None:
-    """Add strain (C, 3), curvature (N, 2) and twist (C,) of the displacement q (N, 3) m to the given arrays."""
-    gx, gy = np.empty(4), np.empty(4)
-    corner = np.array([1.0, -1.0, -1.0, 1.0])
-    for c in range(pattern.cells.shape[0]):
-        dx, dy = section.dx[c], section.dy[c]
-        _gradients(dx, dy, gx, gy)
-        zx = zy = wx = wy = ux = uy = vx = vy = twist = 0.0
-        for a in range(4):
-            n = pattern.cells[c, a]
-            zx += gx[a] * section.height[n]
-            zy += gy[a] * section.height[n]
-            ux += gx[a] * q[n, 0]
-            uy += gy[a] * q[n, 0]
-            vx += gx[a] * q[n, 1]
-            vy += gy[a] * q[n, 1]
-            wx += gx[a] * q[n, 2]
-            wy += gy[a] * q[n, 2]
-            twist += corner[a] * q[n, 2] / (dx * dy)
-        strain[c, 0] += ux + zx * wx + 0.5 * wx * wx
-        strain[c, 1] += vy + zy * wy + 0.5 * wy * wy
-        strain[c, 2] += uy + vx + zx * wy + zy * wx + wx * wy
-        warp[c] += twist
-    for n in range(pattern.star.shape[0]):
-        for a in range(5):
-            w = q[pattern.star[n, a], 2]
-            bend[n, 0] += section.star_xx[n, a] * w
-            bend[n, 1] += section.star_yy[n, a] * w
-
-
-@kernel
-def membrane_force(strain: Array, section: Section, pattern: Pattern, out: Array) -> None:
-    """(C,) N/m, von Mises equivalent of the membrane force of the covariant strains (C, 3)."""
-    nu = section.poisson
-    gx, gy = np.empty(4), np.empty(4)
-    for c in range(pattern.cells.shape[0]):
-        _gradients(section.dx[c], section.dy[c], gx, gy)
-        zx = zy = t = 0.0
-        for a in range(4):
-            n = pattern.cells[c, a]
-            zx += gx[a] * section.height[n]
-            zy += gy[a] * section.height[n]
-            t += 0.25 * section.thickness[n]
-        # physical strains along the surface: covariant ones over the metric
-        e1, e2, e3 = strain[c, 0] / (1.0 + zx * zx), strain[c, 1] / (1.0 + zy * zy), strain[c, 2]
-        k = section.young / (1.0 - nu * nu) * t
-        n1, n2, n3 = k * (e1 + nu * e2), k * (e2 + nu * e1), 0.5 * k * (1.0 - nu) * e3
-        out[c] = np.sqrt(n1 * n1 - n1 * n2 + n2 * n2 + 3.0 * n3 * n3)
