@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from isf_sim.jit import kernel
 from isf_sim.sheet_point import TRAVELLED, Contact
-from isf_sim.surface import Surface
+from isf_sim.surface import Surface, corner_of
 
 Array = NDArray[np.float64]
 
@@ -96,14 +96,22 @@ def _local_thickness(x: float, y: float, surface: Surface, contact: Contact, c: 
     """m: t0 cos(alpha) less the lasting indentation of earlier passes, at least a fifth of the former."""
     slope = contact.wall[0]
     formed = c.thickness / math.sqrt(1.0 + slope * slope)
-    ny, nx = surface.height.shape
-    i = round((x - surface.x0) / surface.h)
-    j = round((y - surface.y0) / surface.h)
-    if not (0 <= i < nx and 0 <= j < ny):
-        return formed
-    recent = contact.path[TRAVELLED] - surface.squeezed[j, i] < c.window
-    force = surface.squeeze_before[j, i] if recent else surface.squeeze[j, i]
-    return max(formed - c.memory * force / c.stiffness, 0.2 * formed)
+    return max(
+        formed - c.memory * _earlier_force(x, y, surface, contact.path[TRAVELLED], c) / c.stiffness, 0.2 * formed
+    )
+
+
+@kernel
+def _earlier_force(x: float, y: float, surface: Surface, path: float, c: SqueezeConstants) -> float:
+    """N, largest force of earlier passes at (x, y) m, linear between the nodes; clamped at the border."""
+    i, j, a, b = corner_of(surface.squeeze, surface.x0, surface.y0, surface.h, x, y)
+    force = 0.0
+    for row in range(2):
+        for column in range(2):
+            recent = path - surface.squeezed[j + row, i + column] < c.window
+            earlier = surface.squeeze_before if recent else surface.squeeze
+            force += (b if row else 1.0 - b) * (a if column else 1.0 - a) * earlier[j + row, i + column]
+    return force
 
 
 @kernel

@@ -173,14 +173,21 @@ def bilinear_grid(values: Array, rows: Array, columns: Array, out: Array) -> Non
 @kernel
 def bilinear(values: Array, x0: float, y0: float, h: float, x: float, y: float) -> float:
     """``values`` (ny, nx) of a grid with origin (x0, y0) and spacing h at (x, y), all m; clamped at the border."""
+    i, j, a, b = corner_of(values, x0, y0, h, x, y)
+    return (1.0 - b) * ((1.0 - a) * values[j, i] + a * values[j, i + 1]) + b * (
+        (1.0 - a) * values[j + 1, i] + a * values[j + 1, i + 1]
+    )
+
+
+@kernel
+def corner_of(values: Array, x0: float, y0: float, h: float, x: float, y: float) -> tuple[int, int, float, float]:
+    """Column and row of the node before (x, y) m on the grid of ``values``, and the shares of the way to the next ones;
+    clamped at the border."""
     ny, nx = values.shape
     c = min(max((x - x0) / h, 0.0), nx - 1.0)
     r = min(max((y - y0) / h, 0.0), ny - 1.0)
     i, j = min(int(c), nx - 2), min(int(r), ny - 2)
-    a, b = c - i, r - j
-    return (1.0 - b) * ((1.0 - a) * values[j, i] + a * values[j, i + 1]) + b * (
-        (1.0 - a) * values[j + 1, i] + a * values[j + 1, i + 1]
-    )
+    return i, j, c - i, r - j
 
 
 def _nodes(size: tuple[float, float], h: float) -> tuple[int, int]:

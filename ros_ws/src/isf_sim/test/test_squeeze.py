@@ -57,3 +57,25 @@ def test_a_second_pass_meets_thinner_sheet_and_does_not_ratchet() -> None:
         forces.append(-state.force[2])
     assert forces[1] < forces[0]
     assert forces[2] == pytest.approx(forces[1])
+
+
+def test_force_over_sheet_squeezed_thin_in_places_has_no_steps() -> None:
+    """Between the nodes of the memory the force changes by its share of the way, at the nodes it is what they hold."""
+    surface, contact = flat_surface((0.06, 0.06), 0.5e-3), no_contact(np.zeros(3))
+    ny, nx = surface.squeeze.shape
+    surface.squeeze[...] = 200.0 * ((np.arange(nx) + np.arange(ny)[:, None]) % 2)  # full and none from node to node
+    places = np.arange(-1e-3, 1e-3, 0.02e-3)
+    force = []
+    for place in places:
+        state = no_squeeze()
+        # a height at which the ball is crossed on the row of nodes at y = 0
+        squeeze_sheet(
+            np.array([place, 0.0, 0.0]), np.array([place, 0.0, -0.9e-3]), surface, contact, state, constants()
+        )
+        force.append(-state.force[2])
+        surface.squeezed[...] = -1e9  # every place is met as by the first pass
+        surface.squeeze[...] = 200.0 * ((np.arange(nx) + np.arange(ny)[:, None]) % 2)
+    thinner = constants().memory * 200.0 / constants().stiffness
+    most = thinner / (1 / constants().stiffness + 2 * COMPLIANCE[2])
+    assert np.ptp(force) == pytest.approx(most, rel=1e-6)
+    assert np.abs(np.diff(force)).max() == pytest.approx(most * 0.02 / 0.5, rel=1e-3)
