@@ -20,7 +20,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from isf_core.errors import ErrorCode, IsfError
+
+Array = NDArray[np.float64]
 
 LOSING_GAP = 0.15
 """Thickness error over thickness at which an uncontrolled contact is lost: 150 um of 1 mm."""
@@ -52,9 +57,13 @@ class SupportWindow:
     chips: float
     reach: float
 
+    def chips_at(self, wall_angle: Array) -> Array:
+        """(N,) N, horizontal force from which chips are to be expected on walls of ``wall_angle`` (N,) rad."""
+        return np.asarray(self.chips * np.sin(wall_angle))
+
     def highest(self, wall_angle: float) -> float:
         """N, largest horizontal force on a wall of ``wall_angle`` rad."""
-        return min(self.chips * math.sin(wall_angle), self.reach)
+        return min(float(self.chips_at(np.array(wall_angle))), self.reach)
 
     def set_point(self, wall_angle: float) -> float:
         """N, horizontal force for a wall of ``wall_angle`` rad; 0 where the window is empty."""
@@ -94,9 +103,10 @@ def check_window(window: SupportWindow, steepest: float, material: str) -> None:
     """Raise IsfError SUPPORT_FORCE_WINDOW when no wall up to ``steepest`` rad has a force that serves."""
     if window.set_point(steepest) > 0.0:
         return
+    chips = float(window.chips_at(np.array(steepest)))
     raise IsfError(
         ErrorCode.SUPPORT_FORCE_WINDOW,
-        f"{material} sheds chips from {window.chips * math.sin(steepest):.0f} N on, the rig's offset limit has room "
+        f"{material} sheds chips from {chips:.0f} N on, the rig's offset limit has room "
         f"for {window.reach:.0f} N, and contact is kept from {window.keeping:.0f} N on: no force serves",
         where="control.support_force",
         advice="use tools of larger radius or a softer rig, give a force, or 0 N for position control",

@@ -2,21 +2,44 @@
 
 from __future__ import annotations
 
+import numpy as np
+from isf_core.contour import Contour
 from isf_core.job import JobFile
-from isf_core.support_window import chip_force
+from isf_core.support_window import support_window
 
 
-def chip_warning(job_file: JobFile, support_force: float | None) -> str:
-    """What to say about ``support_force`` N (None: the job's) on the job's sheet; empty when it leaves it fine."""
-    job = job_file.job
-    force = job.support_force_at() if support_force is None else support_force
-    if job.tool_2 is None or force <= 0.0:
+class ChipWatch:
+    """Looks at the contours of a plan; ``support_force`` N replaces their set-points, None: they keep theirs."""
+
+    def __init__(self, job_file: JobFile, support_force: float | None) -> None:
+        self._job_file, self._support_force = job_file, support_force
+        self._told = False
+
+    def look(self, contour: Contour) -> str:
+        """The warning of the first contour that needs one; empty for all others."""
+        text = "" if self._told else chip_warning(self._job_file, contour, self._support_force)
+        self._told = self._told or bool(text)
+        return f"contour {contour.index}: {text}" if text else ""
+
+
+def chip_warning(job_file: JobFile, contour: Contour, support_force: float | None) -> str:
+    """What to say about the force set-points of ``contour`` on the job's sheet; empty when they leave it fine.
+
+    ``support_force`` N replaces the set-points; None: those of the contour. The worst point of the contour is told.
+    """
+    job, rig, material = job_file.job, job_file.rig, job_file.material
+    if job.tool_2 is None or not contour.force_controlled:
         return ""
+    force = contour.support_force if support_force is None else np.full(len(contour), support_force)
     radius = min(job.tool_1.ball_radius, job.tool_2.ball_radius)
-    most = chip_force(job_file.material.tensile_strength, radius, job.sheet.thickness)
-    if force <= most:
+    most = support_window(
+        material.tensile_strength, radius, job.sheet.thickness, rig.contact_stiffness, rig.limits.offset
+    ).chips_at(contour.wall_angle)
+    worst = int(np.argmax(force - most))
+    if force[worst] <= most[worst]:
         return ""
     return (
-        f"support force of {force:.0f} N: {job_file.material.name} of {1e3 * job.sheet.thickness:g} mm may shed chips "
-        f"under tools of {1e3 * radius:g} mm from {most:.0f} N on"
+        f"support force of {force[worst]:.0f} N on a wall of {np.degrees(contour.wall_angle[worst]):.0f} deg: "
+        f"{material.name} of {1e3 * job.sheet.thickness:g} mm may shed chips under tools of {1e3 * radius:g} mm from "
+        f"{most[worst]:.0f} N on"
     )

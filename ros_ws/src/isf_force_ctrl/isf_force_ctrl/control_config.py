@@ -50,8 +50,8 @@ class ControlConfig:
     compliance_slew : m/s (16 um per update at 440 Hz)
     compliance_time : s, time constant of the compliance compensation
     set_point_rate : N/s, ramp of the set-point while engaging
-    engage_force : N, a contour is begun standing with at most this force, the rest is ramped on the way: a spot that was
-        squeezed standing is thinner at once when the tools come round again
+    engage_force : N, a contour is begun standing with at most this force, the rest is ramped on the way: a spot that
+        was squeezed standing is thinner at once when the tools come round again
     settled_error : N, filtered error below which engaging is over
     settled_time : s, for so long
     engage_timeout : s, after the ramp; then the contour starts anyway

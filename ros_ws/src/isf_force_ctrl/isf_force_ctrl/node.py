@@ -28,7 +28,7 @@ from isf_node.lifecycle import CellNode
 from rclpy.event_handler import SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
-from isf_force_ctrl.chip_force import chip_warning
+from isf_force_ctrl.chip_force import ChipWatch
 from isf_force_ctrl.control_state import Mode
 from isf_force_ctrl.latency import LatencyMeter
 from isf_force_ctrl.measuring_controller import MeasuringController
@@ -37,6 +37,7 @@ from isf_force_ctrl.node_measurements import MeasurementActions
 from isf_force_ctrl.node_outlet import ForceCtrlOutlet
 from isf_force_ctrl.node_parameters import ForceCtrlParameters
 from isf_force_ctrl.node_readiness import Readiness, control_config, tools_with_load_cell
+from isf_force_ctrl.offset_limit import offset_warning
 from isf_force_ctrl.real_time import PeriodicLoop
 from isf_force_ctrl.thread_priority import RealTimeSettings
 from isf_force_ctrl.wrench_inlet import Fault, WrenchInlet
@@ -223,12 +224,15 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._outlet.state(controller.state(), stamp, self._latency.last)
 
     def _publish_result(self) -> None:
-        result = self._controller.take_result() if self._controller is not None else None
-        if result is None:
+        controller = self._controller
+        result = controller.take_result() if controller is not None else None
+        if controller is None or result is None:
             return
         late = self._late_ticks() - self._late_before
         if result.code:
             self.report(IsfError(ErrorCode(result.code), result.message, where=f"contour {result.index}"))
+        elif warning := offset_warning(result, controller.config.offset_limit):
+            self.warn(warning)
         self._outlet.result(replace(result, late_ticks=late))
 
     def _late_ticks(self) -> int:
@@ -282,6 +286,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 contour = conversion.contour_from_message(message)
                 self._ready.check_forming(contour.forming_tool)
                 controller.start(contour)
+                if warning := self._chips.look(contour):
+                    self.get_logger().warning(warning)
             except IsfError as error:
                 self._refused += 1
                 self.get_logger().warning(f"contour refused: {error}")
@@ -325,8 +331,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))
         override = None if math.isnan(request.support_force) else request.support_force
         controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
-        if warning := chip_warning(job_file, override):
-            self.get_logger().warning(warning)
+        self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
         self._inlet.restart()
         self._latency = LatencyMeter()

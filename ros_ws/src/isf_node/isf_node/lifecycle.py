@@ -84,6 +84,13 @@ class CellNode(LifecycleNode, Generic[P]):
         self._level, self._text = DiagnosticStatus.ERROR, str(error)
         self._publish_health()
 
+    def warn(self, warning: IsfError) -> None:
+        """Log what a person should look at though the work goes on; in ``/diagnostics`` until :meth:`report_ok`."""
+        self.get_logger().warning(str(warning))
+        if self._level != DiagnosticStatus.ERROR:
+            self._level, self._text = DiagnosticStatus.WARN, str(warning)
+            self._publish_health()
+
     def report_ok(self) -> None:
         """Clear the failure shown in ``/diagnostics``."""
         self._level, self._text = DiagnosticStatus.OK, "ok"
