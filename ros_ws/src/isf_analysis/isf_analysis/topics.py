@@ -28,6 +28,7 @@ NOMINAL = Topic("contour/nominal", "isf_msgs/msg/Contour", "LATCHED")
 CORRECTED = Topic("contour/corrected", "isf_msgs/msg/Contour", "LATCHED")
 CORRECTION = Topic("contour/correction", "isf_msgs/msg/ContourCorrection", "EVENT")
 RESULT = Topic("contour/result", "isf_msgs/msg/ContourResult", "EVENT")
+LIFT = Topic("tool_lift", "sensor_msgs/msg/PointCloud2", "LATCHED")
 EVENT = Topic("machine/event", "isf_msgs/msg/MachineEvent", "EVENT")
 MACHINE_STATE = Topic("machine/state", "isf_msgs/msg/MachineState", "STREAM")
 
@@ -52,6 +53,7 @@ CELL = (
     MACHINE_STATE,
     EVENT,
     SCAN,
+    LIFT,
     Topic("/clock", "rosgraph_msgs/msg/Clock", "SENSOR"),
     Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT"),
 )
