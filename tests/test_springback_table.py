@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -13,7 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 from isf_analysis.deviation import compare
+from isf_cell.options import RunOptions
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
+from isf_core.job import JobFile
+from isf_sim.world import make_world
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
@@ -145,3 +150,22 @@ def test_small_part_from_run_to_page(table: ModuleType, tmp_path: Path, monkeypa
     assert (tmp_path / "images" / "springback_mini_cone.png").is_file()
     assert table.main(words) == 0
     assert (tmp_path / "rows.jsonl").read_text(encoding="utf-8") == kept
+
+
+@pytest.mark.parametrize("benchmark", ["springback", "springback_rows"])
+def test_both_tables_form_the_standard_worlds(
+    benchmark: str, table: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[RunOptions] = []
+
+    def form(job_file: JobFile, options: RunOptions) -> None:
+        asked.append(options)
+        raise IsfError(ErrorCode.CANCELLED, "far enough")
+
+    module = importlib.import_module(benchmark)
+    monkeypatch.setattr(module.in_process, "form", form)
+    more = () if benchmark == "springback" else ("key", "digest", tmp_path)
+    with suppress(IsfError):
+        module.run(table.Case("mini_cone", "none", 3), *more)
+    (options,) = asked
+    assert make_world(options.world, options.seed) == make_world(3)
