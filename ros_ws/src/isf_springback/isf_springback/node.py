@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from isf_core import quantity
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile, load_job
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo
@@ -201,6 +202,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
 
 def main() -> None:
     """Entry point of the executable ``springback``."""
+    quantity.parse("1 mm", "m")  # loads the units now: with the first job they would hold up the first contour
     sys.exit(process.run(SpringbackNode))
 
 
