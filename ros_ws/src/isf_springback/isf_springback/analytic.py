@@ -53,14 +53,17 @@ class AnalyticOptions:
         of a floor, where springback does not grow: hence not the default.
     clamp : radius of a rectangular clamp, see :func:`isf_core.opening.clamp_radius`
     law : force forecast
-    first_contour : "zero" (published: block 1 is not corrected) or "estimate" (force by Aerens' regression)
+    first_contour : "swap" (not corrected, as published for block 1; when the tools have swapped, by the expected
+        force: the sheet stands where springback left it, and tools at the planned height would not form), "zero"
+        (never corrected) or "estimate" (always by the expected force). Expected is the force that the plan predicts,
+        or that of Aerens' regression.
     control_points : places along the contour where force and model are evaluated
     """
 
     sheet_term: SheetTerm = "realised"
     clamp: ClampRadius = "equivalent"
     law: ForecastLaw = "linear"
-    first_contour: Literal["zero", "estimate"] = "zero"
+    first_contour: Literal["swap", "zero", "estimate"] = "swap"
     control_points: int = 24
 
 
@@ -124,6 +127,7 @@ class AnalyticCorrection:
         self._opening: Opening | None = None
         self._feature: tuple[int, int] | None = None
         self._first_index = -1
+        self._swapped = False
         self._loads: list[MeasuredLoad] = []
         self._fault: IsfError | None = None
         self._contour: Contour | None = None
@@ -234,6 +238,11 @@ class AnalyticCorrection:
             self._feature = (contour.feature, contour.stage)
             self._opening = Opening.of(contour.contact[:, :2])
             self._first_index = contour.index
+            self._swapped = (
+                pending is not None
+                and pending.plan_id == contour.plan_id
+                and pending.forming_tool != contour.forming_tool
+            )
             self._loads = []
         return self._continuity.advance(contour)
 
@@ -268,6 +277,9 @@ class AnalyticCorrection:
         """(M,) N, force expected at the control points."""
         if self._loads and self._loads[-1].index == contour.index - 1:
             last = self._loads[-1].load_at(tip)
+            if self._swapped and self._options.first_contour != "zero":
+                # where the support tool presses more than the forming tool nothing was formed
+                last = np.where(last > 0.0, last, self._expected(contour, tip, angle))
             consecutive = len(self._loads) == 2 and self._loads[0].index == contour.index - 2
             return forecast(last, self._loads[0].load_at(tip) if consecutive else None, self._options.law)
         if contour.index != self._first_index or (contour.feature == contour.stage == 0 and contour.index > 0):
@@ -277,8 +289,15 @@ class AnalyticCorrection:
                 where=f"contour {contour.index}",
                 advice="the last good correction is kept; check that force control publishes contour/result",
             )
-        if self._options.first_contour == "zero":
+        choice = self._options.first_contour
+        if choice == "zero" or (choice == "swap" and not self._swapped):
             return np.zeros(len(tip))
+        return self._expected(contour, tip, angle)
+
+    def _expected(self, contour: Contour, tip: Array, angle: Array) -> Array:
+        """(M,) N, force at ``tip`` (M, 2) m, ``angle`` (M,) rad, before any was measured."""
+        if len(contour.predicted_force):
+            return np.asarray(contour.predicted_force[nearest_points(tip, contour.forming_tip[:, :2])])
         job = self._job_file.job
         return aerens_axial_force(
             self._job_file.material.tensile_strength,

@@ -6,7 +6,7 @@ jump: the new correction leaves the last one by at most the change limit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.contour import Contour
@@ -63,11 +63,15 @@ class Applied:
 
 
 class Continuity:
-    """The last contour (``base``) and the one being formed (``pending``) with their corrections."""
+    """The last contour (``base``) and the one being formed (``pending``) with their corrections.
+
+    When the tools swap they are lifted and travel: there is no base, and no change to limit on the first contour.
+    """
 
     def __init__(self) -> None:
         self.base: Applied | None = None
         self.pending: Applied | None = None
+        self._swapped = False
 
     def advance(self, contour: Contour) -> IsfError | None:
         """Prepare for ``contour``; returns CONTOUR_OUT_OF_ORDER when it does not follow the last one.
@@ -77,10 +81,12 @@ class Continuity:
         pending = self.pending
         if pending is None or pending.plan_id != contour.plan_id:
             self.base = self.pending = None
+            self._swapped = False
             return None
         if contour.index == pending.index:
             return None
-        self.base = pending if pending.forming_tool == contour.forming_tool else None
+        self._swapped = pending.forming_tool != contour.forming_tool
+        self.base = None if self._swapped else pending
         if contour.index == pending.index + 1:
             return None
         return IsfError(
@@ -97,6 +103,8 @@ class Continuity:
     def apply_limits(self, contour: Contour, requested: Array, limits: CorrectionLimits) -> LimitedCorrection:
         """Limited correction of ``contour``, remembered as pending."""
         base = self.base
+        if self._swapped:
+            limits = replace(limits, change=limits.magnitude)
         limited = limit_correction(
             requested,
             LoopPath.of(contour),
