@@ -62,6 +62,9 @@ class PathSpec(FileModel):
     """Factor on the sheet deflection, to be calibrated; assumed 1."""
     machine_error: str | None = None
     """CSV beside the job: x, y, z in mm and how much farther apart than commanded the tips are there, in mm."""
+    machine_error_tool: Literal["support", "tool_1", "tool_2"] = "support"
+    """Tool that is moved for it. A gauge between the tips does not tell which tool is off: support keeps the distance
+    of the tools right and leaves the part where the forming tool is; else the tool that is known to be off."""
 
     @model_validator(mode="after")
     def _compensation(self) -> PathSpec:
@@ -101,6 +104,7 @@ class PathSpec(FileModel):
             "sheet_term": ("sheet" in self.compensation, "compensation sheet"),
             "sheet_gain": ("sheet" in self.compensation, "compensation sheet"),
             "machine_error": ("machine" in self.compensation, "compensation machine"),
+            "machine_error_tool": ("machine" in self.compensation, "compensation machine"),
         }
         for name in sorted(self.model_fields_set & set(needs)):
             used, need = needs[name]

@@ -1,11 +1,11 @@
 """Compensation in the plan, without feedback: bending of the tool, deflection of the sheet, error of the machine.
 
 After Praveen 2020, 2.5. Both tools are moved by the same vector for the sheet, in the push direction of the forming
-tool; only the forming tool is moved for its own bending; the support tool is moved for the error of the machine, so
-that the distance of the tools is right and the forming tool stays on the part. The printed signs of eq. 20 and 21
+tool; only the forming tool is moved for its own bending; for the error of the machine the support tool is moved, so
+that the distance of the tools is right, or the tool that the job knows to be off. The printed signs of eq. 20 and 21
 would change the gap by millimetres and are not used. Forces come from the equilibrium of eq. 1-3: the axial one with
-the groove angle of one increment, the radial one with the cusp angle (:func:`isf_core.forming_force.cusp_angle`).
-The moved path has another wall angle, so force and deflection are found again until the deflection stays.
+the groove angle of one increment, the radial one with the cusp angle (:func:`isf_core.forming_force.cusp_angle`). The
+moved path has another wall angle, so force and deflection are found again until the deflection stays.
 """
 
 from __future__ import annotations
@@ -124,12 +124,20 @@ def _moved(contour: Contour, found: Deflections, job: Job) -> Contour:
     across = found.tool[:, None] * np.column_stack([push[:, :2], np.zeros(len(contour))])
     moved = contour.shifted(lift)
     moved = replace(moved, forming_tip=moved.forming_tip + across)
-    if contour.has_support and found.machine.any():
-        # a lower support tool goes up, an upper one down, where the tips are too far apart
-        side = 1.0 if contour.forming_tool == 1 else -1.0
-        closer = np.column_stack([np.zeros((len(contour), 2)), side * found.machine])
-        moved = replace(moved, support_tip=moved.support_tip + closer)
-    return moved
+    return _closer(moved, found.machine, job)
+
+
+def _closer(contour: Contour, error: Array, job: Job) -> Contour:
+    """The contour with one tip moved by ``error`` (N,) m along z: where the tips are too far apart, the lower tool
+    goes up or the upper one down."""
+    if not contour.has_support or not error.any():
+        return contour
+    support = 3 - contour.forming_tool
+    tool = {"support": support, "tool_1": 1, "tool_2": 2}[job.path.machine_error_tool]
+    shift = np.column_stack([np.zeros((len(contour), 2)), -error if tool == 1 else error])
+    if tool == support:
+        return replace(contour, support_tip=contour.support_tip + shift)
+    return replace(contour, forming_tip=contour.forming_tip + shift)
 
 
 def _axial_shift(contour: Contour, sheet: Array, job: Job) -> Array:
@@ -269,7 +277,10 @@ def _told(contours: Sequence[Contour], found: Sequence[Deflections], job_file: J
     if "tool" in wanted:
         told.append(f"compensated: bending of the forming tool {_range(np.concatenate([one.tool for one in found]))}")
     if "machine" in wanted and job.path.machine_error:
-        told.append(f"compensated: machine error {_range(np.concatenate([one.machine for one in found]))}")
+        told.append(
+            f"compensated: machine error {_range(np.concatenate([one.machine for one in found]))}, "
+            f"{job.path.machine_error_tool.replace('_', ' ').replace('support', 'support tool')} moved"
+        )
         told += machine_error.load(job_file.base / job.path.machine_error).warnings
     return tuple(told)
 

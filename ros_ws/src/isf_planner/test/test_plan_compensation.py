@@ -152,7 +152,24 @@ def test_machine_error_is_taken_from_the_support_tool(tmp_path: Path) -> None:
         for before, after in zip(contours, moved, strict=True):
             np.testing.assert_array_equal(after.forming_tip, before.forming_tip)
             np.testing.assert_allclose(after.support_tip - before.support_tip, [[0, 0, sign * 0.1e-3]] * 180, atol=1e-9)
-        assert told == ("compensated: machine error 0.100 to 0.100 mm",)
+        assert told == ("compensated: machine error 0.100 to 0.100 mm, support tool moved",)
+
+
+@pytest.mark.parametrize(("tool", "shift"), [(1, -0.1e-3), (2, 0.1e-3)])
+def test_machine_error_is_taken_from_the_tool_that_is_off(tool: int, shift: float, tmp_path: Path) -> None:
+    """Tips 0.1 mm too far apart: tool 1 stands too high, or tool 2 too low, whichever of them forms."""
+    write_map(tmp_path / "map.csv", lambda x, y, r: 0.1 + 0 * x)
+    option = f", machine_error: map.csv, machine_error_tool: tool_{tool}, compensation"
+    file = job("machine", base=tmp_path, **{", compensation": option})
+    for contours in (cone(), [mirrored(c) for c in cone()]):
+        moved, told = compensate(contours, file)
+        for before, after in zip(contours, moved, strict=True):
+            tips = {after.forming_tool: after.forming_tip - before.forming_tip}
+            tips[3 - after.forming_tool] = after.support_tip - before.support_tip
+            np.testing.assert_allclose(tips[tool], [[0, 0, shift]] * 180, atol=1e-9)
+            np.testing.assert_array_equal(tips[3 - tool], 0.0)
+            np.testing.assert_array_equal(after.contact, before.contact)
+        assert told == (f"compensated: machine error 0.100 to 0.100 mm, tool {tool} moved",)
 
 
 def write_map(path: Path, error, planes: tuple[float, ...] = (-20.0, 0.0), noise: float = 0.0) -> None:  # type: ignore[no-untyped-def]
