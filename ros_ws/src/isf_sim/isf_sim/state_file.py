@@ -21,6 +21,7 @@ from isf_core.job import JobFile
 from isf_sim.machine import SimulatedMachine
 from isf_sim.machine_event import EventKind, MachineEvent
 from isf_sim.plant_constants import PlantConstants
+from isf_sim.shell_assembly import SupportPoints
 from isf_sim.state_tree import Encoder, StateMismatchError
 
 FORMAT, VERSION = "isf-machine-state", 1
@@ -94,7 +95,8 @@ def load_machine(path: str | Path) -> SimulatedMachine:
 
 
 def _encoder() -> Encoder:
-    return Encoder(records=(MachineEvent,), enums=(ErrorCode, EventKind))
+    # a fresh machine has neither events nor, before its first coarse solution, points of a support
+    return Encoder(records=(MachineEvent, SupportPoints), enums=(ErrorCode, EventKind))
 
 
 def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:

@@ -55,14 +55,14 @@ class Encoder:
         return self._encode_compound(value)
 
     def _encode_compound(self, value: Any) -> Any:
+        if type(value).__name__ in self._records:
+            names = getattr(value, "_fields", None) or [item.name for item in dataclasses.fields(value)]
+            return {"r": [type(value).__name__, {name: self.encode(getattr(value, name)) for name in names}]}
         if isinstance(value, tuple | list):
             kind = "n" if hasattr(value, "_fields") else "t" if isinstance(value, tuple) else "l"
             return {kind: [self.encode(item) for item in value]}
         if isinstance(value, dict):
             return {"d": [[self.encode(key), self.encode(item)] for key, item in value.items()]}
-        if type(value).__name__ in self._records:
-            fields = {item.name: self.encode(getattr(value, item.name)) for item in dataclasses.fields(value)}
-            return {"r": [type(value).__name__, fields]}
         if sparse.issparse(value):
             return {"a": self._keep(value.data)} if hasattr(value, "indptr") else {"k": 0}
         if _is_constant(value):

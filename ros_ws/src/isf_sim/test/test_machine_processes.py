@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from isf_core.job import JobFile
-from isf_core.material import load_material
-from isf_core.rig import load_rig
 from isf_sim.adsif import AdsifConstants, horizontal_force, opened_gap
-from isf_sim.die_plant import DiePlant
 from isf_sim.machine import SimulatedMachine
 from isf_sim.machine_event import EventKind
 from isf_sim.plant_constants import PlantConstants
@@ -112,27 +109,3 @@ def test_an_error_of_the_axes_is_in_the_part_and_not_in_the_encoders(tmp_path: P
     straight = SimulatedMachine(JobFile(JOB, tmp_path), constants=COARSE)
     go(straight, np.array([0.0, 0.0, -0.5e-3]))
     assert sample.true_force_1[2] == pytest.approx(straight.sample().true_force_1[2], rel=0.05)
-
-
-def test_what_the_tool_has_walked_round_rises_with_the_die() -> None:
-    """A circle of 40 mm radius pressed by 1 mm beside a die of 20 mm: its inside rises by the holder's way, no more."""
-    rig = load_rig("ren2018")
-    plant = DiePlant(rig.clamp, load_material("AA5754-O"), 1e-3, 5e-3, 0.5e-3, rig.tool_1.compliance, constants=COARSE)
-    x = plant.surface.x0 + plant.surface.h * np.arange(plant.surface.height.shape[1])
-    die = np.where(np.hypot(*np.meshgrid(x, x)) < 20e-3, -1e-3, -np.inf)
-    plant.rise(die, 0.0)
-    assert np.abs(plant.surface.height).max() == 0.0
-    plant.rise(die, 0.3e-3)
-    middle = len(x) // 2
-    assert plant.surface.height[middle, middle] == pytest.approx(0.3e-3)
-    assert plant.surface.height[middle, middle + 30] == 0.0
-    for turn in np.arange(0.0, 2 * np.pi + 0.1, 0.01):
-        plant.move(np.array([40e-3 * np.cos(turn), 40e-3 * np.sin(turn), -6e-3]), np.zeros(2))
-        plant.note()
-    before = plant.surface.height.copy()
-    plant.rise(die, 0.8e-3)
-    change = plant.surface.height - before
-    assert change[middle, middle] == pytest.approx(0.5e-3, abs=0.05e-3)  # the die takes up what had sagged below it
-    assert change[middle, middle + 30] == pytest.approx(0.5e-3)
-    assert change[middle, middle + 45] == 0.0
-    assert not plant.walked.any()
