@@ -27,7 +27,7 @@ from isf_springback.mpc_coupled import solve_coupled
 from isf_springback.mpc_distribution import distribute
 from isf_springback.mpc_state import PolarContour, Sections
 from isf_springback.offset_memory import OffsetMemory, horizontal_limits, limit_signed, push_limits
-from isf_springback.scan_memory import ScanMemory
+from isf_springback.scan_memory import ScanMemory, contour_over_die, target_over_die
 from isf_springback.scan_processing.sections import contact_reach
 from isf_springback.sheet_load import push_sign
 from isf_springback.step_bounds import FREE_SHARE, force_remark, force_share, largest_rise
@@ -182,6 +182,9 @@ class ModelPredictiveCorrection:
                 advice="use the method analytic for features formed from below",
             )
         options, formed = self._options, base.contour
+        if self._strategy == "tpif":
+            # the blank holder moves from contour to contour: only in the frame of the die do their levels descend
+            formed, contour, target = contour_over_die(formed), contour_over_die(contour), target_over_die(target)
         polar = PolarContour.of(contour)
         references = np.asarray(options.reference_angles)
         dense = self._strategy == "tpif" or options.distribution == "dense"
@@ -194,6 +197,11 @@ class ModelPredictiveCorrection:
         cut = mpc_state.radial_sections(formed, angles, shape.surface, target, radius, inside)
         level = self._levels(formed, contour, target)
         error = mpc_state.bottom_error(cut, float(level[0]))
+        if self._strategy == "tpif":
+            near = (references[:, None] + NEARBY).ravel()
+            beside = mpc_state.radial_sections(formed, near, shape.surface, target, radius, inside)
+            nearby = mpc_state.bottom_error(beside, float(level[0])).reshape(len(references), -1)
+            error[: len(references)] = nearby[np.arange(len(references)), np.argmax(np.isfinite(nearby), axis=1)]
         inputs = self._vertical(cut, level, error)
         steps = np.diff(level)
         unseen = float(np.isnan(error).mean())
@@ -316,6 +324,8 @@ class ModelPredictiveCorrection:
         return np.asarray(-cut.progress * spread), float(1.0 - seen.mean())
 
 
+NEARBY = np.radians([0.0, -3.0, 3.0, -6.0, 6.0, -10.0, 10.0, -15.0, 15.0])
+"""Where the one bottom point is looked for when the scan has a hole in the reference direction (assumed)."""
 OUT_OF_DIE = 30e-3
 """m of section beyond the contact over a die."""
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
@@ -54,9 +56,12 @@ class ScanMemory:
                     f"contour {'-' if contour is None else contour.index} was formed last",
                     where="scan",
                 )
-            level = float(contour.forming_tip[:, 2].min())
             clamp = self._job_file.rig.clamp.size
-            self.shape = process_scan(points, ScanExpectation(self.target, clamp, level, contour.holder_height))
+            if contour.process is Process.TPIF:
+                self.shape = shape_over_die(points, self.target, clamp, contour)
+            else:
+                level = float(contour.forming_tip[:, 2].min())
+                self.shape = process_scan(points, ScanExpectation(self.target, clamp, level))
             self.index = index
             return self.shape
         except IsfError as error:
@@ -70,3 +75,33 @@ class ScanMemory:
     def fresh(self, contour: Contour) -> FormedShape | None:
         """The shape measured just before ``contour``, None when there is none."""
         return self.shape if self.index == contour.index - 1 else None
+
+
+def shape_over_die(points: Array, target: HeightMap, clamp: tuple[float, float], contour: Contour) -> FormedShape:
+    """The shape after ``contour`` over a die, in the frame of the die (frame ``sheet`` before the holder moves).
+
+    ``points`` (P, 3) m in frame ``sheet``, in which the flange stays at z = 0 and the part stands up; ``target`` the
+    finished part on its flange. Turned over, what stands up so far is a pocket as deep as the holder has moved: the
+    checks are those of a pocket.
+
+    Raises
+    ------
+    IsfError : as :func:`isf_springback.scan_processing.process_scan`
+    """
+    holder = contour.holder_height
+    stands = np.maximum(target_over_die(target).z - holder, 0.0)
+    turned = ScanExpectation(HeightMap(target.x, target.y, -stands), clamp, float(np.nanmin(-stands)))
+    shape = process_scan(np.asarray(points) * np.array([1.0, 1.0, -1.0]), turned)
+    surface = HeightMap(shape.surface.x, shape.surface.y, holder - shape.surface.z)
+    return replace(shape, surface=surface)
+
+
+def target_over_die(target: HeightMap) -> HeightMap:
+    """``target``, the finished part on its flange, in the frame of the die: there its top is at z = 0."""
+    return HeightMap(target.x, target.y, target.z - float(np.nanmax(target.z)))
+
+
+def contour_over_die(contour: Contour) -> Contour:
+    """``contour`` in the frame of the die; as it is where there is no blank holder."""
+    up = np.array([0.0, 0.0, contour.holder_height])
+    return replace(contour, contact=contour.contact + up, forming_tip=contour.forming_tip + up)

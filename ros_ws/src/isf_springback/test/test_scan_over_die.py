@@ -1,0 +1,67 @@
+"""Scans over a die: the blank holder moves from contour to contour, shapes and levels meet in the frame of the die."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_core.height_map import HeightMap
+from isf_core.job import JobFile, load_job
+from isf_planner import Plan, plan
+from isf_springback.mpc import mpc_tpif
+from isf_springback.scan_memory import shape_over_die, target_over_die
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ROOT = Path(__file__).resolve().parents[4]
+CLAMP = (250e-3, 250e-3)
+
+
+@pytest.fixture(scope="module")
+def job() -> JobFile:
+    return load_job(ROOT / "examples" / "jobs" / "tpif_cone.yaml")
+
+
+@pytest.fixture(scope="module")
+def cone(job: JobFile) -> Plan:
+    return plan(job)
+
+
+def scan(target: HeightMap, holder: float, high: float) -> Array:
+    """(P, 3) m in frame ``sheet``: what stands over the flange, ``high`` m too high but for the top and the clamp."""
+    x = np.arange(-120e-3, 120.1e-3, 0.5e-3)
+    gx, gy = np.meshgrid(x, x)
+    place = np.column_stack([gx.ravel(), gy.ravel()])
+    stands = np.maximum(target_over_die(target).at(place) - holder, 0.0)
+    stands[np.isnan(stands)] = 0.0
+    away = np.hypot(*place.T)
+    rise = high * np.clip((105e-3 - away) / 60e-3, 0.0, 1.0) * np.clip((away - 15e-3) / 3e-3, 0.0, 1.0)
+    return np.column_stack([place, stands + rise])
+
+
+@pytest.mark.parametrize("holder", [-0.5e-3, -3e-3, -6e-3])
+def test_shape_lies_in_the_frame_of_the_die(cone: Plan, holder: float) -> None:
+    """However far the holder has moved, the top stays at z = 0 and the flange lies at the holder."""
+    contour = next(c for c in cone.contours if abs(c.holder_height - holder) < 1e-6)
+    shape = shape_over_die(scan(cone.target, holder, 0.0), cone.target, CLAMP, contour)
+    assert shape.surface.at(np.zeros((1, 2)))[0] == pytest.approx(0.0, abs=20e-6)
+    assert shape.surface.at(np.array([[60e-3, 0.0]]))[0] == pytest.approx(holder, abs=20e-6)
+    middle = np.column_stack([np.linspace(-30e-3, 30e-3, 61), np.zeros(61)])
+    expected = np.maximum(target_over_die(cone.target).at(middle), holder)
+    assert np.nanmax(np.abs(shape.surface.at(middle) - expected)) < 0.15e-3  # cells of 1 mm on a wall and its edges
+
+
+@pytest.mark.parametrize("high", [0.0, 0.2e-3])
+def test_step_makes_good_what_the_bottom_stands_too_high(job: JobFile, cone: Plan, high: float) -> None:
+    """First move of the published weights: 0.8541 of the error (lambda 0.2, horizon 6), within 10 %; none without."""
+    method = mpc_tpif(job)
+    method.take_target(cone.target)
+    for contour in cone.contours[:9]:
+        correction = method.correct(contour)
+        assert correction.code == 0, correction.message
+        if contour.index < 8:
+            assert correction.offset[:, 2] == pytest.approx(0.0, abs=15e-6)
+            # scans that show nothing wrong
+            method.see(scan(cone.target, contour.holder_height, high if contour.index == 7 else 0.0), contour.index)
+    assert correction.offset[:, 2] == pytest.approx(-0.8541 * high, abs=0.1 * high + 15e-6)
