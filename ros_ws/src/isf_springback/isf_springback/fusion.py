@@ -8,6 +8,9 @@ Two biases are kept. The wall is final once the contact has passed (scans of the
 on this), so that the *wall* bias is read just above the contact. The floor is made by the last contours alone; the
 *bottom* bias is read under and inside the tip, and takes over where the remaining depth is less than the height of the
 contact above the tip.
+
+A feature formed from below, by the lower tool, is corrected by the model alone: what a scan tells of the wall and floor
+of a pocket is not true of it.
 """
 
 from __future__ import annotations
@@ -60,6 +63,8 @@ WALL_REACH = (-0.75e-3, 0.1e-3)
 READING_DEVIATION = 0.15e-3
 """m, of an error read in a section: 0.05 mm of the scanner (published: Lu 2016, 3.5.2), the rest for what one contour
 leaves of the next one's wall (assumed)."""
+
+FROM_BELOW = "scans steer the upper tool only: the feature formed from below is corrected by the model"
 
 
 def steady_model(job_file: JobFile) -> AnalyticCorrection:
@@ -137,6 +142,9 @@ class FusedCorrection:
     def see(self, points: Array, index: int) -> None:
         """Update both biases from the shape after contour ``index``; what is wrong is told by the next correction."""
         applied = self._memory.pending
+        if applied is not None and applied.contour.forming_tool != 1:
+            self._remarks = (FROM_BELOW,)
+            return
         shape = self._scans.take(points, None if applied is None else applied.contour, index)
         target = self._scans.target
         if shape is None or applied is None or target is None or not self._steady.steps:
@@ -181,11 +189,13 @@ class FusedCorrection:
             wanted = sign * before[:, 2]  # no force: the last good correction
         else:
             wanted = self._job_file.job.springback.gain * (predicted + bias)
-        rise = largest_rise(self._job_file, self._force_share)
-        if self._unconfirmed():
+        rise, change = (largest_rise(self._job_file, share) for share in (self._force_share, 0.0))
+        if self._memory.base is None and contour.index > 0:
+            rise = change = MAGNITUDE  # the tools have swapped: lifted, they jump nowhere
+        elif contour.forming_tool == 1 and self._unconfirmed():
             rise = min(rise, SLOW_RISE * self._job_file.job.path.incremental_depth)
         admitted = np.minimum(wanted, np.maximum(sign * before[:, 2], 0.0) + rise)
-        limits = push_limits(self._job_file, contour.forming_tool, change=largest_rise(self._job_file, 0.0))
+        limits = push_limits(self._job_file, contour.forming_tool, change=change)
         value, bound = limit_signed(admitted, path, limits, sign * before[:, 2])
         bound |= wanted - admitted > VISIBLE
         offset = np.zeros((len(contour), 3))
@@ -243,11 +253,16 @@ class FusedCorrection:
         pending = self._memory.pending
         if pending is not None and pending.contour.plan_id != contour.plan_id:
             self._scans.clear()
-            self._wall = self._bottom = None
-            self._steady.clear()
-            self._doubtful = self._force_share = 0.0
-            self._remarks = ()
+            self._forget()
+        elif pending is not None and pending.contour.forming_tool != contour.forming_tool:
+            self._forget()  # a bias is one of pushing that way
         self._memory.advance(contour)
+
+    def _forget(self) -> None:
+        self._wall = self._bottom = None
+        self._steady.clear()
+        self._doubtful = self._force_share = 0.0
+        self._remarks = ()
 
     def _fields(self, place: Array) -> tuple[BiasField, BiasField]:
         """Both biases at ``place`` (M, 2) m, one contour later than last time."""

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isf_core.height_map import HeightMap
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
+from isf_springback.fusion import FROM_BELOW, FusedCorrection
 from isf_springback.method import NoCorrection, apply
 from springback_parts import cone_contour, job_file, result_of
 
@@ -110,3 +112,32 @@ def test_a_new_plan_of_the_other_side_is_no_swap():
     method = formed_pocket()
     contour = replace(cone_contour(0, tool=2, plan_id="another"), predicted_force=np.empty(0))
     assert not method.correct(contour).offset.any()
+
+
+def test_fused_uses_no_scan_of_a_feature_formed_from_below():
+    """A scan 2 mm off, believed, would move the tool; the correction stays that of the model, and tells so."""
+    eyes, blind = (FusedCorrection(job_file()) for _ in range(2))
+    grid = np.linspace(-0.1, 0.1, 81)
+    eyes.take_target(HeightMap(grid, grid, np.zeros((81, 81))))
+    far_off = np.column_stack([*(g.ravel() for g in np.meshgrid(grid, grid)), np.full(81 * 81, -2e-3)])
+    for index in range(12):
+        contour = cone_contour(index) if index < 8 else second_feature(index)
+        seen, unseen = eyes.correct(contour), blind.correct(contour)
+        assert np.array_equal(seen.offset, unseen.offset)
+        assert (FROM_BELOW in seen.remarks) == (index > 8)
+        assert seen.code == 0
+        for method in (eyes, blind):
+            method.learn(apply(contour, seen), result_of(contour, 500.0))
+        if index >= 8:
+            eyes.see(far_off, index)
+    assert seen.offset[:, 2].mean() > 2 * CHANGE
+
+
+def test_fused_pushes_at_once_when_the_tools_swap():
+    method = FusedCorrection(job_file())
+    for index in range(9):
+        contour = cone_contour(index) if index < 8 else second_feature(index)
+        correction = method.correct(contour)
+        method.learn(apply(contour, correction), result_of(contour, 500.0))
+    assert correction.offset[:, 2].min() > 2 * CHANGE
+    assert correction.code == 0
