@@ -74,7 +74,7 @@ class ModelPredictiveCorrection:
         self._job_file = job_file
         self._options: MpcSpec = job_file.job.springback.mpc
         self._memory = OffsetMemory()
-        self._scans = ScanMemory(job_file)
+        self._scans = ScanMemory(job_file, over_die=strategy == "tpif")
         self._fault: IsfError | None = None
         self._force_share = 0.0
 

@@ -17,7 +17,9 @@ Array = NDArray[np.float64]
 
 
 class ScanMemory:
-    """Takes scans and the target; gives the shape after one contour.
+    """Takes scans and the target; gives the shape after one contour, with ``over_die`` in the frame of the die.
+
+    Without ``over_die`` scans over a die are refused: shape, target and contour would not be in one frame.
 
     Attributes
     ----------
@@ -26,8 +28,9 @@ class ScanMemory:
     fault : why the newest scan was refused, None when it was not
     """
 
-    def __init__(self, job_file: JobFile) -> None:
+    def __init__(self, job_file: JobFile, *, over_die: bool = False) -> None:
         self._job_file = job_file
+        self._over_die = over_die
         self.target: HeightMap | None = None
         self.shape: FormedShape | None = None
         self.index = -1
@@ -57,6 +60,13 @@ class ScanMemory:
                     where="scan",
                 )
             clamp = self._job_file.rig.clamp.size
+            if contour.process is Process.TPIF and not self._over_die:
+                raise IsfError(
+                    ErrorCode.CORRECTION_FAILED,
+                    "over a die the method does not know where shape and target lie to each other",
+                    where=f"scan after contour {index}",
+                    advice="use the method mpc_tpif",
+                )
             if contour.process is Process.TPIF:
                 self.shape = shape_over_die(points, self.target, clamp, contour)
             else:

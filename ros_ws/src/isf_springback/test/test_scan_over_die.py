@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from isf_core.errors import ErrorCode
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile, load_job
 from isf_planner import Plan, plan
-from isf_springback.mpc import mpc_tpif
+from isf_springback.mpc import mpc_tpif, mpc_vertical
 from isf_springback.scan_memory import shape_over_die, target_over_die
 from numpy.typing import NDArray
 
@@ -65,3 +66,14 @@ def test_step_makes_good_what_the_bottom_stands_too_high(job: JobFile, cone: Pla
             # scans that show nothing wrong
             method.see(scan(cone.target, contour.holder_height, high if contour.index == 7 else 0.0), contour.index)
     assert correction.offset[:, 2] == pytest.approx(-0.8541 * high, abs=0.1 * high + 15e-6)
+
+
+def test_a_method_without_a_die_says_that_it_cannot_read_the_scan(job: JobFile, cone: Plan) -> None:
+    method = mpc_vertical(job)
+    method.take_target(cone.target)
+    for contour in cone.contours[:2]:
+        correction = method.correct(contour)
+        method.see(scan(cone.target, contour.holder_height, 0.2e-3), contour.index)
+    assert correction.code == ErrorCode.CORRECTION_FAILED
+    assert "mpc_tpif" in correction.message
+    assert not correction.offset.any()
