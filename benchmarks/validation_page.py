@@ -169,9 +169,9 @@ _LIMITS = """## What is simplified
 
 * Circular clamps are the squares around them. The hexapod checks its workspace; servo and errors act along x, y and z.
 * ADSIF has no over-bend while the tools pass, no elastic recovery, and one response surface (1 mm, R 5 mm, AA5754-O).
-* TPIF: what the tool has walked round rises with the die as a whole, and the sheet never lies below the die; the flange
-  does not lift off elastically. Walls so follow the die more closely than published ones do; the foot of the wall,
-  which no die supports, is too sharp.
+* TPIF: what closed loops of the tool enclose rises with the die as a whole, and the sheet never lies below the die; the
+  flange hangs between the edge of the part and the clamp like a membrane. Springback is the sag of the sheet under the
+  tool's force, as in the other processes; the part itself does not bend on its die between contours.
 * A scan of the unclamped, trimmed part cuts the flange and levels the rim; the change of shape by unclamping itself
   (published: at most 0.03 mm on walls) is left out. Sizes of shine, shadow and registration are assumed.
 * Torques of a load cell have neither drift nor zero offset. Backlash is a pure play without friction.
