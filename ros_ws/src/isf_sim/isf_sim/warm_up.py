@@ -9,7 +9,11 @@ from pathlib import Path
 import numpy as np
 from isf_core.job import JobFile
 
+from isf_sim.die_plant import DiePlant
 from isf_sim.machine import SimulatedMachine
+from isf_sim.sheet_plant import SheetPlant
+from isf_sim.thickness import thinning_up_the_wall
+from isf_sim.turned_sheet import turn_over
 
 _JOB = """
 name: warm-up
@@ -24,19 +28,39 @@ path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
 
 
 def warm_up() -> float:
-    """Press a tool into a blank and scan it; returns the wall time, s. Kernels found in the cache cost little."""
+    """Press tools into blanks from either side and over a die; returns the wall time, s. Cached kernels cost little."""
     started = time.perf_counter()
     machine = SimulatedMachine(JobFile(_JOB, Path()))
     plant = machine.plant
     machine.tare()
     machine.tick(np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]))
-    pull = np.zeros(2)
-    for angle in np.linspace(0.0, 4.0 * np.pi, 120):  # a few loops, so that the base follows too
-        plant.move(np.array([6e-3 * np.cos(angle), 6e-3 * np.sin(angle), -5e-3]), pull)
+    _go_round(plant)
+    contact, tip = plant.contact, plant.contact.formed_tip
+    thinning_up_the_wall(plant.surface, tip[0], tip[1], contact.wall, plant.radius, np.zeros(3))
     machine.measured_shape()
+    turn_over(plant, np.array([0.0, 0.0, 0.02]))
+    _go_over_a_die(machine)
     accumulative = SimulatedMachine(JobFile(_JOB.replace("DSIF", "ADSIF"), Path()))
     accumulative.tick(np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]))
     return time.perf_counter() - started
+
+
+def _go_round(plant: SheetPlant) -> None:
+    """Two loops wide enough to have a base that follows."""
+    for angle in np.linspace(0.0, 4.0 * np.pi, 240):
+        plant.move(np.array([15e-3 * np.cos(angle), 15e-3 * np.sin(angle), -5e-3]), np.zeros(2))
+
+
+def _go_over_a_die(machine: SimulatedMachine) -> None:
+    """The same over a die in the middle that has come up once."""
+    rig, sheet = machine.job_file.rig, machine.plant
+    plant = DiePlant(rig.clamp, sheet.material, sheet.thickness, sheet.radius, 0.5e-3, rig.tool_1.compliance)
+    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in plant.surface.height.shape), indexing="ij")
+    die = np.where(np.hypot(x, y) < 0.05, -plant.thickness, -np.inf)
+    plant.rise(die, 0.0)
+    _go_round(plant)
+    plant.note()
+    plant.rise(die, 0.5e-3)
 
 
 if __name__ == "__main__":
