@@ -18,6 +18,13 @@ source "$parts/stamp.sh"
 if [ "${1:-}" = --force ]; then
   rm -f "$isf_state/packages.stamp" "$isf_state/workspace.stamp"
 elif workspace_current; then
+  if ! kernels_current; then # new sources: a node that compiles at its start would look dead for a minute
+    # shellcheck source=scripts/setup/environment.sh
+    source "$parts/environment.sh"
+    isf_step_total=1
+    warm_up
+    step_end
+  fi
   exit 0
 fi
 
@@ -42,8 +49,8 @@ fi
 isf_started=$SECONDS
 isf_step_total=4
 packages_current || isf_step_total=$((isf_step_total + 2))
-has_warm_up=$([ ! -f "$isf_workspace/src/isf_sim/isf_sim/warm_up.py" ] || echo yes)
-[ -n "$has_warm_up" ] || isf_step_total=$((isf_step_total - 1))
+rm -f "$isf_state/kernels.stamp"
+kernels_current && isf_step_total=$((isf_step_total - 1))
 
 if ! packages_current; then
   find_python
@@ -55,9 +62,7 @@ fi
 build_workspace
 write_environment
 check_installation
-if [ -n "$has_warm_up" ]; then
-  warm_up
-fi
+kernels_current || warm_up
 step_end
 workspace_fingerprint >"$isf_state/workspace.stamp"
 printf 'Set-up complete in %d s.\n' "$((SECONDS - isf_started))" >&2

@@ -97,4 +97,5 @@ warm_up() {
   (. "$isf_state/env.sh" && logged "$log" timeout --kill-after=5 300 sh -c \
     "python -m isf_planner.warm_up && python -m isf_sim.warm_up && python -m isf_springback.shell.warm_up") 2>/dev/null ||
     note "not done (see .isf/log/warm_up.log); it happens at first use instead"
+  kernels_fingerprint >"$isf_state/kernels.stamp"
 }

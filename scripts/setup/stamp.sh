@@ -1,4 +1,5 @@
-# Is the set-up still what the sources ask for? Two fingerprints: of the Python environment and of the built workspace.
+# Is the set-up still what the sources ask for? Three fingerprints: of the Python environment, of the built workspace and
+# of the sources with compiled kernels.
 
 isf_state=$ISF_ROOT/.isf
 isf_venv=$isf_state/venv
@@ -48,4 +49,18 @@ packages_current() {
 workspace_current() {
   [ -x "$isf_venv/bin/python" ] && [ -f "$isf_state/env.sh" ] && [ -f "$isf_workspace/install/setup.bash" ] &&
     [ "$(cat "$isf_state/workspace.stamp" 2>/dev/null)" = "$(workspace_fingerprint)" ]
+}
+
+# Sources of kernels: numba compiles all kernels of a package again when one of them changes.
+kernels_fingerprint() {
+  {
+    cd "$isf_workspace/src" || return 1
+    grep -rlE --include='*.py' 'jit import kernel|import kernels_of' . | LC_ALL=C sort | xargs -r sha256sum
+  } | sha256sum
+}
+
+# True as well where there is nothing to compile.
+kernels_current() {
+  [ ! -f "$isf_workspace/src/isf_sim/isf_sim/warm_up.py" ] ||
+    [ "$(cat "$isf_state/kernels.stamp" 2>/dev/null)" = "$(kernels_fingerprint)" ]
 }
