@@ -211,7 +211,7 @@ class Observer:
                 if response.code == 0:
                     return
                 text = response.message
-                time.sleep(0.1)
+                self._rclpy.spin_once(self.node, timeout_sec=0.1)
         raise SystemExit(f"not armed: {text}")
 
     def form_until(self, source: subprocess.Popen[bytes], count: int) -> None:
@@ -228,9 +228,10 @@ class Observer:
                 if source.poll() is not None:
                     return
             if self.results[-1].code:
-                time.sleep(2.0)
-                if source.poll() is None:  # else its wrenches ended because it was done
-                    raise SystemExit(f"contour {index}: {self.results[-1].message}")
+                try:
+                    source.wait(2.0)  # its wrenches may have ended because it was done
+                except subprocess.TimeoutExpired:
+                    raise SystemExit(f"contour {index}: {self.results[-1].message}") from None
                 return
 
 

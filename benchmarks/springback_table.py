@@ -63,7 +63,7 @@ def _stay_with(parent: int) -> None:
 
     def watch() -> None:
         while os.getppid() == parent:
-            time.sleep(WATCH)
+            time.sleep(WATCH)  # nothing tells a process portably that its parent is gone
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

@@ -96,4 +96,4 @@ def follow(
             with lock:
                 controller.cancel()
         tell()
-        time.sleep(PERIOD)
+        time.sleep(PERIOD)  # pace of the feedback; nothing is ordered by it

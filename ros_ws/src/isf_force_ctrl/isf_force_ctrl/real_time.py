@@ -129,7 +129,7 @@ class PeriodicLoop:
         while not self._end.is_set():
             left = self.tick_if_overdue()
             if left > 0:
-                time.sleep(left)
+                time.sleep(left)  # the pace of the ticks itself
 
     def values(self) -> dict[str, object]:
         """For ``/diagnostics``."""
