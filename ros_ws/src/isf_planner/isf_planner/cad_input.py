@@ -5,17 +5,14 @@ Both formats carry their unit; the mesh comes back in metres.
 
 from __future__ import annotations
 
-import contextlib
 import io
-import os
 import re
-import sys
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import trimesh
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.standard_output import output_to_stderr
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -77,7 +74,7 @@ def _convert(data: bytes, is_step: bool, where: str) -> bytes:
         ) from error
     kind: Any = cascadio.FileType.STEP if is_step else cascadio.FileType.IGES
     try:
-        with _output_to_stderr():
+        with output_to_stderr():
             # the converter works in mm; one thread, so that a plan repeats bit by bit
             made = cascadio.to_glb_bytes(
                 data, kind, tol_linear=CHORD_ERROR * 1e3, tol_angular=TURN, tol_relative=False, use_parallel=False
@@ -90,19 +87,6 @@ def _convert(data: bytes, is_step: bool, where: str) -> bytes:
             advice="export the surface again",
         ) from error
     return bytes(made)
-
-
-@contextlib.contextmanager
-def _output_to_stderr() -> Iterator[None]:
-    """The converter writes to the process's standard output, where a command's result belongs."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    try:
-        os.dup2(2, 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
 
 
 def _step_unit(data: bytes) -> float | None:

@@ -7,15 +7,12 @@ in m, forces in N, frame ``sheet``.
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.standard_output import output_to_stderr
 from numpy.typing import NDArray
 
 from isf_springback.shell.sheet_model import EdgeCondition, SheetMesh, edge_springs, held_freedoms
@@ -75,7 +72,7 @@ def kratos_displacement(
 def _packages() -> tuple[Any, Any]:
     """The core with its solvers, and the application with the shells, without their banners on standard output."""
     try:
-        with _banner_on_stderr():
+        with output_to_stderr():
             kratos = import_module("KratosMultiphysics")
             kratos.Logger.GetDefaultOutput().SetSeverity(kratos.Logger.Severity.WARNING)
             import_module("KratosMultiphysics.LinearSolversApplication")
@@ -88,19 +85,6 @@ def _packages() -> tuple[Any, Any]:
             advice=f"install it with: pip install {PACKAGES}; or use engine compact",
         ) from error
     return kratos, structural
-
-
-@contextmanager
-def _banner_on_stderr() -> Iterator[None]:
-    """What compiled code writes to standard output goes to standard error, so that results stay readable."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    try:
-        os.dup2(2, 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
 
 
 def _sheet_model(
