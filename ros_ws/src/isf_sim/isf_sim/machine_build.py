@@ -127,6 +127,8 @@ def _squeeze_constants(
         window=constants.window_radii * radius_1,
         forming_compliance=np.array(rig.tool_1.compliance) * world.compliance,
         support_compliance=np.array(rig.tool_2.compliance) * world.compliance,
+        flow_stress=flow * world.force_level,
+        constraint=constants.indentation_factor,
     )
 
 

@@ -16,7 +16,7 @@ from isf_sim.load_cell import CellConstants, CellState, read_cell
 from isf_sim.role import NEEDS_TURN, Role, other_tool_presses
 from isf_sim.servo import ServoConstants, follow_targets
 from isf_sim.sheet_point import DONE, Contact, PointConstants, advance_point
-from isf_sim.squeeze import Squeeze, SqueezeConstants, squeeze_sheet
+from isf_sim.squeeze import Squeeze, SqueezeConstants, eased_tension, squeeze_sheet
 from isf_sim.surface import Surface, TipTrack
 from isf_sim.turned_sheet import turn_tip
 
@@ -115,7 +115,9 @@ def advance_tick(
         return NEEDS_TURN
     pull = np.empty(2)
     pull[0], pull[1] = -squeeze.force[0], -squeeze.force[1]
-    request = advance_point(forming, pull, surface, track, points, contact, constants.point)
+    # of the last tick, so that forming force and squeeze need not be solved for together
+    eased = eased_tension(squeeze, contact, constants.squeeze)
+    request = advance_point(forming, pull, eased, surface, track, points, contact, constants.point)
     if request != DONE:
         return request
     squeeze_sheet(forming, support, surface, contact, squeeze, constants.squeeze)

@@ -25,6 +25,10 @@ SMALLEST_LOOP_RADII = 10.0
 """Path, in tool radii, after which a second visit of a place is a new loop."""
 
 
+LEAST_AMPLITUDE = 1.0
+"""N, what is left of the force of a plastic step at least, however hard the sheet is squeezed."""
+
+
 class PointConstants(NamedTuple):
     """What the kernel needs of sheet, tool and rig, SI.
 
@@ -64,6 +68,7 @@ class Contact(NamedTuple):
     force : (3,) N, force on the sheet and a support below it (z negative: pressed down), zero without contact
     axial : (1,) N, axial force that the sheet carries ; on_die : (1,) N, squeezed through it against a support
     sag : (1,) m, deflection of the sheet at the tool, positive down
+    eased : (1,) N, tension that squeezed sheet needs less to yield, lagged
     wall : (4,) steepest slope, unit vector towards the wall (2), wrap
     formed_tip : (3,) m, tip in the coordinates of the unloaded sheet
     """
@@ -78,6 +83,7 @@ class Contact(NamedTuple):
     sag: Array
     wall: Array
     formed_tip: Array
+    eased: Array
 
 
 def no_contact(tip: Array) -> Contact:
@@ -93,6 +99,7 @@ def no_contact(tip: Array) -> Contact:
         sag=np.zeros(1),
         wall=np.zeros(4),
         formed_tip=tip.copy(),
+        eased=np.zeros(1),
     )
 
 
@@ -100,6 +107,7 @@ def no_contact(tip: Array) -> Contact:
 def advance_point(
     tip: Array,
     pull: Array,
+    eased: float,
     surface: Surface,
     track: TipTrack,
     points: ControlPoints,
@@ -110,6 +118,8 @@ def advance_point(
 
     Equilibrium along z (plastic and elastic branch, the smaller force counts, so lifting is reversible):
     H - z = (c_z + c_loc) F + S(F) + step (F/A)^(1/m); horizontally x_eff = x - C f + C pull - u with lagged f, u.
+    A is less by the axial part of ``eased`` N, tension that squeezed sheet does not need to yield: lagged as f is,
+    because sheet that is not squeezed has to leave the tool first. A tool that reaches down to a die has none of it.
     """
     x, y, z = tip[0], tip[1], tip[2]
     dx, dy, dz = x - contact.last[0], y - contact.last[1], z - contact.last[2]
@@ -141,6 +151,7 @@ def advance_point(
     contact.wall[:] = 0.0
     axial = 0.0
     if in_contact:
+        contact.eased[0] += blending * (eased - contact.eased[0])
         axial = _press(xe, ye, z, dx, dy, way, touch, blending, surface, points, contact, constants)
     contact.axial[0] = axial
     if axial + contact.on_die[0] > 0.0:
@@ -149,6 +160,7 @@ def advance_point(
     else:
         contact.lateral[:] *= 1.0 - blending
         contact.drift[:] *= 1.0 - blending
+        contact.eased[:] *= 1.0 - blending
     return DONE
 
 
@@ -171,7 +183,6 @@ def _press(
     radius, step = constants.radius, min(constants.step, constants.radius)
     wall = contact.wall
     probe_wall(surface, xe, ye, radius, wall)
-    amplitude = _amplitude(wall, step, constants)
     guess = max(contact.axial[0], 20.0)
     shift = np.empty(3)
     length = 0.7 * constants.fresh_distance
@@ -180,6 +191,7 @@ def _press(
     compliance = own + constants.local_compliance
     # the support stands still in the room: neither sag nor drift of the sheet moves it
     die = support_height(surface, xe + contact.drift[0], ye + contact.drift[1], radius) - z
+    amplitude = _amplitude(wall, step, contact.eased[0] if die <= 0.0 else 0.0, constants)
     sink = max(-shift[2], 0.0)
     m = constants.exponent
     plastic = axial_force(touch[0] - z, amplitude, m, step, compliance, guess, sink, exponent, own, die)
@@ -207,18 +219,22 @@ def _press(
 
 
 @kernel
-def _amplitude(wall: Array, step: float, constants: PointConstants) -> float:
-    """N, axial force of a plastic step ``step`` (Aerens et al. 2009, with measured wall and wrap)."""
+def _amplitude(wall: Array, step: float, eased: float, constants: PointConstants) -> float:
+    """N, axial force of a plastic step ``step`` (Aerens et al. 2009, with measured wall and wrap), less what squeezed
+    sheet needs less: ``eased`` N along the wall."""
     groove = math.acos(1.0 - step / constants.radius)
     angle = max(math.atan(wall[0]), groove)
     scallop = step * step / (8.0 * constants.radius * math.sin(angle) ** 2)
-    return (
+    amplitude = (
         constants.amplitude
         * (scallop * 1e3) ** (0.5 * constants.exponent)
         * math.degrees(angle)
         * math.cos(angle)
         * max(wall[3], 0.8) ** constants.wrap_exponent
     )
+    if eased <= 0.0:
+        return amplitude
+    return max(amplitude - eased * math.sin(angle), min(amplitude, LEAST_AMPLITUDE))
 
 
 @kernel

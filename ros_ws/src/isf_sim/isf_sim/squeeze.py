@@ -3,6 +3,9 @@
 gap = |c2 - c1| - R1 - R2 with c1 deflected by the sheet's force; overlap d0 = t - gap;
 F_n = d0 / (1/k_m + n.(C1 + C2) n) for d0 > 0, else 0 (contact lost). k_m = 0.5 pi R* 2.8 s_f with
 R* = 2 R1 R2/(R1 + R2): plastic indentation between two balls. The largest force seen thins the sheet for good.
+
+What is squeezed yields under less tension, so the forming tool needs less force and the sheet bends less: see
+:func:`eased_tension`.
 """
 
 from __future__ import annotations
@@ -22,7 +25,8 @@ Array = NDArray[np.float64]
 
 class SqueezeConstants(NamedTuple):
     """Tool radii m, stiffness k_m N/m, lasting part of the indentation, blank thickness m, window m of path,
-    compliances (3,) m/N of both tools; ``present`` False: there is no second tool."""
+    compliances (3,) m/N of both tools, flow stress Pa in plane strain and constraint factor of the indentation
+    behind k_m; ``present`` False: there is no second tool."""
 
     present: bool
     forming_radius: float
@@ -33,6 +37,8 @@ class SqueezeConstants(NamedTuple):
     window: float
     forming_compliance: Array
     support_compliance: Array
+    flow_stress: float
+    constraint: float
 
 
 class Squeeze(NamedTuple):
@@ -89,6 +95,31 @@ def squeeze_sheet(
     for k in range(3):
         state.force[k] = force * d[k]
     _remember(x, y, force, surface, contact.path[TRAVELLED], c)
+
+
+@kernel
+def eased_tension(state: Squeeze, contact: Contact, c: SqueezeConstants) -> float:
+    """N, tension that the sheet at the forming tool needs less to yield, because both tools squeeze it there.
+
+    Between the balls the wall carries the membrane stress s_1 along its line of steepest slope and -p through its
+    thickness; along the loop it does not strain. Tresca: s_1 + p = s_f, so a strip that is squeezed yields at s_f - p
+    (s_f is the flow stress in plane strain). The force F_n is carried by a contact of radius a,
+    F_n = pi a^2 constraint s_f, and spreads at 45 deg (assumed) to the middle of the sheet, over a circle of diameter
+    w = 2 a + t: p = min(4 F_n / (pi w^2), s_f). Tension is the same all along a strip that runs round the ball without
+    friction, so every strip through the circle is as weak as in it, and on the width w the tension is p t w less.
+
+    Limits: t >> a gives 4 F_n / pi whatever the sheet, a >> t the whole strength s_f t w of the strip. The axial force
+    falls by the part along the axis, sin(wall angle) times this (:func:`isf_sim.sheet_point.advance_point`). None when
+    the squeezed circle lies altogether beyond the tip, away from the wall that ``contact`` holds.
+    """
+    force = math.sqrt(state.force[0] ** 2 + state.force[1] ** 2 + state.force[2] ** 2)
+    if force <= 0.0:
+        return 0.0
+    t = state.thickness[0]
+    width = 2.0 * math.sqrt(force / (math.pi * c.constraint * c.flow_stress)) + t
+    pressure = min(4.0 * force / (math.pi * width * width), c.flow_stress)
+    ahead = c.forming_radius * (state.force[0] * contact.wall[1] + state.force[1] * contact.wall[2]) / force
+    return min(max(1.0 + 2.0 * ahead / width, 0.0), 1.0) * pressure * t * width
 
 
 @kernel

@@ -40,19 +40,27 @@ def pressing_tip(tips: Array, tool: int, thickness: float) -> Array:
 def turn_over(plant: SheetPlant, tip: Array) -> None:
     """Let the other tool, with its tip at (3,) m in the frame after the turn, press the sheet of ``plant``."""
     surface, contact = plant.surface, plant.contact
+    plant.forget_solutions()  # one under way works on the shell
     plant.update_base()  # what this tool has walked round follows it before the tool leaves
     for values in (surface.height, surface.formed):
         np.negative(values, out=values)
     surface.before[...] = surface.height
     _exchange_tracks(plant)
-    for state in (contact.lateral, contact.drift, contact.force, contact.axial, contact.on_die, contact.sag):
+    for state in (
+        contact.lateral,
+        contact.drift,
+        contact.force,
+        contact.axial,
+        contact.on_die,
+        contact.sag,
+        contact.eased,
+    ):
         state[:] = 0.0
     contact.wall[:] = 0.0
     contact.last[:] = tip
     contact.formed_tip[:] = tip
     surface.holder[0], plant.aside.holder[0] = plant.aside.holder[0], surface.holder[0]
     plant.shell.set_support(None)  # put back with the next shape, where it stands
-    plant.forget_solutions()
     plant.role.pressing[0] = 3 - plant.role.pressing[0]
 
 

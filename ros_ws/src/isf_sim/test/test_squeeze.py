@@ -14,7 +14,7 @@ COMPLIANCE = np.array([1e-6, 1e-6, 1e-7])
 
 def constants(present: bool = True) -> SqueezeConstants:
     stiffness = indentation_stiffness(R, R, 200e6, 2.8)
-    return SqueezeConstants(present, R, R, stiffness, 0.5, T, 3 * R, COMPLIANCE, COMPLIANCE)
+    return SqueezeConstants(present, R, R, stiffness, 0.5, T, 3 * R, COMPLIANCE, COMPLIANCE, 200e6, 2.8)
 
 
 def test_stiffness_of_the_study() -> None:
