@@ -19,7 +19,7 @@ from isf_springback.engine_kratos import kratos_displacement
 from isf_springback.sheet_edge import free_size
 from isf_springback.sheet_load import push_sign
 from isf_springback.shell.formed_sheet import FacetSize, FormedSheet, formed_sheet, mesh_of
-from isf_springback.shell.load_path import follow_load
+from isf_springback.shell.load_path import follow_loads
 from isf_springback.shell.sheet_model import EdgeCondition, ShellModel, sine_law_thickness
 
 Array = NDArray[np.float64]
@@ -133,6 +133,5 @@ def solve_depth(task: DepthTask) -> Array:
         moved = kratos_displacement(mesh, thickness, task.young, task.poisson, task.edge, task.direction, task.loads)
         return np.asarray(moved @ task.direction)
     model = ShellModel(mesh, thickness, task.young, task.poisson, task.edge)
-    unloaded = model.factor()
-    rows = [follow_load(model, int(node), task.direction, task.loads, unloaded) for node in mesh.loaded]
-    return np.stack(rows) @ task.direction
+    moved = follow_loads(model, mesh.loaded.tolist(), task.direction, task.loads, model.factor())
+    return np.asarray(moved @ task.direction)

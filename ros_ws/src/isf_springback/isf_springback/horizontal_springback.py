@@ -22,7 +22,7 @@ from isf_springback.load_displacement import CubicLaw, cubic_law
 from isf_springback.loop_path import LoopPath, moving_average, nearest_points
 from isf_springback.offset_memory import horizontal_limits, limit_signed
 from isf_springback.shell.formed_sheet import FacetSize, mesh_of
-from isf_springback.shell.load_path import follow_load
+from isf_springback.shell.load_path import follow_loads
 from isf_springback.shell.sheet_model import ShellModel, sine_law_thickness
 
 Array = NDArray[np.float64]
@@ -101,14 +101,12 @@ def across_level(
     task = depth_task(contours, places, job_file, size=FacetSize.coarse(), loads=loads)
     mesh = mesh_of(task.sheet, task.points, task.size)
     model = ShellModel(mesh, sine_law_thickness(mesh, task.thickness), task.young, task.poisson, task.edge)
-    unloaded = model.factor()
-    point = nearest_points(places, contour.contact[:, :2])
-    samples = []
-    for node, direction in zip(mesh.loaded, outward(contour)[point], strict=True):
-        along = np.append(direction, 0.0)
-        samples.append(follow_load(model, int(node), along, loads, unloaded) @ along)
+    outwards = outward(contour)[nearest_points(places, contour.contact[:, :2])]
+    along = np.column_stack([outwards, np.zeros(len(outwards))])
+    moved = follow_loads(model, mesh.loaded.tolist(), along, loads, model.factor())
+    samples = np.einsum("mlk,mk->ml", moved, along)
     depth = float(contour.contact[:, 2].mean())
-    return AcrossLevel(contour.feature, depth, loop.points[:, :2], cubic_law(loads, np.stack(samples)[row]))
+    return AcrossLevel(contour.feature, depth, loop.points[:, :2], cubic_law(loads, samples[row]))
 
 
 class HorizontalSpringback:

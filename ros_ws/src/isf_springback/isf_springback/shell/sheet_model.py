@@ -71,6 +71,25 @@ def sine_law_thickness(mesh: SheetMesh, initial: float) -> Array:
     return np.asarray(initial * np.abs(frame[:, 2, 2]))
 
 
+@dataclass(frozen=True)
+class Factor:
+    """Factors of a tangent, in single precision: they steer iterations whose residual is known in double precision.
+
+    Attributes
+    ----------
+    lower_upper : of the tangent scaled to a diagonal of about one
+    scale : (F,) that scaling, and the units of the unknowns
+    """
+
+    lower_upper: SuperLU
+    scale: Array
+
+    def solve(self, force: Array) -> Array:
+        """(F,) m, answer to ``force`` (F,) N, Nm, of the unknowns in m and per LEVER rad."""
+        scaled = (force * self.scale).astype(np.float32)
+        return np.asarray(self.lower_upper.solve(scaled) * self.scale, dtype=np.float64)
+
+
 class ShellModel:
     """Elastic state of one sheet: displacement, rotations and the factored tangent.
 
@@ -100,7 +119,7 @@ class ShellModel:
         self._unit = np.where(self.free % 6 < 3, 1.0, 1.0 / LEVER)
         self._edge_spring = edge_springs(mesh, edge)
         self._make_pattern(count)
-        self._factor: SuperLU | None = None
+        self._factor: Factor | None = None
 
     def _make_pattern(self, count: int) -> None:
         """Compressed columns of the tangent in elimination order, and the place of every facet entry in them.
@@ -174,7 +193,7 @@ class ShellModel:
         size = len(self.free)
         return csc_matrix((self._data * self._scale, self._rows, self._starts), shape=(size, size))
 
-    def factor(self) -> SuperLU:
+    def factor(self) -> Factor:
         """Factor the tangent of the present state, shifted when it is not definite, and keep it for :meth:`solve`.
 
         Raises
@@ -183,12 +202,16 @@ class ShellModel:
         """
         self.evaluate(tangent=True)
         self.factorizations += 1
-        matrix = self.tangent()
-        diagonal = matrix.data[self._diagonal].copy()
-        for shift in _SHIFTS:
-            matrix.data[self._diagonal] = diagonal + shift * np.abs(diagonal)
+        diagonal = np.abs(self._data[self._diagonal])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = 1.0 / np.sqrt(diagonal)
+        values = (self._data * scale[self._rows] * np.repeat(scale, np.diff(self._starts))).astype(np.float32)
+        matrix = csc_matrix((values, self._rows, self._starts), shape=(len(scale), len(scale)))
+        unshifted = values[self._diagonal]
+        for shift in _SHIFTS if np.isfinite(values).all() else ():
+            matrix.data[self._diagonal] = unshifted + np.float32(shift)
             try:
-                self._factor = splu(
+                found = splu(
                     matrix,
                     permc_spec="NATURAL",  # the unknowns stand in elimination order already
                     diag_pivot_thresh=0.0,
@@ -197,6 +220,7 @@ class ShellModel:
                 )
             except (RuntimeError, ValueError):
                 continue
+            self._factor = Factor(found, scale)
             return self._factor
         raise IsfError(
             ErrorCode.SHELL_NOT_SOLVED,
@@ -205,14 +229,23 @@ class ShellModel:
             advice="the mesh may have facets without area; check the contours and the clamp size",
         )
 
-    def use_factor(self, factor: SuperLU) -> None:
-        """Solve with a factor made before (of the unloaded sheet, shared by all loads)."""
+    @property
+    def factor_in_use(self) -> Factor:
+        """The factor that :meth:`solve` uses."""
+        assert self._factor is not None  # factor() comes first
+        return self._factor
+
+    def use_factor(self, factor: Factor) -> None:
+        """Solve with a factor made before (of another state, shared by loads and places)."""
         self._factor = factor
 
     def solve(self, force: Array) -> Array:
         """(F,) m, step of the free unknowns under the residual ``force`` (F,) N, Nm, by the factor in use."""
-        assert self._factor is not None  # factor() comes first
-        return np.asarray(self._factor.solve(force * self._unit))
+        return self.factor_in_use.solve(force) / self._unit
+
+    def work(self, force: Array, change: Array) -> float:
+        """J, work of ``force`` (F,) N, Nm on the step ``change`` (F,) m of the free unknowns."""
+        return float(force @ (change * self._unit))
 
     def step(self, change: Array) -> None:
         """Move the nodes by the step ``change`` (F,) m of the free unknowns."""
