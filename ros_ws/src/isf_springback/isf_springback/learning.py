@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection
+from isf_core.contour import Contour, ContourCorrection, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from isf_springback.continuity import MAGNITUDE
 from isf_springback.fusion import read_errors
 from isf_springback.learning_file import Learned
 from isf_springback.loop_path import LoopPath, nearest_points
+from isf_springback.scan_memory import contour_over_die, shape_over_die, target_over_die
 from isf_springback.scan_processing import ScanExpectation, process_scan
 from isf_springback.sheet_load import push_sign
 
@@ -52,7 +53,8 @@ def learn_part(
 
     Parameters
     ----------
-    nominal, corrections : of every contour, in order ; scan : (P, 3) m, points of the finished part in the clamp
+    nominal, corrections : of every contour, in order ; scan : (P, 3) m, points of the finished part in the clamp, the
+    flange at z = 0, over a die as well
     radius : m, of the forming tool ; known : from earlier parts of the same job, or other jobs (samples only)
 
     Raises
@@ -66,8 +68,13 @@ def learn_part(
             where=job,
             advice="learn from parts that were formed to the end",
         )
-    lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
-    shape = process_scan(scan, ScanExpectation(target, clamp, lowest, nominal[-1].holder_height))
+    if nominal[-1].process is Process.TPIF:
+        # the flange moves from contour to contour: contours, target and shape meet in the frame of the die
+        shape = shape_over_die(scan, target, clamp, nominal[-1])
+        target, nominal = target_over_die(target), [contour_over_die(contour) for contour in nominal]
+    else:
+        lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
+        shape = process_scan(scan, ScanExpectation(target, clamp, lowest))
     floor = float(np.nanmin(target.z))
     index, place, applied, error, feature = [], [], [], [], []
     for contour, correction in zip(nominal, corrections, strict=True):
@@ -101,7 +108,10 @@ def learn_part(
 
 
 def features(contour: Contour, floor: float) -> Array:
-    """(N, 4) features of the points of a contour, see :data:`isf_springback.learning_file.FEATURES`."""
+    """(N, 4) features of the points of a contour, see :data:`isf_springback.learning_file.FEATURES`.
+
+    Over a die ``contour`` and ``floor`` (m) are those of the frame of the die, in which depth counts from its top.
+    """
     depth = -contour.contact[:, 2]
     return np.column_stack([contour.wall_angle, curvature(contour), depth, contour.contact[:, 2] - floor])
 

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from isf_core.contour import ContourCorrection
 from isf_core.errors import ErrorCode
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile, load_job
 from isf_planner import Plan, plan
+from isf_springback.learning import learn_part
 from isf_springback.mpc import mpc_tpif, mpc_vertical
 from isf_springback.scan_memory import shape_over_die, target_over_die
 from numpy.typing import NDArray
@@ -36,9 +38,13 @@ def scan(target: HeightMap, holder: float, high: float) -> Array:
     place = np.column_stack([gx.ravel(), gy.ravel()])
     stands = np.maximum(target_over_die(target).at(place) - holder, 0.0)
     stands[np.isnan(stands)] = 0.0
+    return np.column_stack([place, stands + too_high(place, high)])
+
+
+def too_high(place: Array, high: float) -> Array:
+    """(P,) m at ``place`` (P, 2) m: ``high``, less near the clamp, nothing on the top."""
     away = np.hypot(*place.T)
-    rise = high * np.clip((105e-3 - away) / 60e-3, 0.0, 1.0) * np.clip((away - 15e-3) / 3e-3, 0.0, 1.0)
-    return np.column_stack([place, stands + rise])
+    return np.asarray(high * np.clip((105e-3 - away) / 60e-3, 0.0, 1.0) * np.clip((away - 15e-3) / 3e-3, 0.0, 1.0))
 
 
 @pytest.mark.parametrize("holder", [-0.5e-3, -3e-3, -6e-3])
@@ -77,3 +83,18 @@ def test_a_method_without_a_die_says_that_it_cannot_read_the_scan(job: JobFile, 
     assert correction.code == ErrorCode.CORRECTION_FAILED
     assert "mpc_tpif" in correction.message
     assert not correction.offset.any()
+
+
+@pytest.mark.parametrize("high", [0.0, 0.3e-3])
+def test_what_stands_too_high_over_the_die_is_pushed_deeper_on_the_next_part(cone: Plan, high: float) -> None:
+    """Push of the next part: 0.7 of the error at every contour on the wall; none where nothing was wrong."""
+    nothing = [
+        ContourCorrection(contour.plan_id, contour.index, "none", np.zeros((len(contour), 3)), np.zeros(len(contour)))
+        for contour in cone.contours
+    ]
+    points = scan(cone.target, cone.contours[-1].holder_height, high)
+    known = learn_part(cone.contours, nothing, points, cone.target, CLAMP, 5e-3, "tpif_cone")
+    assert known.error == pytest.approx(too_high(known.place, high), abs=60e-6)
+    assert known.push == pytest.approx(0.7 * too_high(known.place, high), abs=45e-6)
+    # depth counts from the top of the die
+    assert known.feature[:, 2].max() == pytest.approx(-cone.contours[-1].holder_height, abs=0.1e-3)

@@ -52,14 +52,12 @@ class ScanExpectation:
     ----------
     target : the finished part ; clamp : (m, m), free sheet between the clamps
     level : m, tip height of the last contour formed (negative below the sheet); the finished part: its lowest z
-    flange_level : m, height of the clamped edge (a blank holder moves it over a die)
     clamped : the part is in the clamp; else the sheet beside the clamp may have moved, and is not used
     """
 
     target: HeightMap
     clamp: tuple[float, float]
     level: float
-    flange_level: float = 0.0
     clamped: bool = True
 
     def shape(self) -> HeightMap:
@@ -107,8 +105,8 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
     elif plane is None:
         remarks.append("the sheet beside the clamp was not seen: height and tilt of the scan are not corrected")
     else:
-        _check_plane(plane, expected.flange_level)
-        points = registration.levelled(points, plane) + [0.0, 0.0, expected.flange_level]
+        _check_plane(plane)
+        points = registration.levelled(points, plane)
     surface, outliers = point_cloud.grid_heights(points, expected.clamp, PITCH)
     surface = close_small_holes(surface)
     opening = regions(expected.target)["opening"]
@@ -161,13 +159,12 @@ def close_small_holes(surface: HeightMap) -> HeightMap:
     return HeightMap(surface.x, surface.y, z)
 
 
-def _check_plane(plane: registration.FlangePlane, level: float) -> None:
+def _check_plane(plane: registration.FlangePlane) -> None:
     tilt = max(abs(plane.tilt_x), abs(plane.tilt_y))
-    high = plane.height - level
-    if abs(high) > LARGEST_HEIGHT or tilt > LARGEST_TILT:
+    if abs(plane.height) > LARGEST_HEIGHT or tilt > LARGEST_TILT:
         raise IsfError(
             ErrorCode.SCAN_SHIFTED,
-            f"the sheet beside the clamp lies {1e3 * high:.1f} mm high and is tilted by {np.degrees(tilt):.2f} deg",
+            f"the sheet beside the clamp lies {1e3 * plane.height:.1f} mm high, tilted by {np.degrees(tilt):.2f} deg",
             where="scan",
             advice="register the scanner to the clamp again",
         )
