@@ -222,10 +222,17 @@ def calibrate_cell(
 
 @app.command()
 def identify(
-    job: JobArgument,
+    job: Annotated[Path | None, typer.Argument(help="job file (YAML); or --rig", metavar="JOB")] = None,
     property: Annotated[
-        str, typer.Option("--property", "-p", help="compliance, stiffness, servo or signs", show_default=False)
-    ],
+        str | None, typer.Option("--property", "-p", help="compliance, stiffness, servo or signs", show_default=False)
+    ] = None,
+    rig: Annotated[
+        str | None,
+        typer.Option(help="rig (name or file) instead of a job: a small cone is formed on it", metavar="RIG"),
+    ] = None,
+    dial: Annotated[
+        Path | None, typer.Option(help="table (CSV) of forces and dial readings at the tips: compliance from these")
+    ] = None,
     tool: Annotated[int, typer.Option(help="1 (upper) or 2 (lower)", min=1, max=2)] = 1,
     repeats: Annotated[int, typer.Option(help="visits of each place", min=1, max=20)] = 2,
     place: Annotated[
@@ -243,12 +250,14 @@ def identify(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Identify compliance, contact stiffness, servo or load cells with the tools; writes a rig file."""
+    """Identify compliance, contact stiffness, servo or load cells with the tools or a dial; writes a rig file."""
     from isf_cell.commands.identify import identify_machine
 
     identify_machine(
         job,
+        rig,
         property,
+        dial,
         output,
         tool=tool,
         repeats=repeats,

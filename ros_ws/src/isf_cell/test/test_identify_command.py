@@ -13,6 +13,7 @@ from isf_cell.identify_run import identify
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile, load_job
+from isf_core.rig import load_rig
 from isf_force_ctrl.identify_settings import IdentifySettings, Property
 from typer.testing import CliRunner
 
@@ -20,7 +21,11 @@ JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yam
 
 
 def run(*arguments: str) -> Any:
-    return CliRunner().invoke(app, ["identify", str(JOB), *arguments])
+    return _identify(str(JOB), *arguments)
+
+
+def _identify(*arguments: str) -> Any:
+    return CliRunner().invoke(app, ["identify", *arguments])
 
 
 def test_a_job_runs_with_the_identified_rig(tmp_path: Path) -> None:
@@ -50,6 +55,69 @@ def test_the_servo_needs_no_part(tmp_path: Path) -> None:
     done = run("-p", "servo", "--repeats", "1", "--tool", "2", "--json", "-o", str(tmp_path / "servo.yaml"))
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["value"][0] == pytest.approx(30.0, rel=0.02)
+
+
+def test_a_rig_alone_is_enough(tmp_path: Path) -> None:
+    done = _identify("--rig", "ren2018", "-p", "servo", "--repeats", "1", "--json", "-o", str(tmp_path / "servo.yaml"))
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["value"][0] == pytest.approx(30.0, rel=0.02)
+    assert load_rig(str(tmp_path / "servo.yaml")).servo.bandwidth == pytest.approx(30.0, rel=0.02)
+
+
+@pytest.mark.parametrize("below", ["rig", "job"])
+def test_compliance_by_dial_is_a_rig_file(tmp_path: Path, below: str) -> None:
+    table, piece = tmp_path / "dial.csv", tmp_path / "mine.yaml"
+    rows = [
+        f"1,{axis},{place},{repeat},{force},{5.0 + give * force + 0.1 * (-1) ** k:.3f}"
+        for axis, give in (("x", 1.2), ("z", 0.12))
+        for place in (1, 2, 3)
+        for repeat in range(1, 7)
+        for k, force in enumerate((20, 60, 100, 140))
+    ]
+    table.write_text("# tip of tool_1\ntool,axis,place,repeat,force_N,deflection_um\n" + "\n".join(rows))
+    on = ("--rig", "ren2018") if below == "rig" else (str(JOB),)
+    done = _identify(*on, "--dial", str(table), "--json", "-o", str(piece))
+    assert done.exit_code == 0, done.output
+    values = json.loads(done.stdout)["values"]
+    assert set(values) == {"tool_1.x", "tool_1.z"}
+    rig = load_rig(str(piece))
+    assert rig.tool_1.compliance == pytest.approx((1.2e-6, 1.0e-6, 0.12e-6), rel=0.01)
+    assert rig.tool_2 == load_rig("ren2018").tool_2
+    assert "dial indicator" in rig.provenance["tool_1.compliance.x"]
+    assert "+-" in rig.provenance["tool_1.compliance.x"]
+    assert "kept" in rig.provenance["tool_1.compliance.y"]
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("tool,axis,force_N\n1,x,20\n", ErrorCode.FILE_FIELD),
+        ("tool,axis,force_N,deflection_um\n1,x,20\n", ErrorCode.FILE_SYNTAX),
+        ("tool,axis,force_N,deflection_um\n1,w,20,4\n", ErrorCode.FILE_SYNTAX),
+        ("tool,axis,force_N,deflection_um\n3,x,20,4\n", ErrorCode.FILE_FIELD),
+        ("tool,axis,force_N,deflection_um\n1,x,nan,4\n", ErrorCode.FILE_FIELD),
+        ("tool,axis,force_N,deflection_um\n", ErrorCode.FILE_FIELD),
+        ("tool,axis,force_N,deflection_um\n1,x,20,4\n1,x,40,8\n", ErrorCode.MEASUREMENT_FAILED),
+    ],
+)
+def test_tables_that_say_nothing(tmp_path: Path, text: str, code: ErrorCode) -> None:
+    table = tmp_path / "dial.csv"
+    table.write_text(text)
+    done = _identify("--rig", "ren2018", "--dial", str(table), "-o", str(tmp_path / "mine.yaml"))
+    assert isinstance(done.exception, IsfError)
+    assert done.exception.code is code
+    assert not (tmp_path / "mine.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("-p", "servo"), (str(JOB), "--rig", "ren2018", "-p", "servo"), ("--rig", "ren2018"), ("--dial", "dial.csv")],
+    ids=str,
+)
+def test_either_a_job_or_a_rig(arguments: tuple[str, ...]) -> None:
+    done = _identify(*arguments)
+    assert isinstance(done.exception, IsfError)
+    assert done.exception.code is ErrorCode.FILE_FIELD
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def compliance_piece(
         told = f"{1e6 * value[k]:.4f} +- {1e6 * deviation[k]:.4f} um/N, {how[k]}" if known else f"kept; {how[k]}"
         facts[f"{tool}.compliance.{axis}"] = ("identified" if known else "not identified") + f" {date}: {told}"
     facts[f"{tool}.compliance"] = _conditions(probe)
-    return _piece(rig, lines, facts)
+    return rig_piece(rig, lines, facts)
 
 
 def stiffness_piece(rig: str, date: str, probe: SqueezeProbe, fit: StiffnessFit) -> str:
@@ -44,7 +44,7 @@ def stiffness_piece(rig: str, date: str, probe: SqueezeProbe, fit: StiffnessFit)
         f"identified {date}: {1e-6 * fit.value:.4f} +- {1e-6 * fit.deviation:.4f} N/um on walls of {angles.min():.0f} "
         f"to {angles.max():.0f} deg; {_conditions(probe)}"
     )
-    return _piece(rig, [f"contact_stiffness: {1e-6 * fit.value:.4f} N/um"], {"contact_stiffness": fact})
+    return rig_piece(rig, [f"contact_stiffness: {1e-6 * fit.value:.4f} N/um"], {"contact_stiffness": fact})
 
 
 def servo_piece(rig: str, date: str, probe: ServoProbe, fit: ServoFit) -> str:
@@ -53,7 +53,7 @@ def servo_piece(rig: str, date: str, probe: ServoProbe, fit: ServoFit) -> str:
         f"identified {date}: bandwidth {fit.bandwidth:.3f} +- {fit.bandwidth_deviation:.3f} Hz, delay "
         f"{1e3 * fit.delay:.2f} +- {1e3 * fit.delay_deviation:.2f} ms; chirp of tool_{probe.settings.tool} in free air"
     )
-    return _piece(rig, ["servo:", f"  bandwidth: {fit.bandwidth:.3f} Hz"], {"servo.bandwidth": fact})
+    return rig_piece(rig, ["servo:", f"  bandwidth: {fit.bandwidth:.3f} Hz"], {"servo.bandwidth": fact})
 
 
 def signs_piece(rig: str, date: str, probe: SqueezeProbe, fit: SignFit, faults: list[str]) -> str:
@@ -62,7 +62,7 @@ def signs_piece(rig: str, date: str, probe: SqueezeProbe, fit: SignFit, faults: 
     if faults or not np.isfinite(crosstalk):
         return "".join(f"# {fault}\n" for fault in faults)
     fact = f"identified {date}: largest share seen, signs and order right; {_conditions(probe)}"
-    return _piece(rig, ["load_cell:", f"  crosstalk: {crosstalk:.4f}"], {"load_cell.crosstalk": fact})
+    return rig_piece(rig, ["load_cell:", f"  crosstalk: {crosstalk:.4f}"], {"load_cell.crosstalk": fact})
 
 
 def rig_reference(job_file: JobFile) -> str:
@@ -73,6 +73,13 @@ def rig_reference(job_file: JobFile) -> str:
     return str(find_named("rigs", name, job_file.base).resolve())
 
 
+def rig_piece(rig: str, lines: list[str], facts: dict[str, str]) -> str:
+    """A rig file on top of ``rig``: ``lines`` of YAML, and ``facts`` per field as its provenance."""
+    body = "".join(f"{line}\n" for line in lines)
+    told = "".join(f'  {name}: "{text}"\n' for name, text in facts.items())
+    return f"based_on: {rig}\n{body}provenance:\n{told}"
+
+
 def _conditions(probe: SqueezeProbe) -> str:
     places, settings = len(probe.places), probe.settings
     return (
@@ -80,9 +87,3 @@ def _conditions(probe: SqueezeProbe) -> str:
         f"{probe.largest:.0f} N, sheet of {1e3 * probe.geometry.thickness:g} mm, balls of "
         + " and ".join(f"{1e3 * radius:g} mm" for radius in probe.geometry.radii)
     )
-
-
-def _piece(rig: str, lines: list[str], facts: dict[str, str]) -> str:
-    body = "".join(f"{line}\n" for line in lines)
-    told = "".join(f'  {name}: "{text}"\n' for name, text in facts.items())
-    return f"based_on: {rig}\n{body}provenance:\n{told}"

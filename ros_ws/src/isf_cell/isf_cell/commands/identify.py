@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import load_job
+from isf_core.job import JobFile, load_job
 from isf_force_ctrl.identification import Finding
+from isf_force_ctrl.identify_piece import rig_reference
 from isf_force_ctrl.identify_settings import IdentifySettings, Property
 from rich.table import Table
 
 from isf_cell import terminal
+from isf_cell.commands.identify_dial import identify_dial
+from isf_cell.rig_job import rig_job, rig_name
 from isf_cell.run_folder import make_run_folder
 
 NAMES = {
@@ -36,8 +40,10 @@ _ROWS: dict[Property, tuple[str, str, float, tuple[str, ...]]] = {
 
 
 def identify_machine(
-    job: Path,
-    name: str,
+    job: Path | None,
+    rig: str | None,
+    name: str | None,
+    dial: Path | None,
     output: Path | None,
     *,
     tool: int,
@@ -50,15 +56,27 @@ def identify_machine(
     cell: bool,
     as_json: bool,
 ) -> None:
-    """Identify property ``name`` of the machine of ``job``; raises IsfError."""
-    if name not in NAMES:
+    """Identify property ``name`` of the machine of ``job`` or ``rig``, or compliances by ``dial``; raises IsfError."""
+    if (job is None) == (rig is None) and not (cell and job is None and rig is None):
         raise IsfError(
             ErrorCode.FILE_FIELD,
-            f"there is no property '{name}'",
+            "a job or a rig is needed, not both",
+            where="identify",
+            advice="isf identify JOB ..., or isf identify --rig ren2018 ...",
+        )
+    if dial is not None:
+        if name not in (None, "compliance") or cell:
+            raise IsfError(ErrorCode.FILE_FIELD, "a dial indicator tells compliances alone", where="--dial")
+        below = rig_name(rig) if rig is not None else rig_reference(_job(job, None, Path()))
+        identify_dial(dial, below, _files(output, "identify-dial")[0], as_json=as_json)
+        return
+    if name is None or name not in NAMES:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"there is no property '{name}'" if name else "no property is asked for",
             where="--property",
             advice="one of " + ", ".join(NAMES),
         )
-    job_file = load_job(job)
     settings = IdentifySettings.of(NAMES[name], tool, repeats, [c for text in places for c in _place(text)], max_force)
     piece, picture = _files(output, f"identify-{name}")
     with terminal.part_progress(f"identify {name}") as shown:
@@ -73,7 +91,9 @@ def identify_machine(
         else:
             from isf_cell.identify_run import identify
 
-            found = identify(job_file, settings, contours=contours, world=world, seed=seed, progress=progress)
+            with TemporaryDirectory() as folder:
+                job_file = _job(job, rig, Path(folder))
+                found = identify(job_file, settings, contours=contours, world=world, seed=seed, progress=progress)
     if not len(found.value):
         raise IsfError(found.code, found.message)
     data = _written(found, settings, piece, picture)
@@ -83,6 +103,13 @@ def identify_machine(
     terminal.console.print(f"rig file {piece}" + (f"\npicture  {picture}" if data["picture"] else ""), soft_wrap=True)
     if found.code:
         raise IsfError(found.code, found.message, where="load cells")
+
+
+def _job(job: Path | None, rig: str | None, folder: Path) -> JobFile:
+    """The job, or one for ``rig`` with its mesh in ``folder``."""
+    if job is not None:
+        return load_job(job)
+    return rig_job(rig or "", folder)
 
 
 def _place(text: str) -> list[float]:
