@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from isf_sim import base_following
 from isf_sim.bulge import bulge_overlay
+from isf_sim.coarse_solution import carry_lines, carry_out, make_order
 from isf_sim.control_points import CAPACITY, DUE, HEIGHT, LEAD, OFF_TIES, UNDER_WAY, ControlPoints, no_control_points
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.role import Role, first_role
@@ -34,22 +35,19 @@ from isf_sim.sheet_point import (
     advance_point,
     no_contact,
 )
-from isf_sim.shell import Deflection, Elastic, Shell
+from isf_sim.shell import Elastic, Shell
 from isf_sim.shell_lines import Grading
 from isf_sim.shell_region import grow_region, no_region, opening_region, region_lines
 from isf_sim.solution_worker import SolutionWorker
 from isf_sim.squeeze import indentation_stiffness
-from isf_sim.support import support_points
-from isf_sim.surface import LONG_AGO, Surface, TipTrack, bilinear_grid, empty_track, flat_surface, sample_mean
-from isf_sim.thickness import coarse_area, limit_margin, thickness_map
+from isf_sim.surface import LONG_AGO, Surface, TipTrack, bilinear_grid, empty_track, flat_surface
+from isf_sim.thickness import limit_margin, thickness_map
 from isf_sim.world import World
 
 Array = NDArray[np.float64]
 
 SMALLEST_FORCE = 30.0
 """N, force of a coarse solution at first touch, when none is known yet."""
-THINNEST_SHELL = 0.25
-"""Smallest thickness of the coarse shell over the blank's."""
 MOST_CELLS = 40
 """Cells of the coarse shell along the longer side: large blanks have larger cells at the clamp."""
 RELATED = 30.0e-3
@@ -180,7 +178,7 @@ class SheetPlant:
         opening = opening_region(surface) if new else None
         if opening is not None:
             self._region[...] = opening
-            self._move_lines()
+            carry_lines(self._lines(), self.shell, self._states)
 
     def serve(self, request: int, tip: Array) -> None:
         """Do what the kernel asked for at ``tip`` (3,) m."""
@@ -236,17 +234,21 @@ class SheetPlant:
 
     def _begin_solution(self, tip: Array) -> None:
         """Begin the solution for a control point at ``tip`` (3,) m with the sheet as it is now."""
-        shell, contact, pending = self.shell, self.contact, self.points.pending
-        if grow_region(self._region, tip[0], tip[1]):
-            self._move_lines()
-        self._take_shape()
+        shell, contact, pending, states = self.shell, self.contact, self.points.pending, self._states
+        grown = grow_region(self._region, tip[0], tip[1])
         axial = max(float(contact.axial[0]), SMALLEST_FORCE)
-        force = np.array([contact.lateral[0], contact.lateral[1], -axial])
-        patch = shell.load_patch(tip[0], tip[1], 0.7 * self.radius)
-        start = self._start(tip, axial)
+        order = make_order(
+            self.surface,
+            self._lines() if grown else (shell.x, shell.y),
+            self.thickness,
+            (float(tip[0]), float(tip[1])),
+            np.array([contact.lateral[0], contact.lateral[1], -axial]),
+            0.7 * self.radius,
+            self._start(tip, axial),
+        )
         pending[UNDER_WAY], pending[DUE] = 1.0, contact.path[TRAVELLED] + LEAD
         self._asked[:] = tip[0], tip[1], pending[HEIGHT], axial
-        self.worker.begin(lambda: _solved(shell, patch, force, start))
+        self.worker.begin(lambda: carry_out(order, shell, states))
         self.solutions += 1
 
     def settle(self) -> None:
@@ -267,39 +269,24 @@ class SheetPlant:
         self.settle()
         self.points.pending[UNDER_WAY] = 0.0
 
-    def _move_lines(self) -> None:
-        """Put the lines of the coarse shell where the forming region asks for them."""
-        constants, shell = self.constants, self.shell
-        lines = region_lines(
-            shell, self._region, Grading(constants.forming_cell, constants.cell_growth, constants.flange_cell)
+    def _lines(self) -> tuple[Array, Array]:
+        """(nx,), (ny,) m, where the forming region asks for the lines of the coarse shell."""
+        constants = self.constants
+        return region_lines(
+            self.shell, self._region, Grading(constants.forming_cell, constants.cell_growth, constants.flange_cell)
         )
-        nodes = shell.onto_lines(*lines)
-        self._states = [nodes(state) for state in self._states]
-        shell.move_lines(*lines)
 
-    def _take_shape(self) -> None:
-        """Present surface and thickness on the coarse grid; the clamp stays at z = 0."""
-        shell = self.shell
-        height = sample_mean(self.surface, shell.x, shell.y).ravel()
-        height[shell.boundary] = 0.0
-        zy, zx = np.gradient(height.reshape(shell.ny, shell.nx), shell.y, shell.x)
-        cosine = 1.0 / np.sqrt(1.0 + zx**2 + zy**2).ravel()
-        stretch = coarse_area(self.surface, shell.x, shell.y).ravel() * cosine
-        shell.set_shape(height, self.thickness * np.clip(stretch, THINNEST_SHELL, 1.0))
-        if self.surface.holder[0]:
-            shell.set_support(support_points(shell, self.surface))
-
-    def _start(self, tip: Array, axial: float) -> Array | None:
-        """Deflection of the nearest earlier solution, scaled to the present force."""
+    def _start(self, tip: Array, axial: float) -> tuple[int, float]:
+        """Number of the nearest earlier solution and its scale to the present force; negative when there is none."""
         count = int(self.points.used[0])
         if count == 0:
-            return None
+            return -1, 0.0
         away = (self.points.place[:count] - tip) * np.array([1.0, 1.0, 3.0])
         square = (away**2).sum(axis=1)
         nearest = int(np.argmin(square))
         if square[nearest] > RELATED**2:
-            return None
-        return np.asarray(self._states[nearest] * math.sqrt(axial / self.points.force[nearest]))
+            return -1, 0.0
+        return nearest, math.sqrt(axial / self.points.force[nearest])
 
     def _keep(self, tip: Array, axial: float, state: Array, displacement: Array, compliance: float) -> None:
         """Add a control point; older ones close by, or far above or below, are dropped."""
@@ -360,11 +347,3 @@ class SheetPlant:
         """N/m, plastic indentation of the sheet between the tool and a rigid, nearly flat support."""
         flow = 0.5 * self.constants.flow_factor * (self.material.yield_strength + self.material.tensile_strength)
         return indentation_stiffness(radius, 1e3 * radius, flow, self.constants.indentation_factor)
-
-
-def _solved(shell: Shell, patch: Array, force: Array, start: Array | None) -> Deflection:
-    """Deflection under ``force``; from the flat state where ``start`` leads nowhere."""
-    deflection = shell.solve(patch, force, start)
-    if not deflection.converged or not np.isfinite(deflection.displacement).all():
-        deflection = shell.solve(patch, force)
-    return deflection

@@ -15,11 +15,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix
 
-from isf_sim.shell_assembly import Section, SupportPoints, add_support, assemble
-from isf_sim.shell_equilibrium import conjugate_gradients, find_equilibrium
-from isf_sim.shell_factor import BandForm, Factor, KeptFactor
+from isf_sim.shell_assembly import Section, SupportPoints, add_support, assemble, no_support_points
+from isf_sim.shell_equilibrium import Factors, Problem, Room, compliance_at, find_equilibrium
+from isf_sim.shell_factor import KeptFactor, band_form
 from isf_sim.shell_lines import linear_weights, node_widths
 from isf_sim.shell_pattern import make_numbering, number_dofs, star_weights
 
@@ -108,7 +107,7 @@ class Shell:
         """
         nodes = self.onto_lines(x, y)
         height, thickness = nodes(self.height), nodes(self.thickness)
-        self._factor.drop()
+        self._kept.drop()
         self._place_lines(x, y)
         self.set_shape(height, thickness)
 
@@ -194,43 +193,52 @@ class Shell:
 
     def solve(self, patch: Array, force: Array, start: Array | None = None) -> Deflection:
         """Equilibrium with ``force`` (3,) N spread by ``patch`` (N,), from the state ``start`` (N, 3) m."""
-        begin = np.zeros(self._numbering.count) if start is None else self._flat(start)
-        load = self._flat(patch[:, None] * force)
+        q = np.zeros(self._numbering.count) if start is None else self._flat(start)
+        load, axial = self._flat(patch[:, None] * force), self._flat(patch[:, None] * np.array([0.0, 0.0, 1.0]))
         tolerance = RESIDUAL_TOLERANCE * (float(np.linalg.norm(load)) + 1e-9)
-        found = find_equilibrium(begin, self._factor.get(), lambda q: load - self._inner(q), self._renew, tolerance)
-        state = self._unflat(found.q)
-        compliance, more = self._axial_compliance(patch, state, found.factor)
-        return Deflection(
-            state, patch @ state, compliance, found.iterations, found.factorisations + more, found.converged
+        problem, factors, room = self.problem(), self.factors(), self._room.arrays
+        work = find_equilibrium(q, load, tolerance, self._kept.known, problem, factors, room)
+        compliance, more = compliance_at(q, axial, COMPLIANCE_TOLERANCE, problem, factors, room)
+        self._kept.known = True
+        state = self._unflat(q)
+        return Deflection(state, patch @ state, compliance, work.iterations, work.factorisations + more, work.converged)
+
+    def inner_force(self, state: Array) -> Array:
+        """(n + 1,) N, what the sheet with ``state`` (N, 3) m and the springs of its edge put against a displacement of
+        each degree of freedom; last the sum over those that the clamp holds."""
+        room, problem = self._room.arrays, self.problem()
+        assemble(state, problem.section, problem.pattern, False, room.force, room.values)
+        add_support(state, problem.support, problem.pattern, False, room.force, room.values)
+        return np.asarray(room.force + np.append(self._springs * self._flat(state), 0.0))
+
+    def problem(self) -> Problem:
+        """The sheet as it is, for :mod:`isf_sim.shell_equilibrium`; its arrays belong to the shell."""
+        numbering = self._numbering
+        return Problem(
+            section=self._section,
+            pattern=numbering.pattern,
+            support=self.support or no_support_points(),
+            form=self._form,
+            springs=self._springs,
+            diagonal=numbering.diagonal,
+            place=self._place,
         )
 
-    def _inner(self, q: Array) -> Array:
-        return self._assemble(self._unflat(q), tangent=False)
-
-    def _renew(self, q: Array) -> Factor:
-        """Factors of the matrix of the state ``q`` (n,) m, kept for the next solution."""
-        self._assemble(self._unflat(q), tangent=True)
-        return self._factor.renew(self._values[:-1])
-
-    def _axial_compliance(self, patch: Array, state: Array, factor: Factor) -> tuple[float, int]:
-        """Tangent at ``state`` (m/N) with the factors of a nearby one; factorisations that it took."""
-        load = self._flat(patch[:, None] * np.array([0.0, 0.0, 1.0]))
-        self._assemble(state, tangent=True)
-        matrix = self._matrix()
-        response = conjugate_gradients(lambda x: matrix @ x, factor, load, COMPLIANCE_TOLERANCE)
-        if response is not None:
-            return float(load @ response), 0
-        return float(load @ self._factor.renew(self._values[:-1]).solve(load)), 1
+    def factors(self) -> Factors:
+        """The kept factors; they belong to the shell."""
+        kept = self._kept
+        return Factors(kept.values, kept.made.band, kept.made.of, kept.made.shift)
 
     # -- linear algebra ----------------------------------------------------------------------------
 
     def _number(self) -> None:
         dof = number_dofs(self._active, self.nx, self.ny)
-        self._numbering = make_numbering(self.nx, self.ny, dof)
-        self._force = np.zeros(self._numbering.count + 1)
-        self._values = np.zeros(len(self._numbering.rows) + 1)
-        form = BandForm(self._numbering.rows, self._numbering.starts)
-        self._factor = KeptFactor(form, len(self._numbering.rows))
+        self._numbering = numbering = make_numbering(self.nx, self.ny, dof)
+        self._place = np.empty(numbering.count, dtype=np.int64)
+        self._place[dof[self._active]] = np.flatnonzero(self._active)
+        self._form = band_form(numbering.rows, numbering.starts)
+        self._kept = KeptFactor(self._form)
+        self._room = Room(self.count, numbering.count, len(numbering.rows))
 
     def _set_springs(self) -> None:
         numbering = self._numbering
@@ -239,26 +247,10 @@ class Shell:
             springs[numbering.dof[:, axis]] += self.edge_stiffness
         self._springs = springs[:-1]
 
-    def _assemble(self, q: Array, *, tangent: bool) -> Array:
-        numbering = self._numbering
-        assemble(q, self._section, numbering.pattern, tangent, self._force, self._values)
-        if self.support is not None:
-            add_support(q, self.support, numbering.pattern, tangent, self._force, self._values)
-        if tangent:
-            self._values[numbering.diagonal] += self._springs
-        return np.asarray(self._force[:-1] + self._springs * self._flat(q))
-
-    def _matrix(self) -> csc_matrix:
-        numbering = self._numbering
-        shape = (numbering.count, numbering.count)
-        return csc_matrix((self._values[:-1], numbering.rows, numbering.starts), shape=shape, copy=False)
-
     def _flat(self, values: Array) -> Array:
-        out = np.empty(self._numbering.count)
-        out[self._numbering.dof[self._active]] = values[self._active]
-        return out
+        return np.ascontiguousarray(values).reshape(-1)[self._place]
 
     def _unflat(self, values: Array) -> Array:
         out = np.zeros((self.count, 3))
-        out[self._active] = values[self._numbering.dof[self._active]]
+        out.reshape(-1)[self._place] = values
         return out

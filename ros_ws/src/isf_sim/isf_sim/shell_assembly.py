@@ -61,6 +61,11 @@ class SupportPoints(NamedTuple):
     stiffness: Array
 
 
+def no_support_points() -> SupportPoints:
+    """Nothing under the sheet."""
+    return SupportPoints(np.zeros(0, dtype=np.int32), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+
+
 class Section(NamedTuple):
     """Sheet as the kernels need it: (C,) dx, dy m of the cells; (N, 5) star_xx, star_yy 1/m^2, second differences with
     zero slope at the clamp; E Pa; nu; (N,) height m, thickness m, bending weight N m^3, (C,) twist weight N m^3."""

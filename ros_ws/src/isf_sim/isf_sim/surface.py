@@ -107,16 +107,26 @@ def empty_track(size: tuple[float, float], h: float) -> TipTrack:
 
 def sample_mean(surface: Surface, x: Array, y: Array) -> Array:
     """(len(y), len(x)) m, surface height at the crossings of the lines x, y m, averaged over half of their spacing."""
-    rows, columns = _windows(y, surface.y0, surface.h), _windows(x, surface.x0, surface.h)
+    rows = _windows(y.tobytes(), surface.y0, surface.h)
+    columns = _windows(x.tobytes(), surface.x0, surface.h)
     out = np.empty((len(y), len(x)))
     _window_means(surface.height, rows, columns, out)
     return out
 
 
-def _windows(lines: Array, start: float, h: float) -> NDArray[np.int64]:
-    """(n, 2) middle and half width, in nodes of the fine grid, of the windows round the lines m."""
-    spacing = np.gradient(lines)
-    middle, half = np.rint((lines - start) / h), np.rint(0.25 * spacing / h)
+def sample_origin(surface: Surface, x: Array, y: Array) -> Array:
+    """(len(y), len(x), 2) m, ``surface.origin`` at the nodes nearest to the crossings of the lines x, y m."""
+    ny, nx = surface.height.shape
+    rows = _windows(y.tobytes(), surface.y0, surface.h)[:, 0]
+    columns = _windows(x.tobytes(), surface.x0, surface.h)[:, 0]
+    return surface.origin[np.ix_(np.clip(rows, 0, ny - 1), np.clip(columns, 0, nx - 1))]
+
+
+@lru_cache(maxsize=16)
+def _windows(lines: bytes, start: float, h: float) -> NDArray[np.int64]:
+    """(n, 2) middle and half width, in nodes of the fine grid, of the windows round the lines (n,) m, as bytes."""
+    places = np.frombuffer(lines)
+    middle, half = np.rint((places - start) / h), np.rint(0.25 * np.gradient(places) / h)
     return np.stack([middle, half], axis=1).astype(np.int64)
 
 
@@ -124,12 +134,20 @@ def _windows(lines: Array, start: float, h: float) -> NDArray[np.int64]:
 def _window_means(values: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], out: Array) -> None:
     ny, nx = values.shape
     for r in range(rows.shape[0]):
+        tall = rows[r, 1]
+        j0, j1 = rows[r, 0] - tall, rows[r, 0] + tall + 1
         for c in range(columns.shape[0]):
-            tall, wide = rows[r, 1], columns[c, 1]
+            wide = columns[c, 1]
+            i0, i1 = columns[c, 0] - wide, columns[c, 0] + wide + 1
             total = 0.0
-            for j in range(rows[r, 0] - tall, rows[r, 0] + tall + 1):
-                for i in range(columns[c, 0] - wide, columns[c, 0] + wide + 1):
-                    total += values[min(max(j, 0), ny - 1), min(max(i, 0), nx - 1)]
+            if j0 >= 0 and i0 >= 0 and j1 <= ny and i1 <= nx:
+                for j in range(j0, j1):
+                    for i in range(i0, i1):
+                        total += values[j, i]
+            else:
+                for j in range(j0, j1):
+                    for i in range(i0, i1):
+                        total += values[min(max(j, 0), ny - 1), min(max(i, 0), nx - 1)]
             out[r, c] = total / ((2 * tall + 1) * (2 * wide + 1))
 
 

@@ -73,12 +73,9 @@ def _difference(values: Array, surface: Surface, x: float, y: float, ax: float, 
     return (ahead - behind) / (2.0 * (ax + ay))
 
 
-def coarse_area(surface: Surface, x: Array, y: Array) -> Array:
-    """(len(y), len(x)) area on the blank over plan area now, from differences over the given nodes m."""
-    ny, nx = surface.height.shape
-    i = np.clip(np.rint((x - surface.x0) / surface.h).astype(int), 0, nx - 1)
-    j = np.clip(np.rint((y - surface.y0) / surface.h).astype(int), 0, ny - 1)
-    return _origin_area(surface.origin[np.ix_(j, i)], y, x)
+def coarse_area(origin: Array, x: Array, y: Array) -> Array:
+    """(len(y), len(x)) area on the blank over plan area now, from ``origin`` (len(y), len(x), 2) m on the lines m."""
+    return _origin_area(origin, y, x)
 
 
 def limit_margin(thickness: Array, blank: float, max_wall_angle: float) -> Array:

@@ -40,6 +40,7 @@ def pressing_tip(tips: Array, tool: int, thickness: float) -> Array:
 def turn_over(plant: SheetPlant, tip: Array) -> None:
     """Let the other tool, with its tip at (3,) m in the frame after the turn, press the sheet of ``plant``."""
     surface, contact = plant.surface, plant.contact
+    plant.forget_solutions()  # one under way works on the shell
     plant.update_base()  # what this tool has walked round follows it before the tool leaves
     for values in (surface.height, surface.formed):
         np.negative(values, out=values)
@@ -60,7 +61,6 @@ def turn_over(plant: SheetPlant, tip: Array) -> None:
     contact.formed_tip[:] = tip
     surface.holder[0], plant.aside.holder[0] = plant.aside.holder[0], surface.holder[0]
     plant.shell.set_support(None)  # put back with the next shape, where it stands
-    plant.forget_solutions()
     plant.role.pressing[0] = 3 - plant.role.pressing[0]
 
 
