@@ -15,7 +15,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
-from scipy.optimize import isotonic_regression
 
 Array = NDArray[np.float64]
 
@@ -101,12 +100,19 @@ def matched(points: Array, loop: Array, *, closed: bool = True) -> Array:
     ring = shapely.LinearRing(loop)
     nearest = np.asarray(shapely.line_locate_point(ring, shapely.points(points))) / ring.length
     if not closed:
-        return np.asarray(isotonic_regression(np.unwrap(nearest, period=1.0)).x)
+        return _never_falling(np.unwrap(nearest, period=1.0))
     even = np.arange(len(points)) / len(points)
     turned = nearest - nearest[0]
     turned -= np.round(turned - even)
-    smooth = np.clip(isotonic_regression(turned).x, turned[0] - 0.02, turned[0] + 1.0)
+    smooth = np.clip(_never_falling(turned), turned[0] - 0.02, turned[0] + 1.0)
     return np.asarray(nearest[0] + (1 - PROPORTIONAL) * smooth + PROPORTIONAL * even)
+
+
+def _never_falling(values: Array) -> Array:
+    """(M,) ascending values: midway between the largest so far and the smallest still to come."""
+    largest = np.maximum.accumulate(values)
+    smallest = np.minimum.accumulate(values[::-1])[::-1]
+    return np.asarray(0.5 * (largest + smallest))
 
 
 def _length(loop: Array) -> float:
