@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 LEAST_CENTRE_DISTANCE = 0.5e-3
 """m, horizontal distance of the ball centres below which d_n is not defined well enough."""
 
+LEAST_SLOPE = 0.05
+"""Horizontal part of the sheet's unit normal below which it has no direction worth following (3 deg; assumed)."""
+
 
 def contour_path(
     contour: Contour, config: ControlConfig, tips: tuple[Array, Array], support_force: float | None
@@ -42,7 +45,7 @@ def contour_path(
             set_point[:] = support_force
     forced = bool(np.isfinite(set_point).all())
     tip_1, tip_2 = (forming, support) if contour.forming_tool == 1 else (support, forming)
-    direction = horizontal_direction(tip_1, tip_2, LEAST_CENTRE_DISTANCE) if contour.has_support else None
+    direction = _direction(contour, tip_1, tip_2, index % len(contour))
     if direction is None:
         if forced:
             raise IsfError(
@@ -71,6 +74,14 @@ def contour_path(
         speed=speed,
         holder=np.full(int(keep.sum()), contour.holder_height) if contour.holder_height else np.empty(0),
     )
+
+
+def _direction(contour: Contour, tip_1: Array, tip_2: Array, index: NDArray[np.int64]) -> Array | None:
+    """(M,) rad, d_n from tool 1 to tool 2; with one tool where the other one would stand; None: nowhere defined."""
+    if contour.has_support:
+        return horizontal_direction(tip_1, tip_2, LEAST_CENTRE_DISTANCE)
+    away = contour.normal[index] * (-1.0 if contour.forming_tool == 1 else 1.0)
+    return horizontal_direction(np.zeros_like(away), away, LEAST_SLOPE)
 
 
 def _seam_speed(tip: Array, config: ControlConfig) -> Array:

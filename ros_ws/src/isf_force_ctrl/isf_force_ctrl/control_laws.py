@@ -125,7 +125,7 @@ class ControlLaws:
             loop.ramp_back()
         else:
             loop.freeze()
-        self._compensate(forces)
+        self._compensate(row, forces)
         if self._components:
             flags |= self._control_components(mode, row, forces)
         self.flags = flags | loop.flags | self._compliances[self._forming].flags
@@ -142,7 +142,7 @@ class ControlLaws:
         elif scale != before:
             loop.set_gain(scale * config.loop_gain / config.contact_stiffness)
 
-    def _compensate(self, forces: tuple[float, ...] | None) -> None:
+    def _compensate(self, row: Row, forces: tuple[float, ...] | None) -> None:
         """Compliance compensation of both tools, and the force loop of the forming tool on its way to zero."""
         for index in (0, 1):
             if not self._used_compliance[index]:
@@ -152,9 +152,9 @@ class ControlLaws:
             if forces is None:
                 compliance.freeze()
             elif acts:
-                compliance.step(forces[3 * index], forces[3 * index + 1])
+                compliance.step(forces[3 * index], forces[3 * index + 1], row[6], row[7])
             else:
-                compliance.step(0.0, 0.0)
+                compliance.step(0.0, 0.0, row[6], row[7])
                 self._used_compliance[index] = max(abs(compliance.x), abs(compliance.y)) > _NEGLIGIBLE
         if self._used_loop[self._forming]:
             loop = self._loops[self._forming]

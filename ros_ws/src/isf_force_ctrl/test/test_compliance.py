@@ -96,3 +96,25 @@ def test_fast_forces_are_left_to_the_tool():
         compensation.step(20.0 * np.sin(2 * np.pi * 4.0 * k / config.rate), 0.0)
         offsets.append(compensation.x)
     assert np.ptp(offsets[1000:]) / 2 == pytest.approx(20e-6 * 0.195, rel=0.05)
+
+
+@pytest.mark.parametrize("turn", [0.5, 1.5, 3.0])
+def test_a_force_that_turns_with_the_contour_is_followed(turn):
+    """3 rad/s is a ring of 10 mm at 30 mm/s; in x and y a first-order lag of 0.2 s would leave wT = 0.6 of it."""
+    config = make_config(compensation=1.0)
+    compensation = ComplianceCompensation(config.compliance())
+    for k in range(2000):
+        angle = turn * k / config.rate
+        normal = np.array([np.cos(angle), np.sin(angle)])
+        force = -150.0 * normal + 30.0 * np.array([-normal[1], normal[0]])
+        compensation.step(*force, *normal)
+    left = 1e-6 * force + [compensation.x, compensation.y]
+    # what is left is the delay of the FIR of 4 ms
+    assert np.linalg.norm(left) <= 1.2 * 1e-6 * np.linalg.norm(force) * turn * 0.006 + 1e-9
+
+
+def test_a_turning_normal_alone_changes_nothing():
+    compensation = ComplianceCompensation(make_config(compensation=1.0).compliance())
+    for k in range(500):
+        compensation.step(0.0, 0.0, np.cos(0.1 * k), np.sin(0.1 * k))
+    assert (compensation.x, compensation.y) == (0.0, 0.0)
