@@ -268,8 +268,8 @@ QUICK = ("flat", "compliance", "praveen", "angles", "limits")
 
 
 NAMES = (
-    "flat", "compliance", "praveen", "angles", "limits", "cone", "lift", "support", "corrected_cone", "pyramid",
-    "corrected_pyramid", "lu", "steps", "behera", "tpif", "adsif", "speed",
+    "flat", "compliance", "praveen", "angles", "limits", "cone", "lift", "support", "local_die", "corrected_cone",
+    "pyramid", "corrected_pyramid", "lu", "steps", "behera", "tpif", "adsif", "speed",
 )  # fmt: skip
 
 

@@ -162,37 +162,53 @@ def corrected_cone() -> None:
     published_part("ren_cone", "elastic", 36e-3, "1.5 / 0.8, under-formed", (1.5, 0.8))
 
 
-def pyramid() -> None:
-    """Ren 2018, 4.3: pyramid with rounded corners, uncorrected, 20 mm deep in steps of 0.2 mm, the sheet alone.
+def formed_pyramid(half: float, corner: float) -> tuple[Array, Array, list[Array], Array]:
+    """Ren 2018, 4.3: pyramid of 50 deg, 20 mm deep in steps of 0.2 mm, the sheet alone; ``half`` opening and ``corner``
+    radius m.
 
-    Half opening 40 mm, corners of 22 mm and 50 deg are assumed; errors as for the cone, along x and along 45 deg.
+    Returns places r and target heights (n,) m along x; errors (n,), (n,) mm along x and along 45 deg, out to 5/3 of the
+    opening as for the cone; of the last loop (2, N) the way to the nearest corner, deg, and the axial force, N.
     """
-    rig, angle, corner, half = load_rig("ren2018"), math.radians(50.0), 22e-3, 40e-3
+    rig, angle = load_rig("ren2018"), math.radians(50.0)
     plant = SheetPlant(rig.clamp, load_material("AA5754-O"), 1e-3, 5e-3, 0.2e-3, rig.tool_1.compliance)
     for depth in np.arange(0.2e-3, 20.1e-3, 0.2e-3):
-        inset = half - float(tool_circle(depth, half, angle, 5e-3))
-        for point in rounded_square(half - inset, max(corner - inset, 3e-3), 1.0e-3):
+        side = float(tool_circle(depth, half, angle, 5e-3))
+        loop = rounded_square(side, min(max(corner - half + side, 3e-3), side), 1.0e-3)
+        forces = []
+        for point in loop:
             plant.move(np.array([point[0], point[1], -depth]), np.zeros(2))
-    force = float(plant.contact.axial[0])
+            forces.append(float(plant.contact.axial[0]))
+    away = np.abs(np.degrees(np.arctan2(loop[:, 1], loop[:, 0])) % 90.0 - 45.0)
     shape = plant.measured_shape()
     r = np.arange(0.0, 5.0 / 3.0 * half, 0.5e-3)
-    errors = []
+    errors, lines = [], []
     for place in (np.column_stack([r, 0.0 * r]), np.column_stack([r, r]) / math.sqrt(2.0)):
         beyond = np.maximum(place - (half - corner), 0.0)
         inside = corner - np.hypot(beyond[:, 0], beyond[:, 1])
         level = np.where(beyond.max(axis=1) > 0.0, inside, half - place.max(axis=1))
-        target = -np.clip(level * math.tan(angle), 0.0, 20e-3)
-        errors.append(1e3 * (shape.at(place) - target))
-        if not SECTIONS.get("ren_pyramid"):
-            SECTIONS["ren_pyramid"] = (r, target, target + 1e-3 * errors[0])
+        lines.append(-np.clip(level * math.tan(angle), 0.0, 20e-3))
+        errors.append(1e3 * (shape.at(place) - lines[-1]))
+    return r, lines[0], errors, np.array([away, forces])
+
+
+def pyramid() -> None:
+    """The pyramid uncorrected: half opening 40 mm and corners of 22 mm are assumed; 40 x 40 mm is the one printed size
+    (4.2.5, for a number of points; wall angle and corners of 8 mm assumed)."""
+    r, target, errors, (away, force) = formed_pyramid(40e-3, 22e-3)
+    SECTIONS["ren_pyramid"] = (r, target, target + 1e-3 * errors[0])
     both = np.concatenate(errors)
     check = [(float(both.max()), 4.8), (float(np.abs(both).mean()), 2.6)]
     text = f"{both.max():.2f} / {np.abs(both).mean():.2f}"
     row("Ren pyramid uncorrected, max / mean error [mm]", "4.8 / 2.6", text, "A", check)
     walls = ", ".join(f"{part.max():.2f} / {np.abs(part).mean():.2f}" for part in errors)
     row("  the same along x, along 45 deg [mm]", "-", walls, "-")
-    row("  in the centre of the base [mm]", "-", f"{errors[0][0]:.2f}", "-")
-    row("  axial force at 20 mm [N]", "-", f"{force:.0f}", "-")
+    row("  in the centre of the base [mm]", "5.27", f"{errors[0][0]:.2f}", "A", [(float(errors[0][0]), 5.27)])
+    text = f"{force.mean():.0f} ({force[away > 33.0].mean():.0f}, {force[away < 7.0].mean():.0f})"
+    row("  axial force at 20 mm, mean (mid wall, corner) [N]", "-", text, "-")
+    small = formed_pyramid(20e-3, 8e-3)[2]
+    both = np.concatenate(small)
+    text = f"{both.max():.2f} / {np.abs(both).mean():.2f}, base {small[0][0]:.2f}"
+    row("  opening of 40 x 40 mm: max / mean error [mm]", "4.8 / 2.6 (size not told)", text, "A")
 
 
 def corrected_pyramid() -> None:
@@ -340,10 +356,38 @@ def accumulative() -> None:
     row("ADSIF cone, gap compensated: largest error [mm]", "at most 0.8 (other part)", f"{worst:.2f}", "P", check)
 
 
+def local_die() -> None:
+    """The uncorrected cone of Ren 2018 by one tool and with a support force of 120 N, steps of 0.5 mm.
+
+    Lu 2016, 2.3.1.1 and Ren 2018, 1.1 say that squeeze lessens springback and bending; numbers are not published.
+    Axial force: on the sheet, so what both tools feel together, over the last quarter of the depth but the last loop.
+    """
+    found = []
+    for process, force in (("SPIF", 0.0), ("DSIF", 120.0)):
+        file = load_job(JOBS / "ren_cone.yaml")
+        if process == "SPIF":
+            file.job = file.job.model_copy(update={"process": process, "tool_2": None})
+        record = form(file, RunOptions(correction="none", support_force=force))
+        middle = np.zeros((1, 2))
+        springback = 1e3 * float(record.scan.at(middle)[0] - record.target.at(middle)[0])
+        deep = record.results[3 * len(record.results) // 4 : -2]
+        axial = sum(
+            part.forming_force[:, 2].mean() + np.sum(part.support_force[:, 2]) / len(part.forming_force)
+            for part in deep
+        )
+        found.append((springback, float(axial) / len(deep)))
+    (alone, force_alone), (held, force_held) = found
+    less = [(float(held < alone), 1.0)]
+    text = f"{alone:.2f} to {held:.2f}"
+    row("Ren cone, one tool / 120 N on support tool: springback [mm]", "less with squeeze", text, "P", less)
+    row("  axial force on the sheet, mean of 15-20 mm [N]", "-", f"{force_alone:.0f} to {force_held:.0f}", "-")
+
+
 PARTS = {
     "praveen": praveen_table,
     "angles": stable_angles,
     "limits": process_limits,
+    "local_die": local_die,
     "corrected_cone": corrected_cone,
     "pyramid": pyramid,
     "corrected_pyramid": corrected_pyramid,
