@@ -22,12 +22,15 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from isf_analysis import mcap_repair, scan_cloud, topics
+from isf_analysis.contour_scan import ContourScan, kept_scan
 from isf_analysis.events import event_of_message
 from isf_analysis.message_types import cell_types
 from isf_analysis.record import PartRecord
 from isf_analysis.topics import Topic
 
 NANO = 1_000_000_000
+STAMP_TOLERANCE = 1e-6
+"""s by which the stamp of a scan may lie before the end of the contour it was made after: rounding of stamps."""
 _RECORD_WITH = "record the run with the cell's recorder: ./isf record, ./isf form"
 
 Item = TypeVar("Item", Contour, ContourCorrection, ContourResult)
@@ -71,7 +74,8 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
     target_message = _last(messages.of(topics.TARGET))
     target = None if target_message is None else fields.height_map_of(target_message[1])
     scans = [item for item in messages.of(topics.SCAN) if item[0] >= start]
-    last = scan_cloud.final_scans(scans, part.times(topics.NOMINAL), part.times(topics.RESULT))[-1:]
+    final = scan_cloud.final_scans(scans, part.times(topics.NOMINAL), part.times(topics.RESULT))
+    last = final[-1:]
     missing = ([] if target else [topics.TARGET.name]) + ([] if last else [_no_scan(len(scans))])
     missing += _gaps(nominal, results)
     states = list(messages.of(topics.MACHINE_STATE))
@@ -104,6 +108,7 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
         faults=_faults(after),
         notes=notes + tuple(f"not in the bag: {what}" for what in missing),
         events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if time >= part.start),
+        scans=_between(scans[: len(scans) - len(final)], results),
     )
 
 
@@ -127,6 +132,18 @@ class _Part:
     def times(self, topic: Topic) -> list[int]:
         """Receive times (ns since 1970) of the messages of this plan."""
         return [time for time, item in self.messages.of(topic) if item.plan_id == self.plan_id and time >= self.start]
+
+
+def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -> tuple[ContourScan, ...]:
+    """Scans made between contours; of a contour the last one. Those before the end of the first one are left out."""
+    found: dict[int, ContourScan] = {}
+    for _, message in scans:
+        stamp = message.header.stamp
+        time = stamp.sec + stamp.nanosec / NANO
+        formed = [result.index for result in results if result.end <= time + STAMP_TOLERANCE]
+        if formed:
+            found[formed[-1]] = kept_scan(formed[-1], time, scan_cloud.points_of(message))
+    return tuple(found[index] for index in sorted(found))
 
 
 def _no_scan(between: int) -> str:

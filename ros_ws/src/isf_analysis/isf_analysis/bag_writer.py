@@ -13,9 +13,11 @@ import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.height_map import HeightMap
 from isf_node import fields
+from numpy.typing import NDArray
 
 from isf_analysis import topics
 from isf_analysis.bag_file import BagFile
+from isf_analysis.contour_scan import ContourScan
 from isf_analysis.events import PartEvent
 from isf_analysis.message_types import cell_types, make_message
 from isf_analysis.record import PartRecord
@@ -23,7 +25,7 @@ from isf_analysis.topics import Topic
 
 FRAME = "sheet"
 NANO = 1_000_000_000
-_FLOAT64 = 8  # sensor_msgs/PointField
+_KINDS = {4: 7, 8: 8}  # sensor_msgs/PointField: FLOAT32, FLOAT64 by size
 
 
 def write_bag(record: PartRecord, path: Path | str, *, end: int | None = None) -> Path:
@@ -76,6 +78,7 @@ class _Output:
         corrected = {contour.index: contour for contour in record.corrected}
         corrections = {correction.index: correction for correction in record.corrections}
         results = {result.index: result for result in record.results}
+        scans = {scan.index: scan for scan in record.scans}
         now = start
         for nominal in record.nominal:
             result = results.get(nominal.index)
@@ -85,8 +88,12 @@ class _Output:
             if nominal.index in corrected:
                 self._write(topics.CORRECTED, now, _contour(corrected[nominal.index]))
             if result is not None:
-                now = min(end, max(now, start + round(result.end * per_second)))
+                now = max(now, min(end, start + round(result.end * per_second)))
                 self._write(topics.RESULT, now, _result(result))
+            if nominal.index in scans:
+                self._write(topics.SCAN, now, _points(scans[nominal.index]))
+                now += 1  # the next contour comes after the scan, whatever the clock resolves
+        end = max(end, now)
         for event in record.events:
             self._write(topics.EVENT, min(end, max(start, start + round(event.time * per_second))), _event(event))
         self._write(topics.MACHINE_STATE, end, _machine_state(record, end=True))
@@ -175,21 +182,31 @@ def _values(source: Any, table: dict[str, str]) -> dict[str, Any]:
 
 
 def _cloud(height_map: HeightMap) -> Any:
-    points = np.ascontiguousarray(height_map.points(), dtype="<f8")
     rows, columns = height_map.z.shape
+    return _cloud_of(np.asarray(height_map.points(), dtype="<f8"), rows, columns, _header(0.0))
+
+
+def _points(scan: ContourScan) -> Any:
+    """In no order, of float32, which is finer than what is kept of a scan."""
+    return _cloud_of(np.asarray(scan.points(), dtype="<f4"), 1, scan.count, _header(scan.time))
+
+
+def _cloud_of(points: NDArray[Any], rows: int, columns: int, header: Any) -> Any:
+    """Cloud of ``points`` (rows * columns, 3) m as they are in memory."""
+    size = points.itemsize
     return make_message(
         "sensor_msgs/msg/PointCloud2",
-        header=_header(0.0),
+        header=header,
         height=rows,
         width=columns,
         fields=[
-            make_message("sensor_msgs/msg/PointField", name=name, offset=8 * k, datatype=_FLOAT64, count=1)
+            make_message("sensor_msgs/msg/PointField", name=name, offset=size * k, datatype=_KINDS[size], count=1)
             for k, name in enumerate("xyz")
         ],
-        point_step=24,
-        row_step=24 * columns,
+        point_step=3 * size,
+        row_step=3 * size * columns,
         is_dense=bool(np.isfinite(points).all()),
-        data=np.frombuffer(points.tobytes(), dtype=np.uint8),
+        data=np.frombuffer(np.ascontiguousarray(points).tobytes(), dtype=np.uint8),
     )
 
 

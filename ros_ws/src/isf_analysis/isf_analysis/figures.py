@@ -8,7 +8,8 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from isf_analysis import figures_contact, figures_process, figures_shape, style
+from isf_analysis import figures_contact, figures_process, figures_scans, figures_shape, style
+from isf_analysis.contour_scan import ScanError
 from isf_analysis.deviation import Deviation, directions
 from isf_analysis.force_regions import path_forces
 from isf_analysis.record import PartRecord
@@ -43,11 +44,13 @@ def draw(
     reference: PartRecord | None,
     reference_deviation: Deviation | None,
     progress: Callable[[str], None],
+    scans: tuple[ScanError, ...] = (),
 ) -> tuple[Picture, ...]:
-    """All figures that the record has data for."""
+    """All figures that the record has data for; ``scans``: errors after the scans between contours."""
     pictures = []
     for plan in (
         *_shape(record, deviation, reference, reference_deviation),
+        *_scans(record, scans),
         *_process(record),
     ):
         progress(f"figure: {plan.title}")
@@ -123,6 +126,26 @@ def _shape(
         "Error by region",
         "Vertical error; the regions are those of the target, see the end of this page.",
         partial(figures_shape.region_errors, deviation, reference_deviation),
+    )
+
+
+def _scans(record: PartRecord, scans: tuple[ScanError, ...]) -> Iterator[_Plan]:
+    if not scans or record.target is None:
+        return
+    yield _Plan(
+        "scan_errors",
+        CORRECTION,
+        "Error after each scan",
+        "Vertical error of what was formed so far, to just above the contact of the last contour, as the scanner saw "
+        "it, levelled on the sheet beside the clamp. What comes later still changes it.",
+        partial(figures_scans.scan_curves, scans),
+    )
+    yield _Plan(
+        "scan_maps",
+        CORRECTION,
+        "The part as it grew",
+        "The same errors in plan; red is too high, blue too low, grey is not formed yet or was not seen.",
+        partial(figures_scans.scan_maps, scans, record.target),
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.height_map import HeightMap
 
+from isf_analysis.contour_scan import ContourScan
 from isf_analysis.events import PartEvent
 
 
@@ -33,6 +34,7 @@ class PartRecord:
     ticks, late_ticks, lost_messages : counted by force control and machine together
     sim_time : s, time of the process; wall_time : s
     faults : (code, message) of every fault the machine latched
+    scans : those made between contours, oldest first; empty too when none was recorded
     events : what happened to sheet or machine, oldest first; empty too when the machine tells none
     notes : remarks for people on how complete the record is
     """
@@ -62,6 +64,7 @@ class PartRecord:
     faults: tuple[tuple[int, str], ...] = ()
     notes: tuple[str, ...] = ()
     events: tuple[PartEvent, ...] = ()
+    scans: tuple[ContourScan, ...] = ()
 
     @property
     def planned(self) -> int:

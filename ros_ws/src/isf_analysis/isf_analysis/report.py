@@ -21,7 +21,7 @@ from isf_analysis import figures, report_findings, report_tables, style
 from isf_analysis.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, directions
 from isf_analysis.figures import Picture
 from isf_analysis.record import PartRecord
-from isf_analysis.summary import deviation_of, summarise
+from isf_analysis.summary import deviation_of, scan_errors_of, summarise
 
 HTML_NAME = "report.html"
 SUMMARY_NAME = "summary.json"
@@ -60,11 +60,12 @@ def write_report(
     deviation = deviation_of(record)
     reference_deviation = deviation_of(reference) if reference is not None else None
     html = folder / HTML_NAME
-    numbers = summarise(record, deviation, reference, reference_deviation, bag=bag, report=html)
+    scans = scan_errors_of(record)
+    numbers = summarise(record, deviation, reference, reference_deviation, scans=scans, bag=bag, report=html)
     if failure is not None:
         numbers["complete"] = False
         numbers["failure"] = {"code": int(failure.code), "message": failure.message}
-    pictures = figures.draw(record, deviation, reference, reference_deviation, tell)
+    pictures = figures.draw(record, deviation, reference, reference_deviation, tell, scans)
     tell("writing the report")
     page = render(record, numbers, pictures)
     try:

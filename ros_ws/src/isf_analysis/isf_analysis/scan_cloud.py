@@ -50,24 +50,40 @@ def height_map_of(message: Any, target: HeightMap | None) -> HeightMap:
         return fields.height_map_of(message)
     except ValueError:
         pass
-    points = _points(message)
+    points = points_of(message)
     if target is None:
         raise _unusable("the scan is not on a grid, and there is no target whose grid could be used")
+    found = on_cells(points, target)
+    if found is None:
+        raise _unusable("no point of the scan lies on the target's grid")
+    return HeightMap(target.x, target.y, target.z + filled(found.z - target.z))
+
+
+def on_cells(points: Array, target: HeightMap) -> HeightMap | None:
+    """Heights on the grid of ``target`` from ``points`` (P, 3) m, NaN in cells without points; None: none is on it.
+
+    A cell gets the target's height plus the median deviation of its points.
+    """
     columns, rows = (_cells(axis, points[:, k]) for k, axis in enumerate((target.x, target.y)))
     inside = (columns >= 0) & (columns < len(target.x)) & (rows >= 0) & (rows < len(target.y))
     cell = rows[inside] * len(target.x) + columns[inside]
     deviation = points[inside, 2] - target.at(points[inside, :2])
     known = np.isfinite(deviation)  # beyond the middle of the outermost cells the target ends
     if not known.any():
-        raise _unusable("no point of the scan lies on the target's grid")
+        return None
     error = np.full(target.z.size, np.nan)
     seen = np.unique(cell[known])
     error[seen] = ndimage.median(deviation[known], cell[known], seen)
-    return HeightMap(target.x, target.y, target.z + _filled(error.reshape(target.z.shape)))
+    return HeightMap(target.x, target.y, target.z + error.reshape(target.z.shape))
 
 
-def _points(message: Any) -> Array:
-    """(P, 3) m, the points of which all coordinates are known."""
+def points_of(message: Any) -> Array:
+    """(P, 3) m, the points of which all coordinates are known.
+
+    Raises
+    ------
+    IsfError : BAG_INCOMPLETE when the cloud is not of points
+    """
     described = {field.name: field for field in message.fields}
     if any(name not in described or described[name].datatype not in _KINDS for name in "xyz"):
         raise _unusable(f"the scan has no floating-point x, y, z; it has {', '.join(sorted(described)) or 'nothing'}")
@@ -93,7 +109,8 @@ def _cells(axis: Array, values: Array) -> NDArray[np.intp]:
     return np.rint((values - axis[0]) / (axis[1] - axis[0])).astype(np.intp)
 
 
-def _filled(z: Array) -> Array:
+def filled(z: Array) -> Array:
+    """(ny, nx), ``z`` with unknown cells (NaN) up to :data:`REACH` beside known ones filled by the mean of those."""
     for _ in range(REACH):
         known = np.isfinite(z)
         if known.all():

@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from isf_analysis.contour_scan import ScanError, scan_errors
 from isf_analysis.deviation import Deviation, RegionError, compare
 from isf_analysis.findings import findings
 from isf_analysis.force_metrics import ForceMetrics, force_metrics
@@ -34,6 +35,7 @@ def summary(
         deviation_of(record),
         reference,
         deviation_of(reference) if reference else None,
+        scans=scan_errors_of(record),
         bag=bag,
         report=report,
     )
@@ -45,11 +47,13 @@ def summarise(
     reference: PartRecord | None = None,
     reference_deviation: Deviation | None = None,
     *,
+    scans: tuple[ScanError, ...] = (),
     bag: Path | str | None = None,
     report: Path | str | None = None,
 ) -> dict[str, Any]:
-    """As :func:`summary`, from deviations that are known already."""
+    """As :func:`summary`, from deviations and errors after ``scans`` that are known already."""
     numbers = _part(record, deviation)
+    numbers["scans"] = [_scan(error) for error in scans]
     if reference is not None:
         other = _part(reference, reference_deviation)
         numbers["reference"] = other
@@ -67,6 +71,11 @@ def deviation_of(record: PartRecord) -> Deviation | None:
     if record.scan is None or record.target is None:
         return None
     return compare(record.scan, record.target)
+
+
+def scan_errors_of(record: PartRecord) -> tuple[ScanError, ...]:
+    """Errors after the scans between contours; none when the target was not recorded."""
+    return () if record.target is None else scan_errors(record.scans, record.nominal, record.target)
 
 
 def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
@@ -113,6 +122,16 @@ def _region(region: RegionError) -> dict[str, Any]:
         "worst_mm": [_number(MM * x), _number(MM * y), _number(MM * e)],
         "cells": region.cells,
         "coverage": _number(region.coverage),
+    }
+
+
+def _scan(error: ScanError) -> dict[str, Any]:
+    return {
+        "contour": error.index,
+        "max_mm": MM * error.max_abs,
+        "mean_abs_mm": MM * error.mean_abs,
+        "mean_mm": MM * error.mean,
+        "coverage": error.coverage,
     }
 
 

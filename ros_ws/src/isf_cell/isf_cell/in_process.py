@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from isf_analysis.contour_scan import ContourScan, kept_scan
 from isf_analysis.events import event_of
 from isf_analysis.record import PartRecord
 from isf_core import __version__
@@ -37,6 +38,7 @@ class _History:
     corrected: list[Contour] = field(default_factory=list)
     corrections: list[ContourCorrection] = field(default_factory=list)
     results: list[ContourResult] = field(default_factory=list)
+    scans: list[ContourScan] = field(default_factory=list)
 
 
 def form(
@@ -87,6 +89,7 @@ def form(
             if isinstance(method, ShapeFeedback):
                 method.see(points, nominal.index)
             sample = machine.sample()  # a scan takes its time
+            history.scans.append(kept_scan(nominal.index, sample.time, points))
 
     return PartRecord(
         job_name=job_file.job.name,
@@ -112,6 +115,7 @@ def form(
         sim_time=sample.time,
         wall_time=time.perf_counter() - started,
         events=tuple(event_of(event) for event in machine.events),
+        scans=tuple(history.scans),
     )
 
 
