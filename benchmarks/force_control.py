@@ -1,9 +1,8 @@
 """How well the contact force is held: set-points, parts and worlds, on the simulated machine in this process.
 
     ./isf python benchmarks/force_control.py                        # mini_cone and ren_pyramid, 120 N, nominal world
-    ./isf python benchmarks/force_control.py --full --write         # everything in docs/force_control.md (an hour)
+    ./isf python benchmarks/force_control.py --full --write --processes 2    # everything in docs/force_control.md
     ./isf python benchmarks/force_control.py --jobs mini_cone --worlds 1-5        # a piece of it
-    ./isf python benchmarks/force_control.py --loops                # force control, compensation, both, none
     ./isf python benchmarks/force_control.py --set loop_gain=36     # with other values of ControlConfig
 
 One row per run. Every engaged tick counts (mode CONTROL, corners and the first contours included). Two errors: of the
@@ -17,8 +16,10 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -26,7 +27,6 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from isf_analysis.deviation import compare
 from isf_core.job import JobFile
 from isf_force_ctrl import ControlConfig, ForceController
 from isf_force_ctrl.control_state import Flag, Mode
@@ -42,23 +42,23 @@ PAGE = ROOT / "docs" / "force_control.md"
 SOURCES = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "isf_sim")
 HEADER = (
     "| job | N | world | reading within 10 N [%] | RMS [N] | true force within 10 N [%] | RMS [N] | 99.9 % below [N] | "
-    "largest [N] | cell alone, RMS [N] | contact lost [ticks] | at the offset limit [%] | back-offs |\n"
-    "|---|---|---|---|---|---|---|---|---|---|---|---|---|"
-)
-LOOPS_HEADER = (
-    "| force control | compensation | largest error [mm] | mean error [mm] | base, mean [mm] | normal force [N] | "
-    "its standard deviation [N] | without contact [%] |\n|---|---|---|---|---|---|---|---|"
+    "largest [N] | cell alone, RMS [N] | cell alone within 10 N [%] | true force less the cell's bias, within 10 N [%] "
+    "| contact lost [ticks] | at the offset limit [%] | back-offs |\n" + "|---" * 15 + "|"
 )
 SET_POINTS = (100.0, 120.0, 180.0, 200.0, 300.0)
-SHORT = 16
-"""Contours of ren_pyramid that are formed on the worlds: eight of them under force control."""
+PARTS_FORMED = ("mini_cone", "ren_pyramid", "fin")
+WORLDS = range(1, 21)
 CONTACT = 5.0
 """N, less true normal force counts as lost contact."""
 
 
+SAID: list[str] = []
+"""What ``--sources`` says."""
+
+
 @dataclass(frozen=True)
 class Case:
-    """One run; ``changes`` replace fields of ControlConfig, ``compensation`` is the factor of the job."""
+    """One run; ``changes`` replace fields of ControlConfig."""
 
     job: str
     force: float
@@ -66,27 +66,27 @@ class Case:
     correction: str
     changes: tuple[tuple[str, float], ...] = ()
     contours: int | None = None
-    compensation: float = 1.0
-    shape: bool = False
 
     def key(self) -> str:
         """Name of its result: the case, the job and all sources it depends on."""
-        text = json.dumps(asdict(self)) + _job_text(self.job) + sources()
+        text = json.dumps(asdict(self)) + job_text(self.job) + sources()
         return hashlib.sha256(text.encode()).hexdigest()
 
 
 @cache
 def sources() -> str:
-    """Digest of the packages a run depends on."""
+    """Digest of the packages a run depends on, or what ``--sources`` says: results of another one to go on with."""
+    if SAID:
+        return SAID[0]
     digest = hashlib.sha256(Path(__file__).read_bytes())
     for package in SOURCES:
         for path in sorted((ROOT / "ros_ws" / "src" / package).rglob("*")):
-            if path.suffix in (".py", ".yaml", ".csv") and "test" not in path.parts:
+            if path.suffix in (".py", ".yaml", ".csv") and "test" not in path.parts and "node" not in path.stem:
                 digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return digest.hexdigest()[:12]
 
 
-def _job_text(name: str) -> str:
+def job_text(name: str) -> str:
     """Text of an example; ``fin`` is the fish fin of the library formed as the small cone."""
     if name != "fin":
         return (JOBS / f"{name}.yaml").read_text()
@@ -112,10 +112,9 @@ class Ticks:
     code: int = 0
 
 
-def form(case: Case) -> tuple[Ticks, dict[str, float]]:
-    """Ticks of a part, and its error against the target (empty unless asked for)."""
-    text = _job_text(case.job).replace("compliance_compensation: 1.0", f"compliance_compensation: {case.compensation}")
-    job_file = JobFile(text, JOBS, case.job)
+def form(case: Case) -> Ticks:
+    """Ticks of a part."""
+    job_file = JobFile(job_text(case.job), JOBS, case.job)
     part = plan(job_file)
     machine = SimulatedMachine(job_file, world=case.world)
     machine.tare()
@@ -147,32 +146,15 @@ def form(case: Case) -> tuple[Ticks, dict[str, float]]:
         if not result.completed:
             break
         method.learn(corrected, result)
-    shape: dict[str, float] = {}
-    if case.shape:
-        found = compare(machine.measured_shape(), part.target)
-        base = found.regions.get("base", found.whole)
-        shape = {
-            "most": 1e3 * found.whole.max_abs,
-            "mean": 1e3 * found.whole.mean_abs,
-            "base": 1e3 * base.mean,
-        }
-    return ticks, shape
+    return ticks
 
 
 def measure(case: Case) -> dict[str, Any]:
     """Numbers of one run."""
-    ticks, shape = form(case)
+    ticks = form(case)
     table = np.array(ticks.rows)
     engaged = table[table[:, 4] == Mode.CONTROL]
-    data: dict[str, Any] = {
-        "code": ticks.code,
-        "backoffs": ticks.backoffs,
-        **{f"shape_{k}": v for k, v in shape.items()},
-    }
-    if case.shape:
-        there = table[table[:, 3] > 0, 2]
-        data |= {"force": float(there.mean()), "spread": float(there.std())}
-        data["free"] = 100.0 * float((there < CONTACT).mean())
+    data: dict[str, Any] = {"code": ticks.code, "backoffs": ticks.backoffs}
     if len(engaged):
         wanted, reading, true = engaged[:, :3].T
         read_error, error = np.abs(reading - wanted), np.abs(true - wanted)
@@ -184,25 +166,49 @@ def measure(case: Case) -> dict[str, Any]:
             "p999": float(np.percentile(error, 99.9)),
             "most": float(error.max()),
             "cell": float(np.sqrt(((reading - true) ** 2).mean())),
+            "cell_within": 100.0 * float((np.abs(reading - true) <= 10.0).mean()),
+            "loop_within": 100.0 * float((np.abs(true - wanted + (reading - true).mean()) <= 10.0).mean()),
             "lost": int((true < CONTACT).sum()),
             "limit": 100.0 * float(((engaged[:, 5].astype(int) & Flag.SATURATED_OFFSET) != 0).mean()),
         }
     return data
 
 
-def measured(cases: list[Case], processes: int) -> Iterator[tuple[Case, dict[str, Any]]]:
-    """Numbers of all cases in order, from the cache where it has them; new ones are kept at once."""
-    known: dict[str, Any] = json.loads(CACHE.read_text()) if CACHE.exists() else {}
+def measured(cases: Sequence[Any], processes: int, run: Callable[[Any], dict[str, Any]] = measure) -> Iterator[Any]:
+    """Pairs of case and numbers, in order, from the cache where it has them; new ones are kept at once."""
+    known = _kept()
     missing = [case for case in cases if case.key() not in known]
+    print(f"{len(cases) - len(missing)} of {len(cases)} known; --sources {sources()} goes on", file=sys.stderr)
+    spent = 0.0
     with ProcessPoolExecutor(processes) as pool:
-        fresh = pool.map(measure, missing)
-        for case in cases:
-            if case.key() not in known:
-                data = next(fresh)
-                known = (json.loads(CACHE.read_text()) if CACHE.exists() else {}) | {case.key(): data}
-                CACHE.parent.mkdir(parents=True, exist_ok=True)
-                CACHE.write_text(json.dumps(known))
+        running = {pool.submit(_timed, run, case): case for case in missing}
+        shown = iter(cases)
+        case = next(shown, None)
+        for done, future in enumerate(as_completed(running), 1):
+            data, seconds = future.result()
+            known = _kept() | {running[future].key(): data}
+            CACHE.parent.mkdir(parents=True, exist_ok=True)
+            CACHE.write_text(json.dumps(known))
+            spent += seconds
+            left = spent / done * (len(missing) - done) / 60.0
+            print(
+                f"{done} of {len(missing)} run, {seconds:.0f} s CPU, {left:.0f} min left", file=sys.stderr, flush=True
+            )
+            while case is not None and case.key() in known:
+                yield case, known[case.key()]
+                case = next(shown, None)
+        while case is not None:
             yield case, known[case.key()]
+            case = next(shown, None)
+
+
+def _kept() -> dict[str, Any]:
+    return dict(json.loads(CACHE.read_text())) if CACHE.exists() else {}
+
+
+def _timed(run: Callable[[Any], dict[str, Any]], case: Any) -> tuple[dict[str, Any], float]:
+    start = time.process_time()
+    return run(case), time.process_time() - start
 
 
 def row(case: Case, data: dict[str, Any]) -> str:
@@ -210,11 +216,12 @@ def row(case: Case, data: dict[str, Any]) -> str:
     failed = f" (ended with {data['code']})" if data["code"] else ""
     name = f"{case.job}, {case.contours} contours" if case.contours else case.job
     if "within" not in data:
-        return f"| {name}{failed} | {case.force:.0f} | {case.world} |" + " - |" * 10
+        return f"| {name}{failed} | {case.force:.0f} | {case.world} |" + " - |" * 12
     return (
         f"| {name}{failed} | {case.force:.0f} | {case.world} | {data['read_within']:.2f} | {data['read_rms']:.2f} | "
         f"{data['within']:.2f} | {data['rms']:.2f} | {data['p999']:.1f} | {data['most']:.1f} | {data['cell']:.2f} | "
-        f"{data['lost']} | {data['limit']:.2f} | {data['backoffs']} |"
+        f"{data['cell_within']:.2f} | {data['loop_within']:.2f} | {data['lost']} | {data['limit']:.2f} | "
+        f"{data['backoffs']} |"
     )
 
 
@@ -229,57 +236,52 @@ def worlds_row(name: str, rows: list[dict[str, Any]]) -> list[str]:
         lines.append(
             f"| {name} | | {label} of {len(rows)} | {value('read_within', min):.2f} | {value('read_rms', max):.2f} | "
             f"{value('within', min):.2f} | {value('rms', max):.2f} | {value('p999', max):.1f} | "
-            f"{value('most', max):.1f} | {value('cell', max):.2f} | {value('lost', max):.0f} | "
-            f"{value('limit', max):.2f} | {value('backoffs', max):.0f} |"
+            f"{value('most', max):.1f} | {value('cell', max):.2f} | {value('cell_within', min):.2f} | "
+            f"{value('loop_within', min):.2f} | {value('lost', max):.0f} | {value('limit', max):.2f} | "
+            f"{value('backoffs', max):.0f} |"
         )
     return lines
 
 
-def loops_row(case: Case, data: dict[str, Any]) -> str:
-    """One line of the table of both loops."""
-    return (
-        f"| {f'{case.force:.0f} N' if case.force else 'off'} | {case.compensation:g} | {data['shape_most']:.3f} | "
-        f"{data['shape_mean']:.3f} | {data['shape_base']:+.3f} | {data['force']:.0f} | {data['spread']:.1f} | "
-        f"{data['free']:.1f} |"
+VERDICT_HEADER = (
+    "| job | runs | true force within 10 N for 99.9 % | true force 3 N RMS | readings within 10 N for 99.9 % | "
+    "readings 3 N RMS | force less the cell's bias for 99.9 % | contact never lost |\n" + "|---" * 8 + "|"
+)
+
+
+def verdict(name: str, rows: list[dict[str, Any]]) -> str:
+    """In how many of the runs what is asked for holds."""
+    tests: tuple[Callable[[dict[str, Any]], bool], ...] = (
+        lambda data: data["within"] >= 99.9,
+        lambda data: data["rms"] <= 3.0,
+        lambda data: data["read_within"] >= 99.9,
+        lambda data: data["read_rms"] <= 3.0,
+        lambda data: data["loop_within"] >= 99.9,
+        lambda data: data["lost"] == 0,
     )
+    return f"| {name} | {len(rows)} | " + " | ".join(str(sum(map(test, rows))) for test in tests) + " |"
 
 
 def full_cases(correction: str) -> list[Case]:
     """Parts and set-points on the nominal world, then worlds 1 to 20 at 120 N."""
-    cases = [Case(job, force, 0, correction) for job in ("mini_cone", "ren_pyramid", "fin") for force in SET_POINTS]
-    for job, contours in (("mini_cone", None), ("ren_pyramid", SHORT)):
-        cases += [Case(job, 120.0, world, correction, contours=contours) for world in range(1, 21)]
-    return cases
-
-
-def loops_cases(job: str, correction: str) -> list[Case]:
-    """Force control and compensation, each alone, both and none."""
-    return [
-        Case(job, force, 0, correction, compensation=factor, shape=True)
-        for force, factor in ((0.0, 0.0), (0.0, 1.0), (120.0, 0.0), (120.0, 1.0))
-    ]
+    cases = [Case(job, force, 0, correction) for job in PARTS_FORMED for force in SET_POINTS]
+    return cases + [Case(job, 120.0, world, correction) for job in PARTS_FORMED for world in WORLDS]
 
 
 def run_forces(cases: list[Case], processes: int) -> str:
-    """The table of forces; printed line by line as well."""
-    lines, worlds = [HEADER], dict[str, list[dict[str, Any]]]()
+    """The table of forces, and in how many runs it holds what is asked for; printed line by line as well."""
+    lines, groups = [HEADER], dict[str, list[dict[str, Any]]]()
     print(HEADER, flush=True)
     for case, data in measured(cases, processes):
         lines.append(row(case, data))
         print(lines[-1], flush=True)
-        if case.world and "within" in data:
-            worlds.setdefault(f"{case.job}, worlds", []).append(data)
-    for name, rows in worlds.items():
-        lines += worlds_row(name, rows)
-        print("\n".join(lines[-2:]), flush=True)
-    return "\n".join(lines)
-
-
-def run_loops(job: str, correction: str, processes: int) -> str:
-    """The table of both loops."""
-    lines = [LOOPS_HEADER]
-    lines += [loops_row(case, data) for case, data in measured(loops_cases(job, correction), processes)]
-    print("\n".join(lines), flush=True)
+        if "within" in data:
+            group = f"{case.job}, worlds" if case.world else f"{case.job}, set-points"
+            groups.setdefault(group, []).append(data)
+    for name, rows in groups.items():
+        lines += worlds_row(name, rows) if name.endswith("worlds") else []
+    lines += ["", VERDICT_HEADER] + [verdict(name, rows) for name, rows in groups.items()]
+    print("\n".join(lines[len(cases) + 1 :]), flush=True)
     return "\n".join(lines)
 
 
@@ -302,7 +304,6 @@ def main() -> None:
     """Run all cases and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="cone, pyramid and fin, all set-points, worlds 1 to 20")
-    parser.add_argument("--loops", action="store_true", help="force control and compensation: each, both, none")
     parser.add_argument("--jobs", nargs="+", default=("mini_cone", "ren_pyramid"), help="examples, or fin")
     parser.add_argument("--forces", nargs="+", type=float, default=(120.0,))
     parser.add_argument("--worlds", nargs="+", type=_worlds, default=[[0]], metavar="N or N-M")
@@ -310,16 +311,12 @@ def main() -> None:
     parser.add_argument("--contours", type=int, help="only so many contours of each part")
     parser.add_argument("--set", nargs="*", default=(), metavar="FIELD=VALUE", help="fields of ControlConfig")
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--write", action="store_true", help="put the tables of --full and --loops into the page")
+    parser.add_argument("--write", action="store_true", help="put the table of --full into the page")
+    parser.add_argument("--sources", help="go on with the results of these sources, as the last run has told them")
     arguments = parser.parse_args()
+    SAID[:] = [arguments.sources] if arguments.sources else []
     changes = tuple((name, float(value)) for name, _, value in (item.partition("=") for item in arguments.set))
     worlds = [world for group in arguments.worlds for world in group]
-    if arguments.loops or arguments.full:
-        loops = run_loops(arguments.jobs[0], arguments.correction, arguments.processes)
-        if arguments.write:
-            write("loops", loops)
-        if not arguments.full:
-            return
     cases = full_cases(arguments.correction) if arguments.full else []
     cases = cases or [
         Case(job, force, world, arguments.correction, changes, arguments.contours)

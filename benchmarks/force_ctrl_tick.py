@@ -1,8 +1,10 @@
 """Processor time of one tick of the force controller's core, both tools, both loops on.
 
-    ./isf python benchmarks/force_ctrl_tick.py [--ticks 20000]
+    ./isf python benchmarks/force_ctrl_tick.py [--ticks 20000] [--repeats 7]
 
-Time is thread CPU time with the collector off; what other processes do shows little in it. One tool is half a tick.
+Time is thread CPU time with the collector off. A virtual core that is taken away in mid-tick still shows in it, so the
+same ticks are run several times, and the least time of every tick is what the code costs; "as run" is the plain 99th
+percentile of all repeats. One tool is half a tick.
 """
 
 from __future__ import annotations
@@ -45,6 +47,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ticks", type=int, default=20000)
+    parser.add_argument("--repeats", type=int, default=7)
     arguments = parser.parse_args()
     config = ControlConfig(
         rate=500.0,
@@ -60,26 +63,36 @@ def main() -> None:
     )
     random = np.random.default_rng(0)
     wrenches = random.normal(100.0, 2.0, (1000, 12)).tolist()
-    spent: list[int] = []
-    controller = ForceController(config)
     gc.disable()
-    while len(spent) < arguments.ticks:
+    spent = np.array([one_run(config, wrenches, arguments.ticks) for _ in range(arguments.repeats)]) * 1e-3
+    least = spent.min(axis=0)
+    print(
+        "| ticks | repeats | median [us] | 99 % [us] | 99 % per tool [us] | as run, 99 % per tool [us] |\n"
+        + "|---" * 6
+        + "|"
+    )
+    print(
+        f"| {arguments.ticks} | {arguments.repeats} | {np.median(least):.1f} | {np.percentile(least, 99):.1f} | "
+        f"{np.percentile(least, 99) / 2:.1f} | {np.percentile(spent, 99) / 2:.1f} |"
+    )
+
+
+def one_run(config: ControlConfig, wrenches: list[list[float]], ticks: int) -> list[int]:
+    """(ticks,) ns of every tick; the same ticks every time."""
+    controller = ForceController(config)
+    spent: list[int] = []
+    while len(spent) < ticks:
         controller.arm("tick", 0, 1, (0.0, 0.0, 0.03), (0.0, 0.0, -0.03))
         controller.start(ring(750))
         tick = 0
-        while controller.busy and len(spent) < arguments.ticks:
+        while controller.busy and len(spent) < ticks:
             wrench = wrenches[tick % 1000]
             start = time.thread_time_ns()
             controller.tick(tick, tick * 0.002, wrench[:6], wrench[6:])
             spent.append(time.thread_time_ns() - start)
             tick += 1
         controller.fail(ErrorCode.STOPPED, "measured")
-    micro = np.array(spent) * 1e-3
-    print("| ticks | median [us] | 99 % [us] | 99 % per tool [us] | largest [us] |\n|---|---|---|---|---|")
-    print(
-        f"| {len(micro)} | {np.median(micro):.1f} | {np.percentile(micro, 99):.1f} | "
-        f"{np.percentile(micro, 99) / 2:.1f} | {micro.max():.0f} |"
-    )
+    return spent
 
 
 if __name__ == "__main__":
