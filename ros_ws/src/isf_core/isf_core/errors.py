@@ -106,6 +106,7 @@ class ErrorCode(IntEnum):
     BLANK_DOES_NOT_FIT = 1409
     MACHINE_FAULTED = 1410
     LOAD_CELL_RANGE = 1411
+    SOLUTION_FAILED = 1420
 
     # executive
     NODE_MISSING = 1501

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from isf_sim.shell import Deflection, Shell
 from isf_sim.support import Under, sample_under, support_points
-from isf_sim.surface import Surface, sample_mean, sample_origin
+from isf_sim.surface import Surface, sample
 from isf_sim.thickness import coarse_area
 
 Array = NDArray[np.float64]
@@ -56,10 +56,11 @@ def make_order(
     start: tuple[int, float],
 ) -> Order:
     """Note the ``surface`` as it is now; ``start``: number and scale as in :class:`Order`, the rest as there."""
+    height, origin = sample(surface, *lines)
     return Order(
         lines=lines,
-        height=sample_mean(surface, *lines),
-        origin=sample_origin(surface, *lines),
+        height=height,
+        origin=origin,
         under=sample_under(surface, *lines) if surface.holder[0] else None,
         blank=blank,
         place=place,

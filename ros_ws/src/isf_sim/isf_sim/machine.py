@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from isf_sim import adsif
 from isf_sim import machine_tick as mt
 from isf_sim.die_plant import DiePlant
+from isf_sim.kernel_bundle import TickParts
 from isf_sim.load_cell import BLOCK, DRAWS, take_zero
 from isf_sim.machine_build import make_parts
 from isf_sim.machine_checks import LIMIT_FORCE, LIMIT_SPEED, LIMIT_TRAVEL, force_faults, reach_fault, target_faults
@@ -93,6 +94,7 @@ class SimulatedMachine:
         self._adsif = adsif.no_ring(self.plant.surface) if parts.adsif else None
         self._axes = mt.parked_axes(park_1, park_2, self._constants.errors)
         self._squeeze = no_squeeze()
+        self._parts = TickParts()
         self._kinematics = make_kinematics(rig.kinematics)
         self._linear = all(isinstance(item, Gantry) for item in self._kinematics)
         radius_2 = job.tool_2.radius if job.tool_2 else 0.0
@@ -107,8 +109,8 @@ class SimulatedMachine:
         self._target = np.empty(6)
         self._draws = np.empty((0, 2 * DRAWS + 6))
         self._holder_asked = 0.0
-        for cell in parts.cells:  # first reading of the unloaded cells, noise left out
-            cell.reading[:] = np.round(cell.offset)
+        for cell in parts.cells:
+            cell.reading[:] = np.round(cell.offset)  # first reading, unloaded and without noise
 
     # -- ticking -------------------------------------------------------------------------------------
 
@@ -318,20 +320,10 @@ class SimulatedMachine:
                 )
             )
         while True:
-            request = mt.advance_tick(
-                target,
-                draws,
-                axes,
-                plant.surface,
-                plant.track,
-                plant.points,
-                plant.contact,
-                self._squeeze,
-                plant.role,
-                self._cell_1,
-                self._cell_2,
-                constants if plant.pressing == 1 else self._turned_constants,
-            )
+            sheet = plant.surface, plant.track, plant.points, plant.contact
+            of_tool = constants if plant.pressing == 1 else self._turned_constants
+            parts = axes, *sheet, self._squeeze, plant.role, self._cell_1, self._cell_2, of_tool
+            request = self._parts.advance(target, draws, parts)
             if request == DONE:
                 if isinstance(plant, DiePlant):
                     plant.note()

@@ -25,7 +25,7 @@ from isf_node.watchdog import ReceiveWatchdog
 from numpy.typing import NDArray
 
 from isf_sim.machine import MachineSample, SimulatedMachine
-from isf_sim.node_outlet import MachineOutlet, cloud_message
+from isf_sim.node_outlet import MachineOutlet, cloud_message, state_message
 from isf_sim.node_parameters import MachineParameters
 from isf_sim.node_services import MachineServices
 from isf_sim.real_time import PeriodicThread
@@ -122,6 +122,7 @@ class MachineNode(CellNode[MachineParameters]):
             "tick": self._tick(),
             "faults": ", ".join(code.name for code, _ in machine.faults) or "none",
             "late_ticks": self._late_ticks(),
+            **machine.plant.worker.values(),
         }
 
     # -- blank and time ------------------------------------------------------------------------------
@@ -159,9 +160,9 @@ class MachineNode(CellNode[MachineParameters]):
         if self._parameters.lockstep:
             self.publish(machine.sample(), decimated=True)
         else:
-            self._begin, self._period = self.get_clock().now().nanoseconds, -1
             machine.plant.worker.ahead = True
             self._thread = PeriodicThread(machine.control_rate, self._on_period)
+            self._begin, self._period = self.get_clock().now().nanoseconds, -1
             self._thread.start()
 
     def stop_thread(self) -> None:
@@ -240,6 +241,8 @@ class MachineNode(CellNode[MachineParameters]):
         if machine.faulted and self._release is None:
             self._protect(machine)
             sample = machine.sample()
+        if failure := machine.plant.worker.new_failure():
+            self.warn(IsfError(ErrorCode.SOLUTION_FAILED, failure, where="machine", advice="the part goes on"))
         self.publish(sample, decimated=self._tick() % self._decimation(machine) == 0)
 
     def _decimation(self, machine: SimulatedMachine) -> int:
@@ -325,19 +328,14 @@ class MachineNode(CellNode[MachineParameters]):
 
     def _state_message(self, machine: SimulatedMachine) -> MachineState:
         mode = MachineState.FOLLOWING if self._following else MachineState.IDLE
-        return MachineState(
+        return state_message(
+            machine,
             mode=MachineState.PROTECTIVE_STOP if machine.faulted else mode,
-            fault_codes=[int(code) for code, _ in machine.faults],
-            fault_messages=[text for _, text in machine.faults],
-            limits=machine.limits,
             tick=self._tick(),
-            targets_received=self._targets.received,
-            targets_lost=self._lost,
-            late_ticks=self._late_ticks(),
+            received=self._targets.received,
+            lost=self._lost,
+            late=self._late_ticks(),
             lockstep=self._parameters.lockstep,
-            tared=machine.tared,
-            holder_height=machine.holder_height,
-            solve_time=machine.solve_time,
         )
 
     def needed(self) -> SimulatedMachine:

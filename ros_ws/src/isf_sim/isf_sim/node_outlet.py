@@ -16,6 +16,7 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2, PointField
 
+from isf_sim.machine import SimulatedMachine
 from isf_sim.machine_event import MachineEvent
 from isf_sim.machine_sample import MachineSample
 
@@ -83,6 +84,26 @@ class MachineOutlet:
 
     def _publisher(self, kind: Any, topic: str, profile: Any) -> Publisher[Any]:
         return self._node.create_publisher(kind, topic, profile)
+
+
+def state_message(
+    machine: SimulatedMachine, *, mode: int, tick: int, received: int, lost: int, late: int, lockstep: bool
+) -> MachineState:
+    """State of ``machine`` with what the node counts: ticks, pairs of targets received and lost, late ticks."""
+    return MachineState(
+        mode=mode,
+        fault_codes=[int(code) for code, _ in machine.faults],
+        fault_messages=[text for _, text in machine.faults],
+        limits=machine.limits,
+        tick=tick,
+        targets_received=received,
+        targets_lost=lost,
+        late_ticks=late,
+        lockstep=lockstep,
+        tared=machine.tared,
+        holder_height=machine.holder_height,
+        solve_time=machine.solve_time,
+    )
 
 
 def cloud_message(points: NDArray[np.float64], nanoseconds: int) -> PointCloud2:

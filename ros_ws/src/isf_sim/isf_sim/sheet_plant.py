@@ -21,6 +21,7 @@ from isf_sim import base_following
 from isf_sim.bulge import bulge_overlay
 from isf_sim.coarse_solution import carry_lines, carry_out, make_order
 from isf_sim.control_points import CAPACITY, DUE, HEIGHT, LEAD, OFF_TIES, UNDER_WAY, ControlPoints, no_control_points
+from isf_sim.kernel_bundle import PointParts
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.role import Role, first_role
 from isf_sim.sheet_point import (
@@ -32,7 +33,6 @@ from isf_sim.sheet_point import (
     TRAVELLED,
     Contact,
     PointConstants,
-    advance_point,
     no_contact,
 )
 from isf_sim.shell import Elastic, Shell
@@ -122,6 +122,7 @@ class SheetPlant:
         self._states: list[Array] = []
         self._region = no_region()
         self.worker = SolutionWorker()
+        self._parts = PointParts()
         self._asked = np.zeros(4)
         self._found: list[Array] = []
 
@@ -144,8 +145,8 @@ class SheetPlant:
         """Move the pressing tool to ``tip`` (3,) m under the horizontal ``pull`` (2,) N of the support tool, whose
         squeeze takes ``eased`` N of tension (:func:`isf_sim.squeeze.eased_tension`)."""
         while True:
-            request = advance_point(
-                tip, pull, eased, self.surface, self.track, self.points, self.contact, self.point_constants
+            request = self._parts.advance(
+                tip, pull, eased, (self.surface, self.track, self.points, self.contact, self.point_constants)
             )
             if request == DONE:
                 return

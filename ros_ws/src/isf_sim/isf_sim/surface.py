@@ -105,21 +105,17 @@ def empty_track(size: tuple[float, float], h: float) -> TipTrack:
     )
 
 
-def sample_mean(surface: Surface, x: Array, y: Array) -> Array:
-    """(len(y), len(x)) m, surface height at the crossings of the lines x, y m, averaged over half of their spacing."""
+def sample(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
+    """The sheet at the crossings of the lines x, y m.
+
+    (len(y), len(x)) m, its height averaged over half of the lines' spacing; (len(y), len(x), 2) m, ``origin`` at the
+    nearest nodes.
+    """
     rows = _windows(y.tobytes(), surface.y0, surface.h)
     columns = _windows(x.tobytes(), surface.x0, surface.h)
-    out = np.empty((len(y), len(x)))
-    _window_means(surface.height, rows, columns, out)
-    return out
-
-
-def sample_origin(surface: Surface, x: Array, y: Array) -> Array:
-    """(len(y), len(x), 2) m, ``surface.origin`` at the nodes nearest to the crossings of the lines x, y m."""
-    ny, nx = surface.height.shape
-    rows = _windows(y.tobytes(), surface.y0, surface.h)[:, 0]
-    columns = _windows(x.tobytes(), surface.x0, surface.h)[:, 0]
-    return surface.origin[np.ix_(np.clip(rows, 0, ny - 1), np.clip(columns, 0, nx - 1))]
+    height, origin = np.empty((len(y), len(x))), np.empty((len(y), len(x), 2))
+    _sample(surface.height, surface.origin, rows, columns, height, origin)
+    return height, origin
 
 
 @lru_cache(maxsize=16)
@@ -131,14 +127,16 @@ def _windows(lines: bytes, start: float, h: float) -> NDArray[np.int64]:
 
 
 @kernel
-def _window_means(values: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], out: Array) -> None:
+def _sample(
+    values: Array, places: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], mean: Array, place: Array
+) -> None:
     ny, nx = values.shape
     for r in range(rows.shape[0]):
-        tall = rows[r, 1]
-        j0, j1 = rows[r, 0] - tall, rows[r, 0] + tall + 1
+        middle_j, tall = rows[r]
+        j0, j1 = middle_j - tall, middle_j + tall + 1
         for c in range(columns.shape[0]):
-            wide = columns[c, 1]
-            i0, i1 = columns[c, 0] - wide, columns[c, 0] + wide + 1
+            middle_i, wide = columns[c]
+            i0, i1 = middle_i - wide, middle_i + wide + 1
             total = 0.0
             if j0 >= 0 and i0 >= 0 and j1 <= ny and i1 <= nx:
                 for j in range(j0, j1):
@@ -148,7 +146,9 @@ def _window_means(values: Array, rows: NDArray[np.int64], columns: NDArray[np.in
                 for j in range(j0, j1):
                     for i in range(i0, i1):
                         total += values[min(max(j, 0), ny - 1), min(max(i, 0), nx - 1)]
-            out[r, c] = total / ((2 * tall + 1) * (2 * wide + 1))
+            mean[r, c] = total / ((2 * tall + 1) * (2 * wide + 1))
+            j, i = min(max(middle_j, 0), ny - 1), min(max(middle_i, 0), nx - 1)
+            place[r, c, 0], place[r, c, 1] = places[j, i, 0], places[j, i, 1]
 
 
 def onto(grid: Surface | TipTrack, values: Array, x: Array, y: Array) -> Array:

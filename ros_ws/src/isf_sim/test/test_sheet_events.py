@@ -7,7 +7,7 @@ import pytest
 from isf_core.material import load_material
 from isf_sim.base_following import follow
 from isf_sim.bulge import bulge_overlay
-from isf_sim.surface import bilinear, empty_track, flat_surface, onto, sample_mean
+from isf_sim.surface import bilinear, empty_track, flat_surface, onto, sample
 
 SIZE = (0.1, 0.1)
 
@@ -70,4 +70,4 @@ def test_grids_exchange_linear_fields_exactly() -> None:
     surface.height[:] = field
     assert bilinear(field, surface.x0, surface.y0, surface.h, 0.013, -0.021) == pytest.approx(0.026 + 0.063)
     x, y = np.array([-0.03, 0.01, 0.02]), np.array([0.005, 0.01, 0.02])
-    assert sample_mean(surface, x, y) == pytest.approx(2.0 * x - 3.0 * y[:, None], abs=1e-12)
+    assert sample(surface, x, y)[0] == pytest.approx(2.0 * x - 3.0 * y[:, None], abs=1e-12)

@@ -14,7 +14,7 @@ from isf_sim.shell_assembly import HOURGLASS
 from isf_sim.shell_lines import Grading, graded_lines, linear_weights, node_widths
 from isf_sim.shell_pattern import star_weights
 from isf_sim.shell_region import grow_region, no_region, opening_region
-from isf_sim.surface import flat_surface, onto, sample_mean
+from isf_sim.surface import flat_surface, onto, sample
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -181,7 +181,7 @@ def test_transfers_between_the_grids_keep_planes() -> None:
     x = surface.x0 + surface.h * np.arange(surface.height.shape[1])
     surface.height[...] = 0.3 * x - 0.1 * x[:, None]
     # middles of the windows are at nodes of the fine grid, at most half a cell of it away
-    assert sample_mean(surface, lines, lines)[4:-4, 4:-4] == pytest.approx(
+    assert sample(surface, lines, lines)[0][4:-4, 4:-4] == pytest.approx(
         (0.3 * lines - 0.1 * lines[:, None])[4:-4, 4:-4], abs=0.4 * 0.25e-3 + 1e-9
     )
     assert onto(surface, 0.3 * lines - 0.1 * lines[:, None], lines, lines) == pytest.approx(surface.height, abs=1e-12)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import copy
 import dataclasses
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,8 @@ import pytest
 from isf_core.job import JobFile
 from isf_core.material import load_material
 from isf_core.rig import load_rig
+from isf_sim import coarse_solution, sheet_plant
+from isf_sim.coarse_solution import Order
 from isf_sim.control_points import (
     BEGIN,
     LEAD,
@@ -24,6 +28,8 @@ from isf_sim.control_points import (
 from isf_sim.machine import SimulatedMachine
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.sheet_plant import SheetPlant
+from isf_sim.shell import Deflection, Shell
+from isf_sim.solution_worker import SolutionWorker
 from isf_sim.state_file import load_machine, save_machine
 from numpy.typing import NDArray
 
@@ -167,3 +173,86 @@ def test_copy_of_a_plant_works_on_its_own() -> None:
     plant.settle()
     other = copy.deepcopy(plant)
     assert (formed(plant, tips[200:]) == formed(other, tips[200:])).all()
+
+
+def solution(state: float = 0.0) -> Deflection:
+    return Deflection(np.full((1, 3), state), np.zeros(3), 0.0, 0, 0, True)
+
+
+def test_waiting_is_counted() -> None:
+    """A solution that is not ready when it is asked for is late, one that is ready is not."""
+    worker, released = SolutionWorker(), threading.Event()
+    worker.ahead = True
+
+    def slow() -> Deflection:
+        released.wait(20.0)
+        return solution(1.0)
+
+    worker.begin(slow)
+    threading.Timer(0.02, released.set).start()
+    found = worker.wait()
+    assert found is not None
+    assert found.state[0, 0] == 1.0
+    assert worker.values()["late_solutions"] == 1
+    assert worker.longest > 0.0
+    assert worker.wait() is None
+    worker.begin(solution)
+    concurrent.futures.wait([worker._future] if worker._future else [])
+    assert worker.wait() is not None
+    assert worker.late == 1
+
+
+def test_a_solution_that_fails_in_its_thread_is_found_by_the_caller_and_told() -> None:
+    worker, here = SolutionWorker(), threading.get_ident()
+    worker.ahead = True
+
+    def only_here() -> Deflection:
+        if threading.get_ident() != here:
+            raise MemoryError("no room")
+        return solution(2.0)
+
+    worker.begin(only_here)
+    found = worker.wait()
+    assert found is not None
+    assert found.state[0, 0] == 2.0
+    assert worker.failed == 1
+    assert "MemoryError: no room" in worker.new_failure()
+    assert worker.new_failure() == ""
+
+
+def test_a_machine_whose_thread_fails_goes_on_bit_by_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every second solution breaks off in the thread after half of its work; the shape is that of a run without."""
+    here, calls = threading.get_ident(), [0]
+
+    def breaking(order: Order, shell: Shell, states: list[Array]) -> Deflection:
+        if threading.get_ident() != here:
+            calls[0] += 1
+            if calls[0] % 2:
+                coarse_solution.carry_lines(order.lines, shell, states)
+                raise RuntimeError("thread lost")
+        return coarse_solution.carry_out(order, shell, states)
+
+    whole = formed(make_plant(), rings(2e-3))
+    plant = make_plant()
+    plant.worker.ahead = True
+    monkeypatch.setattr(sheet_plant, "carry_out", breaking)
+    broken = formed(plant, rings(2e-3))
+    assert plant.worker.failed > 3
+    assert (broken == whole).all()
+
+
+def test_a_bundle_follows_what_is_put_in_place_of_its_parts() -> None:
+    """A state taken back, or a sheet turned over, has other arrays: the kernels must work on these."""
+    machine = SimulatedMachine(JobFile(JOB, Path()), constants=COARSE)
+    machine.tare()
+    start = np.array([0.0, 0.0, 0.1])
+    for share in np.linspace(0.0, 1.0, 900)[1:]:
+        machine.tick(start + share * (np.array([20e-3, 0.0, -2e-3]) - start), -start)
+    kept = machine.state_copy()
+    old = machine.plant.surface.height
+    first = pressed(machine, np.arange(0.0, 0.4, 0.1e-3 / 20e-3))
+    machine.restore(kept)
+    assert machine.plant.surface.height is not old
+    before = old.copy()
+    assert np.array_equal(first, pressed(machine, np.arange(0.0, 0.4, 0.1e-3 / 20e-3)))
+    assert (old == before).all()

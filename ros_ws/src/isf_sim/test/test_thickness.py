@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from isf_sim.contact_kernels import envelope
 from isf_sim.machine_event import OWN_THINNING
-from isf_sim.surface import Surface, flat_surface, sample_origin
+from isf_sim.surface import Surface, flat_surface, sample
 from isf_sim.thickness import coarse_area, limit_margin, thickness_map, thinning_up_the_wall
 from numpy.typing import NDArray
 
@@ -130,7 +130,7 @@ def test_wall_of_several_passes_is_told_thicker_than_that_of_one() -> None:
 def test_coarse_area_of_a_flat_sheet_is_one() -> None:
     surface = flat_surface((0.08, 0.08), 0.5e-3)
     nodes = np.linspace(-0.04, 0.04, 11)
-    assert (coarse_area(sample_origin(surface, nodes, nodes), nodes, nodes) == 1.0).all()
+    assert (coarse_area(sample(surface, nodes, nodes)[1], nodes, nodes) == 1.0).all()
 
 
 def test_margin_vanishes_at_the_largest_wall_angle() -> None:
