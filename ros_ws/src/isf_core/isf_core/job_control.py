@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from isf_core.force_rule import ForceRule
 from isf_core.model_base import FileModel
 from isf_core.quantity import Angle, Force, Frequency, Length
 
@@ -21,6 +22,9 @@ class ControlSpec(FileModel):
     support_force: Literal["auto"] | SupportForce = 0.0
     """Set-point of the horizontal normal force on the support tool; 0 = position control, ``auto`` = from sheet, tools,
     rig and wall angle (:mod:`isf_core.support_window`)."""
+    force_rules: tuple[ForceRule, ...] = ()
+    """Other set-points on some walls, corners, depths or places (:mod:`isf_core.force_rule`); the last rule that holds
+    counts. They need a support_force, which holds elsewhere."""
     engage_depth: Length = Field(default=0.0, ge=0.0)
     """Force control acts on contours at least this deep: not on the entry fillet (Ren 2018, 2.4.1)."""
     engage_wall_angle: Angle = Field(default=math.radians(15.0), ge=0.0, lt=1.5708)
@@ -49,6 +53,12 @@ class ControlSpec(FileModel):
             raise ValueError("vertical_force has no effect unless components holds vertical")
         if "tangential" not in self.components and self.tangential_force != 0.0:
             raise ValueError("tangential_force has no effect unless components holds tangential")
+        return self
+
+    @model_validator(mode="after")
+    def _rules_with_force(self) -> ControlSpec:
+        if self.force_rules and not self.force_controlled:
+            raise ValueError("force_rules have no effect unless support_force is a force or auto")
         return self
 
     @property

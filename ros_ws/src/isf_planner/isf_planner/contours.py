@@ -76,7 +76,7 @@ def contour_of(
             support_tip = support_tool.opposite(contact, path.normal, gap, other, away, upper=not upper)
         else:
             support_tip = support_tool.along_first(first, points, closed=path.closed)
-        support_force = support_tool.set_points(job, float(np.abs(path.points[:, 2] - base).min()), wall_angle)
+        support_force = support_tool.set_points(job, path, wall_angle, base)
     return Contour(
         plan_id=plan_id,
         index=index,

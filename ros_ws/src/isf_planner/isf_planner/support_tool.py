@@ -10,13 +10,21 @@ from collections.abc import Sequence
 import numpy as np
 from isf_core import tip_geometry
 from isf_core.contour import Contour
+from isf_core.force_rule import WallFacts, ruled_forces
 from isf_core.job import Job
 from isf_core.job_tooling import ToolSpec
 from numpy.typing import NDArray
 
+from isf_planner.joined_paths import TipPath
 from isf_planner.loop_family import matched
 
 Array = NDArray[np.float64]
+
+CHORD = 1.0e-3
+"""m of path before and after a point over which its turn is taken."""
+
+LEAST_TURN = 1.0e-3
+"""rad over both chords; less is a straight line (radii above 2 m)."""
 
 
 def opposite(contact: Array, normal: Array, gap: Array, tool: ToolSpec, away: Array, *, upper: bool) -> Array:
@@ -42,21 +50,44 @@ def along_first(first: Array, points: Array, *, closed: bool) -> Array:
     return np.column_stack([np.interp(place, arc, column) for column in ring.T])
 
 
-def set_points(job: Job, depth: float, wall_angle: Array) -> Array:
-    """(N,) N, force set-points of a contour whose shallowest tip lies ``depth`` m deep, or (0,) for position control.
+def set_points(job: Job, path: TipPath, wall_angle: Array, base: float) -> Array:
+    """(N,) N, force set-points of the contour along ``path``, or (0,) for position control; ``base`` m is the blank.
 
     None on the entry fillet and on walls too flat for a horizontal force (Ren 2018, 2.4.1), nor under the blank. A
-    force that is chosen (``support_force: auto``) is the one for the flattest point of the contour.
+    force that is chosen (``support_force: auto``) is the one for the flattest point of the contour; ``force_rules``
+    replace it point by point.
     """
     control, flattest = job.control, float(wall_angle.min())
-    force = job.support_force_at(flattest)
+    force, depth = job.support_force_at(flattest), np.abs(path.points[:, 2] - base)
     forced = (
         force > 0
         and job.path.support == "opposite"
-        and depth >= control.engage_depth - 1e-9
+        and float(depth.min()) >= control.engage_depth - 1e-9
         and flattest >= control.engage_wall_angle
     )
-    return np.full(len(wall_angle), force) if forced else np.empty(0)
+    if not forced:
+        return np.empty(0)
+    return ruled_forces(control.force_rules, force, wall_facts(path, wall_angle, depth))
+
+
+def wall_facts(path: TipPath, wall_angle: Array, depth: Array) -> WallFacts:
+    """What rules for the support force ask about the points of ``path``; ``wall_angle`` (N,) rad, ``depth`` (N,) m."""
+    away = path.outward()
+    facing = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+    x, y, _ = path.points.T
+    step = np.hypot(np.diff(x), np.diff(y))
+    along, angle = np.concatenate([[0.0], np.cumsum(step)]), facing
+    if path.closed:  # once more before and after, so that the seam is a place like any other
+        length = along[-1] + float(np.hypot(x[0] - x[-1], y[0] - y[-1]))
+        turn = 2.0 * np.pi * np.round((facing[-1] - facing[0]) / (2.0 * np.pi))
+        shifts = (-1, 0, 1)
+        angle = np.concatenate([facing + k * turn for k in shifts])
+        along = np.concatenate([along + k * length for k in shifts])
+    here = along[len(x) : 2 * len(x)] if path.closed else along
+    turned = np.abs(np.interp(here + CHORD, along, angle) - np.interp(here - CHORD, along, angle))
+    with np.errstate(divide="ignore"):
+        radius = np.where(turned > LEAST_TURN, 2.0 * CHORD / turned, np.inf)
+    return WallFacts(facing, wall_angle, radius, depth, x, y)
 
 
 def chosen_force(job: Job, contours: Sequence[Contour]) -> str:
