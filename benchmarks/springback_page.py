@@ -57,7 +57,7 @@ PARTS: dict[str, Published] = {
     ),
     "lu_asymmetric": Published(SHAPES, "walls_base", "3", "0.3 (few spots more)", (Goal("p95", 0.2, 0.3),)),
     "lu_tpif": Published(
-        ("none", "mpc_tpif", "fused(analytic)"),
+        ("none", "mpc_tpif"),
         "wall_and_base",
         "19.5 % within 0.3",
         "70 % within 0.3",
