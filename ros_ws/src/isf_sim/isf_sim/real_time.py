@@ -40,10 +40,14 @@ class PeriodicThread:
     def stop(self) -> None:
         """End after the present step; returns when the thread has ended."""
         self._ended.set()
-        sys.setswitchinterval(self._interval)
-        gc.unfreeze()
+        self.give_back()
         if threading.current_thread() is not self._thread:
             self._thread.join()
+
+    def give_back(self) -> None:
+        """Let the interpreter be as it was before."""
+        sys.setswitchinterval(self._interval)
+        gc.unfreeze()
 
     def _run(self) -> None:
         start = time.monotonic()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 import threading
 
 from isf_sim.real_time import PeriodicThread
@@ -56,6 +58,18 @@ def test_a_step_that_takes_long_makes_the_thread_skip_and_count() -> None:
     assert seen == sorted(set(seen))
     assert seen[3] - seen[2] >= 5
     assert thread.late >= seen[-1] + 1 - len(seen) >= 4  # more, when the last step was followed by a gap
+
+
+def test_the_interpreter_is_as_before_after_the_thread() -> None:
+    interval, frozen = sys.getswitchinterval(), gc.get_freeze_count()
+    thread = PeriodicThread(200.0, lambda period: None)
+    assert sys.getswitchinterval() < interval
+    assert gc.get_freeze_count() > frozen
+    assert gc.isenabled()  # what is made from now on is collected
+    thread.start()
+    thread.stop()
+    assert sys.getswitchinterval() == interval
+    assert gc.get_freeze_count() == 0
 
 
 def test_with_a_blank_holder_three_targets_make_a_pair() -> None:
