@@ -86,6 +86,9 @@ class SpringbackSpec(FileModel):
     method: str = "none"
     """Name of a method of isf_springback ("none", "analytic", ...)."""
     gain: float = Field(default=1.0, ge=0.0, le=2.0)
+    first_contour: Literal["predicted", "zero"] = "predicted"
+    """Contours before which no force was measured: corrected for the force that the plan predicts (methods with a
+    model of the sheet), or not corrected, as published (Ren 2018, 4.3.1)."""
     scan_every: int = Field(default=0, ge=0)
     """The shape is measured after every so many contours, for methods that use it; 0: never."""
     lift_every: int = Field(default=0, ge=0)

@@ -22,10 +22,11 @@ from isf_core.sheet_deflection import SheetSection, deflection, ring_load_law
 from numpy.typing import NDArray
 
 from isf_springback.continuity import Continuity, forming_radius, limits_of
-from isf_springback.force_forecast import ForecastLaw, forecast
+from isf_springback.force_forecast import ForecastLaw, forecast_along
 from isf_springback.law_scale import LawScale
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import LoopPath, moving_average, nearest_points
+from isf_springback.measured_load import MeasuredLoad, planned_force, steepest_wall
 from isf_springback.sheet_edge import edge_radius
 from isf_springback.sheet_load import axial_sheet_load, push_sign
 
@@ -53,44 +54,23 @@ class AnalyticOptions:
         of a floor, where springback does not grow: hence not the default.
     clamp : radius of a rectangular clamp, see :func:`isf_core.opening.clamp_radius`
     law : force forecast
-    first_contour : "swap" (not corrected, as published for block 1; when the tools have swapped, by the expected
-        force: the sheet stands where springback left it, and tools at the planned height would not form), "zero"
-        (never corrected) or "estimate" (always by the expected force). Expected is the force that the plan predicts,
-        or that of Aerens' regression.
+    first_contour : "predicted" (by the force that the plan predicts; not corrected where the plan tells none), "zero"
+        (not corrected, as published for block 1) or "estimate" (as "predicted"; by Aerens' regression where the plan
+        tells none). When the tools have swapped, "predicted" does as "estimate": the sheet stands where springback
+        left it, and tools at the planned height would not form.
     control_points : places along the contour where force and model are evaluated
     """
 
     sheet_term: SheetTerm = "realised"
     clamp: ClampRadius = "equivalent"
     law: ForecastLaw = "linear"
-    first_contour: Literal["swap", "zero", "estimate"] = "swap"
+    first_contour: Literal["predicted", "zero", "estimate"] = "predicted"
     control_points: int = 24
 
-
-@dataclass(frozen=True)
-class MeasuredLoad:
-    """What one contour told, N points.
-
-    Attributes
-    ----------
-    index : the contour
-    place : (N, 2) m
-    load : (N,) N, axial sheet load averaged over a sector of path
-    steepest : (N,) rad, steepest wall met here on the way in from the opening
-    """
-
-    index: int
-    place: Array
-    load: Array
-    steepest: Array
-
-    def load_at(self, points: Array) -> Array:
-        """(M,) N, load at the nearest place in plan view of ``points`` (M, 2) m."""
-        return np.asarray(self.load[nearest_points(points, self.place)])
-
-    def steepest_at(self, points: Array) -> Array:
-        """(M,) rad, steepest wall at the nearest place of ``points`` (M, 2) m."""
-        return np.asarray(self.steepest[nearest_points(points, self.place)])
+    @staticmethod
+    def of(job_file: JobFile, law: ForecastLaw = "linear") -> AnalyticOptions:
+        """What the job chooses, with the force forecast ``law``."""
+        return AnalyticOptions(law=law, first_contour=job_file.job.springback.first_contour)
 
 
 @dataclass(frozen=True)
@@ -120,7 +100,7 @@ class AnalyticCorrection:
 
     def __init__(self, job_file: JobFile, options: AnalyticOptions | None = None) -> None:
         self._job_file = job_file
-        self._options = options or AnalyticOptions()
+        self._options = options or AnalyticOptions.of(job_file)
         material = job_file.material
         self._section = SheetSection(material.young_modulus, material.poisson_ratio, job_file.job.sheet.thickness)
         self._continuity = Continuity()
@@ -195,7 +175,8 @@ class AnalyticCorrection:
         mean = moving_average(path, load, path.length / self._options.control_points)
         place = contour.forming_tip[:, :2].copy()
         older = [known for known in self._loads if known.index != result.index][-1:]
-        self._loads = [*older, MeasuredLoad(result.index, place, mean, _steepest(contour.wall_angle, place, older))]
+        steepest, planned = steepest_wall(contour.wall_angle, place, older), planned_force(contour, place, older)
+        self._loads = [*older, MeasuredLoad(result.index, place, mean, steepest, planned)]
 
     def feel(self, reading: LiftReading | None, index: int) -> None:
         """Scale the law by what the tool lift after contour ``index`` told; a useless one is told by a remark."""
@@ -216,6 +197,15 @@ class AnalyticCorrection:
         """(M,) factor on the law at ``place`` (M, 3) m that tool lifts gave, at the last measured forces; 1: none."""
         force = self._loads[-1].load_at(place[:, :2]) if self._loads else np.zeros(len(place))
         return self._scale.at(place, force).factor
+
+    def hindsight(self) -> Array | None:
+        """(N,) m, springback of the contour formed last under the force measured on it; None: not known."""
+        if self._contour is None or not self._loads or self._loads[-1].index != self._contour.index:
+            return None
+        try:
+            return self._predict(self._contour).along
+        except IsfError:
+            return None
 
     def follow(self, contour: Contour, correction: ContourCorrection) -> None:
         """Take note that another method corrected ``contour``."""
@@ -274,14 +264,18 @@ class AnalyticCorrection:
         return self._springback(contour, place, tip, np.full(count, contour.wall_angle[point]), force)
 
     def _forecast(self, contour: Contour, tip: Array, angle: Array) -> Array:
-        """(M,) N, force expected at the control points."""
+        """(M,) N, force expected at the control points; the measured one where the contour has been formed."""
+        if self._loads and self._loads[-1].index == contour.index:
+            return self._loads[-1].load_at(tip)
         if self._loads and self._loads[-1].index == contour.index - 1:
             last = self._loads[-1].load_at(tip)
             if self._swapped and self._options.first_contour != "zero":
                 # where the support tool presses more than the forming tool nothing was formed
                 last = np.where(last > 0.0, last, self._expected(contour, tip, angle))
             consecutive = len(self._loads) == 2 and self._loads[0].index == contour.index - 2
-            return forecast(last, self._loads[0].load_at(tip) if consecutive else None, self._options.law)
+            before_last = self._loads[0].load_at(tip) if consecutive else None
+            planned = [load.planned_at(tip) for load in self._loads] + [planned_force(contour, tip, self._loads[-1:])]
+            return forecast_along(planned, last, before_last, self._options.law)
         if contour.index != self._first_index or (contour.feature == contour.stage == 0 and contour.index > 0):
             raise IsfError(
                 ErrorCode.NO_FORCE_HISTORY,
@@ -290,9 +284,10 @@ class AnalyticCorrection:
                 advice="the last good correction is kept; check that force control publishes contour/result",
             )
         choice = self._options.first_contour
-        if choice == "zero" or (choice == "swap" and not self._swapped):
-            return np.zeros(len(tip))
-        return self._expected(contour, tip, angle)
+        known = contour.stage == 0 and len(contour.predicted_force) > 0
+        if choice == "estimate" or (choice == "predicted" and (self._swapped or known)):
+            return self._expected(contour, tip, angle)
+        return np.zeros(len(tip))
 
     def _expected(self, contour: Contour, tip: Array, angle: Array) -> Array:
         """(M,) N, force at ``tip`` (M, 2) m, ``angle`` (M,) rad, before any was measured."""
@@ -318,7 +313,7 @@ class AnalyticCorrection:
         radius = self._opening.radius_towards(place)
         outer = edge_radius(job_file, self._opening, place, options.clamp)
         tool = forming_radius(job_file, contour.forming_tool)
-        wall = _steepest(angle, tip, self._loads[-1:])
+        wall = steepest_wall(angle, tip, self._loads[-1:])
         patch = contact_patch(wall, tool, job_file.job.path.incremental_depth)
         law = ring_load_law(self._section, outer, radius)
         return deflection(law, force / patch.perimeter) * self._axial_share(angle)
@@ -329,11 +324,6 @@ class AnalyticCorrection:
         if self._options.sheet_term == "axial":
             return np.ones(len(angle))
         return np.full(len(angle), REALISED[self._job_file.rig.clamp.edge])
-
-
-def _steepest(angle: Array, place: Array, before: list[MeasuredLoad]) -> Array:
-    """(N,) rad, ``angle`` (N,) or the steepest wall at the nearest place of the contour before, if that is more."""
-    return np.maximum(angle, before[0].steepest_at(place)) if before else np.array(angle)
 
 
 def _correction(

@@ -15,14 +15,15 @@ from scipy.spatial.distance import cdist
 
 Array = NDArray[np.float64]
 
-START_DEVIATION = 2.0e-3
-"""m, standard deviation of the bias before anything was measured (assumed: models calibrated on one
-rig miss the springback of another by that much)."""
-DRIFT = 0.15e-3
-"""m per contour, standard deviation of the change of the bias (assumed: the contour-to-contour change of springback
-after the first contours has a standard deviation of 0.03-0.05 mm, Lu 2016, 4.3.1; in the first ones several tenths)."""
-CORRELATION = 10e-3
-"""m of path over which bias is alike (assumed: the diameter of the tool)."""
+START_DEVIATION = 1.0e-3
+"""m, standard deviation of the bias before anything was measured (assumed: a fifth of the springback of an unsupported
+sheet, as models calibrated on one rig miss that of another)."""
+DRIFT = 0.03e-3
+"""m per contour, standard deviation of the change of the bias (published: the contour-to-contour change of springback
+after the first contours has one of 0.03-0.05 mm, Lu 2016, 4.3.1)."""
+CORRELATION = 30e-3
+"""m of path over which bias is alike (assumed, as for tool lifts: a sheet bends over tens of mm; what differs within a
+few mm, as the mark where contours begin, is no springback, and no correction takes it back)."""
 GATE = 4.0
 """Standard deviations beyond which a measurement counts as doubtful and is believed less."""
 

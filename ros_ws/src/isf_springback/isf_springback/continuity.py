@@ -52,6 +52,7 @@ class Applied:
 
     plan_id: str
     index: int
+    feature: int
     forming_tool: int
     place: Array
     value: Array
@@ -65,13 +66,13 @@ class Applied:
 class Continuity:
     """The last contour (``base``) and the one being formed (``pending``) with their corrections.
 
-    When the tools swap they are lifted and travel: there is no base, and no change to limit on the first contour.
+    Before the first contour the tools are lifted, and so when they swap or travel to another feature: there is no base,
+    and no change to limit. The depth that they go to at once is bounded by the largest correction alone.
     """
 
     def __init__(self) -> None:
         self.base: Applied | None = None
         self.pending: Applied | None = None
-        self._swapped = False
 
     def advance(self, contour: Contour) -> IsfError | None:
         """Prepare for ``contour``; returns CONTOUR_OUT_OF_ORDER when it does not follow the last one.
@@ -81,12 +82,11 @@ class Continuity:
         pending = self.pending
         if pending is None or pending.plan_id != contour.plan_id:
             self.base = self.pending = None
-            self._swapped = False
             return None
         if contour.index == pending.index:
             return None
-        self._swapped = pending.forming_tool != contour.forming_tool
-        self.base = None if self._swapped else pending
+        lifted = contour.retract and contour.stage == 0 and contour.feature != pending.feature
+        self.base = None if lifted or pending.forming_tool != contour.forming_tool else pending
         if contour.index == pending.index + 1:
             return None
         return IsfError(
@@ -103,7 +103,7 @@ class Continuity:
     def apply_limits(self, contour: Contour, requested: Array, limits: CorrectionLimits) -> LimitedCorrection:
         """Limited correction of ``contour``, remembered as pending."""
         base = self.base
-        if self._swapped:
+        if base is None:
             limits = replace(limits, change=limits.magnitude)
         limited = limit_correction(
             requested,
@@ -118,5 +118,10 @@ class Continuity:
     def remember(self, contour: Contour, value: Array) -> None:
         """``contour`` is formed with the correction ``value`` (N,) m."""
         self.pending = Applied(
-            contour.plan_id, contour.index, contour.forming_tool, contour.forming_tip[:, :2].copy(), value
+            contour.plan_id,
+            contour.index,
+            contour.feature,
+            contour.forming_tool,
+            contour.forming_tip[:, :2].copy(),
+            value,
         )

@@ -16,7 +16,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from numpy.typing import NDArray
 
-from isf_springback.analytic import AnalyticCorrection, AnalyticOptions, MeasuredLoad, Prediction
+from isf_springback.analytic import AnalyticCorrection, AnalyticOptions, Prediction
 from isf_springback.continuity import forming_radius
 from isf_springback.control_points import ControlLoop, ControlPointOptions, control_loop, part_symmetries
 from isf_springback.database import Database, DatabaseLevel, database_of
@@ -25,6 +25,7 @@ from isf_springback.force_forecast import ForecastLaw, forecast
 from isf_springback.horizontal_springback import HorizontalSpringback, across_level
 from isf_springback.load_displacement import CubicLaw
 from isf_springback.loop_path import LoopPath, nearest_points
+from isf_springback.measured_load import MeasuredLoad
 from isf_springback.sheet_edge import free_size
 from isf_springback.shell.formed_sheet import FacetSize
 
@@ -80,7 +81,7 @@ class ElasticCorrection(AnalyticCorrection):
         """
         elastic = job_file.job.springback.elastic
         self._law: ForecastLaw = law or elastic.forecast
-        super().__init__(job_file, AnalyticOptions(law=self._law))
+        super().__init__(job_file, AnalyticOptions.of(job_file, self._law))
         self._elastic = elastic
         self._across = HorizontalSpringback(job_file) if elastic.horizontal and not axial_only else None
         self._seen: list[Contour] = []
@@ -214,7 +215,8 @@ class ElasticCorrection(AnalyticCorrection):
 
     def _forecast(self, contour: Contour, tip: Array, angle: Array) -> Array:
         """(M,) N; with blocks of several contours from the means of the last two whole blocks."""
-        if self._elastic.block == 1:
+        formed = bool(self._loads) and self._loads[-1].index == contour.index
+        if self._elastic.block == 1 or formed:
             return super()._forecast(contour, tip, angle)
         whole = [block for block in self._blocks if len(block) >= self._elastic.block]
         if not whole:

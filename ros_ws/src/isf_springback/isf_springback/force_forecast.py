@@ -8,12 +8,16 @@ Each law is a = 1 + c, b = -c in  F_i = a F_(i-1) + b F_(i-2):
 * ``linear``: c = 1, no lag on a ramp (default). It doubles the noise variance of the published law (5 against
   2.5 times one reading), which is harmless because sector means of a 1 % load cell are good to about 0.1 %.
 
+Where the plan predicts forces, what is carried on is the measured share of them (:func:`forecast_along`): a wall that
+becomes steeper on its way in raises the force, which the plan knows before it is measured.
+
 The trend c (F_(i-1) - F_(i-2)) is limited to a part of the last force: a knee of the force curve is then overrun
 by a bounded amount.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -44,3 +48,16 @@ def forecast(
     trend = TREND[law] * (recent - np.maximum(before_last, 0.0))
     bound = trend_limit * recent
     return np.asarray(np.maximum(recent + np.clip(trend, -bound, bound), 0.0))
+
+
+def forecast_along(planned: Sequence[Array], last: Array, before_last: Array | None, law: ForecastLaw) -> Array:
+    """As :func:`forecast`, of the measured force as a share of the planned one.
+
+    ``planned``: (M,) N at the same places on the contours in hand and, last, on the coming one; (0,) where the plan
+    tells none, and nothing is changed.
+    """
+    if len(planned) < (2 if before_last is None else 3) or not all(len(force) for force in planned):
+        return forecast(last, before_last, law)
+    coming = np.maximum(planned[-1], 1.0)
+    older = None if before_last is None else before_last * coming / np.maximum(planned[-3], 1.0)
+    return forecast(last * coming / np.maximum(planned[-2], 1.0), older, law)

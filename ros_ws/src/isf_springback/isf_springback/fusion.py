@@ -16,8 +16,8 @@ of a pocket is not true of it.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult
@@ -36,7 +36,6 @@ from isf_springback.scan_memory import ScanMemory
 from isf_springback.scan_processing import FormedShape, sections
 from isf_springback.shape_remarks import shape_remarks
 from isf_springback.sheet_load import push_sign
-from isf_springback.steady_prediction import SteadyPrediction
 from isf_springback.step_bounds import FREE_SHARE, force_remark, force_share, largest_rise
 
 Array = NDArray[np.float64]
@@ -48,6 +47,8 @@ LARGEST_BIAS = 3e-3
 altogether (assumed: more than half of all published springback)."""
 DEEPER = 0.2e-3
 """m of more push than on the contour before, beyond which a contour wipes out the traces of that one."""
+MADE_BY = 4
+"""Contours that make the wall at one place: the ball touches it again and again."""
 RESTLESS = 40.0
 """Contours of drift after a scan that surprised everywhere (assumed): a surprise that comes again is a change of the
 process, and is then followed within two scans."""
@@ -75,7 +76,7 @@ def steady_model(job_file: JobFile) -> AnalyticCorrection:
     by 0.17 mm rms from contour to contour with the trend, by 0.05 mm without, and the wall came out better.
     """
     if job_file.job.springback.fused.model == "analytic":
-        return AnalyticCorrection(job_file, AnalyticOptions(law="hold"))
+        return AnalyticCorrection(job_file, AnalyticOptions.of(job_file, "hold"))
     from isf_springback.elastic import ElasticCorrection  # numba and its kernels: only who uses them waits
 
     return ElasticCorrection(job_file, law="hold", axial_only=True)
@@ -90,6 +91,16 @@ class Reading:
     bottom: Array
 
 
+@dataclass(frozen=True)
+class FormedStep:
+    """One contour of N points: how it was pushed, and what the model says of it, with the force measured on it once
+    that is known; (N,) m each."""
+
+    contour: Contour
+    pushed: Array
+    model: Array
+
+
 class FusedCorrection:
     """Corrects contour after contour. State: the model, both biases, the last correction, the newest shape."""
 
@@ -102,7 +113,7 @@ class FusedCorrection:
         self._scans = ScanMemory(job_file)
         self._wall: BiasField | None = None
         self._bottom: BiasField | None = None
-        self._steady = SteadyPrediction()
+        self._steps: list[FormedStep] = []
         self._remarks: tuple[str, ...] = ()
         self._doubtful = 0.0
         self._force_share = 0.0
@@ -114,30 +125,34 @@ class FusedCorrection:
     def learn(self, contour: Contour, result: ContourResult) -> None:
         """Forces for the model, and how near they come to the limits of the machine."""
         self._model.learn(contour, result)
+        told = self._model.hindsight()
+        if told is not None and self._steps and self._steps[-1].contour.index == contour.index:
+            self._steps[-1] = replace(self._steps[-1], model=told)
         self._force_share = force_share(result, self._job_file)
 
     def feel(self, reading: LiftReading | None, index: int) -> None:
         """A tool lift scales the model; as far as scans have fixed the sum of model and bias, the sum stays."""
-        steps = self._steady.steps
-        before = [self._model.lifted_share(contour.contact) for contour, _ in steps]
+        before = [self._model.lifted_share(step.contour.contact) for step in self._steps]
         self._model.feel(reading, index)
-        if not steps:
+        if not self._steps:
             return
         factors = [
-            self._model.lifted_share(contour.contact) / old for (contour, _), old in zip(steps, before, strict=True)
+            self._model.lifted_share(step.contour.contact) / old for step, old in zip(self._steps, before, strict=True)
         ]
-        contour, predicted = steps[-1]
-        grown = (factors[-1] - 1.0) * predicted
-        self._wall, self._bottom = (_shifted(field, contour, grown) for field in (self._wall, self._bottom))
-        self._steady.scaled(factors)
+        last = self._steps[-1]
+        grown = (factors[-1] - 1.0) * last.model
+        self._wall, self._bottom = (_shifted(field, last.contour, grown) for field in (self._wall, self._bottom))
+        self._steps = [
+            replace(step, model=factor * step.model) for step, factor in zip(self._steps, factors, strict=True)
+        ]
 
     def follow(self, contour: Contour, correction: ContourCorrection) -> None:
         """Take note that another method corrected ``contour``; the model predicts along, to compare with scans."""
         self._advance(contour)
         predicted = self._model.correct(contour)
         self._model.follow(contour, correction)
-        self._steady.take(contour, _along(predicted, contour), seen=self._wall is not None)
         self._memory.remember(contour, np.asarray(correction.offset))
+        self._step(contour, _along(predicted, contour), np.asarray(correction.offset))
 
     def see(self, points: Array, index: int) -> None:
         """Update both biases from the shape after contour ``index``; what is wrong is told by the next correction."""
@@ -147,22 +162,18 @@ class FusedCorrection:
             return
         shape = self._scans.take(points, None if applied is None else applied.contour, index)
         target = self._scans.target
-        if shape is None or applied is None or target is None or not self._steady.steps:
+        if shape is None or applied is None or target is None or not self._steps:
             return
+        if len(self._steps) < min(self._job_file.job.springback.open_loop_contours, MADE_BY):
+            return  # the edge of the opening, which no tool reaches, is still all the wall there is
         contour = applied.contour
         reading = read_errors(contour, shape, target, forming_radius(self._job_file, contour.forming_tool))
-        near = nearest_points(reading.place, contour.forming_tip[:, :2])
-        sign = push_sign(contour)
-        pushed, model = sign * applied.offset[near, 2], self._steady.steps[-1][1][near]
-        pushed_before, model_before = sign * self._memory.last(contour)[near, 2], self._model_before(reading.place)
-        noise = np.full(len(near), float(np.hypot(READING_DEVIATION, shape.noise)))
+        noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         known = self._fields(reading.place)
-        # what is read of the wall was made by this contour and the one before; by this one alone when it went deeper
-        share = np.where(pushed > pushed_before + DEEPER, 1.0, 0.5)
-        recovered = reading.wall + share * pushed + (1.0 - share) * pushed_before
-        expected = share * model + (1.0 - share) * model_before
-        self._wall, doubt_wall = updated(known[0], recovered - expected, noise)
-        self._bottom, _ = updated(known[1], reading.bottom + pushed - model, noise)
+        last = self._steps[-1]
+        near = nearest_points(reading.place, contour.forming_tip[:, :2])
+        self._wall, doubt_wall = updated(known[0], reading.wall - expected_error(self._steps, reading.place), noise)
+        self._bottom, _ = updated(known[1], reading.bottom - (last.model - last.pushed)[near], noise)
         self._doubtful = float(doubt_wall.mean())
         level = float(contour.forming_tip[:, 2].min())
         self._remarks = (*shape.remarks, *shape_remarks(shape, target, level, self._job_file))
@@ -179,7 +190,7 @@ class FusedCorrection:
         self._advance(contour)
         model = self._model.correct(contour)
         fault = IsfError(ErrorCode(model.code), model.message) if model.code else self._scans.fault_before(contour)
-        predicted = self._steady.take(contour, _along(model, contour), seen=self._wall is not None)
+        predicted = _along(model, contour)
         path = LoopPath.of(contour)
         place, disagreement, deviation = self._bias(contour, path)
         bias = np.clip(disagreement, -np.maximum(predicted, LARGEST_BIAS), LARGEST_BIAS)
@@ -190,8 +201,8 @@ class FusedCorrection:
         else:
             wanted = self._job_file.job.springback.gain * (predicted + bias)
         rise, change = (largest_rise(self._job_file, share) for share in (self._force_share, 0.0))
-        if self._memory.base is None and contour.index > 0:
-            rise = change = MAGNITUDE  # the tools have swapped: lifted, they jump nowhere
+        if self._memory.base is None:
+            rise = change = MAGNITUDE  # the part begins or the tools have swapped: lifted, they jump nowhere
         elif contour.forming_tool == 1 and self._unconfirmed():
             rise = min(rise, SLOW_RISE * self._job_file.job.path.incremental_depth)
         admitted = np.minimum(wanted, np.maximum(sign * before[:, 2], 0.0) + rise)
@@ -201,6 +212,7 @@ class FusedCorrection:
         offset = np.zeros((len(contour), 3))
         offset[:, 2] = sign * value
         self._memory.remember(contour, offset)
+        self._step(contour, predicted, offset)
         remarks = [*model.remarks, *self._remarks]
         if np.abs(disagreement).max() >= TOLD_BIAS:
             followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
@@ -244,10 +256,11 @@ class FusedCorrection:
             return False  # several contours without a scan: the model is all there is
         return self._wall is None or self._doubtful > SURPRISING
 
-    def _model_before(self, place: Array) -> Array:
-        """(M,) m, prediction of the contour before the last one, seen from ``place`` (M, 2) m."""
-        contour, predicted = self._steady.steps[0]
-        return np.asarray(predicted[nearest_points(place, contour.forming_tip[:, :2])])
+    def _step(self, contour: Contour, predicted: Array, offset: Array) -> None:
+        """Note how ``contour`` is pushed; asking again for a contour replaces it."""
+        before = [step for step in self._steps if step.contour.index < contour.index and _same_wall(step, contour)]
+        pushed = push_sign(contour) * offset[:, 2]
+        self._steps = [*before[1 - MADE_BY :], FormedStep(contour, pushed, predicted)]
 
     def _advance(self, contour: Contour) -> None:
         pending = self._memory.pending
@@ -260,7 +273,7 @@ class FusedCorrection:
 
     def _forget(self) -> None:
         self._wall = self._bottom = None
-        self._steady.clear()
+        self._steps = []
         self._doubtful = self._force_share = 0.0
         self._remarks = ()
 
@@ -305,6 +318,24 @@ def _shifted(field: BiasField | None, contour: Contour, grown: Array) -> BiasFie
     return BiasField(field.place, field.bias - shift, field.covariance)
 
 
+def expected_error(steps: Sequence[FormedStep], place: Array) -> Array:
+    """(M,) m, error of the wall at ``place`` (M, 2) m by the model alone: mean over the contours that made it.
+
+    A contour that went deeper than the one before it by more than :data:`DEEPER` is the first that counts.
+    """
+    total, count, counts = np.zeros(len(place)), np.zeros(len(place)), np.ones(len(place))
+    later: Array | None = None
+    for step in reversed(steps):
+        near = nearest_points(place, step.contour.forming_tip[:, :2])
+        pushed, model = step.pushed[near], step.model[near]
+        if later is not None:
+            counts = np.where(later > pushed + DEEPER, 0.0, counts)
+        total += counts * (model - pushed)
+        count += counts
+        later = pushed
+    return np.asarray(total / count)
+
+
 def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius: float) -> Reading:
     """Errors on the wall just above the contact and on the bottom, at :data:`PLACES` places of ``contour``."""
     path = LoopPath.of(contour)
@@ -336,6 +367,17 @@ def _median(values: Array) -> Array:
     enough = np.isfinite(values).sum(axis=1) >= 2
     result[enough] = np.nanmedian(values[enough], axis=1)
     return result
+
+
+def _same_wall(step: FormedStep, contour: Contour) -> bool:
+    """True when both contours belong to one feature, stage and forming tool of one plan."""
+    known = step.contour
+    return (known.plan_id, known.feature, known.stage, known.forming_tool) == (
+        contour.plan_id,
+        contour.feature,
+        contour.stage,
+        contour.forming_tool,
+    )
 
 
 def _along(correction: ContourCorrection, contour: Contour) -> Array:

@@ -61,7 +61,10 @@ class LearnedCorrection:
         sign = push_sign(contour)
         before = sign * self._memory.last(contour)[:, 2]
         wanted = before if fault is not None else self._job_file.job.springback.gain * predicted
-        limits = push_limits(self._job_file, contour.forming_tool)
+        # before the first contour the tools are lifted: they jump nowhere
+        limits = push_limits(
+            self._job_file, contour.forming_tool, change=MAGNITUDE if self._memory.base is None else None
+        )
         value, bound = limit_signed(wanted, LoopPath.of(contour), limits, before)
         offset = np.zeros((len(contour), 3))
         offset[:, 2] = sign * value

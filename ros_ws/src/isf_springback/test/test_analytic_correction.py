@@ -1,5 +1,7 @@
 """The method "analytic" contour by contour: level, signs, continuity, missing and bad forces, speed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode
@@ -55,19 +57,64 @@ def test_gap_of_the_tools_is_unchanged():
     assert np.abs(corrected.forming_tip - contour.forming_tip).max() > 1e-3
 
 
-def test_first_contour_is_not_corrected():
+def planned(index, force=571.0):
+    contour = cone_contour(index)
+    return replace(contour, predicted_force=np.full(len(contour), force))
+
+
+def test_first_contour_is_pushed_by_the_predicted_force_at_once():
+    """As the first contour after a swap: the tools are lifted, there is no change to limit."""
+    first = AnalyticCorrection(job_file()).correct(planned(0))
+    assert first.code == 0
+    assert first.control_point_force == pytest.approx(np.full(24, 571.0))
+    assert -first.offset[:, 2].mean() > 3.0 * CHANGE
+    assert not first.saturated.any()
+
+
+@pytest.mark.parametrize("plan", [cone_contour, planned])
+def test_first_contour_as_published_is_not_corrected(plan):
     # published: S = 0 in block 1 (Ren 2018, 4.3.1)
-    first = AnalyticCorrection(job_file()).correct(cone_contour(0))
+    job = job_file(gain="gain: 1.0, first_contour: zero")
+    first = AnalyticCorrection(job).correct(plan(0))
     assert first.code == 0
     assert not first.offset.any()
 
 
-def test_first_contour_by_estimate_is_within_the_change_limit():
+def test_without_a_predicted_force_the_first_contour_is_not_corrected():
+    assert not AnalyticCorrection(job_file()).correct(cone_contour(0)).offset.any()
+
+
+def test_first_contour_by_estimate_takes_aerens_regression():
     first = AnalyticCorrection(job_file(), AnalyticOptions(first_contour="estimate")).correct(cone_contour(0))
     assert first.control_point_force == pytest.approx(np.full(24, first.control_point_force[0]))
     # Aerens' regression for 1 mm AA5754-O at 50 deg: several hundred N
     assert 300.0 < first.control_point_force[0] < 900.0
-    assert -first.offset[:, 2] == pytest.approx(np.full(len(first.offset), CHANGE), abs=1e-9)
+
+
+def test_the_force_that_the_plan_lets_rise_is_forecast():
+    """Measured is 0.9 of the plan all along: so is the forecast, though the force rises; a plan that falls is held."""
+    method = AnalyticCorrection(job_file(), AnalyticOptions(law="hold"))
+    rising = [571.0, 655.0, 740.0, 700.0]
+    told = []
+    for index, force in enumerate(rising):
+        contour = planned(index, force)
+        correction = method.correct(contour)
+        told.append(float(correction.control_point_force.mean()))
+        method.learn(apply(contour, correction), result_of(contour, 0.9 * max(rising[: index + 1])))
+    assert told == pytest.approx([571.0, 0.9 * 655.0, 0.9 * 740.0, 0.9 * 740.0], rel=1e-6)
+
+
+def test_hindsight_is_the_model_under_the_force_that_was_measured():
+    method = AnalyticCorrection(job_file(), AnalyticOptions(law="hold"))
+    assert method.hindsight() is None
+    contour = planned(0)
+    correction = method.correct(contour)
+    assert method.hindsight() is None
+    method.learn(apply(contour, correction), result_of(contour, 300.0))
+    told = method.hindsight()
+    # 300 N in place of 571 N: clearly less; and what the next contour takes, whose force is held
+    assert 0.3 * correction.springback.mean() < told.mean() < 0.9 * correction.springback.mean()
+    assert method.correct(planned(1)).springback.mean() == pytest.approx(told.mean(), rel=0.03)
 
 
 def test_no_change_above_the_limit_between_contours():

@@ -203,7 +203,7 @@ def test_fused_tells_its_uncertainty_and_it_shrinks():
 
 
 def test_bias_is_shared_by_neighbours_and_a_surprise_is_believed_less():
-    place = np.column_stack([np.arange(20) * 5e-3, np.zeros(20)])
+    place = np.column_stack([np.arange(20) * 15e-3, np.zeros(20)])
     field = first_field(place)
     measured = np.full(20, np.nan)
     measured[10] = 1e-3

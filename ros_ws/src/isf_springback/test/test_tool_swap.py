@@ -98,14 +98,18 @@ def test_zero_can_be_had():
     assert not method.correct(second_feature(9)).offset.any()
 
 
-def test_a_feature_on_the_same_side_begins_as_published():
-    """No swap: the first contour asks for nothing, and what is applied differs from the last by the limit."""
+@pytest.mark.parametrize("retract", [True, False])
+def test_a_feature_on_the_same_side_begins_with_its_own_force(retract):
+    """Lifted tools go where the predicted force asks for; tools that stay down change by the limit."""
     method = formed_pocket()
     before = method._continuity.pending.value.mean()
     contour = cone_contour(8)
-    first = method.correct(replace(contour, feature=1, predicted_force=np.full(len(contour), PREDICTED)))
-    assert not first.springback.any()
-    assert -first.offset[:, 2].mean() == pytest.approx(before - CHANGE, abs=20e-6)
+    predicted = np.full(len(contour), 150.0)
+    first = method.correct(replace(contour, feature=1, retract=retract, predicted_force=predicted))
+    wanted = first.springback.mean()
+    assert 0.0 < wanted < before - 1.5 * CHANGE
+    applied = -first.offset[:, 2].mean()
+    assert applied == pytest.approx(wanted if retract else before - CHANGE, abs=20e-6)
 
 
 def test_a_new_plan_of_the_other_side_is_no_swap():

@@ -1,0 +1,84 @@
+"""What "fused" takes for the model's fault, and what for that of the force forecast: no swing between the two."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_core.height_map import HeightMap
+from isf_core.job import JobFile
+from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
+from isf_springback.fusion import DEEPER, FormedStep, FusedCorrection, expected_error
+from isf_springback.method import apply
+from springback_parts import JOB_TEXT, cone_contour, result_of
+
+COMPLIANCE = 6e-6
+"""m/N of the linear sheet."""
+
+COUNT = 36
+GRID = np.arange(-60, 61) * 1e-3
+X, Y = np.meshgrid(GRID, GRID)
+TARGET = HeightMap(GRID, GRID, np.clip((np.hypot(X, Y) - 36e-3) * np.tan(np.radians(50.0)), -22e-3, 0.0))
+
+
+class LinearModel(AnalyticCorrection):
+    """A sheet whose springback is proportional to the force."""
+
+    def _springback(self, contour, place, tip, angle, force):
+        return COMPLIANCE * np.asarray(force)
+
+
+def formed(true, stiffness, bump=0.0):
+    """(COUNT,) m, corrections of a part on which the force is 700 N + ``stiffness`` x (growth of the push).
+
+    The sheet springs back ``true`` times what the model says; at contour 14 the force is ``bump`` N more.
+    """
+    job_file = JobFile(JOB_TEXT.replace("method: analytic", "scan_every: 1, method: fused"), Path("."))
+    rig_size = GRID[-1] - GRID[0]
+    job_file.rig = job_file.rig.model_copy(
+        update={"clamp": job_file.rig.clamp.model_copy(update={"size": (rig_size, rig_size)})}
+    )
+    method = FusedCorrection(job_file, lambda job: LinearModel(job, AnalyticOptions(law="hold")))
+    method.take_target(TARGET)
+    pushes: list[float] = []
+    error = np.zeros_like(X)
+    for index in range(COUNT):
+        contour = cone_contour(index, count=COUNT)
+        contour = replace(contour, predicted_force=np.full(len(contour), 700.0))
+        correction = method.correct(contour)
+        pushes.append(-float(correction.offset[:, 2].mean()))
+        growth = 0.0 if index == 0 else pushes[-1] - pushes[-2]
+        force = max(700.0 + stiffness * growth + (bump if index == 14 else 0.0), 50.0)
+        method.learn(apply(contour, correction), result_of(contour, force))
+        inside = np.hypot(X, Y) <= np.hypot(*contour.contact[0, :2]) + 0.2e-3
+        bottom = float(contour.forming_tip[0, 2])
+        error = np.where(inside, true * COMPLIANCE * force - pushes[-1], error)
+        shape = np.maximum(TARGET.z, bottom) + error
+        method.see(np.column_stack([X.ravel(), Y.ravel(), shape.ravel()]), index)
+    return np.array(pushes)
+
+
+@pytest.mark.parametrize("true", [0.85, 1.0, 1.15])
+def test_the_correction_finds_the_springback_of_a_sheet_that_is_off(true):
+    assert formed(true, 0.0)[-10:] == pytest.approx(np.full(10, true * COMPLIANCE * 700.0), abs=0.15e-3)
+
+
+def test_a_force_that_the_push_raises_does_not_make_it_swing():
+    """60 N more on one contour move the push by what they bend; the force that this raises does not keep it going."""
+    pushes = formed(1.0, 60e3, bump=60.0)
+    assert np.ptp(pushes[15:18]) > 0.05e-3
+    assert np.ptp(pushes[-8:]) < 0.05e-3
+    assert pushes[-1] == pytest.approx(COMPLIANCE * 700.0, abs=0.1e-3)
+
+
+def step(index, pushed, model):
+    contour = cone_contour(index)
+    return FormedStep(contour, np.full(len(contour), pushed), np.full(len(contour), model))
+
+
+def test_a_wall_is_made_by_several_contours_until_one_goes_deeper():
+    place = cone_contour(8).forming_tip[::40, :2]
+    even = [step(6, 5.0e-3, 5.2e-3), step(7, 5.1e-3, 5.2e-3), step(8, 5.2e-3, 5.2e-3)]
+    assert expected_error(even, place) == pytest.approx(np.full(len(place), 0.1e-3))
+    deeper = [*even[:2], step(8, 5.1e-3 + 1.1 * DEEPER, 5.4e-3)]
+    assert expected_error(deeper, place) == pytest.approx(np.full(len(place), 0.3e-3 - 1.1 * DEEPER))
