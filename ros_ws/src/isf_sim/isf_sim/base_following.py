@@ -30,13 +30,9 @@ def follow(surface: Surface, track: TipTrack, path: float, loop: float, pillow: 
     if loop <= 0.0:
         return
     first = path - LOOPS * loop
-    recent = track.visited >= first
-    rows, columns = np.flatnonzero(recent.any(axis=1)), np.flatnonzero(recent.any(axis=0))
-    if len(rows) == 0:
+    j0, j1, i0, i1 = _box(track.visited, first)
+    if j1 <= j0:
         return
-    ny, nx = track.tip.shape
-    j0, j1 = max(rows[0] - 1, 0), min(rows[-1] + 2, ny)
-    i0, i1 = max(columns[0] - 1, 0), min(columns[-1] + 2, nx)
     stack = np.empty((j1 - j0) * (i1 - i0), dtype=np.int64)
     cells = _find_enclosed(track, first, j0, j1, i0, i1, stack)
     if cells <= 4:
@@ -45,6 +41,19 @@ def follow(surface: Surface, track: TipTrack, path: float, loop: float, pillow: 
     height = pillow * min(1.0, square / (4.0 * radius) ** 2)
     _relax(track, 4.0 * height / square * track.h**2, j0, j1, i0, i1)
     _lower(surface, track, j0, j1, i0, i1)
+
+
+@kernel
+def _box(visited: Array, first: float) -> tuple[int, int, int, int]:
+    """Rows and columns, first and one past the last, round what was visited since ``first`` m and one node more."""
+    ny, nx = visited.shape
+    j0, j1, i0, i1 = ny, 0, nx, 0
+    for j in range(ny):
+        for i in range(nx):
+            if visited[j, i] >= first:
+                j0, j1 = min(j0, j - 1), max(j1, j + 2)
+                i0, i1 = min(i0, i - 1), max(i1, i + 2)
+    return max(j0, 0), min(j1, ny), max(i0, 0), min(i1, nx)
 
 
 @kernel
