@@ -46,7 +46,8 @@ def formed(force: float, factor: float) -> Formed:
                 forces.append(tip @ sample.true_force_2[:2] / np.linalg.norm(tip))
             sample = machine.tick(pair.tip_1, pair.tip_2, pair.holder_height)
         result = controller.take_result()
-        assert result is not None and result.completed
+        assert result is not None
+        assert result.completed
     return Formed(np.array(off), np.array(forces))
 
 
