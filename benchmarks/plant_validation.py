@@ -241,9 +241,12 @@ def speed() -> None:
 
 
 def target_cone_compliance() -> None:
-    """Deflection of the target cone, elastic, at the tool's place on its last circle (Ren 2018, Table 4.6)."""
+    """Deflection of the target cone, elastic, at the tool's place on its last circle (Ren 2018, Table 4.6).
+
+    With the constants of that computation (4.4); horizontally 30 % are asked for.
+    """
     opening, angle, height = 36e-3, np.radians(50.0), 21e-3
-    shell = Shell((0.25, 0.25), 0.25 / 40, Elastic(70e9, 0.33), 1e-3, edge="free")
+    shell = Shell((0.25, 0.25), 0.25 / 40, Elastic(68e9, 0.3), 1e-3, edge="free")
     of = PlantConstants()
     grading = Grading(of.forming_cell, of.cell_growth, of.flange_cell)
     lines = graded_lines(0.25, 40, -opening - 7e-3, opening + 7e-3, grading)  # as in the plant
@@ -253,7 +256,10 @@ def target_cone_compliance() -> None:
     shell.set_shape(-np.clip((opening - r) * np.tan(angle), 0.0, height), 1e-3 * np.cos(slope))
     place = float(tool_circle(height, opening, angle, 5e-3))
     patch = shell.load_patch(place, 0.0, 3.5e-3)
-    for axis, name, published in ((2, "Z", (2.71, 5.09)), (0, "X", (0.62, 1.11))):
+    for axis, name, published, within in (
+        (2, "Z", (2.71, 5.09), 0.15),
+        (0, "X (within 30 %)", (0.62, 1.11), 0.30),
+    ):
         values = []
         for size in (200.0, 600.0):
             force = np.zeros(3)
@@ -261,7 +267,8 @@ def target_cone_compliance() -> None:
             values.append(float(1e3 * abs(shell.solve(patch, force).displacement[axis])))
         text = f"{values[0]:.2f} / {values[1]:.2f}"
         told = f"{published[0]:.2f} / {published[1]:.2f}"
-        row(f"target cone, {name}, 200 / 600 N [mm]", told, text, "A", list(zip(values, published, strict=True)))
+        check = list(zip(values, published, strict=True))
+        row(f"target cone, {name}, 200 / 600 N [mm]", told, text, "A", check, within)
 
 
 QUICK = ("flat", "compliance", "praveen", "angles", "limits")
