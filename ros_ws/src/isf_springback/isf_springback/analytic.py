@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.forming_force import aerens_axial_force, contact_patch
 from isf_core.job import JobFile
@@ -54,10 +54,10 @@ class AnalyticOptions:
         of a floor, where springback does not grow: hence not the default.
     clamp : radius of a rectangular clamp, see :func:`isf_core.opening.clamp_radius`
     law : force forecast
-    first_contour : "predicted" (by the force that the plan predicts; not corrected where the plan tells none), "zero"
-        (not corrected, as published for block 1) or "estimate" (as "predicted"; by Aerens' regression where the plan
-        tells none). When the tools have swapped, "predicted" does as "estimate": the sheet stands where springback
-        left it, and tools at the planned height would not form.
+    first_contour : "predicted" (by the force that the plan predicts; not corrected where the plan tells none, over a
+        die, and in further stages), "zero" (not corrected, as published for block 1) or "estimate" (everywhere, by
+        Aerens' regression where the plan tells none). When the tools have swapped, "predicted" does as "estimate":
+        the sheet stands where springback left it, and tools at the planned height would not form.
     control_points : places along the contour where force and model are evaluated
     """
 
@@ -284,7 +284,8 @@ class AnalyticCorrection:
                 advice="the last good correction is kept; check that force control publishes contour/result",
             )
         choice = self._options.first_contour
-        known = contour.stage == 0 and len(contour.predicted_force) > 0
+        free = contour.stage == 0 and contour.process is not Process.TPIF  # a die carries what it begins with
+        known = free and len(contour.predicted_force) > 0
         if choice == "estimate" or (choice == "predicted" and (self._swapped or known)):
             return self._expected(contour, tip, angle)
         return np.zeros(len(tip))

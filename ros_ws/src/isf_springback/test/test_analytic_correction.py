@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isf_core.contour import Process
 from isf_core.errors import ErrorCode
 from isf_springback import make_method
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
@@ -82,6 +83,11 @@ def test_first_contour_as_published_is_not_corrected(plan):
 
 def test_without_a_predicted_force_the_first_contour_is_not_corrected():
     assert not AnalyticCorrection(job_file()).correct(cone_contour(0)).offset.any()
+
+
+@pytest.mark.parametrize("change", [{"process": Process.TPIF}, {"stage": 1}])
+def test_over_a_die_and_in_a_further_stage_the_first_contour_is_not_corrected(change):
+    assert not AnalyticCorrection(job_file()).correct(replace(planned(0), **change)).offset.any()
 
 
 def test_first_contour_by_estimate_takes_aerens_regression():
