@@ -12,6 +12,7 @@ import trimesh
 from isf_core.job import load_job
 from isf_planner import plan
 from planner_parts import EXAMPLES
+from scipy.spatial import cKDTree
 
 NAMES = (
     *("ren_cone", "ren_pyramid", "spif_cone", "mini_cone"),
@@ -36,8 +37,12 @@ def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_par
     assert path.stat().st_size < 400_000
     stored = trimesh.load_mesh(path, process=False)
     made = make_parts.all_parts()[name]
-    # single precision of the file: 1e-7 of up to 57 mm
-    np.testing.assert_allclose(stored.triangles, made.triangles, atol=1e-5)
+    # single precision of the file: 1e-7 of up to 57 mm; which diagonal splits four corners depends on the library
+    corners = [mesh.triangles.reshape(-1, 3) for mesh in (stored, made)]
+    assert len(corners[0]) == len(corners[1])
+    for points, others in (corners, corners[::-1]):
+        assert cKDTree(others).query(points)[0].max() < 2e-5
+    assert stored.area == pytest.approx(made.area, rel=1e-4)
 
 
 @pytest.mark.parametrize(
