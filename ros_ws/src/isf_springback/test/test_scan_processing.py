@@ -112,6 +112,16 @@ def test_springback_alone_is_never_taken_for_another_part(springback):
     assert process_scan(formed(springback).points(), EXPECTED).coverage == 1.0
 
 
+def test_a_sheet_that_sags_around_a_shallow_contour_is_believed():
+    """A wide cone at 3.5 mm of depth that sprang back to a third of it and sags by 2.2 mm as a dish (0.6 mm rms)."""
+    target = cone(depth=15e-3, opening=100e-3)
+    away = np.hypot(*np.meshgrid(GRID, GRID))
+    dish = -2.2e-3 * np.clip(1.0 - (away / 112e-3) ** 2, 0.0, None) ** 2
+    shallow = HeightMap(GRID, GRID, np.maximum(target.z, -3.5e-3) / 3.0 + dish)
+    shape = process_scan(shallow.points(), ScanExpectation(target, CLAMP, -3.5e-3))
+    assert np.nanmin(shape.surface.z) == pytest.approx(float(shallow.z.min()), abs=20e-6)
+
+
 def test_an_unclamped_part_keeps_its_flange():
     points = formed().points() + [0.0, 0.0, 1e-3]
     shape = process_scan(points, ScanExpectation(cone(), CLAMP, -15e-3, clamped=False))

@@ -36,6 +36,9 @@ SMALLEST_DEPTH = 2.5e-3
 LARGEST_MISFIT = 0.16
 """rms of the formed minus the expected shape after the best scale and shift, over the depth (assumed: springback of
 the published parts leaves 0.02-0.06, another part of the same size 0.2 and more)."""
+LARGEST_SAG = 0.8e-3
+"""m, rms of that misfit that is believed at any depth: the sheet around a shallow contour sags as a dish that has not
+the shape of the part (assumed; 0.6 to 0.75 mm at the third and fourth contour of simulated parts of 250 mm)."""
 OPENING_DEPTH = 0.1e-3
 """m below the flange at which the opening begins."""
 RIM_WIDTH = 10e-3
@@ -186,7 +189,7 @@ def _check_identity(surface: HeightMap, shape: HeightMap, opening: Mask, shift: 
         height, scale = float(found[0]), float(found[1])
         misfit = float(np.sqrt(np.mean((value[known] - matrix @ found) ** 2))) / depth
     believable = HEIGHT_RANGE[0] < height < HEIGHT_RANGE[1] and -0.3 < scale < LARGEST_SCALE
-    if misfit > LARGEST_MISFIT or not believable:
+    if misfit > max(LARGEST_MISFIT, LARGEST_SAG / depth) or not believable:
         raise IsfError(
             ErrorCode.SCAN_OF_ANOTHER_PART,
             f"the shape departs from the expected one by {100 * misfit:.0f} % of its depth (scale {scale:.2f}, "
