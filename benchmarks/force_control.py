@@ -215,6 +215,7 @@ def row(case: Case, data: dict[str, Any]) -> str:
     """One line of the table."""
     failed = f" (ended with {data['code']})" if data["code"] else ""
     name = f"{case.job}, {case.contours} contours" if case.contours else case.job
+    name += "".join(f", {field} {value:g}" for field, value in case.changes)
     if "within" not in data:
         return f"| {name}{failed} | {case.force:.0f} | {case.world} |" + " - |" * 12
     return (
@@ -265,6 +266,7 @@ def verdict(name: str, rows: list[dict[str, Any]]) -> str:
 def full_cases(correction: str) -> list[Case]:
     """Parts and set-points on the nominal world, then worlds 1 to 20 at 120 N."""
     cases = [Case(job, force, 0, correction) for job in PARTS_FORMED for force in SET_POINTS]
+    cases.append(Case("ren_pyramid", 300.0, 0, correction, changes=(("offset_limit", 2e-3),)))
     return cases + [Case(job, 120.0, world, correction) for job in PARTS_FORMED for world in WORLDS]
 
 
@@ -276,7 +278,7 @@ def run_forces(cases: list[Case], processes: int) -> str:
         lines.append(row(case, data))
         print(lines[-1], flush=True)
         if "within" in data:
-            group = f"{case.job}, worlds" if case.world else f"{case.job}, set-points"
+            group = f"{case.job}, " + ("worlds" if case.world else "other limit" if case.changes else "set-points")
             groups.setdefault(group, []).append(data)
     for name, rows in groups.items():
         lines += worlds_row(name, rows) if name.endswith("worlds") else []
