@@ -24,6 +24,7 @@ from isf_springback.learning import features
 from isf_springback.learning_file import FEATURES, Learned
 from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.offset_memory import OffsetMemory, limit_signed, push_limits
+from isf_springback.scan_memory import contour_over_die
 from isf_springback.sheet_load import push_sign
 
 Array = NDArray[np.float64]
@@ -121,6 +122,7 @@ def learned_map(job_file: JobFile) -> LearnedCorrection:
     depth: dict[str, float] = {}
 
     def predict(contour: Contour, remarks: list[str]) -> Array:
+        contour = contour_over_die(contour)  # depths of samples count from the top of the die
         # the floor of the plan lies where its last contour goes: count and step tell, as on the plan itself
         step = job_file.job.path.incremental_depth
         floor = depth.setdefault(
