@@ -192,7 +192,7 @@ def test_faults_of_a_cell():
         reading.force(np.ones(3))
     with pytest.raises(IsfError, match="frozen") as caught:
         reading.force(np.ones(3))
-    assert caught.value.code is ErrorCode.WRENCH_LOST
+    assert caught.value.code is ErrorCode.WRENCH_FROZEN
 
 
 def test_drift_asks_for_a_tare_and_contact_refuses_one():

@@ -1,0 +1,228 @@
+"""Node ``load_cell``: raw readings of a load cell in, the wrench in frame ``sheet`` that force control uses out.
+
+Readings come as a wrench on ``raw`` (geometry_msgs/WrenchStamped), or by name on ``raw_cells`` (sensor_msgs/JointState,
+``effort``) where the file of the cell names channels. Nothing is published before ``~/tare``, nor after a fault of the
+cell until the next one. See docs/other_cells.md.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_core import quantity
+from isf_core.errors import ErrorCode, IsfError
+from isf_node import conversion, process, qos, stamps
+from isf_node.lifecycle import CellNode
+from isf_node.parameters import parameter
+from isf_node.watchdog import ReceiveWatchdog
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from isf_force_ctrl.load_cell_file import load_cell_set_up
+from isf_force_ctrl.load_cell_stream import CellStream
+
+Array = NDArray[np.float64]
+
+LOOK = 0.1
+"""s of wall time between two looks at what has stopped."""
+
+
+@dataclass(frozen=True)
+class LoadCellParameters:
+    """Parameters of the node; the cell's own numbers stand in its file."""
+
+    file: str = parameter("", "file of the cell: what isf calibrate-cell writes, with range, rotation, ... added")
+    rig: str = parameter("", "rig (name or path) whose load_cell gives what the file does not")
+    tool: int = parameter(1, "1 or 2: whose weight the rig tells", least=1, most=2)
+    frame: str = parameter(conversion.FRAME, "frame_id of the wrench")
+    with_pose: bool = parameter(False, "the cell turns: weight and axes by the orientation on pose")
+    tare_readings: int = parameter(250, "newest readings that make the zero", least=1, most=100_000)
+    timeout: float = parameter(0.5, "s without a reading, or a pose, that are told", least=0.01, most=60.0)
+    best_effort: bool = parameter(False, "the driver publishes its readings best effort")
+
+
+class LoadCellNode(CellNode[LoadCellParameters]):
+    """ROS side of :class:`isf_force_ctrl.load_cell_stream.CellStream`."""
+
+    def __init__(self) -> None:
+        super().__init__("load_cell", LoadCellParameters)
+        self._stream: CellStream | None = None
+        self._entities: list[tuple[Any, Any]] = []
+        self._told = ""
+        self._readings = self._wrenches = 0
+
+    # -- lifecycle -----------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        self._parameters = p = self.values()
+        set_up = load_cell_set_up(p.file, p.rig, p.tool)
+        self._stream = CellStream(set_up.reading, p.tare_readings)
+        self._mounting = set_up.rotation
+        self._names = set_up.channels or ()
+        self._order: tuple[tuple[str, ...], tuple[int, ...]] = ((), ())
+        self._raw = ReceiveWatchdog(p.timeout)
+        self._pose = ReceiveWatchdog(p.timeout)
+        self._rotation: Array | None = None
+        self._wrench = conversion.make_wrench()
+        self._wrench.header.frame_id = p.frame
+        self._publisher = self.create_publisher(WrenchStamped, "wrench", qos.STREAM_SOURCE)
+        profile = qos.SENSOR if p.best_effort else qos.STREAM
+        subscriptions = [
+            self.create_subscription(JointState, "raw_cells", self._on_channels, profile)
+            if set_up.channels
+            else self.create_subscription(WrenchStamped, "raw", self._on_raw, profile)
+        ]
+        if p.with_pose:
+            subscriptions.append(self.create_subscription(PoseStamped, "pose", self._on_pose, qos.SENSOR))
+        services = [
+            self.create_service(Trigger, "~/tare", self._on_tare),
+            self.create_service(Trigger, "~/check_drift", self._on_check_drift),
+        ]
+        timer = self.create_timer(LOOK, self._look, clock=self.steady_clock)
+        self._entities = [
+            (self.destroy_publisher, self._publisher),
+            *((self.destroy_subscription, item) for item in subscriptions),
+            *((self.destroy_service, item) for item in services),
+            (self.destroy_timer, timer),
+        ]
+
+    def activate(self) -> None:
+        self._told = ""
+        for watchdog in (self._raw, self._pose):
+            watchdog.feed()  # from now on something has to come
+
+    def cleanup(self) -> None:
+        for destroy, entity in self._entities:
+            destroy(entity)
+        self._entities, self._stream = [], None
+
+    def health_values(self) -> dict[str, object]:
+        if self._stream is None:
+            return {}
+        publishing = self.is_active and self._stream.fault is None and self._lost() is None
+        return {
+            "publishing": publishing,
+            "faults": self._stream.faults,
+            "readings": self._readings,
+            "wrenches": self._wrenches,
+        }
+
+    # -- readings, hot path --------------------------------------------------------------------
+
+    def _on_raw(self, message: WrenchStamped) -> None:
+        self._take(message.header.stamp, np.array(conversion.wrench_array(message)))
+
+    def _on_channels(self, message: JointState) -> None:
+        effort, names = message.effort, tuple(message.name)
+        if self._order[0] != names:
+            self._order = (names, tuple(names.index(name) if name in names else -1 for name in self._names))
+        reading = [effort[k] if 0 <= k < len(effort) else np.nan for k in self._order[1]]
+        self._take(message.header.stamp, np.array(reading))
+
+    def _take(self, stamp: Any, reading: Array) -> None:
+        stream = self._stream
+        if not self.is_active or stream is None:
+            return
+        self._raw.feed()
+        self._readings += 1
+        rotation = None
+        if self._parameters.with_pose:
+            if self._rotation is None or self._pose.expired():
+                return  # told by _look, after a moment
+            rotation = self._rotation
+        before = stream.fault
+        wrench = stream.put(stamps.to_nanoseconds(stamp), reading, rotation)
+        if wrench is not None:
+            self._wrench.header.stamp = stamp
+            conversion.set_wrench(self._wrench, wrench)
+            self._publisher.publish(self._wrench)
+            self._wrenches += 1
+        elif stream.fault is not before:
+            self._look()
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        q = message.pose.orientation
+        values = np.array([q.x, q.y, q.z, q.w])
+        if abs(float(np.linalg.norm(values)) - 1.0) < 1e-3:  # else as if no pose had come
+            self._pose.feed()
+            self._rotation = Rotation.from_quat(values).as_matrix() @ self._mounting
+
+    # -- what is told --------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Show the present fault or warning in ``/diagnostics``, and log it once."""
+        stream = self._stream
+        if stream is None or not self.is_active:
+            return
+        fault = stream.fault if stream.faults and stream.fault is not None else self._lost() or stream.fault
+        if fault is not None:
+            self._tell(fault, DiagnosticStatus.ERROR)
+        elif warning := stream.warning():
+            self._tell(warning, DiagnosticStatus.WARN)
+        elif self._told:
+            self._told = ""
+            self.report_ok()
+            self._publish_health()
+            self.get_logger().info("wrenches are published")
+
+    def _tell(self, error: IsfError, level: bytes) -> None:
+        if str(error) == self._told:
+            return
+        self._told = str(error)
+        self.report_ok()
+        if level == DiagnosticStatus.ERROR:
+            self.report(error)
+        else:
+            self.warn(error)
+
+    def _lost(self) -> IsfError | None:
+        """What has stopped coming, or has never come."""
+        p = self._parameters
+        if self._raw.expired():
+            topic = "raw_cells" if self._names else "raw"
+            return IsfError(
+                ErrorCode.WRENCH_LOST,
+                f"nothing on {topic} for {p.timeout:g} s",
+                advice="check the load cell's driver and the remapping; best_effort, if it publishes so",
+            )
+        if p.with_pose and self._pose.expired():
+            return IsfError(ErrorCode.POSE_LOST, f"nothing usable on pose for {p.timeout:g} s: weight and axes unknown")
+        return None
+
+    # -- services ------------------------------------------------------------------------------
+
+    def _on_tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._answer(response, lambda stream: f"zero from {stream.tare()} readings")
+
+    def _on_check_drift(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._answer(response, lambda stream: f"drift {stream.check_drift():.2f} N since the tare")
+
+    def _answer(self, response: Trigger.Response, ask: Any) -> Trigger.Response:
+        try:
+            if not self.is_active or self._stream is None:
+                raise IsfError(ErrorCode.NO_TARE, "the node is not active", advice="activate it first")
+            if lost := self._lost():
+                raise lost
+            response.message, response.success = ask(self._stream), True
+        except IsfError as error:
+            response.message = str(error)
+            self.get_logger().warning(response.message)
+        self._look()
+        return response
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    quantity.parse("1 mm", "m")  # loads the units before the node exists: when configured it would look dead
+    return process.run(LoadCellNode, args, streams=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
