@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -15,15 +16,20 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.errors import ErrorCode
+from isf_force_ctrl.load_cell_file import load_cell_set_up
+from isf_force_ctrl.load_cell_node import LoadCellNode
 from isf_force_ctrl.three_cells import readings_of
+from isf_msgs.srv import Arm
 from isf_node import conversion, qos, stamps
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from test_force_ctrl_node import Cell, small_ring, started
+from test_force_ctrl_node import JOB, Cell, small_ring, started
 
 pytestmark = pytest.mark.graph
 
+DOCS = Path(__file__).resolve().parents[4] / "docs" / "other_cells.md"
 NODE = ("-m", "isf_force_ctrl.load_cell_node")
 MATRIX = "calibration_matrix: [[2, 0.1, 0], [0, -3, 0], [0, 0.2, 4]]\n"
 
@@ -250,12 +256,53 @@ def test_a_cell_that_turns_needs_its_pose(bench: Bench, tmp_path: Path) -> None:
         return max(map(abs, bench.answer(free(turn))[:3]))
 
     assert bench.wait(lambda: felt() < 0.1)
+    # The driver stops: told, and over by itself when it goes on.
+    assert bench.told(DiagnosticStatus.ERROR, "1202 WRENCH_LOST", "nothing on raw for 3 s")
+    bench.pose.publish(pose)
+    bench.send(free(turn))
+    assert bench.told(DiagnosticStatus.OK, "ok")
 
 
-def test_a_file_that_cannot_be_used_leaves_the_node_unconfigured(bench: Bench, tmp_path: Path) -> None:
-    bench.start(written(tmp_path, MATRIX + "range: 1000\nmass: 2 kg\n"))
-    assert bench.told(DiagnosticStatus.ERROR, "1003 FILE_FIELD", "cell.yaml:3", "unknown field 'mass'")
-    assert bench.health[-1][2]["state"] == "unconfigured"
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("file:={}", ("1003 FILE_FIELD", "cell.yaml:3", "unknown field 'mass'")),
+        ("rig:=none_such", ("1001 FILE_NOT_FOUND", "none_such")),
+        ("tool:=1", ("1003 FILE_FIELD", "no load cell is named")),
+        ("tool:=3", ("1003 FILE_FIELD", "parameter tool")),
+        ("tare_readings:=0", ("1003 FILE_FIELD", "parameter tare_readings")),
+        ("timeout:=-1.0", ("1003 FILE_FIELD", "parameter timeout")),
+        ("timeout:=.nan", ("1003 FILE_FIELD", "parameter timeout")),
+    ],
+)
+def test_what_cannot_be_used_leaves_the_node_unconfigured(tmp_path: Path, option: str, words: tuple[str, ...]) -> None:
+    file = written(tmp_path, MATRIX + "range: 1000\nmass: 2 kg\n")
+    rclpy.init(args=["--ros-args", "-p", option.format(file)])
+    try:
+        node = LoadCellNode()
+        assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+        assert all(word in node._text for word in words), node._text
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+def documented() -> tuple[list[dict[str, str]], list[str]]:
+    """Remaps of both nodes, and the examples of files, in the section of docs/other_cells.md."""
+    section = DOCS.read_text().split("## Readings of a load cell")[1].split("\n## ")[0]
+    (block,) = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
+    commands = block.replace("\\\n", " ").splitlines()
+    nodes = [dict(re.findall(r"-r (\S+):=(\S+)", line)) for line in commands if "load_cell --ros-args" in line]
+    tares = [line.split()[3] for line in commands if line.startswith("ros2 service call")]
+    assert tares == [f"/{names['__node']}/tare" for names in nodes]
+    return nodes, re.findall(r"```yaml\n(.*?)```", section, re.DOTALL)
+
+
+def test_the_documented_files_are_read(tmp_path: Path) -> None:
+    _, (six, three) = documented()
+    assert load_cell_set_up(str(written(tmp_path, six)), "", 1).channels is None
+    names = tuple(f"{axis}{k}" for k in (1, 2, 3) for axis in "xyz")
+    assert load_cell_set_up(str(written(tmp_path, three)), "", 1).channels == names
 
 
 def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tmp_path: Path) -> None:
@@ -263,27 +310,32 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
     as they are, force control refuses them (1212, test_force_ctrl_node.py)."""
     cell = Cell(bench.node, bench._stack)
     file = written(tmp_path, "calibration_matrix: [[-1, 0, 0], [0, -1, 0], [0, 0, -1]]\nrange: 2000\n")
+    nodes, _ = documented()
+    drivers = {names["wrench"]: names["raw"] for names in nodes}
+    assert set(drivers) == {"tool_1/wrench", "tool_2/wrench"}
     machine = str(Path(__file__).with_name("standin_machine.py"))
-    bench._stack.enter_context(started(machine, remap={f"tool_{k}/wrench": f"tool_{k}/raw" for k in (1, 2)}, sign=-1.0))
+    bench._stack.enter_context(started(machine, remap=drivers, sign=-1.0))
     clients = []
-    for k in (1, 2):
-        names = {"__node": f"load_cell_{k}", "raw": f"tool_{k}/raw", "wrench": f"tool_{k}/wrench"}
+    for names in nodes:
         # In lockstep time stands still while nothing is formed: there is one reading to tare with.
         bench._stack.enter_context(started(*NODE, remap=names, autostart=True, file=file, tare_readings=1))
-        clients.append(bench.node.create_client(Trigger, f"load_cell_{k}/tare"))
-    bench._stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, wrench_timeout=2.0))
+        clients.append(bench.node.create_client(Trigger, f"{names['__node']}/tare"))
+    bench._stack.enter_context(
+        started("-m", "isf_force_ctrl.node", autostart=True, wrench_timeout=2.0, seam_speed=0.03)
+    )
     assert all(client.wait_for_service(60.0) for client in clients)
     assert cell._arm.wait_for_service(60.0)
-    refused = cell.arm()
-    assert refused.code in (ErrorCode.WRENCH_LOST, ErrorCode.NO_TARE)  # nothing comes before the tare
+    early = cell._arm.call_async(Arm.Request(plan_id="plan", count=1, job_text=JOB, support_force=math.nan))
+    assert bench.wait(early.done)
+    assert early.result().code == ErrorCode.WRENCH_LOST  # nothing comes before the tare
 
     def tared(client: Any) -> bool:
         future = client.call_async(Trigger.Request())
         return bench.wait(future.done) and future.result().success
 
     assert all(bench.wait(lambda client=client: tared(client)) for client in clients)
-    cell.armed()
-    result = conversion.result_from_message(cell.form(small_ring()))
+    cell.armed(count=2)  # the second one never comes: it would only take time
+    result = conversion.result_from_message(cell.form(small_ring(0, 2)))
     assert (result.completed, result.code) == (True, 0)
     force = result.tick_normal_force[result.tick_engaged]
     # Noise 1.2 N and steps of 1 N as without the node; the zero is one reading, so it is off by those too.
