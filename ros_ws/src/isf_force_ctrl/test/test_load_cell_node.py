@@ -65,9 +65,9 @@ class Bench:
 
     def wait(self, condition: Callable[[], Any], timeout: float = 40.0) -> bool:
         deadline = time.monotonic() + timeout
-        while not condition() and time.monotonic() < deadline:
+        while not (done := bool(condition())) and time.monotonic() < deadline:
             rclpy.spin_once(self.node, timeout_sec=0.05)
-        return bool(condition())
+        return done
 
     def ask(self, service: str) -> Trigger.Response:
         client = self._services[service]
@@ -305,7 +305,8 @@ def test_the_documented_files_are_read(tmp_path: Path) -> None:
     assert load_cell_set_up(str(written(tmp_path, three)), "", 1).channels == names
 
 
-def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tmp_path: Path) -> None:
+@pytest.mark.parametrize("lockstep", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["lockstep", "real time"])
+def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tmp_path: Path, lockstep: bool) -> None:
     """Driver in one process, its two cells in two, force control in another. The cells are wired the wrong way round:
     as they are, force control refuses them (1212, test_force_ctrl_node.py)."""
     cell = Cell(bench.node, bench._stack)
@@ -314,14 +315,14 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
     drivers = {names["wrench"]: names["raw"] for names in nodes}
     assert set(drivers) == {"tool_1/wrench", "tool_2/wrench"}
     machine = str(Path(__file__).with_name("standin_machine.py"))
-    bench._stack.enter_context(started(machine, remap=drivers, sign=-1.0))
+    bench._stack.enter_context(started(machine, remap=drivers, sign=-1.0, lockstep=lockstep))
     clients = []
+    readings = 1 if lockstep else 250  # in lockstep time stands still before the first contour
     for names in nodes:
-        # In lockstep time stands still while nothing is formed: there is one reading to tare with.
-        bench._stack.enter_context(started(*NODE, remap=names, autostart=True, file=file, tare_readings=1))
+        bench._stack.enter_context(started(*NODE, remap=names, autostart=True, file=file, tare_readings=readings))
         clients.append(bench.node.create_client(Trigger, f"{names['__node']}/tare"))
     bench._stack.enter_context(
-        started("-m", "isf_force_ctrl.node", autostart=True, wrench_timeout=2.0, seam_speed=0.03)
+        started("-m", "isf_force_ctrl.node", autostart=True, lockstep=lockstep, wrench_timeout=2.0, seam_speed=0.03)
     )
     assert all(client.wait_for_service(60.0) for client in clients)
     assert cell._arm.wait_for_service(60.0)
@@ -338,6 +339,17 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
     result = conversion.result_from_message(cell.form(small_ring(0, 2)))
     assert (result.completed, result.code) == (True, 0)
     force = result.tick_normal_force[result.tick_engaged]
-    # Noise 1.2 N and steps of 1 N as without the node; the zero is one reading, so it is off by those too.
-    assert np.mean(np.abs(force - 120.0) <= 10.0) >= 0.99
-    assert result.lost_messages == 0
+    if lockstep:
+        # Noise 1.2 N and steps of 1 N as without the node; the zero is one reading, so it is off by those too.
+        assert np.mean(np.abs(force - 120.0) <= 10.0) >= 0.99
+        assert result.lost_messages == 0
+    else:  # timing depends on the machine the test runs on
+        assert result.contact_fraction > 0.9
+    print(
+        "RT",
+        lockstep,
+        force.mean(),
+        np.mean(np.abs(force - 120.0) <= 10.0),
+        result.contact_fraction,
+        result.lost_messages,
+    )
