@@ -345,11 +345,3 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
         assert result.lost_messages == 0
     else:  # timing depends on the machine the test runs on
         assert result.contact_fraction > 0.9
-    print(
-        "RT",
-        lockstep,
-        force.mean(),
-        np.mean(np.abs(force - 120.0) <= 10.0),
-        result.contact_fraction,
-        result.lost_messages,
-    )
