@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 JOBS = Path(__file__).resolve().parents[1] / "examples" / "jobs"
 PLACES = (-125.0, 0.0, 125.0)
+FORMED = 0.5e-3
+"""m below or above the flat sheet from which a place counts as formed."""
 
 
 def error(x: float) -> float:
@@ -60,14 +62,14 @@ def right(tmp_path_factory: pytest.TempPathFactory) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize(
-    ("compensated", "at_least", "at_most"), [("", 80e-6, 1.0), ("support", 80e-6, 1.0), ("tool_1", 0.0, 15e-6)]
+    ("compensated", "at_least", "at_most"), [("", 30e-6, 1.0), ("support", 30e-6, 1.0), ("tool_1", 0.0, 2e-6)]
 )
 def test_only_the_forming_tools_correction_mends_the_part(
     compensated: str, at_least: float, at_most: float, right: NDArray[np.float64], tmp_path: Path
 ) -> None:
-    """Largest difference of the shapes: 103, 108 and 10 um.
+    """Mean difference of the shapes where the sheet was formed: 38, 42 and 0.4 um (largest 133, 76 and 8 um).
 
     What is left: the springback correction moves the tips to places with another error, and answers the forces.
     """
-    off = np.nanmax(np.abs(formed(job_in(tmp_path, erring=True, compensated=compensated)) - right))
-    assert at_least <= off <= at_most
+    off = np.abs(formed(job_in(tmp_path, erring=True, compensated=compensated)) - right)
+    assert at_least <= np.nanmean(off[np.abs(right) > FORMED]) <= at_most

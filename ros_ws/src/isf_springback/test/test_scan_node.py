@@ -21,6 +21,7 @@ from isf_core.height_map import HeightMap  # noqa: E402
 from isf_msgs.msg import JobInfo  # noqa: E402
 from isf_node import qos, stamps  # noqa: E402
 from isf_node.conversion import height_map_to_message, result_to_message  # noqa: E402
+from rclpy.duration import Duration  # noqa: E402
 from sensor_msgs.msg import PointCloud2, PointField  # noqa: E402
 from test_shape_feedback import JOB_TEXT, TARGET, Sheet  # noqa: E402
 from test_springback_node import LIMIT, Cell  # noqa: E402
@@ -60,6 +61,7 @@ class Scanner:
         self.sheet = Sheet(lambda depth, around: 1.0e-3 * (1 - np.exp(-depth / 1.5e-3)))
         cell.wait(lambda: self.target.get_subscription_count() and self.scan.get_subscription_count())
         self.target.publish(height_map_to_message(TARGET, stamps.from_seconds(0.0)))
+        assert self.target.wait_for_all_acked(Duration(seconds=LIMIT))  # before any contour, on a busy computer too
 
     def form(self, index: int, cloud: PointCloud2 | None) -> Any:
         """Correct and form contour ``index``, then show ``cloud`` (None: the sheet as it is); its correction."""
