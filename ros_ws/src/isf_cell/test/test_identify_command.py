@@ -88,6 +88,17 @@ def test_compliance_by_dial_is_a_rig_file(tmp_path: Path, below: str) -> None:
     assert "kept" in rig.provenance["tool_1.compliance.y"]
 
 
+def test_dial_readings_in_another_unit_are_refused(tmp_path: Path) -> None:
+    table, piece = tmp_path / "dial.csv", tmp_path / "mine.yaml"
+    rows = [f"1,x,{force},{1.1 * force + 0.1 * k}" for k, force in enumerate((20, 60, 100, 140, 180))]
+    table.write_text("tool,axis,force_N,deflection_mm\n" + "\n".join(rows))
+    done = _identify("--rig", "ren2018", "--dial", str(table), "-o", str(piece))
+    assert isinstance(done.exception, IsfError)
+    assert done.exception.code is ErrorCode.MEASUREMENT_FAILED
+    assert "deflections are um" in str(done.exception)
+    assert not piece.exists()
+
+
 @pytest.mark.parametrize(
     ("text", "code"),
     [

@@ -34,7 +34,7 @@ class ForceRule(FileModel):
     wall_angle: tuple[Angle, Angle] | None = None
     """Angle of the wall from the horizontal."""
     corner_radius: tuple[Length, Length] | None = None
-    """Radius of the forming tool's path in the plane; straight lines are in no range."""
+    """Radius of the forming tool's path in the plane, not of the part; straight lines are in no range."""
     depth: tuple[Length, Length] | None = None
     """Of the forming tip below (or, formed from below, above) the blank."""
     x: tuple[Length, Length] | None = None
@@ -50,6 +50,17 @@ class ForceRule(FileModel):
         for name, limits in ranges.items():
             if limits is not None and not limits[0] < limits[1]:
                 raise ValueError(f"{name} must go from a smaller to a larger value")
+            if limits is not None and name in ("wall_angle", "corner_radius", "depth") and limits[0] < 0.0:
+                raise ValueError(f"{name} is never negative: begin at 0")
+        turn = 2.0 * math.pi + 1e-9
+        for name in ("facing", "wall_angle"):
+            limits = getattr(self, name)
+            if limits is not None and max(abs(limits[0]), abs(limits[1])) > turn:
+                raise ValueError(f"{name} must lie within -360 and 360 deg")
+        if self.facing is not None:
+            begin, end = self.facing
+            if math.isclose(begin, end, abs_tol=1e-9):
+                raise ValueError("facing begins where it ends: give a range, or leave it out for all directions")
         return self
 
 
@@ -75,16 +86,17 @@ def ruled_forces(rules: Sequence[ForceRule], force: float, facts: WallFacts) -> 
     """(N,) N: ``force``, and where a rule holds the rule's; of several the last one."""
     wanted = np.full(len(facts.facing), force)
     for rule in rules:
-        wanted[_holds(rule, facts)] = rule.force
+        wanted[holds(rule, facts)] = rule.force
     return wanted
 
 
-def _holds(rule: ForceRule, facts: WallFacts) -> NDArray[np.bool_]:
+def holds(rule: ForceRule, facts: WallFacts) -> NDArray[np.bool_]:
+    """(N,) where all conditions of ``rule`` hold."""
     where = np.ones(len(facts.facing), dtype=bool)
     if rule.facing is not None:
         begin, end = rule.facing
         turn = 2.0 * math.pi
-        span = (end - begin) % turn or turn
+        span = (end - begin) % turn or turn  # from -180 to 180 deg is all round; equal ends are refused
         where &= np.mod(facts.facing - begin, turn) <= span
     for name in ("wall_angle", "corner_radius", "depth", "x", "y"):
         limits = getattr(rule, name)

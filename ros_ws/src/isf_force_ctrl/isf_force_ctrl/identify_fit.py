@@ -58,10 +58,13 @@ class LinearFit:
     used: NDArray[np.bool_]
 
 
-def fit_linear(matrix: Array, wanted: Array, groups: NDArray[np.int64], what: str) -> LinearFit:
+def fit_linear(
+    matrix: Array, wanted: Array, groups: NDArray[np.int64], what: str, *, most_residual: float = MOST_RESIDUAL
+) -> LinearFit:
     """Least squares of ``wanted`` (R,) = ``matrix`` (R, P) p + one constant per group (R,), without outliers.
 
-    Raises IsfError MEASUREMENT_FAILED: too few readings, too many outliers, or not linear.
+    Raises IsfError MEASUREMENT_FAILED: too few readings, too many outliers, or a residual beyond ``most_residual`` of
+    the deflection (not linear).
     """
     used = np.ones(len(wanted), dtype=bool)
     while True:
@@ -84,7 +87,7 @@ def fit_linear(matrix: Array, wanted: Array, groups: NDArray[np.int64], what: st
             raise _failed(f"more than {100 * MOST_REJECTED:.0f} % of the readings do not fit the {what}")
     residual = float(np.sqrt((apart**2).sum() / freedom))
     span = float(np.ptp(y))
-    if residual > MOST_RESIDUAL * span:
+    if residual > most_residual * span:
         raise _failed(f"the {what} is not linear: residual {1e6 * residual:.1f} um of {1e6 * span:.0f} um")
     inverse = (v[good].T * s[good] ** -2) @ v[good] / np.outer(scale, scale)
     # a parameter with a part outside the space that the readings span cannot be told

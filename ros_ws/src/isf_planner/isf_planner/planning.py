@@ -24,6 +24,7 @@ from isf_planner import (
     part_checks,
     pocket_checks,
     replanning,
+    rule_checks,
     sections,
     stages,
     target_surface,
@@ -134,6 +135,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     else:
         groups = [tool_paths.make_contours(sides, job_file, plan_id) for sides in (*([s] for s in preforms), planned)]
         contours = stages.joined(groups)
+    warnings += rule_checks.rule_warnings(contours, planned, job_file)
     contours, expected = finishing.finish(contours, job_file)
     warnings += (*formed_thickness.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
@@ -164,12 +166,14 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     part_checks.check_fit(mesh_checks.PlacedPart(mesh, -float(mesh.vertices[:, 2].min()), ()), job, job_file.rig)
     sides = replanning.with_tools(base, job)
     plan_id = _identify(job_file)
-    contours, expected = finishing.finish(tool_paths.make_contours(list(sides), job_file, plan_id), job_file)
+    made = tool_paths.make_contours(list(sides), job_file, plan_id)
+    ruled = rule_checks.rule_warnings(made, sides, job_file)
+    contours, expected = finishing.finish(made, job_file)
     part_checks.check_travel(contours, job_file.rig)
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
     left = formed_thickness.left_to_sine_law(sides, job)
-    told = tuple(dict.fromkeys((*base.told, *left, *expected, *pressing)))
+    told = tuple(dict.fromkeys((*base.told, *ruled, *left, *expected, *pressing)))
     return replace(before, plan_id=plan_id, contours=contours, warnings=told, tree=merged(sides))
 
 

@@ -12,6 +12,7 @@ from isf_core.force_rule import ForceRule, WallFacts, ruled_forces
 from isf_core.job import JobFile
 from isf_planner import plan
 from isf_planner.joined_paths import TipPath
+from isf_planner.rule_checks import facts_of
 from isf_planner.support_tool import wall_facts
 
 JOBS = Path(__file__).resolve().parents[4] / "examples" / "jobs"
@@ -25,8 +26,12 @@ WALLS = """
 
 
 def planned(name: str, rules: str) -> tuple[Contour, ...]:
+    return tuple(plan(_with_rules(name, rules)).contours)
+
+
+def _with_rules(name: str, rules: str) -> JobFile:
     text = (JOBS / f"{name}.yaml").read_text()
-    return tuple(plan(JobFile(text.replace("\nspringback:", rules + "springback:"), JOBS)).contours)
+    return JobFile(text.replace("\nspringback:", rules + "springback:"), JOBS)
 
 
 def test_adjacent_walls_of_a_pyramid_have_their_own_forces() -> None:
@@ -103,6 +108,10 @@ def test_the_last_rule_counts_and_all_conditions_hold_together() -> None:
     [
         ("\n  force_rules: [{force: 80 N}]\n", "says nowhere"),
         ("\n  force_rules: [{force: 80 N, depth: [4 mm, 2 mm]}]\n", "smaller to a larger"),
+        ("\n  force_rules: [{force: 80 N, depth: [-4 mm, 2 mm]}]\n", "never negative"),
+        ("\n  force_rules: [{force: 80 N, corner_radius: [-4 mm, 2 mm]}]\n", "never negative"),
+        ("\n  force_rules: [{force: 80 N, facing: [10 deg, 10 deg]}]\n", "begins where it ends"),
+        ("\n  force_rules: [{force: 80 N, facing: [10 deg, 400 deg]}]\n", "within -360 and 360"),
         ("\n  force_rules: [{force: 0 N, x: [0 mm, 2 mm]}]\n", "greater than 0"),
         ("\n  force_rules: [{force: 80 N, height: [0 mm, 2 mm]}]\n", "height"),
     ],
@@ -110,6 +119,36 @@ def test_the_last_rule_counts_and_all_conditions_hold_together() -> None:
 def test_rules_that_make_no_sense_are_refused(rules: str, told: str) -> None:
     with pytest.raises(IsfError, match=told):
         planned("mini_cone", rules)
+
+
+def test_rules_without_effect_and_forces_that_shed_chips_are_warned_of() -> None:
+    rules = """
+  force_rules:
+    - {facing: [0 deg, 90 deg], force: 110 N}
+    - {depth: [200 mm, 300 mm], force: 110 N}
+    - {facing: [180 deg, 270 deg], force: 600 N}
+    - {facing: [-10 deg, 100 deg], force: 130 N}
+"""
+    made = plan(_with_rules("mini_cone", rules))
+    told = [text for text in made.warnings if "force rule" in text]
+    assert [text.split(" (")[0] for text in told] == ["force rule 1", "force rule 2", "force rule 3"]
+    assert "later rules" in told[0]
+    assert "on no point" in told[1]
+    assert "may shed chips" in told[2]
+    assert not [
+        text
+        for text in plan(_with_rules("ren_pyramid", WALLS[: WALLS.index("    - {wall_angle")])).warnings
+        if "force rule" in text
+    ]
+
+
+def test_the_facts_of_the_warnings_are_those_of_the_set_points() -> None:
+    """Every rule that made a set-point is found to hold there, and nowhere else."""
+    job_file = _with_rules("ren_pyramid", WALLS)
+    for contour in plan(job_file).contours:
+        if contour.force_controlled:
+            forces = ruled_forces(job_file.job.control.force_rules, 120.0, facts_of(contour, 0.0, 1e-3))
+            assert np.mean(forces == contour.support_force) > 0.99
 
 
 def test_rules_need_a_force() -> None:

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.rig import load_rig
-from isf_force_ctrl.dial_indicator import AXES, DialTable, dial_piece, fit_dial
+from isf_force_ctrl.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial
+from rich.markup import escape
 from rich.table import Table
 
 from isf_cell import terminal
@@ -21,10 +22,16 @@ _ADVICE = "columns tool (1, 2), axis (x, y, z), place, repeat (both may be left 
 
 def identify_dial(path: Path, rig: str, piece: Path, *, as_json: bool) -> None:
     """Fit the table ``path`` and write ``piece``, a rig file on top of ``rig`` (name or absolute path)."""
-    found = fit_dial(read_dial(path))
+    table, column = read_dial(path)
+    found, refused = fit_dial(table)
     below = load_rig(rig)
     present = {1: np.array(below.tool_1.compliance), 2: np.array(below.tool_2.compliance)}
-    text = f"name: {piece.stem}\n" + dial_piece(rig, date.today().isoformat(), found, present)
+    far = far_from(found, present, column)
+    if len(far) == len(found):
+        raise next(iter(far.values()))
+    found = {pair: item for pair, item in found.items() if pair not in far}
+    refused |= far
+    text = f"name: {piece.stem}\n" + dial_piece(rig, date.today().isoformat(), found, present, refused)
     try:
         piece.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -48,14 +55,23 @@ def identify_dial(path: Path, rig: str, piece: Path, *, as_json: bool) -> None:
         }
     if as_json:
         terminal.print_json(
-            {"property": "TOOL_COMPLIANCE", "by": "dial indicator", "values": values, "rig": str(piece)}
+            {
+                "property": "TOOL_COMPLIANCE",
+                "by": "dial indicator",
+                "values": values,
+                "refused": {f"tool_{tool}.{AXES[axis]}": error.message for (tool, axis), error in refused.items()},
+                "rig": str(piece),
+            }
         )
     terminal.console.print(shown)
+    for reason in refused.values():
+        terminal.console.print(f"[yellow]refused, the rig's value is kept:[/] {escape(reason.message)}")
     terminal.console.print(f"rig file {piece}", soft_wrap=True)
 
 
-def read_dial(path: Path) -> DialTable:
-    """Table of readings (CSV with a header, # for remarks); raises IsfError naming file and row."""
+def read_dial(path: Path) -> tuple[DialTable, str]:
+    """Table of readings (CSV with a header, # for remarks) and the column of the deflection; raises IsfError naming
+    file and row."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -88,4 +104,4 @@ def read_dial(path: Path) -> DialTable:
         raise IsfError(ErrorCode.FILE_FIELD, "holds no readings", where=str(path), advice=_ADVICE)
     table = np.array(rows)
     tool, axis, place, repeat = (table[:, k].astype(np.int64) for k in range(4))
-    return DialTable(tool, axis, place, repeat, table[:, 4], table[:, 5])
+    return DialTable(tool, axis, place, repeat, table[:, 4], table[:, 5]), unit
