@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from isf_analysis.deviation import flange_level, regions_of
+from isf_analysis.remarks import spans
 from isf_analysis.scan_cloud import filled, on_cells
 
 Array = NDArray[np.float64]
@@ -27,8 +28,14 @@ QUANTUM = np.array([1e-5, 1e-5, 1e-6])
 MOST_POINTS = 1 << 16
 """Points kept of one scan; of a larger one every n-th."""
 
+FARTHEST = (1 << 30) - 1
+"""Quanta from the origin; what lies beyond (1 km of height, 10 km in plan) is kept as that far."""
+
 ROW = 100
 """Quanta in plan of a row: 1 mm, the spacing of the points of a scanner."""
+
+SIZES = (0.2, 5.0)
+"""Extent of a scan in plan over that of the target, outside of which its unit is wrong."""
 
 BORDER = 12e-3
 """m beside the clamp, where the sheet is not formed: the scan is levelled on it."""
@@ -61,6 +68,7 @@ class ContourScan:
 def kept_scan(index: int, time: float, points: Array) -> ContourScan:
     """What is kept of the scan ``points`` (P, 3) m after contour ``index``; its bad points (NaN) are dropped."""
     points = points[np.isfinite(points).all(axis=1)]
+    points = np.clip(points, -FARTHEST * QUANTUM, FARTHEST * QUANTUM)  # of a wrong unit; told by :func:`left_out`
     chosen = points[:: max(1, -(-len(points) // MOST_POINTS))]
     whole = np.rint(chosen / QUANTUM).astype(np.int32)
     whole = whole[np.lexsort((whole[:, 2], whole[:, 1], whole[:, 0], whole[:, 1] // ROW))]
@@ -95,7 +103,8 @@ def scan_errors(
 ) -> tuple[ScanError, ...]:
     """Errors after each scan. Over a die the part so far is the top of the target.
 
-    Scans of contours that are not known, or with no point on the target, are left out.
+    Scans of contours that are not known, of a wrong unit, or with no point on what is formed are left out: see
+    :func:`left_out`.
 
     Raises
     ------
@@ -106,7 +115,7 @@ def scan_errors(
     found = []
     for scan in scans:
         contour = known.get(scan.index)
-        if contour is None:
+        if contour is None or not _sized(scan, target):
             continue
         wanted, formed = _so_far(target, opening, [known[k] for k in sorted(known) if k <= scan.index])
         # beside what is not formed yet the wall is not finished
@@ -125,6 +134,40 @@ def scan_errors(
                 ScanError(scan.index, shape, coverage, float(size.max()), float(size.mean()), float(values.mean()))
             )
     return tuple(found)
+
+
+def left_out(
+    scans: tuple[ContourScan, ...], errors: tuple[ScanError, ...], nominal: tuple[Contour, ...], target: HeightMap
+) -> tuple[str, ...]:
+    """Why scans have no error among ``errors``, one sentence per reason with its contours counted from 1."""
+    shown, known = {error.index for error in errors}, {contour.index for contour in nominal}
+    why: dict[str, list[int]] = {}
+    for scan in scans:
+        if scan.index in shown:
+            continue
+        if scan.count == 0:
+            reason = "not one finite point"
+        elif scan.index not in known:
+            reason = "of a contour that was not recorded"
+        elif not _sized(scan, target):
+            reason = "of another size than the part by more than a factor of 5: wrong unit?"
+        else:
+            reason = "no point on what was formed"
+        why.setdefault(reason, []).append(scan.index + 1)
+    return tuple(
+        f"{len(found)} scan{'s' * (len(found) > 1)} left out of the error after each scan: {reason} "
+        f"(after contour {spans(found)})"
+        for reason, found in why.items()
+    )
+
+
+def _sized(scan: ContourScan, target: HeightMap) -> bool:
+    """False for a scan without points or of a wrong unit."""
+    if scan.count == 0:
+        return False
+    extent = float(np.ptp(scan.points()[:, :2], axis=0).max())
+    wanted = max(float(np.ptp(target.x)), float(np.ptp(target.y)))
+    return SIZES[0] * wanted <= extent <= SIZES[1] * wanted
 
 
 def levelled(points: Array, target: HeightMap) -> Array:

@@ -75,13 +75,13 @@ def _draw_unrolled(figure: Figure, axes: Axes, paths: Sequence[PathForce]) -> No
     picture[~np.isfinite(values)] = (1.0, 1.0, 1.0, 0.0)
     picture[lost] = (0.0, 0.0, 0.0, 1.0)
     axes.imshow(
-        picture, aspect="auto", origin="lower", extent=(0.0, 1.0, first - 0.5, last + 0.5), interpolation="nearest"
+        picture, aspect="auto", origin="lower", extent=(0.0, 1.0, first + 0.5, last + 1.5), interpolation="nearest"
     )
     axes.set_facecolor("#e9edf0")
     axes.grid(visible=False)
     axes.set_xlabel("share of the contour's path")
     axes.xaxis.set_major_formatter(PercentFormatter(1.0))
-    axes.set_ylabel("contour index")
+    axes.set_ylabel("contour")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     label = "force less set-point [N]" if controlled else "support force [N]"
     figure.colorbar(mapping, ax=axes, label=label, extend="both" if controlled else "max", shrink=0.95)

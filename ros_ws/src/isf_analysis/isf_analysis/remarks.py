@@ -49,7 +49,7 @@ def grouped(corrections: Sequence[ContourCorrection]) -> tuple[Remark, ...]:
 
 
 def spans(indices: Sequence[int]) -> str:
-    """Indices as people write them: "0-4, 7"."""
+    """Numbers as people write them: "0-4, 7"."""
     parts: list[list[int]] = []
     for index in sorted(indices):
         if parts and index == parts[-1][-1] + 1:

@@ -1,4 +1,7 @@
-"""Tables of the report on what happened and what could not be done, from the numbers of :mod:`findings`."""
+"""Tables of the report on what happened and what could not be done, from the numbers of :mod:`findings`.
+
+Contours are counted from 1 here, from 0 in the numbers.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ def event_table(numbers: Numbers) -> str:
     rows = []
     for event in numbers["events"]:
         first = event["first"]
-        contour = "between contours" if first["contour"] is None else f"contour {first['contour']}"
+        contour = "between contours" if first["contour"] is None else f"contour {first['contour'] + 1}"
         place = ", ".join(number(value, 1) for value in first["position_mm"])
         kind = escape(event["kind"])
         rows.append(
@@ -52,7 +55,7 @@ def remark_table(numbers: Numbers) -> str:
     rows = [
         [
             ("<b>failed</b> " if item["failed"] else "") + escape(item["text"]),
-            escape(f"{spans(item['contours'])} ({len(item['contours'])} of {total})"),
+            escape(f"{spans([index + 1 for index in item['contours']])} ({len(item['contours'])} of {total})"),
         ]
         for item in remarks[:MOST_REMARKS]
     ]
@@ -115,7 +118,7 @@ def contact_loss_table(numbers: Numbers) -> str:
             ["where they begin", begun],
             [
                 "longest",
-                f"{number(longest['length_mm'], 1)} mm from ({place}) mm on contour {longest['contour']}",
+                f"{number(longest['length_mm'], 1)} mm from ({place}) mm on contour {longest['contour'] + 1}",
             ],
         ]
     rows.append(["gain lowered because the loop oscillated", f"{numbers['backoffs']} times"])

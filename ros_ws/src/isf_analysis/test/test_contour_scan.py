@@ -154,6 +154,22 @@ def test_scans_of_unknown_contours_and_beside_the_part_are_left_out() -> None:
     assert scan_errors(scans, PART.nominal, TARGET) == ()
 
 
+def test_scans_that_say_nothing_are_left_out_with_a_note(tmp_path: Path) -> None:
+    good = cloud(so_far(PART.nominal[4], 0.2e-3))
+    bad = {0: np.full((50, 3), np.nan), 1: 1e-3 * good, 2: 1e3 * good, 3: 1e9 * good}
+    scans = tuple(kept_scan(k, PART.results[k].end + 0.1, points) for k, points in sorted({**bad, 4: good}.items()))
+    part = read_bag(write_bag(replace(PART, scans=scans), tmp_path / "bag"))
+    numbers = write_report(part, tmp_path).numbers
+    assert [row["contour"] for row in numbers["scans"]] == [4]
+    notes = [note for note in numbers["notes"] if "left out" in note]
+    assert len(notes) == 2
+    assert notes[0].startswith("1 scan left out")
+    assert "not one finite point (after contour 1)" in notes[0]
+    assert notes[1].startswith("3 scans left out")
+    assert "wrong unit? (after contour 2-4)" in notes[1]
+    assert "wrong unit?" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
 def test_report_shows_the_error_after_each_scan(tmp_path: Path) -> None:
     part = scanned()
     report = write_report(part, tmp_path)

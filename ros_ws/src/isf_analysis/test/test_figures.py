@@ -58,7 +58,7 @@ def test_corrections_are_positive_downwards() -> None:
     mean = next(line for line in axes.get_lines() if line.get_label() == "correction, mean")
     expected = [-1e3 * item.offset[:, 2].mean() for item in PART.corrections]
     np.testing.assert_allclose(mean.get_ydata(), expected)
-    np.testing.assert_array_equal(mean.get_xdata(), np.arange(6))
+    np.testing.assert_array_equal(mean.get_xdata(), np.arange(1, 7))  # as a person counts
     assert min(expected) > 0
 
 

@@ -113,7 +113,7 @@ def test_the_report_tells_it_all_and_escapes_what_others_wrote(tmp_path: Path) -
     assert "<little>" not in html
     assert "the scan shows &lt;little&gt;" in html
     assert html.index("1321: the scan is empty") < html.index("the rim lies 1.4 mm")
-    assert "0-2 (3 of 6)" in html
+    assert "1-3 (3 of 6)" in html
     assert "Support force by region" in html
     assert (tmp_path / "contact.png").is_file()
     assert "Event: " not in html  # nothing that makes the part scrap

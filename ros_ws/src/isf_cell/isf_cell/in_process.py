@@ -23,7 +23,7 @@ from isf_force_ctrl.measuring_controller import MeasuringController
 from isf_planner import Plan, plan
 from isf_sim.machine import MachineSample, SimulatedMachine
 from isf_springback.lift_feedback import LiftFeedback, lift_due, reading_of
-from isf_springback.method import CorrectionMethod, apply, make_method
+from isf_springback.method import CorrectionMethod, apply, check_method, make_method
 from isf_springback.shape_feedback import ShapeFeedback, scan_due
 from numpy.typing import NDArray
 
@@ -59,6 +59,7 @@ def form(
     IsfError : planner, springback or force control refuse the job
     """
     options = options or RunOptions()
+    check_method(options.method(job_file), job_file)  # before the plan, which takes its time
     started = time.perf_counter()
     part_plan = part_plan or plan(job_file)
     machine = SimulatedMachine(job_file, world=options.world, seed=options.seed)

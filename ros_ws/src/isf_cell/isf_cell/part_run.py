@@ -24,6 +24,7 @@ from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
 from isf_node.conversion import contour_from_message
 from isf_node.lifecycle import failure
 from isf_springback.lift_feedback import lift_due
+from isf_springback.method import check_method
 from isf_springback.shape_feedback import scan_due
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
@@ -132,6 +133,7 @@ class PartRun:
         options = RunOptions(
             goal.correction or None, None if np.isnan(goal.support_force) else goal.support_force, goal.world, goal.seed
         )
+        check_method(options.method(job_file), job_file)  # before the plan, which takes its time
         if goal.first_index > 0 and options.method(job_file) != UNCORRECTED:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,

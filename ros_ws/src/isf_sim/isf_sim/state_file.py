@@ -1,15 +1,18 @@
 """A simulated machine saved to one file and taken up again: sheet, axes, load cells, events, generators, time.
 
-The file is a numpy archive of plain arrays with a header in JSON: format, version, job, world, seed and the structure
-of the state. A machine taken up goes on bit by bit as the saved one would have gone on, with the same software.
+The file is a numpy archive of plain arrays with a header in JSON: format, version, digest of the sources of the plant,
+job, world, seed and the structure of the state. A machine taken up goes on bit by bit as the saved one would have gone
+on, with the same software; a file saved by another plant is refused.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import zipfile
 import zlib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +25,9 @@ from isf_sim.machine import SimulatedMachine
 from isf_sim.machine_event import EventKind, MachineEvent
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.shell_assembly import SupportPoints
-from isf_sim.state_tree import Encoder, StateMismatchError
+from isf_sim.state_tree import Encoder, StateMismatchError, differing
 
-FORMAT, VERSION = "isf-machine-state", 1
+FORMAT, VERSION = "isf-machine-state", 2
 
 
 def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
@@ -41,6 +44,7 @@ def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
         "format": FORMAT,
         "version": VERSION,
         "software": __version__,
+        "plant": plant_digest(),
         "job": machine.job_file.text,
         "base": str(machine.job_file.base),
         "world": machine.world_number,
@@ -66,7 +70,8 @@ def load_machine(path: str | Path) -> SimulatedMachine:
 
     Raises
     ------
-    IsfError : FILE_NOT_FOUND; FILE_SYNTAX (not such a file, damaged, other version); as JobFile for the job in it
+    IsfError : FILE_NOT_FOUND; FILE_SYNTAX (not such a file, damaged, other version or plant); as JobFile for
+        the job in it
     """
     path = Path(path)
     header, arrays = _read(path)
@@ -80,7 +85,7 @@ def load_machine(path: str | Path) -> SimulatedMachine:
         )
         fresh, encoder = machine.changing(), _encoder()
         if set(header["state"]) != set(fresh):
-            raise StateMismatchError("a machine has other fields than the file")
+            raise StateMismatchError(f"a machine has other fields than the file ({differing(header['state'], fresh)})")
         machine.__dict__.update(
             {name: encoder.decode(code, arrays, fresh[name]) for name, code in header["state"].items()}
         )
@@ -92,6 +97,16 @@ def load_machine(path: str | Path) -> SimulatedMachine:
             advice=f"it was saved by version {header.get('software', '?')}, this is {__version__}",
         ) from error
     return machine
+
+
+@cache
+def plant_digest() -> str:
+    """Digest of the sources of this package: with others the same state goes on otherwise."""
+    folder = Path(__file__).resolve().parent
+    text = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        text.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return text.hexdigest()[:12]
 
 
 def _encoder() -> Encoder:
@@ -119,5 +134,13 @@ def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:
             f"is of format version {header.get('version')}, this software reads {VERSION}",
             where=str(path),
             advice=f"use version {header.get('software', '?')} of the software",
+        )
+    if header.get("plant") != plant_digest():
+        raise IsfError(
+            ErrorCode.FILE_SYNTAX,
+            f"was saved by another plant: its sources have the digest {header.get('plant')}, these {plant_digest()}",
+            where=str(path),
+            advice=f"take it up with the sources it was saved by (version {header.get('software', '?')}), or form the "
+            "part again from its job and save it anew",
         )
     return header, arrays

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import types
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -109,7 +110,10 @@ class Encoder:
 
     def _decode_object(self, body: dict[str, Any], arrays: list[NDArray[Any]], into: Any) -> Any:
         if not type(into).__module__.startswith(_OWN) or set(body) != set(vars(into)):
-            raise StateMismatchError(f"{type(into).__name__} has other fields than the file")
+            fields = vars(into) if type(into).__module__.startswith(_OWN) else {}
+            raise StateMismatchError(
+                f"{type(into).__name__} has other fields than the file ({differing(body, fields)})"
+            )
         for name, item in body.items():
             vars(into)[name] = self.decode(item, arrays, vars(into)[name])
         return into
@@ -128,6 +132,13 @@ class Encoder:
         if not hasattr(into, "_fields") or len(old) != len(items):
             raise StateMismatchError(f"{type(into).__name__} has other fields than the file")
         return into if all(new is was for new, was in zip(items, old, strict=True)) else type(into)(*items)
+
+
+def differing(saved: Iterable[str], present: Iterable[str]) -> str:
+    """Names that are only in the one or the other, for a message."""
+    old, new = set(saved), set(present)
+    parts = (("only in the file", old - new), ("missing in it", new - old))
+    return "; ".join(f"{words}: {', '.join(sorted(names))}" for words, names in parts if names)
 
 
 def _is_constant(value: Any) -> bool:

@@ -118,6 +118,16 @@ def test_foreign_and_damaged_files_are_refused(
     assert missing.value.code == ErrorCode.FILE_NOT_FOUND
 
 
+def test_another_plant_and_missing_fields_are_named(
+    saved: tuple[Path, list[MachineSample], np.ndarray], tmp_path: Path
+) -> None:
+    with pytest.raises(IsfError, match=r"saved by another plant.*0123456789ab.*form the part again") as error:
+        load_machine(change(saved[0], tmp_path / "plant.npz", plant="0123456789ab"))
+    assert error.value.code == ErrorCode.FILE_SYNTAX
+    with pytest.raises(IsfError, match=r"only in the file: swell; missing in it: .*tick_count"):
+        load_machine(change(saved[0], tmp_path / "fields.npz", state={"swell": {"v": 1}}))
+
+
 def test_a_folder_that_is_none_is_told(saved: tuple[Path, list[MachineSample], np.ndarray], tmp_path: Path) -> None:
     machine = load_machine(saved[0])
     with pytest.raises(IsfError) as error:

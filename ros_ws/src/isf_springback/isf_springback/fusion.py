@@ -65,6 +65,7 @@ READING_DEVIATION = 0.15e-3
 """m, of an error read in a section: 0.05 mm of the scanner (published: Lu 2016, 3.5.2), the rest for what one contour
 leaves of the next one's wall (assumed)."""
 
+MODEL_ALONE = "no scans and no tool lifts (springback.scan_every, lift_every): the correction is the model's alone"
 FROM_BELOW = "scans steer the upper tool only: the feature formed from below is corrected by the model"
 
 
@@ -117,6 +118,7 @@ class FusedCorrection:
         self._remarks: tuple[str, ...] = ()
         self._doubtful = 0.0
         self._force_share = 0.0
+        self._first: tuple[str, int] | None = None
 
     def take_target(self, target: HeightMap) -> None:
         """The shape that is wanted."""
@@ -213,7 +215,7 @@ class FusedCorrection:
         offset[:, 2] = sign * value
         self._memory.remember(contour, offset)
         self._step(contour, predicted, offset)
-        remarks = [*model.remarks, *self._remarks]
+        remarks = [*model.remarks, *self._remarks, *self._alone(contour)]
         if np.abs(disagreement).max() >= TOLD_BIAS:
             followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
             far = float(disagreement[np.argmax(np.abs(disagreement))])
@@ -249,6 +251,14 @@ class FusedCorrection:
         return correction
 
     # -- inside --------------------------------------------------------------------------------------
+
+    def _alone(self, contour: Contour) -> tuple[str, ...]:
+        """A remark with the first contour that is corrected, when nothing will be measured between contours."""
+        if self._first is None or self._first[0] != contour.plan_id:
+            self._first = (contour.plan_id, contour.index)
+        spec = self._job_file.job.springback
+        measured = spec.scan_every or spec.lift_every
+        return () if measured or self._first[1] != contour.index else (MODEL_ALONE,)
 
     def _unconfirmed(self) -> bool:
         """True while scans are to come and none has confirmed the model, or the last one contradicts it."""

@@ -115,9 +115,25 @@ def check_name(name: str) -> None:
         )
 
 
-def make_method(name: str, job_file: JobFile) -> CorrectionMethod:
-    """A fresh method for one part; raises IsfError METHOD_UNKNOWN."""
+NEEDS_SCANS = ("mpc_vertical", "mpc_two_directional", "mpc_tpif")
+"""Methods that correct nothing without scans between contours."""
+
+
+def check_method(name: str, job_file: JobFile) -> None:
+    """Raise IsfError METHOD_UNKNOWN as :func:`check_name`, FILE_FIELD when the job lacks the scans the method needs."""
     check_name(name)
+    if name in NEEDS_SCANS and job_file.job.springback.scan_every == 0:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"the method {name} corrects from scans, and the job makes none",
+            where="springback.scan_every",
+            advice="write 'scan_every: 1' in the section springback, or choose another method",
+        )
+
+
+def make_method(name: str, job_file: JobFile) -> CorrectionMethod:
+    """A fresh method for one part; raises IsfError as :func:`check_method`."""
+    check_method(name, job_file)
     return METHODS[name](job_file)
 
 

@@ -115,7 +115,7 @@ class ModelPredictiveCorrection:
         move: Move | None = None
         if fault is None and contour.index >= self._job_file.job.springback.open_loop_contours:
             try:
-                move = self._move(contour, remarks)
+                move = self._move(contour)
             except IsfError as error:
                 fault = error
         path = LoopPath.of(contour)
@@ -167,12 +167,10 @@ class ModelPredictiveCorrection:
             self._fault = None
         return self._memory.advance(contour)
 
-    def _move(self, contour: Contour, remarks: list[str]) -> Move | None:
+    def _move(self, contour: Contour) -> Move | None:
         """First move of the optimised horizon; None between scans. Raises CORRECTION_FAILED, QP_INFEASIBLE."""
         shape, base, target = self._scans.fresh(contour), self._memory.base, self._scans.target
         if shape is None or base is None or target is None:
-            if contour.index > 0 and self._job_file.job.springback.scan_every == 0:
-                remarks.append("the job makes no scans (springback.scan_every is 0): nothing is corrected")
             return None
         if contour.forming_tool != 1:
             raise IsfError(

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from isf_springback.handover import fade_horizontal
 from isf_springback.lift_feedback import LiftFeedback, lift_awaited, reading_of
-from isf_springback.method import CorrectionMethod, NoCorrection, apply, check_name, make_method
+from isf_springback.method import CorrectionMethod, NoCorrection, apply, check_method, check_name, make_method
 from isf_springback.shape_feedback import ShapeFeedback, scan_awaited
 
 Array = NDArray[np.float64]
@@ -62,6 +62,7 @@ class CorrectionSession:
         self._since = 0.0
         self._history: list[_Formed] = []
         self._method: CorrectionMethod | None = None
+        self._declined: IsfError | None = None
         self._target: HeightMap | None = None
         self._lift: tuple[float, Array] | None = None
         self._scan: tuple[float, Array] | None = None
@@ -72,7 +73,10 @@ class CorrectionSession:
         return self._choice or self._job_method
 
     def choose(self, name: str) -> None:
-        """Use method ``name`` from the next contour on ("": the job's); raises IsfError METHOD_UNKNOWN."""
+        """Use method ``name`` from the next contour on ("": the job's); raises IsfError METHOD_UNKNOWN.
+
+        Whether the job has the scans that it needs is seen at the contour: a run chooses before it tells its job.
+        """
         if name:
             check_name(name)
         self._choice = name
@@ -193,9 +197,13 @@ class CorrectionSession:
         return not wanted or last.nominal.index != contour.index - 1 or last.lift is not None
 
     def _told(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:
-        """The correction with LIFT_MISSING or SCAN_MISSING when its lift or scan never came."""
+        """The correction with LIFT_MISSING or SCAN_MISSING when its lift or scan never came, or why a change of method
+        was declined."""
         if correction.code:
             return correction
+        if self._declined is not None:
+            why = f"{self._declined.message}; goes on with {correction.method}"
+            return replace(correction, code=int(self._declined.code), message=why)
         if not self._lift_is_here(contour):
             return _with(
                 correction,
@@ -234,7 +242,15 @@ class CorrectionSession:
         if not self._history:
             self._method = None
             self._lift = self._scan = None  # of an earlier part
+        self._declined = None
         if self._method is None or self._method.name != self.method_name:
+            try:
+                check_method(self.method_name, self._job)
+            except IsfError as error:
+                if self._method is None:
+                    raise
+                self._declined = error  # half a part is formed: it goes on with the method it has
+                return self._method
             method = make_method(self.method_name, self._job)
             looks = method if isinstance(method, ShapeFeedback) else None
             if looks and self._target is not None:

@@ -1,12 +1,14 @@
 """Methods by name, application of a correction, change of method."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_springback import METHODS, apply, learning_file, make_method
+from isf_springback.fusion import MODEL_ALONE
 from isf_springback.learning import features
 from isf_springback.learning_file import Learned
 from springback_parts import JOB_TEXT, cone_contour, job_file, result_of
@@ -28,7 +30,7 @@ def job_that_learned(tmp_path_factory):
         np.array([[1e-3, 2e-3]]),
     )  # fmt: skip
     learning_file.save(known, folder / "known.npz")
-    return JobFile(JOB_TEXT.replace("method: analytic", "method: analytic, learning: known.npz"), folder)
+    return JobFile(JOB_TEXT.replace("method: analytic", "method: analytic, scan_every: 1, learning: known.npz"), folder)
 
 
 @pytest.mark.parametrize("name", sorted(METHODS))
@@ -54,6 +56,27 @@ def test_unknown_method_lists_the_known_ones():
     with pytest.raises(IsfError, match=r"analytic.*, none") as caught:
         make_method("analitic", job_file())
     assert caught.value.code == ErrorCode.METHOD_UNKNOWN
+
+
+@pytest.mark.parametrize("name", ["mpc_vertical", "mpc_two_directional", "mpc_tpif"])
+def test_a_method_that_lives_on_scans_wants_a_job_that_makes_them(name):
+    with pytest.raises(IsfError, match="scan_every: 1") as caught:
+        make_method(name, job_file())
+    assert caught.value.code == ErrorCode.FILE_FIELD
+
+
+def test_fused_tells_once_that_nothing_is_measured():
+    for more, times in (("", 1), ("scan_every: 1, ", 0), ("lift_every: 2, ", 0)):
+        method = make_method("fused", JobFile(JOB_TEXT.replace("method: analytic", f"{more}method: fused"), Path()))
+        told = []
+        for index in range(3):
+            contour = cone_contour(index)
+            correction = method.correct(contour)
+            told += [text for text in correction.remarks if text == MODEL_ALONE]
+            method.learn(apply(contour, correction), result_of(contour, 400.0))
+            if index == 0:
+                assert len(told) == times
+        assert len(told) == times
 
 
 def test_correction_of_another_contour_is_refused():

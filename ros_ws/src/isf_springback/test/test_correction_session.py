@@ -118,6 +118,24 @@ def test_unknown_method_of_the_run_is_told(session):
     assert session.work().correction.code == ErrorCode.METHOD_UNKNOWN
 
 
+def test_a_method_without_its_scans_is_refused_at_the_first_contour_and_declined_later(session):
+    session.choose("mpc_vertical")
+    session.take_contour(cone_contour(0))
+    refused = session.work()
+    assert refused.corrected is None
+    assert refused.correction.code == ErrorCode.FILE_FIELD
+    assert "springback.scan_every" in refused.correction.message
+    session.choose("")
+    for index, choice, code in ((0, "", 0), (1, "mpc_vertical", ErrorCode.FILE_FIELD), (2, "", 0)):
+        session.choose(choice)
+        contour = cone_contour(index)
+        session.take_contour(contour)
+        outcome = session.work()
+        assert (outcome.correction.code, outcome.correction.method) == (code, "analytic")
+        session.take_result(result_of(contour, 500.0))
+    assert outcome.correction.message == ""
+
+
 def test_method_changes_between_contours_without_a_jump(session):
     levels, methods = [], []
     for index in range(24):
