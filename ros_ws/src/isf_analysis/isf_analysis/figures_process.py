@@ -175,7 +175,7 @@ def _draw_detail(axes: Axes, result: ContourResult) -> None:
     time = result.tick_time - result.tick_time[0]
     set_point = result.tick_set_point
     axes.fill_between(time, set_point - BAND, set_point + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0)
-    axes.plot(time, result.tick_normal_force, color=style.PART, linewidth=0.7, label=f"contour {result.index}")
+    axes.plot(time, result.tick_normal_force, color=style.PART, linewidth=0.7, label=f"contour {result.index + 1}")
     axes.plot(time, set_point, color=style.SET_POINT, linewidth=1.5, label="its set-point ± 10 N")
     axes.set_ylabel("support force [N]")
     axes.set_xlabel("time from the start of the contour [s]")
@@ -238,15 +238,15 @@ def _by_bin(function: np.ufunc, cell: NDArray[np.intp], values: Array) -> Array:
 
 
 def _contour_axis(axes: Axes, number: Array) -> None:
-    axes.set_xlabel("contour index")
+    axes.set_xlabel("contour")
     if len(number):
         axes.set_xlim(number.min() - 0.8, number.max() + 0.8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _numbers(items: Sequence[ContourResult] | Sequence[ContourCorrection]) -> Array:
-    """Indices of contours, from 0 as in messages and errors."""
-    return np.array([item.index for item in items], dtype=float)
+    """Contours as a person counts them, from 1."""
+    return np.array([item.index + 1 for item in items], dtype=float)
 
 
 def _measured(result: ContourResult) -> bool:

@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from isf_analysis.contour_scan import ScanError, scan_errors
+from isf_analysis.contour_scan import ScanError, left_out, scan_errors
 from isf_analysis.deviation import Deviation, RegionError, compare
 from isf_analysis.findings import findings
 from isf_analysis.force_metrics import ForceMetrics, force_metrics
@@ -54,6 +54,8 @@ def summarise(
     """As :func:`summary`, from deviations and errors after ``scans`` that are known already."""
     numbers = _part(record, deviation)
     numbers["scans"] = [_scan(error) for error in scans]
+    if record.target is not None:
+        numbers["notes"] += left_out(record.scans, scans, record.nominal, record.target)
     if reference is not None:
         other = _part(reference, reference_deviation)
         numbers["reference"] = other

@@ -10,6 +10,7 @@ from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -117,6 +118,18 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
     row("late ticks / lost messages", f"{summary.get('late_ticks', 0)} / {summary.get('lost_messages', 0)}")
     row("process time / wall time [s]", f"{number(summary, 'sim_s', digits=1)} / {number(summary, 'wall_s', digits=1)}")
     console.print(table)
+    for warning in _warnings(summary):
+        console.print("[yellow]warning[/yellow]", escape(warning), soft_wrap=True)
+
+
+def _warnings(summary: Mapping[str, Any]) -> list[str]:
+    """What the numbers of a part lack, and that a method that looks at the part saw nothing of it."""
+    remarks = [str(remark["text"]) for remark in summary.get("remarks") or ()]
+    if remarks:
+        from isf_springback.fusion import MODEL_ALONE  # late: takes a second to load
+
+        remarks = [text for text in remarks if text == MODEL_ALONE]
+    return [*map(str, summary.get("notes") or ()), *remarks]
 
 
 def unexpected(error: BaseException) -> IsfError:
