@@ -13,7 +13,7 @@ from isf_core.errors import ErrorCode, IsfError
 
 from isf_cell import springback_cli, terminal
 from isf_cell.exit_codes import Exit, exit_for
-from isf_cell.options import RunOptions
+from isf_cell.options import LARGEST_NUMBER, RunOptions
 from isf_cell.reported import ReportedError
 
 app = typer.Typer(
@@ -31,8 +31,12 @@ Correction = Annotated[
 SupportForce = Annotated[
     float | None, typer.Option("--support-force", help="set-point in N, 0 = position control  [default: the job's]")
 ]
-World = Annotated[int, typer.Option("--world", help="simulated plant: 0 nominal, others off-nominal", min=0)]
-Seed = Annotated[int, typer.Option("--seed", help="seed of sensor noise and of the off-nominal world")]
+World = Annotated[
+    int, typer.Option("--world", help="simulated plant: 0 nominal, others off-nominal", min=0, max=LARGEST_NUMBER)
+]
+Seed = Annotated[
+    int, typer.Option("--seed", help="seed of sensor noise and of the off-nominal world", min=0, max=LARGEST_NUMBER)
+]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/JOB-TIME]", metavar="DIR")
 ]
@@ -167,8 +171,8 @@ def record(
 
 @app.command()
 def report(
-    bag: Annotated[Path, typer.Argument(help="bag folder of a run", metavar="BAG")],
-    reference: Annotated[Path | None, typer.Option(help="bag of the uncorrected run to compare with")] = None,
+    bag: Annotated[Path, typer.Argument(help="folder of a run, or its bag", metavar="BAG")],
+    reference: Annotated[Path | None, typer.Option(help="uncorrected run, or its bag, to compare with")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="folder  [default: beside the bag]")] = None,
     json: Json = False,
 ) -> None:

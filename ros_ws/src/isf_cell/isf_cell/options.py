@@ -5,7 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
+from isf_core.job_control import LARGEST_SUPPORT_FORCE
+
+LARGEST_NUMBER = 2**31 - 1
+"""Largest world and seed: what the messages of the node graph carry."""
 
 
 @dataclass(frozen=True)
@@ -18,12 +23,26 @@ class RunOptions:
     support_force : N, set-point of the support tool; None: the job's
     world : 0 = nominal plant, others = seeded off-nominal plants
     seed : seed of sensor noise and of the off-nominal world
+
+    Raises
+    ------
+    IsfError : FILE_FIELD, support force outside the bounds of the job field
     """
 
     correction: str | None = None
     support_force: float | None = None
     world: int = 0
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        force = self.support_force
+        if force is not None and not 0.0 <= force <= LARGEST_SUPPORT_FORCE:  # NaN neither
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                f"must be between 0 N and {LARGEST_SUPPORT_FORCE:g} N, is {force:g} N",
+                where="--support-force",
+                advice="0 is position control; without the option the job's set-point holds",
+            )
 
     def method(self, job_file: JobFile) -> str:
         """Springback method of the run."""

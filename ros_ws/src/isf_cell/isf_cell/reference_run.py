@@ -1,11 +1,15 @@
 """The uncorrected part on the same plant, simulated beside the run it is compared with.
 
-A process of its own at low priority, so that it uses the time the run leaves.
+A process of its own at low priority, so that it uses the time the run leaves. It ends with its owner, however that
+ends, and what it left unfinished is removed.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
+import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +20,10 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_cell.options import RunOptions
 
 UNCORRECTED = "none"
+
+_LIBC = ctypes.CDLL(None, use_errno=True)
+_PR_SET_PDEATHSIG = 1
+"""Of prctl(2): the signal that a process receives when its parent ends, for whatever reason."""
 
 
 class ReferenceRun:
@@ -28,6 +36,14 @@ class ReferenceRun:
         command += ["--no-compare", "--world", str(options.world), "--seed", str(options.seed), "-o", str(folder)]
         if options.support_force is not None:
             command += ["--support-force", repr(options.support_force)]
+        owner = os.getpid()
+
+        def prepare() -> None:
+            os.nice(10)
+            _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+            if os.getppid() != owner:  # ended before the line above
+                os._exit(1)
+
         with self._log.open("wb") as log:
             self._popen = subprocess.Popen(
                 command,
@@ -35,7 +51,7 @@ class ReferenceRun:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_lower_priority,
+                preexec_fn=prepare,
             )
 
     @property
@@ -62,7 +78,5 @@ class ReferenceRun:
         if self._popen.poll() is None:
             self._popen.kill()
             self._popen.wait()
-
-
-def _lower_priority() -> None:
-    os.nice(10)
+            shutil.rmtree(self.folder, ignore_errors=True)
+            self._log.unlink(missing_ok=True)

@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from isf_core.errors import ErrorCode, IsfError
+
+
+@contextmanager
+def run_folder(output: Path | None, job_name: str) -> Iterator[Path]:
+    """The folder of :func:`make_run_folder`, removed at the end when it is new and nothing came of the run."""
+    existed = output is not None and output.exists()
+    folder = make_run_folder(output, job_name)
+    try:
+        yield folder
+    finally:
+        if not existed:
+            with suppress(OSError):  # holds something
+                folder.rmdir()
 
 
 def make_run_folder(output: Path | None, job_name: str) -> Path:
@@ -16,17 +32,28 @@ def make_run_folder(output: Path | None, job_name: str) -> Path:
     IsfError : FILE_NOT_WRITABLE when it exists with something in it or cannot be made
     """
     folder = output or _unused(Path("runs") / f"{job_name}-{time.strftime('%Y%m%d-%H%M%S')}")
+    made = make_folder(folder)
+    if any(made.iterdir()):
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "is not empty", where=str(folder), advice="choose another --output")
+    return made
+
+
+def make_folder(folder: Path) -> Path:
+    """``folder``, absolute, created when missing; raises IsfError FILE_NOT_WRITABLE when files cannot be put there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise IsfError(
-                ErrorCode.FILE_NOT_WRITABLE, "is not empty", where=str(folder), advice="choose another --output"
-            )
+        with tempfile.TemporaryFile(dir=folder):  # permissions alone do not tell it
+            pass
     except OSError as error:
         raise IsfError(
             ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(folder), advice="choose a writable --output"
         ) from error
     return folder.resolve()
+
+
+def bag_of(run: Path) -> Path:
+    """Bag of a run: ``run/bag`` when there is one, else ``run`` itself."""
+    return run / "bag" if (run / "bag").exists() else run
 
 
 def _unused(folder: Path) -> Path:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from isf_cell.options import LARGEST_NUMBER
+
 app = typer.Typer(
     help="Springback of a part before it is formed: predict, database, control points, methods side by side.",
     no_args_is_help=True,
@@ -78,8 +80,12 @@ def calibrate(
 def compare(
     job: Job,
     methods: Annotated[str, typer.Option(help="names, separated by commas")] = "none,analytic,elastic",
-    world: Annotated[int, typer.Option(help="simulated plant: 0 nominal, others off-nominal", min=0)] = 0,
-    seed: Annotated[int, typer.Option(help="seed of sensor noise and of the off-nominal world")] = 0,
+    world: Annotated[
+        int, typer.Option(help="simulated plant: 0 nominal, others off-nominal", min=0, max=LARGEST_NUMBER)
+    ] = 0,
+    seed: Annotated[
+        int, typer.Option(help="seed of sensor noise and of the off-nominal world", min=0, max=LARGEST_NUMBER)
+    ] = 0,
     output: Output = None,
     json: Json = False,
 ) -> None:

@@ -27,8 +27,9 @@ def test_tune_draws_and_tells(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_tune_refuses_nonsense(tmp_path: Path) -> None:
-    with pytest.raises(IsfError, match="positive"):
-        tune_job(JOB, tmp_path, **{**TUNE, "stiffness": -1.0})  # type: ignore[arg-type]
+    for wrong in ({"stiffness": -1.0}, {"loop_gain": float("nan")}, {"loop_gain": 0.0}, {"delay": float("inf")}):
+        with pytest.raises(IsfError, match="positive"):
+            tune_job(JOB, tmp_path, **{**TUNE, **wrong})  # type: ignore[arg-type]
 
 
 def write(path: Path, header: str, rows: np.ndarray) -> Path:

@@ -9,7 +9,11 @@ from pathlib import Path
 
 import pytest
 from isf_cell.exit_codes import Exit, exit_for
-from isf_core.errors import ErrorCode
+from isf_cell.options import RunOptions
+from isf_cell.run_folder import make_run_folder
+from isf_core.errors import ErrorCode, IsfError
+
+JOB = str(Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml")
 
 
 def test_every_code_has_an_exit_code() -> None:
@@ -35,6 +39,12 @@ def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
         (("plan", "part.stl"), Exit.INPUT, "--unit mm"),
         (("report", "nowhere"), Exit.ANALYSIS, "nowhere"),
         (("run", "isf_planner", "dancer"), Exit.CELL, "it offers: planner"),
+        (("simulate", JOB, "--support-force", "nan"), Exit.INPUT, "between 0 N and 1500 N, is nan N"),
+        (("form", JOB, "--support-force", "-5"), Exit.INPUT, "--support-force"),
+        (("simulate", JOB, "--world", "99999999999999999999"), Exit.USAGE, "2147483647"),
+        (("simulate", JOB, "--seed", "-1"), Exit.USAGE, "--seed"),
+        (("springback", "compare", JOB, "--seed", "-1"), Exit.USAGE, "--seed"),
+        (("report", "nowhere", "-o", "/proc/rep"), Exit.INPUT, "choose a writable"),
         (("simulate",), Exit.USAGE, "JOB"),
         (("fly",), Exit.USAGE, "fly"),
     ],
@@ -54,10 +64,15 @@ def test_with_json_an_error_is_one_object(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["error"]["name"] == "FILE_NOT_FOUND"
 
 
-def test_the_output_folder_must_be_empty(tmp_path: Path) -> None:
-    from isf_cell.run_folder import make_run_folder
-    from isf_core.errors import IsfError
+@pytest.mark.parametrize("force", [-5.0, 1e6, float("inf"), float("nan")])
+def test_a_support_force_out_of_bounds_is_refused(force: float) -> None:
+    with pytest.raises(IsfError) as refused:
+        RunOptions(support_force=force)
+    assert refused.value.code == ErrorCode.FILE_FIELD
+    assert RunOptions(support_force=1500.0).support_force == 1500.0
 
+
+def test_the_output_folder_must_be_empty(tmp_path: Path) -> None:
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "bag").touch()
     with pytest.raises(IsfError, match="not empty"):

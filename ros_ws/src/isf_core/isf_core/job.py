@@ -26,7 +26,7 @@ from isf_core.support_window import SupportWindow, check_window, support_window
 class Job(FileModel):
     """One part to be formed."""
 
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9_.-]+$")
+    name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.-]+$")
     part: PartSpec
     process: Literal["SPIF", "TPIF", "DSIF", "ADSIF"]
     rig: str

@@ -11,7 +11,9 @@ from isf_core.force_rule import ForceRule
 from isf_core.model_base import FileModel
 from isf_core.quantity import Angle, Force, Frequency, Length
 
-SupportForce = Annotated[Force, Field(ge=0.0, le=1500.0)]
+LARGEST_SUPPORT_FORCE = 1500.0
+"""N, that a job or a run may ask for."""
+SupportForce = Annotated[Force, Field(ge=0.0, le=LARGEST_SUPPORT_FORCE)]
 
 
 class ControlSpec(FileModel):

@@ -54,6 +54,7 @@ def test_quantities_become_si() -> None:
         ("process: DSIF", "process: DISF", ErrorCode.FILE_FIELD, "job.yaml:3", "SPIF"),
         ("tool_2: {radius: 5 mm}\n", "", ErrorCode.FILE_FIELD, "job.yaml:1", "needs tool_2"),
         ("process: DSIF", "process: SPIF", ErrorCode.FILE_FIELD, "job.yaml:1", "no support tool"),
+        ("name: cone", f"name: {81 * 'c'}", ErrorCode.FILE_FIELD, "job.yaml:1", "name: String should have at most 80"),
         ("name: cone\n", "", ErrorCode.FILE_FIELD, "job.yaml:1", "'name' is missing"),
         ("name: cone", "name: [", ErrorCode.FILE_SYNTAX, "job.yaml:", ""),
         ("unit: mm", "unit: furlong", ErrorCode.FILE_FIELD, "job.yaml:2", "'mm'"),

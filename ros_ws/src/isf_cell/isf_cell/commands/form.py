@@ -12,7 +12,7 @@ from isf_cell import graph_run, terminal
 from isf_cell.options import RunOptions
 from isf_cell.part_step import PartStep
 from isf_cell.reference_run import UNCORRECTED, ReferenceRun
-from isf_cell.run_folder import make_run_folder
+from isf_cell.run_folder import run_folder
 
 
 def form_part(
@@ -21,9 +21,9 @@ def form_part(
     """Form ``job`` with a cell of its own; raises IsfError when the part does not complete."""
     job_file = load_job(job)
     method = options.method(job_file)
-    folder = make_run_folder(output, job_file.job.name)
     mode = "lockstep" if lockstep else "real time"
     with ExitStack() as stack:
+        folder = stack.enter_context(run_folder(output, job_file.job.name))
         progress = stack.enter_context(terminal.part_progress(f"{job_file.job.name} ({method}, ROS 2, {mode})"))
         progress.phase("starting the nodes")
 

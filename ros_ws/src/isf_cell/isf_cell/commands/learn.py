@@ -15,6 +15,7 @@ from isf_springback.learning import learn_part
 from isf_springback.learning_file import Learned
 
 from isf_cell import terminal
+from isf_cell.run_folder import bag_of
 
 
 def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bool) -> None:
@@ -28,8 +29,7 @@ def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bo
     """
     known = learning_file.load(output) if output.exists() else None
     for run in runs:
-        bag = run / "bag" if (run / "bag").exists() else run
-        known = learn_record(read_bag(bag), base or Path.cwd(), known)
+        known = learn_record(read_bag(bag_of(run)), base or Path.cwd(), known)
         mean, largest = 1e3 * known.history[-1]
         terminal.console.print(
             f"{run}: part {known.parts} of {known.job}, error of wall and floor {mean:.2f} mm mean, {largest:.2f} mm "

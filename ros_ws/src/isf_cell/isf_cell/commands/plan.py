@@ -101,7 +101,7 @@ def _job_of(part: Path, unit: str | None) -> JobFile:
             where=str(part),
             advice="add --unit mm (or cm, m, in), or write a job file",
         )
-    name = "".join(c if c.isalnum() or c in "_.-" else "_" for c in part.stem)
+    name = "".join(c if c.isalnum() or c in "_.-" else "_" for c in part.stem)[:80]
     mesh = str(part.resolve()).replace('"', "")
     text = _MESH_JOB.format(name=name, mesh=mesh, unit=f", unit: {unit}" if unit else "")
     return JobFile(text, part.resolve().parent, str(part))

@@ -6,29 +6,79 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from isf_analysis.bag_writer import write_bag
-from isf_core.job import load_job
+from isf_analysis.record import PartRecord
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile, load_job
 
 from isf_cell import in_process, terminal
 from isf_cell.commands.finish import finish, first_failure
 from isf_cell.options import RunOptions
+from isf_cell.part_step import PartStep
 from isf_cell.reference_run import UNCORRECTED, ReferenceRun
-from isf_cell.run_folder import make_run_folder
+from isf_cell.run_folder import run_folder
+from isf_cell.stop_request import ctrl_c_stops_between_contours
 
 
 def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compare: bool, as_json: bool) -> None:
-    """Form ``job`` in process; raises IsfError when the part does not complete."""
+    """Form ``job`` in process; raises IsfError when the part does not complete.
+
+    Ctrl-C ends the part after the present contour; what was formed is kept and reported, with CANCELLED.
+    """
     job_file = load_job(job)
-    method = options.method(job_file)
-    folder = make_run_folder(output, job_file.job.name)
-    with ExitStack() as stack:
+    with run_folder(output, job_file.job.name) as folder:
+        bag = folder / "bag"
         reference = None
-        if compare and method != UNCORRECTED:
-            reference = stack.enter_context(ReferenceRun(job, options, folder / "uncorrected"))
-        progress = stack.enter_context(terminal.part_progress(f"{job_file.job.name} ({method}, in process)"))
+        try:
+            with ExitStack() as stack:
+                if compare and options.method(job_file) != UNCORRECTED:
+                    reference = stack.enter_context(ReferenceRun(job, options, folder / "uncorrected"))
+                title = f"{job_file.job.name} ({options.method(job_file)}, in process)"
+                progress = stack.enter_context(terminal.part_progress(title))
+                record = _form(job_file, options, progress)
+                write_bag(record, bag)
+                failure = first_failure(record.results) or _stopped(record)
+                if reference and failure and failure.code == ErrorCode.CANCELLED:
+                    reference = None  # ended with the stack
+                if reference:
+                    progress.phase("waiting for the uncorrected part")
+                    reference.wait()
+            finish(folder, reference.bag if reference else None, failure=failure, as_json=as_json)
+        except KeyboardInterrupt:
+            raise _stopped_at_once(bag) from None
+
+
+def _form(job_file: JobFile, options: RunOptions, progress: terminal.PartProgress) -> PartRecord:
+    with ctrl_c_stops_between_contours() as request:
+
+        def formed(step: PartStep) -> None:
+            request.contour_formed()
+            progress.contour(step)
+
         progress.phase("planning")
-        record = in_process.form(job_file, options, progress=progress.contour)
-        write_bag(record, folder / "bag")
-        if reference:
-            progress.phase("waiting for the uncorrected part")
-            reference.wait()
-    finish(folder, reference.bag if reference else None, failure=first_failure(record.results), as_json=as_json)
+        return in_process.form(job_file, options, progress=formed, cancelled=lambda: request.wanted)
+
+
+def _stopped(record: PartRecord) -> IsfError | None:
+    count = record.nominal[-1].count if record.nominal else 0
+    if len(record.results) == count:
+        return None
+    return IsfError(
+        ErrorCode.CANCELLED,
+        f"stopped by the operator after contour {len(record.results)} of {count}",
+        advice="the contours formed are kept and reported",
+    )
+
+
+def _stopped_at_once(bag: Path) -> IsfError:
+    if (bag / "metadata.yaml").exists():
+        return IsfError(
+            ErrorCode.CANCELLED,
+            "stopped by the operator; the part is kept",
+            where=str(bag),
+            advice=f"isf report {bag} makes its report",
+        )
+    return IsfError(
+        ErrorCode.CANCELLED,
+        "stopped by the operator; nothing of the part is kept",
+        advice="Ctrl-C once, after the first contour, keeps and reports what was formed",
+    )

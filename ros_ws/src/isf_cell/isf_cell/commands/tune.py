@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,8 +37,14 @@ def tune_job(
     if loop_gain is not None:
         config = replace(config, loop_gain=loop_gain)
     contact = config.contact_stiffness if stiffness is None else stiffness * 1e6
-    if contact <= 0.0 or delay < 0.0 or noise < 0.0 or config.loop_gain <= 0.0:
-        raise IsfError(ErrorCode.FILE_FIELD, "stiffness and gain must be positive, delay and noise not negative")
+    numbers = (contact, config.loop_gain, delay, noise)
+    if not all(map(math.isfinite, numbers)) or min(contact, config.loop_gain) <= 0.0 or min(delay, noise) < 0.0:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "stiffness and gain must be finite and positive, delay and noise finite and not negative",
+            where="isf tune",
+            advice="leave --stiffness and --gain out for those of the rig and the controller",
+        )
     plant = Plant(contact, delay * 1e-3, noise * 1e-2)
     margin = gain_margin(config, contact, plant.delay)
     step, corner, ramp = (respond(config, plant, case) for case in (step_case(), corner_case(), ramp_case()))
