@@ -174,7 +174,7 @@ def _process(record: PartRecord) -> Iterator[_Plan]:
             ),
             partial(figures_process.support_force, record),
         )
-    paths = path_forces(record.results)
+    paths = path_forces(record.results, record.corrected)
     if paths:
         yield _Plan(
             "contact",

@@ -156,19 +156,35 @@ def _draw_over_time(axes: Axes, results: Sequence[ContourResult]) -> None:
     else:
         _fill_bins(axes, edges, time, force, style.PART, "measured, least to most")
     if controlled:
-        set_point = _usual_set_point(controlled)
-        axes.axhspan(set_point - BAND, set_point + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0, zorder=1)
-        axes.axhline(
-            set_point,
-            color=style.SET_POINT,
-            linewidth=1.5,
-            label=f"set-point {set_point:.0f} N ± {BAND:.0f} N",
-            zorder=3,
-        )
+        _draw_set_point(axes, edges, controlled)
     axes.set_ylabel("support force [N]")
     axes.set_xlabel("time of the process [s]")
     axes.set_xlim(edges[0], edges[-1])
     style.legend_above(axes, 2)
+
+
+def _draw_set_point(axes: Axes, edges: Array, controlled: Sequence[ContourResult]) -> None:
+    """One band where there is one set-point; where it differs from place to place, what it was at every time."""
+    values = np.concatenate([result.tick_set_point[engaged(result)] for result in controlled])
+    usual = _usual_set_point(controlled)
+    if not len(values) or np.ptp(values) < 1.0:
+        axes.axhspan(usual - BAND, usual + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0, zorder=1)
+        label = f"set-point {usual:.0f} N ± {BAND:.0f} N"
+        axes.axhline(usual, color=style.SET_POINT, linewidth=1.5, label=label, zorder=3)
+        return
+    time = np.concatenate([result.tick_time[engaged(result)] for result in controlled])
+    cell = np.clip(np.digitize(time, edges) - 1, 0, _BINS - 1)
+    middle = 0.5 * (edges[:-1] + edges[1:])
+    low, high = _by_bin(np.fmin, cell, values), _by_bin(np.fmax, cell, values)
+    axes.fill_between(middle, low - BAND, high + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0, zorder=1)
+    axes.plot(
+        np.repeat(middle, 2),
+        np.column_stack([low, high]).ravel(),
+        color=style.SET_POINT,
+        linewidth=0.8,
+        label=f"set-point {values.min():.0f} to {values.max():.0f} N ± {BAND:.0f} N",
+        zorder=3,
+    )
 
 
 def _draw_detail(axes: Axes, result: ContourResult) -> None:

@@ -27,7 +27,7 @@ MM = 1e3
 
 def findings(record: PartRecord) -> dict[str, Any]:
     """The keys this adds to the summary of ``record``."""
-    paths = path_forces(record.results)
+    paths = path_forces(record.results, record.corrected)
     return {
         "events": [_group(group, record) for group in events.groups(record.events)],
         "remarks": [

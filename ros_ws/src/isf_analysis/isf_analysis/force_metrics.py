@@ -26,7 +26,7 @@ class ForceMetrics:
 
     Attributes
     ----------
-    set_point : median set-point of the engaged ticks
+    set_point : median set-point of the engaged ticks ; lowest, highest : that they go to, by rules or by wall angle
     mean_error, rms_error : of measured minus set-point
     p99_abs_error, p999_abs_error, max_abs_error : |error| that 99 %, 99.9 %, all of the engaged ticks stay below
     within_band : fraction of the engaged ticks with |error| <= BAND
@@ -36,6 +36,8 @@ class ForceMetrics:
     """
 
     set_point: float
+    lowest: float
+    highest: float
     mean_error: float
     rms_error: float
     p99_abs_error: float
@@ -61,13 +63,15 @@ def force_metrics(results: Sequence[ContourResult], control_rate: float) -> Forc
     force = np.concatenate([result.tick_normal_force[engaged(result)] for result in controlled])
     if not len(force):
         nan = float("nan")
-        return ForceMetrics(nan, nan, nan, nan, nan, nan, nan, nan, 0, 0.0, 0.0)
+        return ForceMetrics(nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, 0, 0.0, 0.0)
     error = force - set_point
     size = np.abs(error)
     weights = np.array([np.count_nonzero(engaged(result)) for result in controlled], dtype=float)
     contact = np.array([result.contact_fraction for result in controlled])
     return ForceMetrics(
         set_point=float(np.median(set_point)),
+        lowest=float(set_point.min()),
+        highest=float(set_point.max()),
         mean_error=float(error.mean()),
         rms_error=float(np.sqrt(np.mean(error**2))),
         p99_abs_error=float(np.quantile(size, 0.99)),
@@ -79,6 +83,13 @@ def force_metrics(results: Sequence[ContourResult], control_rate: float) -> Forc
         engaged_fraction=len(force) / ticks,
         engaged_time=len(force) / control_rate,
     )
+
+
+def by_place(lowest: float | None, highest: float | None) -> str:
+    """``100 to 200 N`` where the set-points differ, by rules or by wall angle; empty where there is one."""
+    if lowest is None or highest is None or not highest - lowest >= 1.0:
+        return ""
+    return f"{lowest:.0f} to {highest:.0f} N"
 
 
 def has_set_point(result: ContourResult) -> bool:

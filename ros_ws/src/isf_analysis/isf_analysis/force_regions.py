@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from isf_core.contour import ContourResult
+from isf_core.contour import Contour, ContourResult
 from numpy.typing import NDArray
 
 from isf_analysis.force_metrics import BAND, engaged, has_set_point
@@ -54,7 +54,8 @@ class PathForce:
     tip : (N, 3) m, streamed tip of the forming tool, frame ``sheet``
     along : (N,) 0..1, share of the path's length ; length : m
     force : (N,) N, normal force, positive in compression
-    set_point : N, of the loop in full control; NaN under position control
+    set_point : N, of the loop in full control, its median; NaN under position control
+    wanted : (N,) N, set-points of the points: the contour's where they differ, else ``set_point``
     region : (N,) index into :data:`REGIONS`
     """
 
@@ -64,12 +65,13 @@ class PathForce:
     length: float
     force: Array
     set_point: float
+    wanted: Array
     region: NDArray[np.intp]
 
     @property
     def error(self) -> Array:
         """(N,) N, measured less set-point; NaN under position control."""
-        return self.force - self.set_point
+        return self.force - self.wanted
 
     @property
     def lost(self) -> Mask:
@@ -108,9 +110,17 @@ class ContactLoss:
     region: str
 
 
-def path_forces(results: Sequence[ContourResult]) -> tuple[PathForce, ...]:
-    """Force along every contour that had a support tool and reached at least three points."""
-    found = (_path_force(result) for result in results if len(result.support_force) >= 3)
+def path_forces(results: Sequence[ContourResult], contours: Sequence[Contour] = ()) -> tuple[PathForce, ...]:
+    """Force along every contour that had a support tool and reached at least three points.
+
+    ``contours`` that were to be formed have the set-points of the points, which results have by ticks alone.
+    """
+    planned = {contour.index: contour.support_force for contour in contours}
+    found = (
+        _path_force(result, planned.get(result.index, np.empty(0)))
+        for result in results
+        if len(result.support_force) >= 3
+    )
     return tuple(item for item in found if item is not None)
 
 
@@ -176,7 +186,7 @@ def curvature(tip: Array) -> Array:
     return np.asarray(turn / CHORD)
 
 
-def _path_force(result: ContourResult) -> PathForce | None:
+def _path_force(result: ContourResult, planned: Array) -> PathForce | None:
     reached = np.isfinite(result.support_force).all(axis=1) & np.isfinite(result.support_target).all(axis=1)
     if reached.sum() < 3:
         return None
@@ -192,10 +202,17 @@ def _path_force(result: ContourResult) -> PathForce | None:
     tip, force = forming[known], force[known]
     along = _arc_length(tip)
     set_point = float("nan")
+    wanted = np.full(len(force), np.nan)
     if has_set_point(result) and engaged(result).any():
-        set_point = float(np.median(result.tick_set_point[engaged(result)]))
+        used = result.tick_set_point[engaged(result)]
+        set_point = float(np.median(used))
+        wanted = np.full(len(force), set_point)
+        # a set-point given at the start replaces those of the contour: the ticks have one only
+        if np.ptp(used) >= 1.0 and len(planned) == len(reached):
+            wanted = planned[reached][known]
     length = float(along[-1])
-    return PathForce(result.index, tip, along / max(length, 1e-12), length, force, set_point, regions_along(tip))
+    share = along / max(length, 1e-12)
+    return PathForce(result.index, tip, share, length, force, set_point, wanted, regions_along(tip))
 
 
 def _numbers(error: Array, lost: Mask, total: int) -> RegionForce:

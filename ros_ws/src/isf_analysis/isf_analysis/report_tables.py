@@ -16,6 +16,7 @@ from isf_core.shared_files import find_named
 from isf_analysis.deviation import REGIONS
 from isf_analysis.events import EventKind, kind_name
 from isf_analysis.figures_shape import REGION_LABELS
+from isf_analysis.force_metrics import by_place, force_metrics
 from isf_analysis.record import PartRecord
 
 DASH = "–"
@@ -105,7 +106,7 @@ def region_table(numbers: Numbers) -> str:
 def force_table(force: Numbers) -> str:
     """Accuracy of the support force."""
     rows = [
-        ["set-point", f"{number(force['set_N'], 0)} N"],
+        ["set-point", _set_point(force)],
         ["within ± 10 N, while in full control", percent(force["within_10N_fraction"])],
         ["error, 99 % of the time below", f"{number(force['p99_abs_error_N'], 1)} N"],
         ["error, 99.9 % of the time below", f"{number(force['p999_abs_error_N'], 1)} N"],
@@ -128,7 +129,10 @@ def percent(fraction: float | None) -> str:
 def job_table(record: PartRecord) -> str:
     """What was formed, how, and with which software."""
     plant = "real machine" if record.world < 0 else f"simulated, world {record.world}, seed {record.seed}"
+    metrics = force_metrics(record.results, record.control_rate) if record.support_force > 0 else None
     support = f"{record.support_force:.0f} N" if record.support_force > 0 else "position control or none"
+    if metrics is not None and (places := by_place(metrics.lowest, metrics.highest)):
+        support += f", by place {places}"
     rows = [
         ["job", record.job_name],
         ["process", record.process],
@@ -228,13 +232,18 @@ def _force_card(force: Numbers | None) -> str:
     if force is None:
         return _card("Support force", DASH, "no force control in this part")
     share = force["within_10N_fraction"]
+    places = by_place(force["set_min_N"], force["set_max_N"])
     value = percent(share).replace(" %", " <small>%</small>")
     return _card(
-        f"Within ± 10 N of {number(force['set_N'], 0)} N",
+        f"Within ± 10 N of {_set_point(force)}",
         value,
-        "of the time in full control",
+        "of the time in full control" + (", by place" if places else ""),
         None if share is None else share > 0.99,
     )
+
+
+def _set_point(force: Numbers) -> str:
+    return by_place(force["set_min_N"], force["set_max_N"]) or f"{number(force['set_N'], 0)} N"
 
 
 def _lost_part(numbers: Numbers) -> list[Numbers]:

@@ -142,6 +142,8 @@ def _force(metrics: ForceMetrics | None) -> dict[str, Any] | None:
         return None
     return {
         "set_N": _number(metrics.set_point),
+        "set_min_N": _number(metrics.lowest),
+        "set_max_N": _number(metrics.highest),
         "mean_error_N": _number(metrics.mean_error),
         "rms_error_N": _number(metrics.rms_error),
         "p99_abs_error_N": _number(metrics.p99_abs_error),

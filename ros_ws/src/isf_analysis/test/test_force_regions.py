@@ -20,7 +20,7 @@ from isf_analysis.force_regions import (
     region_forces,
     regions_along,
 )
-from isf_core.contour import ContourResult
+from isf_core.contour import Contour, ContourResult, Process
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -135,6 +135,31 @@ def test_errors_are_counted_in_their_regions() -> None:
         assert numbers[name].within_band == (abs(error) <= 10.0)
     assert sum(numbers[name].points for name in REGIONS) == numbers["all"].points == len(tip)
     assert numbers["all"].max_abs_error == pytest.approx(12.0)
+
+
+def test_the_error_is_that_from_the_set_point_of_the_place() -> None:
+    """Two walls with 100 and 200 N: the ticks have both, the contour says where; one replaced force goes for both."""
+    tip = square(40e-3)
+    wanted = np.where(tip[:, 0] > tip[:, 0].mean(), 200.0, 100.0)
+    contour = Contour(
+        plan_id="p",
+        index=4,
+        count=9,
+        process=Process.DSIF,
+        feed=0.015,
+        contact=tip,
+        normal=np.tile([0.0, 0.0, 1.0], (len(tip), 1)),
+        wall_angle=np.full(len(tip), 0.8),
+        thickness=np.full(len(tip), 1e-3),
+        forming_tip=tip,
+        support_force=wanted,
+    )
+    result = result_along(tip, wanted + 3.0)
+    both = replace(result, tick_set_point=np.repeat([100.0, 200.0], 25))
+    (path,) = path_forces([both], [contour])
+    np.testing.assert_allclose(path.error, 3.0)
+    (replaced,) = path_forces([result], [contour])
+    np.testing.assert_allclose(replaced.error, wanted + 3.0 - 100.0)
 
 
 def test_losses_are_told_with_place_length_and_region() -> None:

@@ -7,8 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isf_analysis import figures_process, style
 from isf_analysis.deviation import compare
 from isf_analysis.force_metrics import force_metrics
+from isf_analysis.record import PartRecord
+from isf_analysis.report_tables import cards, force_table, job_table
 from isf_analysis.summary import summary
 from isf_core.errors import ErrorCode
 from synthetic_part import make_part
@@ -38,6 +41,37 @@ def test_the_numbers_are_those_of_the_metrics_in_the_units_of_their_names() -> N
     assert (numbers["bag"], numbers["report"]) == ("runs/x/bag", "runs/x/report.html")
     assert numbers["complete"]
     assert numbers["failure"] is numbers["reference"] is numbers["improvement"] is None
+
+
+def test_set_points_that_differ_by_place_are_told_as_such() -> None:
+    """As force_rules give them: 100 and 200 N on halves of every contour, 120 N in the job."""
+    part = _two_forces(PART)
+    force = summary(part)["force"]
+    assert (force["set_min_N"], force["set_max_N"]) == (100.0, 200.0)
+    assert summary(PART)["force"]["set_min_N"] == summary(PART)["force"]["set_max_N"] == 120.0
+    page = cards(summary(part)) + force_table(force) + job_table(part)
+    assert "Within ± 10 N of 100 to 200 N" in page
+    assert "120 N, by place 100 to 200 N" in page
+    assert "by place" not in cards(summary(PART)) + job_table(PART)
+    with style.applied():
+        lines = figures_process.support_force(part).axes[0].get_lines()
+        one = figures_process.support_force(PART).axes[0].get_lines()
+    drawn = next(line for line in lines if "100 to 200 N" in str(line.get_label()))
+    assert {100.0, 200.0} <= set(np.asarray(drawn.get_ydata()).tolist())
+    assert any("set-point 120 N" in str(line.get_label()) for line in one)
+
+
+def _two_forces(part: PartRecord) -> PartRecord:
+    results = []
+    for result in part.results:
+        ticks = len(result.tick_set_point)
+        more = np.where(np.arange(ticks) < ticks // 2, -20.0, 80.0) * result.tick_engaged
+        results.append(
+            replace(
+                result, tick_set_point=result.tick_set_point + more, tick_normal_force=result.tick_normal_force + more
+            )
+        )
+    return replace(part, results=tuple(results))
 
 
 def test_improvement_is_the_errors_before_over_after() -> None:

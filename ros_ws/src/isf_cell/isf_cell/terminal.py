@@ -109,7 +109,9 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
         )
     force = summary.get("force") or {}
     if force.get("set_N"):
-        row("support force set-point [N]", number(summary, "force", "set_N", digits=0), "")
+        usual, low, high = (number(summary, "force", key, digits=0) for key in ("set_N", "set_min_N", "set_max_N"))
+        one = low == high or "-" in (low, high)
+        row("support force set-point [N]", usual if one else f"{low} to {high}, by place", "")
         row(
             "engaged time within 10 N [%]",
             f"{100 * force['within_10N_fraction']:.2f}" if force.get("within_10N_fraction") is not None else "-",
