@@ -133,7 +133,6 @@ class PartRun:
         options = RunOptions(
             goal.correction or None, None if np.isnan(goal.support_force) else goal.support_force, goal.world, goal.seed
         )
-        check_method(options.method(job_file), job_file)  # before the plan, which takes its time
         if goal.first_index > 0 and options.method(job_file) != UNCORRECTED:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,
@@ -145,6 +144,7 @@ class PartRun:
             # a node may compile or load for long and be silent meanwhile; its answer is a sign of life
             self._client.bring_up(name, self._watch_operator)
             self._monitor.hear(name, "")
+        check_method(options.method(job_file), job_file)  # before the plan, which takes its time
         self._prepare_machine()
         self._tell("planning")
         count = self._plan()

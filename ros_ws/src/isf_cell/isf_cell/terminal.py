@@ -93,7 +93,7 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
     table.add_column(str(summary.get("correction", "result")), justify="right")
 
     def row(label: str, value: str, other: str = "") -> None:
-        table.add_row(label, *([other] if reference else []), value)
+        table.add_row(escape(label), *([other] if reference else []), value)
 
     def number(source: Mapping[str, Any] | None, *path: str, digits: int = 2) -> str:
         value: Any = source

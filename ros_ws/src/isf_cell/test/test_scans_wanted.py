@@ -39,5 +39,6 @@ def test_notes_and_a_correction_without_eyes_are_warnings_at_the_terminal() -> N
     remarks = [{"text": MODEL_ALONE}, {"text": "the rim lies 1.4 mm too low"}]
     with terminal.console.capture() as shown:
         terminal.show_summary({"notes": ["2 scans left out [why]"], "remarks": remarks}, None)
+    assert "wall and base [mm]" in shown.get()
     lines = [line for line in shown.get().splitlines() if line.startswith("warning")]
     assert lines == ["warning 2 scans left out [why]", f"warning {MODEL_ALONE}"]
