@@ -209,7 +209,8 @@ def write(rows: Sequence[dict[str, Any]], digest: str, maps: Path, folder: Path)
 Written by `{COMMAND}`. {told}
 Simulated machine, formed in one process; vertical errors in the clamp, formed minus target, mm. World 0 is nominal; in
 the others sheet, machine and load cells are off by up to 20 %, which the controllers do not know. Methods that look at
-the shape see a scan with noise, holes and registration after every contour.
+the shape see a scan with noise, holes and registration after every contour. First contours go by the predicted force
+(`springback.first_contour`); the plant is that of the sources named above.
 
 ## Published
 
@@ -228,7 +229,8 @@ Per cell: largest / mean, then the measures of the goals (p95: 95 % of the point
 
 ## Error maps, nominal world
 
-Left without correction, right the best method by the median of the first goal.
+Left without correction, right the best method by the median of the first goal; the number on a map is the largest error
+of the whole opening, whatever region the source measures.
 
 {chr(10).join(pictures(rows, maps, folder)) or "None yet."}"""
     path = folder / "results_springback.md"
