@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from isf_analysis import style
 from isf_analysis.contour_scan import ScanError
-from isf_analysis.deviation import flange_level
+from isf_analysis.error_map import draw_errors, draw_opening
 
 MM = 1e3
 MAPS = 4
@@ -48,23 +48,12 @@ def scan_maps(errors: tuple[ScanError, ...], target: HeightMap) -> Figure:
     figure = style.new_figure(1.2 + (3.1 if columns == 2 else 5.0) * rows, maps=True)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     x, y = MM * target.x, MM * target.y
-    half_x, half_y = 0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0])
-    off = np.ma.masked_invalid(np.abs(MM * (target.z - flange_level(target))))
     inside = np.any([np.isfinite(error.error.z) for error in errors], axis=0)
     inside_rows, inside_columns = np.nonzero(inside)
     image = None
     for axes, error in zip(panels.ravel(), chosen, strict=False):
-        image = axes.imshow(
-            MM * error.error.z,
-            origin="lower",
-            extent=(x[0] - half_x, x[-1] + half_x, y[0] - half_y, y[-1] + half_y),
-            cmap=style.DEVIATION_MAP,
-            vmin=-limit,
-            vmax=limit,
-            interpolation="nearest",
-        )
-        axes.set_facecolor("#e9edf0")  # not formed yet, or not seen
-        axes.contour(x, y, off, levels=[0.1], colors=style.INK, linewidths=1.2)
+        image = draw_errors(axes, error.error, limit)
+        draw_opening(axes, target)
         axes.set_title(f"after contour {error.index + 1}")
         axes.set_xlim(x[inside_columns.min()] - MM * MARGIN, x[inside_columns.max()] + MM * MARGIN)
         axes.set_ylim(y[inside_rows.min()] - MM * MARGIN, y[inside_rows.max()] + MM * MARGIN)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from isf_analysis import style
-from isf_analysis.deviation import OPENING_DEPTH, REGIONS, Deviation, directions, flange_level
+from isf_analysis.deviation import REGIONS, Deviation, directions, flange_level
+from isf_analysis.error_map import draw_errors, draw_opening
 from isf_analysis.events import EventKind, PartEvent, kind_name
 
 Array = NDArray[np.float64]
@@ -209,28 +210,15 @@ def region_errors(deviation: Deviation, reference: Deviation | None) -> Figure:
 
 
 def _draw_map(axes: Axes, deviation: Deviation, target: HeightMap, limit: float) -> AxesImage:
-    error = deviation.error
-    x, y = MM * error.x, MM * error.y
-    half_x, half_y = 0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0])
-    image = axes.imshow(
-        MM * error.z,
-        origin="lower",
-        extent=(x[0] - half_x, x[-1] + half_x, y[0] - half_y, y[-1] + half_y),
-        cmap=style.DEVIATION_MAP,
-        vmin=-limit,
-        vmax=limit,
-        interpolation="nearest",
-        zorder=1,
-    )
-    axes.set_facecolor("#e9edf0")  # unknown cells are transparent
+    image = draw_errors(axes, deviation.error, limit)
     _draw_target(axes, target)
-    _draw_opening(axes, target)
+    draw_opening(axes, target)
     worst_x, worst_y, worst = (MM * value for value in deviation.whole.worst)
     if np.isfinite(worst):
         axes.plot(
             worst_x, worst_y, marker="o", markersize=8, markerfacecolor="none", markeredgecolor=style.INK, zorder=4
         )
-        right = worst_x > 0.5 * (x[0] + x[-1])  # the label goes towards the middle of the part
+        right = worst_x > 0.5 * MM * (target.x[0] + target.x[-1])  # the label goes towards the middle of the part
         axes.annotate(
             f"{worst:+.2f} mm".replace("-", "\N{MINUS SIGN}"),
             (worst_x, worst_y),
@@ -273,22 +261,6 @@ def _draw_target(axes: Axes, target: HeightMap) -> None:
             linestyles="solid",
             zorder=2,
         )
-
-
-def _draw_opening(axes: Axes, target: HeightMap) -> None:
-    """The edge of the opening, found between the cells so that it looks as smooth as the part."""
-    level = flange_level(target)
-    off = np.abs(target.z - level)
-    axes.contour(
-        MM * target.x,
-        MM * target.y,
-        np.ma.masked_invalid(MM * off),
-        levels=[MM * OPENING_DEPTH],
-        colors=style.INK,
-        linewidths=1.5,
-        linestyles="solid",
-        zorder=3,
-    )
 
 
 def _frame_opening(axes: Axes, deviation: Deviation) -> None:

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,14 @@ from isf_core.errors import ErrorCode, IsfError
 JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
 
 
+@pytest.fixture(autouse=True)
+def ctrl_c_is_heeded() -> Iterator[None]:
+    """A job in the background of a shell ignores SIGINT, and so do the processes that it starts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-u", "-m", "isf_cell.cli", "simulate", str(JOB), "-o", "run", *arguments]
     return subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
@@ -30,13 +39,19 @@ def await_line(process: subprocess.Popen[str], words: str) -> None:
     assert any(words in line for line in process.stderr)
 
 
-def test_ctrl_c_keeps_and_reports_what_was_formed(tmp_path: Path) -> None:
-    process = start(tmp_path, "--correction", "analytic")
-    await_line(process, "contour 2/10")
+def told_after_ctrl_c(folder: Path, words: str) -> str:
+    """What a simulation says when Ctrl-C comes after a line with ``words``."""
+    process = start(folder, "--correction", "analytic")
+    await_line(process, words)
     process.send_signal(signal.SIGINT)
     assert process.stderr is not None
     told = process.stderr.read()
     assert process.wait(120) == Exit.CANCELLED, told
+    return told
+
+
+def test_ctrl_c_keeps_and_reports_what_was_formed(tmp_path: Path) -> None:
+    told = told_after_ctrl_c(tmp_path, "contour 2/10")
     number = re.search(r"stopped by the operator after contour (\d+) of 10", told)
     assert number, told
     assert 2 <= int(number[1]) < 10
@@ -47,12 +62,7 @@ def test_ctrl_c_keeps_and_reports_what_was_formed(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_before_the_first_contour_leaves_no_folder(tmp_path: Path) -> None:
-    process = start(tmp_path, "--correction", "analytic")
-    await_line(process, "planning")
-    process.send_signal(signal.SIGINT)
-    assert process.stderr is not None
-    told = process.stderr.read()
-    assert process.wait(120) == Exit.CANCELLED, told
+    told = told_after_ctrl_c(tmp_path, "planning")
     assert "nothing of the part is kept" in told
     assert not (tmp_path / "run").exists()
 

@@ -8,6 +8,7 @@ themselves, not copies.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from operator import is_
 from typing import Any
 
@@ -28,15 +29,26 @@ from isf_sim.surface import Surface, TipTrack
 Array = NDArray[np.float64]
 
 
-class PointParts:
-    """Surface, track, points, contact and constants for :func:`isf_sim.sheet_point.advance_point`; never part of a
-    state."""
+class _Kept:
+    """A bundle that is made again when one of its parts is another object; never part of a state."""
 
     constant_of_state = True
 
     def __init__(self) -> None:
         self._parts: tuple[Any, ...] = ()
         self._bundle: Any = None
+
+    def _of(self, parts: tuple[Any, ...], make: Callable[..., Any]) -> Any:
+        if not (len(parts) == len(self._parts) and all(map(is_, parts, self._parts))):
+            self._parts, self._bundle = parts, make(*parts)
+        return self._bundle
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> _Kept:
+        return type(self)()
+
+
+class PointParts(_Kept):
+    """Surface, track, points, contact and constants for :func:`isf_sim.sheet_point.advance_point`."""
 
     def advance(
         self,
@@ -46,22 +58,11 @@ class PointParts:
         parts: tuple[Surface, TipTrack, ControlPoints, Contact, PointConstants],
     ) -> int:
         """:func:`isf_sim.sheet_point.advance_point` with ``parts``."""
-        if not _same(parts, self._parts):
-            self._parts, self._bundle = parts, _bundle_point(*parts)
-        return int(_advance_point(tip, pull, eased, self._bundle))
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> PointParts:
-        return PointParts()
+        return int(_advance_point(tip, pull, eased, self._of(parts, _bundle_point)))
 
 
-class TickParts:
-    """Everything for :func:`isf_sim.machine_tick.advance_tick` but target and noise; never part of a state."""
-
-    constant_of_state = True
-
-    def __init__(self) -> None:
-        self._parts: tuple[Any, ...] = ()
-        self._bundle: Any = None
+class TickParts(_Kept):
+    """Everything for :func:`isf_sim.machine_tick.advance_tick` but target and noise."""
 
     def advance(
         self,
@@ -81,16 +82,7 @@ class TickParts:
         ],
     ) -> int:
         """:func:`isf_sim.machine_tick.advance_tick` with ``parts``."""
-        if not _same(parts, self._parts):
-            self._parts, self._bundle = parts, _bundle_tick(*parts)
-        return int(_advance_tick(target, draws, self._bundle))
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> TickParts:
-        return TickParts()
-
-
-def _same(parts: tuple[Any, ...], others: tuple[Any, ...]) -> bool:
-    return len(parts) == len(others) and all(map(is_, parts, others))
+        return int(_advance_tick(target, draws, self._of(parts, _bundle_tick)))
 
 
 @structref.register
