@@ -33,15 +33,13 @@ from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.offset_memory import VISIBLE, OffsetMemory, limit_signed, push_limits
 from isf_springback.scan_memory import ScanMemory
-from isf_springback.scan_processing import FormedShape, sections
+from isf_springback.shape_reading import PLACES, READING_DEVIATION, read_errors
 from isf_springback.shape_remarks import shape_remarks
 from isf_springback.sheet_load import push_sign
 from isf_springback.step_bounds import FREE_SHARE, force_remark, force_share, largest_rise
 
 Array = NDArray[np.float64]
 
-PLACES = 36
-"""Places around a contour at which bias is kept (assumed)."""
 LARGEST_BIAS = 3e-3
 """m; the shape may ask for that much more than the model and no more, and may take back the model's correction
 altogether (assumed: more than half of all published springback)."""
@@ -59,12 +57,6 @@ SLOW_RISE = 0.5
 formed too deep stays)."""
 TOLD_BIAS = 1.5e-3
 """m of disagreement of model and shape that is told."""
-WALL_REACH = (-0.75e-3, 0.1e-3)
-"""m from the contact, where the wall is read: passed by the contact within the last two contours."""
-READING_DEVIATION = 0.15e-3
-"""m, of an error read in a section: 0.05 mm of the scanner (published: Lu 2016, 3.5.2), the rest for what one contour
-leaves of the next one's wall (assumed)."""
-
 MODEL_ALONE = "no scans and no tool lifts (springback.scan_every, lift_every): the correction is the model's alone"
 FROM_BELOW = "scans steer the upper tool only: the feature formed from below is corrected by the model"
 
@@ -81,15 +73,6 @@ def steady_model(job_file: JobFile) -> AnalyticCorrection:
     from isf_springback.elastic import ElasticCorrection  # numba and its kernels: only who uses them waits
 
     return ElasticCorrection(job_file, law="hold", axial_only=True)
-
-
-@dataclass(frozen=True)
-class Reading:
-    """Errors read around one contour, M places: formed minus intended height on the wall and on the bottom, m."""
-
-    place: Array
-    wall: Array
-    bottom: Array
 
 
 @dataclass(frozen=True)
@@ -115,6 +98,8 @@ class FusedCorrection:
         self._wall: BiasField | None = None
         self._bottom: BiasField | None = None
         self._steps: list[FormedStep] = []
+        self._wall_begins = 0
+        self._confirmed = False
         self._remarks: tuple[str, ...] = ()
         self._doubtful = 0.0
         self._force_share = 0.0
@@ -166,16 +151,21 @@ class FusedCorrection:
         target = self._scans.target
         if shape is None or applied is None or target is None or not self._steps:
             return
-        if len(self._steps) < min(self._job_file.job.springback.open_loop_contours, MADE_BY):
-            return  # the edge of the opening, which no tool reaches, is still all the wall there is
         contour = applied.contour
         reading = read_errors(contour, shape, target, forming_radius(self._job_file, contour.forming_tool))
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         known = self._fields(reading.place)
+        surprise = reading.wall - expected_error(self._steps, reading.place)
+        if contour.index - self._wall_begins < MADE_BY:
+            # Still the edge of the opening: no push makes it better where it stands too high, as it always does a
+            # little. Where it lies too deep the coming contours would press it deeper yet.
+            self._wall, _ = updated(known[0], np.where(surprise < 0.0, surprise, np.nan), noise)
+            return
         last = self._steps[-1]
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
-        self._wall, doubt_wall = updated(known[0], reading.wall - expected_error(self._steps, reading.place), noise)
+        self._wall, doubt_wall = updated(known[0], surprise, noise)
         self._bottom, _ = updated(known[1], reading.bottom - (last.model - last.pushed)[near], noise)
+        self._confirmed = True
         self._doubtful = float(doubt_wall.mean())
         level = float(contour.forming_tip[:, 2].min())
         self._remarks = (*shape.remarks, *shape_remarks(shape, target, level, self._job_file))
@@ -264,11 +254,13 @@ class FusedCorrection:
         """True while scans are to come and none has confirmed the model, or the last one contradicts it."""
         if self._job_file.job.springback.scan_every != 1:
             return False  # several contours without a scan: the model is all there is
-        return self._wall is None or self._doubtful > SURPRISING
+        return not self._confirmed or self._doubtful > SURPRISING
 
     def _step(self, contour: Contour, predicted: Array, offset: Array) -> None:
         """Note how ``contour`` is pushed; asking again for a contour replaces it."""
         before = [step for step in self._steps if step.contour.index < contour.index and _same_wall(step, contour)]
+        if not before:
+            self._wall_begins = contour.index
         pushed = push_sign(contour) * offset[:, 2]
         self._steps = [*before[1 - MADE_BY :], FormedStep(contour, pushed, predicted)]
 
@@ -284,6 +276,7 @@ class FusedCorrection:
     def _forget(self) -> None:
         self._wall = self._bottom = None
         self._steps = []
+        self._confirmed = False
         self._doubtful = self._force_share = 0.0
         self._remarks = ()
 
@@ -344,39 +337,6 @@ def expected_error(steps: Sequence[FormedStep], place: Array) -> Array:
         count += counts
         later = pushed
     return np.asarray(total / count)
-
-
-def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius: float) -> Reading:
-    """Errors on the wall just above the contact and on the bottom, at :data:`PLACES` places of ``contour``."""
-    path = LoopPath.of(contour)
-    directions = sections.directions_of(contour, path.even_positions(PLACES))
-    angle = path.at(contour.wall_angle, directions.position)
-    step = sections.STEP
-    reach = step * np.arange(-12, round(20e-3 / step) + 1, dtype=np.float64)
-    formed = sections.vertical_sections(shape.surface, directions, reach)
-    wanted = sections.vertical_sections(target, directions, reach)
-    near = (reach >= WALL_REACH[0] - 1e-9) & (reach <= WALL_REACH[1] + 1e-9)
-    wall = _median(formed[:, near] - wanted[:, near])
-    tip = radius * np.sin(angle)
-    level = directions.tip_level
-    inside = (reach[None, :] >= tip[:, None] - 0.5e-3) & (reach[None, :] <= tip[:, None] + _inner(contour))
-    flat = wanted <= level[:, None] + 0.05e-3
-    bottom = _median(np.where(inside & flat, formed - level[:, None], np.nan))
-    return Reading(directions.origin, wall, bottom)
-
-
-def _inner(contour: Contour) -> float:
-    """m, how far inside the tip the bottom is read: half of the way to the middle."""
-    place = contour.forming_tip[:, :2]
-    return float(np.clip(0.25 * np.ptp(place, axis=0).min(), 0.5e-3, 15e-3))
-
-
-def _median(values: Array) -> Array:
-    """(M,) median of the known values of each row; NaN where less than a quarter of the row is known."""
-    result = np.full(len(values), np.nan)
-    enough = np.isfinite(values).sum(axis=1) >= 2
-    result[enough] = np.nanmedian(values[enough], axis=1)
-    return result
 
 
 def _same_wall(step: FormedStep, contour: Contour) -> bool:

@@ -18,11 +18,11 @@ from isf_core.height_map import HeightMap
 from numpy.typing import NDArray
 
 from isf_springback.continuity import MAGNITUDE
-from isf_springback.fusion import read_errors
 from isf_springback.learning_file import Learned
 from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.scan_memory import contour_over_die, shape_over_die, target_over_die
 from isf_springback.scan_processing import ScanExpectation, process_scan
+from isf_springback.shape_reading import read_errors
 from isf_springback.sheet_load import push_sign
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import pytest
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
-from isf_springback.fusion import DEEPER, FormedStep, FusedCorrection, expected_error
+from isf_springback.fusion import DEEPER, MADE_BY, FormedStep, FusedCorrection, expected_error
 from isf_springback.method import apply
 from springback_parts import JOB_TEXT, cone_contour, result_of
 
@@ -28,10 +28,11 @@ class LinearModel(AnalyticCorrection):
         return COMPLIANCE * np.asarray(force)
 
 
-def formed(true, stiffness, bump=0.0):
+def formed(true, stiffness, bump=0.0, edge=0.0):
     """(COUNT,) m, corrections of a part on which the force is 700 N + ``stiffness`` x (growth of the push).
 
-    The sheet springs back ``true`` times what the model says; at contour 14 the force is ``bump`` N more.
+    The sheet springs back ``true`` times what the model says; at contour 14 the force is ``bump`` N more. The edge of
+    the opening, which is all that the first scans show, stands ``edge`` m higher.
     """
     job_file = JobFile(JOB_TEXT.replace("method: analytic", "scan_every: 1, method: fused"), Path("."))
     rig_size = GRID[-1] - GRID[0]
@@ -53,7 +54,7 @@ def formed(true, stiffness, bump=0.0):
         inside = np.hypot(X, Y) <= np.hypot(*contour.contact[0, :2]) + 0.2e-3
         bottom = float(contour.forming_tip[0, 2])
         error = np.where(inside, true * COMPLIANCE * force - pushes[-1], error)
-        shape = np.maximum(TARGET.z, bottom) + error
+        shape = np.maximum(TARGET.z, bottom) + error + np.where(TARGET.z < 0.0, edge if index < MADE_BY else 0.0, 0.0)
         method.see(np.column_stack([X.ravel(), Y.ravel(), shape.ravel()]), index)
     return np.array(pushes)
 
@@ -69,6 +70,15 @@ def test_a_force_that_the_push_raises_does_not_make_it_swing():
     assert np.ptp(pushes[15:18]) > 0.05e-3
     assert np.ptp(pushes[-8:]) < 0.05e-3
     assert pushes[-1] == pytest.approx(COMPLIANCE * 700.0, abs=0.1e-3)
+
+
+def test_an_edge_that_stands_too_high_is_left_and_one_that_lies_too_deep_is_not_pressed_deeper():
+    model = COMPLIANCE * 700.0
+    high, deep = formed(1.0, 0.0, edge=0.5e-3)[:MADE_BY], formed(1.0, 0.0, edge=-0.5e-3)[:MADE_BY]
+    assert high == pytest.approx(np.full(MADE_BY, model), abs=1e-6)
+    assert deep[0] == high[0]
+    assert (np.diff(deep) < 0.0).all()
+    assert deep[-1] < model - 0.3e-3
 
 
 def step(index, pushed, model):
