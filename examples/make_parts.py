@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Make the example parts as binary STL in mm: upper faces of cones, of a pyramid, of a sheet with a pocket and a dome,
-and a partial die.
+"""Make the example parts as binary STL in mm: upper faces of cones, of a pyramid, of a funnel, of a sheet with a pocket
+and a dome, and a partial die.
 
 A wall profile (flange, entry fillet, straight wall, floor fillet, floor) is swept along the closed line in
 which the extended wall meets the sheet plane. Facets deviate from the smooth surface by less than 10 um, of the
@@ -85,7 +85,22 @@ def first_feature(part: LibraryPart) -> LibraryPart:
     return replace(part, features=part.features[:1])
 
 
+def funnel_65(limit: float, torn: float = 19e-3) -> LibraryPart:
+    """The funnel of Ren 2018, 2.4.1: its wall starts at 65 deg, which is all that is printed of its shape.
+
+    Assumed: one arc after an entry radius of 6 mm, on which the wall reaches ``limit`` rad, where a sheet tears by the
+    sine law, at the depth ``torn`` m, the published one under position control; so the arc goes on to 28 mm of depth,
+    with a floor radius of 8 mm, and the opening has a radius of 32 mm.
+    """
+    first, depth, entry, floor = np.radians(65.0), 28e-3, 6e-3, 8e-3
+    start = entry * (1.0 - np.cos(first))
+    arc = (torn - start) / (np.cos(first) - np.cos(limit))
+    last = np.arccos((start + arc * np.cos(first) + floor - depth) / (arc + floor))
+    return funnel(32e-3, float(first), float(last), depth, entry, floor)
+
+
 LIBRARY = {
+    "ren_funnel": funnel_65(np.radians(66)),
     "lu_pyramid": pyramid(75e-3, 62e-3, np.radians(40), 35e-3, 8e-3, 14e-3),
     "lu_asymmetric": asymmetric_cone(60e-3, np.radians(52), np.radians(38), 30e-3, 8e-3, 14e-3),
     "praveen_cone_150": funnel(75e-3, np.radians(25), np.radians(60), 30e-3, 10e-3, 10e-3),
@@ -97,6 +112,7 @@ LIBRARY = {
 """Parts of the library in other sizes, m and rad."""
 
 LIBRARY_CHORD = {
+    "ren_funnel": 10e-6,
     "praveen_cone_150": 10e-6,
     "praveen_cone_250": 10e-6,
     "praveen_cone_610": 20e-6,

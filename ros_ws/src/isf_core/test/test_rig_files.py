@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.material import load_material
 from isf_core.rig import ToolAxis, load_rig
@@ -23,6 +24,36 @@ def test_every_rig_loads_and_tells_the_origin_of_its_constants(name: str) -> Non
     assert all(text.startswith(TAGS) for text in rig.provenance.values())
     told = {key.split(".")[0] for key in rig.provenance}
     assert {"clamp", "compliance", "contact_stiffness", "servo", "load_cell", "limits", "park_height"} <= told
+
+
+def constants(values: dict[str, object], above: str = "") -> list[str]:
+    """Names of all constants of a rig file, "load_cell.resolution"; those of both tools without the tool."""
+    found: list[str] = []
+    for key, value in values.items():
+        name = f"{above}{key}"
+        if isinstance(value, dict):
+            found += constants(value, "" if key in ("tool_1", "tool_2") else f"{name}.")
+        else:
+            found.append(name)
+    return found
+
+
+def is_told(constant: str, origins: set[str]) -> bool:
+    """An origin stands for a constant, for a part of it (compliance.xy), or for all that begin with it."""
+    return any(
+        constant == origin or constant.startswith((f"{origin}.", f"{origin}_")) or origin.startswith(f"{constant}.")
+        for origin in origins
+    )
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_no_constant_of_a_rig_is_without_an_origin(name: str) -> None:
+    values = yaml.safe_load((FOLDER / "rigs" / f"{name}.yaml").read_text(encoding="utf-8"))
+    origins = set(values.pop("provenance"))
+    names = set(constants(values)) - {"name"}
+    assert {constant for constant in names if not is_told(constant, origins)} == set()
+    assert is_told("load_cell.noise_ratio", {"load_cell.noise"})
+    assert not is_told("load_cell.resolution", {"load_cell.noise"})
 
 
 @pytest.mark.parametrize("name", MATERIALS)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 NAMES = (
     *("ren_cone", "ren_pyramid", "spif_cone", "mini_cone"),
-    *("adsif_cone", "tpif_cone", "tpif_cone_die", "two_features", "free_form"),
+    *("adsif_cone", "tpif_cone", "tpif_cone_die", "two_features", "free_form", "ren_funnel"),
 )
 
 

@@ -33,6 +33,20 @@ def test_contact_force_and_clamp_reactions_balance() -> None:
     assert edge == pytest.approx(force[:2], abs=2e-3 * 400.0)
 
 
+def test_clamp_carries_what_the_tool_puts_on_a_formed_sheet() -> None:
+    """The plant's own solution for the shape it has formed: reactions of the clamp against the force on the tool."""
+    plant = SheetPlant(RIG.clamp, MATERIAL, 1e-3, 5e-3, 0.5e-3, RIG.tool_1.compliance)
+    for depth in (2e-3, 4e-3):
+        for turn in np.arange(0.0, 2.0 * np.pi, 1e-3 / 20e-3):
+            plant.move(np.array([20e-3 * np.cos(turn), 20e-3 * np.sin(turn), -depth]), np.zeros(2))
+    plant.settle()
+    state, axial = plant._found[0], float(plant._asked[3])
+    assert axial > 200.0
+    assert plant.shell.inner_force(state)[-1] == pytest.approx(axial, rel=2e-3)
+    # the solution is one for the force that the tool had when it was begun, at most 1 mm and 16 mm of way ago
+    assert axial == pytest.approx(-plant.contact.force[2], rel=0.25)
+
+
 def cycle(plant: SheetPlant, depth: float) -> tuple[Array, Array]:
     """Axial force (N,) N on the way to ``depth`` m and on the way back, steps of 0.05 mm."""
     steps = np.arange(0.0, depth + 1e-9, 0.05e-3)

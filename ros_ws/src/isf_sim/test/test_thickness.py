@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from isf_core.thickness import overlap
 from isf_sim.contact_kernels import envelope
 from isf_sim.machine_event import OWN_THINNING
 from isf_sim.surface import Surface, flat_surface, sample
@@ -51,16 +52,37 @@ def walls(surface: Surface) -> tuple[Array, Array]:
     return thickness_map(surface, BLANK)[wall], cosine[wall]
 
 
-@pytest.mark.parametrize(("degrees", "tolerance"), [(30.0, 0.03), (45.0, 0.05), (60.0, 0.10)])
+@pytest.mark.parametrize(("degrees", "tolerance"), [(30.0, 0.01), (45.0, 0.03), (60.0, 0.07)])
 def test_single_pass_follows_the_sine_law(degrees: float, tolerance: float) -> None:
     """Overlap method against the sine law: 0.3, 2 and 3-7 % at 30, 45 and 60 deg (Praveen 2020, P1).
 
-    The grid of 0.5 mm adds to it: at 60 deg the material carried along the wall is smeared, 8 % too thin.
+    The grid of 0.5 mm adds to it: at 60 deg the material carried along the wall is smeared, 5 % too thin.
     """
     surface = flat_surface((0.08, 0.08), 0.5e-3)
     form_cone(surface, math.radians(degrees), 15e-3)
     thickness, _ = walls(surface)
     assert thickness.mean() == pytest.approx(BLANK * math.cos(math.radians(degrees)), rel=tolerance)
+
+
+def overlap_wall(angle: float, depth: float) -> float:
+    """m, mean over the same stretch of the wall by the overlap method, contacts of the same circles."""
+    tip = -np.arange(STEP, depth + 1e-9, STEP)
+    on_wall = tip + RADIUS * (1.0 - math.cos(angle))
+    z = np.minimum(on_wall, 0.0)
+    at_edge = np.arccos(np.clip(1.0 + tip / RADIUS, -1.0, 1.0))  # before that the ball rolls over the edge
+    formed = overlap(-z / math.tan(angle), z, np.where(on_wall < 0.0, angle, at_edge), RADIUS, BLANK)
+    return float(formed[(z < -0.4 * depth) & (z > -0.75 * depth)].mean())
+
+
+@pytest.mark.parametrize(("degrees", "tolerance"), [(30.0, 0.01), (45.0, 0.03), (60.0, 0.07)])
+def test_single_pass_follows_the_overlap_method(degrees: float, tolerance: float) -> None:
+    """Praveen 2020, 2.1, on the same circles: the source tells less than 4 % against measurements.
+
+    At 60 deg the plant is 5 % away, too thin, as it is from the sine law.
+    """
+    surface, angle = flat_surface((0.08, 0.08), 0.5e-3), math.radians(degrees)
+    form_cone(surface, angle, 15e-3)
+    assert walls(surface)[0].mean() == pytest.approx(overlap_wall(angle, 15e-3), rel=tolerance)
 
 
 def test_volume_is_kept() -> None:
