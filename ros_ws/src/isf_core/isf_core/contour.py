@@ -33,6 +33,11 @@ def _empty3() -> Array:
     return np.empty((0, 3))
 
 
+def contour_label(index: int) -> str:
+    """What people read of the contour ``index`` (from 0, as in messages): counted from 1, as in reports."""
+    return f"contour {index + 1}"
+
+
 @dataclass(frozen=True)
 class Contour:
     """One closed (or open) path of the tools at one level, N points.
@@ -105,7 +110,7 @@ class Contour:
             "forming_tip": (n, 3),
         }
         optional = {"support_tip": (n, 3), "support_force": (n,), "speed": (n,), "predicted_force": (n,)}
-        where = f"contour {self.index} of {self.plan_id or '(no plan)'}"
+        where = f"{contour_label(self.index)} of {self.plan_id or '(no plan)'}"
         if n < 3:
             raise IsfError(ErrorCode.CONTOUR_REJECTED, f"has {n} points, needs 3 or more", where=where)
         if self.forming_tool not in (1, 2):

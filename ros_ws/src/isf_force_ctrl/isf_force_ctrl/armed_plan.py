@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
@@ -34,7 +34,9 @@ class ArmedPlan:
         if contour.plan_id != self.plan_id:
             raise IsfError(ErrorCode.CONTOUR_REJECTED, f"plan '{self.plan_id}' is armed", where=where)
         if busy or contour.index != self.next:
-            raise IsfError(ErrorCode.CONTOUR_REJECTED, f"out of order, contour {self.next} is expected", where=where)
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED, f"out of order, {contour_label(self.next)} is expected", where=where
+            )
 
 
 def armed_plan(
@@ -55,7 +57,7 @@ def armed_plan(
 
 def contour_name(contour: Contour) -> str:
     """What a contour is called in messages."""
-    return f"contour {contour.index} of {contour.plan_id or '(no plan)'}"
+    return f"{contour_label(contour.index)} of {contour.plan_id or '(no plan)'}"
 
 
 def tips_of(tip_1: Sequence[float], tip_2: Sequence[float]) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.job import JobFile
 from isf_core.support_window import support_window
 
@@ -19,7 +19,7 @@ class ChipWatch:
         """The warning of the first contour that needs one; empty for all others."""
         text = "" if self._told else chip_warning(self._job_file, contour, self._support_force)
         self._told = self._told or bool(text)
-        return f"contour {contour.index}: {text}" if text else ""
+        return f"{contour_label(contour.index)}: {text}" if text else ""
 
 
 def chip_warning(job_file: JobFile, contour: Contour, support_force: float | None) -> str:

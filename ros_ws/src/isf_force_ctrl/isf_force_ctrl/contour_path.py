@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from isf_core.contour import Contour, Process
+from isf_core.contour import Contour, Process, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
@@ -29,7 +29,7 @@ def contour_path(
     Raises IsfError CONTOUR_REJECTED.
     """
     contour.validate()
-    where = f"contour {contour.index} of {contour.plan_id}"
+    where = f"{contour_label(contour.index)} of {contour.plan_id}"
     _check_tools(contour, where)
     _check_limits(contour, config, where)
 

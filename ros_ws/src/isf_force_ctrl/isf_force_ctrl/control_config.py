@@ -81,6 +81,10 @@ class ControlConfig:
     component_limit : m, largest offset of each (published limit of an offset, Appendix B)
     ball_reach : m, sum of the radii of both balls
     sign_force, sign_time : N and s, a force against its only possible sign beyond which a load cell's sign is wrong
+    drift_limit : N, reading of a free tool from which a new tare is asked for; as in the file of a cell. The published
+        bound of the force error (+-10 N): a zero that is off by as much uses it up alone
+    drift_stop : N, the same from which the tools do not go on to the sheet. They engage with 30 N (``engage_force``)
+        and a wrong sign is told from 30 N: with a zero off by more, neither can be told
     """
 
     rate: float
@@ -130,6 +134,8 @@ class ControlConfig:
     frozen_time: float = 0.3
     sign_force: float = 30.0
     sign_time: float = 0.1
+    drift_limit: float = 10.0
+    drift_stop: float = 30.0
     vertical: bool = False
     tangential: bool = False
     vertical_force: float | None = None
@@ -171,7 +177,14 @@ class ControlConfig:
         return config
 
     def check(self) -> None:
-        """Raise IsfError UNSTABLE_GAIN when a loop would not be stable on this rig."""
+        """Raise IsfError UNSTABLE_GAIN when a loop would not be stable on this rig, FILE_FIELD for limits of drift."""
+        if not self.drift_limit <= self.drift_stop:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                f"drift_stop ({self.drift_stop:g} N) is below drift_limit ({self.drift_limit:g} N)",
+                where="parameter drift_stop",
+                advice="the warning comes before the refusal",
+            )
         forming, support = max(self.forming_compliance), max(self.support_compliance)
         gain = self.compensation * forming
         check_compliance_gain(gain, self.contact_stiffness)

@@ -36,6 +36,8 @@ class Flag(IntFlag):
     SATURATED_COMPLIANCE = 8
     CONTACT_LOST = 16
     OSCILLATION = 32
+    DRIFT = 64
+    """A load cell read more than ``drift_limit`` when its tool was off the sheet last."""
 
 
 SATURATED = 15

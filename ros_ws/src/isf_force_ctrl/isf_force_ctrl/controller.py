@@ -20,7 +20,8 @@ from isf_force_ctrl.contour_log import ContourLog
 from isf_force_ctrl.contour_path import contour_path
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_laws import TRACKING, ControlLaws
-from isf_force_ctrl.control_state import ControlState, Mode, Targets
+from isf_force_ctrl.control_state import ControlState, Flag, Mode, Targets
+from isf_force_ctrl.drift_watch import DriftWatch
 from isf_force_ctrl.engagement import Engagement, pace
 from isf_force_ctrl.learned_offset import feed_forward
 from isf_force_ctrl.playback import Playback
@@ -54,6 +55,8 @@ class ForceController:
         self._result: ContourResult | None = None
         self._plan = ArmedPlan()
         self._ticks = 0
+        self.drift = DriftWatch(config)
+        """Drift of both load cells."""
 
     # -- commands ------------------------------------------------------------------------------
 
@@ -79,6 +82,7 @@ class ForceController:
         self._plan = armed_plan(plan_id, first_index, count, tips, override)
         config = self.config
         self._laws, self._watch = ControlLaws(config), WrenchWatch(config)
+        self.drift = DriftWatch(config)
         self._engagement = Engagement(config)
         self._support_force = config.support_force if override is None else override
         row = [*tips[0].tolist(), *tips[1].tolist(), *RESTING[6:]]
@@ -223,7 +227,7 @@ class ForceController:
             support_offset=laws.support_offset(self._playback.row),
             contact_stiffness=laws.contact_stiffness,
             feed=self._playback.feed,
-            flags=laws.flags,
+            flags=laws.flags | (int(Flag.DRIFT) if self.drift.warning else 0),
         )
 
     # -- one tick ------------------------------------------------------------------------------
@@ -242,6 +246,7 @@ class ForceController:
         self._ticks += 1
         forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
         found = self._watch.look(wrench_1, wrench_2, self._tools.forming, self._mode, self._laws.normal_force)
+        found = found or self.drift.look(self._playback.row, self._tools, self._mode, forces)
         if found and self.fault is None:
             self._stop(*found)
         blind = self.fault is not None
@@ -322,7 +327,8 @@ class ForceController:
             if self._idle_after or self._plan.done:
                 self._mode = Mode.IDLE
         if self._log is not None:
-            self._result, self._log = self._log.result(True, backoffs=self._laws.backoffs), None
+            code, text = self.drift.news()
+            self._result, self._log = self._log.result(True, code, text, backoffs=self._laws.backoffs), None
 
     # -- stopping ------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
+from isf_force_ctrl.drift_watch import check_drift
 from isf_force_ctrl.load_cell_filter import Fir, low_pass
 
 Array = NDArray[np.float64]
@@ -148,12 +149,4 @@ def check_steady(change: Array, drift_limit: float) -> None:
     if spread > 0.5 * drift_limit + 5.0:
         raise IsfError(
             ErrorCode.NO_TARE, f"the force changes by {spread:.0f} N while it is tared", advice="move the tools clear"
-        )
-
-
-def check_drift(drift: float, limit: float) -> None:
-    """Raise IsfError NO_TARE when the unloaded force has changed by more than ``limit`` N since the tare."""
-    if not drift <= limit:
-        raise IsfError(
-            ErrorCode.NO_TARE, f"the load cell has drifted by {drift:.1f} N", advice="tare it again, tools free"
         )

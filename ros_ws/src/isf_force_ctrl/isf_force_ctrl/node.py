@@ -19,6 +19,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core import quantity
+from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_msgs import msg as isf
@@ -127,6 +128,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         }
         if controller is not None:
             values |= {"mode": controller.mode.name, "contour": controller.state().index, "ticks": controller.ticks}
+            values |= controller.drift.values()
         values |= self._inlet.values() if self._entities else {}
         values |= self._latency.values()
         values |= self._loop.values() if self._loop is not None else {}
@@ -229,8 +231,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if controller is None or result is None:
             return
         late = self._late_ticks() - self._late_before
-        if result.code:
-            self.report(IsfError(ErrorCode(result.code), result.message, where=f"contour {result.index}"))
+        if not result.completed:
+            self.report(IsfError(ErrorCode(result.code), result.message, where=contour_label(result.index)))
         elif warning := offset_warning(result, controller.config.offset_limit):
             self.warn(warning)
         self._outlet.result(replace(result, late_ticks=late))
@@ -243,6 +245,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _on_timer(self) -> None:
         with self._lock:
             controller = self._controller
+            if controller is not None and (drifted := controller.drift.untold()):
+                self.warn(drifted)
             if controller is None or controller.mode is Mode.IDLE or self._loop is not None:
                 return
             lost = self._ready.lost()
@@ -281,7 +285,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             try:
                 if not self.is_active or controller is None:
                     raise IsfError(
-                        ErrorCode.NOT_ARMED, "a contour came, but no plan is armed", where=f"contour {message.index}"
+                        ErrorCode.NOT_ARMED, "a contour came, but no plan is armed", where=contour_label(message.index)
                     )
                 contour = conversion.contour_from_message(message)
                 self._ready.check_forming(contour.forming_tool)

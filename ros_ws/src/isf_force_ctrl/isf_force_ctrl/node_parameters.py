@@ -58,4 +58,10 @@ class ForceCtrlParameters:
     contact_threshold: float = parameter(
         ControlConfig.contact_threshold, "N, support force that counts as contact", least=0.1, most=1000.0
     )
+    drift_limit: float = parameter(
+        ControlConfig.drift_limit, "N, reading of a tool off the sheet that is warned of", least=0.1, most=1e5
+    )
+    drift_stop: float = parameter(
+        ControlConfig.drift_stop, "N, the same with which no contact is made", least=0.1, most=1e5
+    )
     acceleration: float = parameter(ControlConfig.acceleration, "m/s^2 of a tool tip", least=1e-3, most=20.0)

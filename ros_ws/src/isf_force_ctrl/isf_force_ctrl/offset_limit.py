@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from isf_core.contour import ContourResult
+from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 
 TOLD_FROM = 0.1
@@ -30,6 +30,6 @@ def offset_warning(result: ContourResult, limit: float) -> IsfError | None:
         ErrorCode.OFFSET_LIMIT,
         f"the support tool was at its offset limit of {1e3 * limit:.2f} mm for {100 * share:.0f} % of the points"
         f"{force}",
-        where=f"contour {result.index}",
+        where=contour_label(result.index),
         advice="check sheet thickness, tool radii and alignment; then lower the force or raise limits.offset",
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
@@ -106,7 +106,7 @@ def continues(contour: Contour, path: ToolPath, present: Present, farthest: floa
         raise IsfError(
             ErrorCode.CONTOUR_NOT_JOINED,
             f"is open and begins {1e3 * apart:.1f} mm from the end of the one before",
-            where=f"contour {contour.index} of {contour.plan_id}",
+            where=f"{contour_label(contour.index)} of {contour.plan_id}",
             advice="order the contours, or set retract where the tools are to be lifted",
         )
     return joins(path, present)

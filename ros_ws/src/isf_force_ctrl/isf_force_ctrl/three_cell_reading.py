@@ -13,8 +13,9 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
+from isf_force_ctrl.drift_watch import check_drift
 from isf_force_ctrl.load_cell_filter import Fir, low_pass
-from isf_force_ctrl.load_cell_reading import GRAVITY, check_drift, check_steady
+from isf_force_ctrl.load_cell_reading import GRAVITY, check_steady
 from isf_force_ctrl.three_cells import RADIUS, force_of, readings_of
 
 Array = NDArray[np.float64]

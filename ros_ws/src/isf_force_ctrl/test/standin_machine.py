@@ -7,8 +7,9 @@ wrenches), ``sign`` (factor on the forces), ``tared``, ``lockstep`` (false: tick
 ``late_at`` (tick from which the wrenches come 50 ms late; real time), ``scattered_share`` (share of the wrenches that
 come 50 ms late, after newer ones; real time), ``jump_at``, ``jump`` (tick from which the stamps are off by ``jump`` s),
 ``gap`` (m by which the tools stand too far apart), ``twist`` (true: integrates twists instead of following poses, and
-publishes poses; real time), ``drift`` (m/s in x that it adds to the twists), ``poses_until`` (tick after which it
-publishes no poses). ``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and ``gap`` may change at run time.
+publishes poses; real time), ``drift`` (m/s in x that it adds to the twists), ``cell_drift`` (N by which the cell of
+tool_2 is off in z), ``poses_until`` (tick after which it publishes no poses). ``late_at``, ``scattered_share``,
+``jump_at``, ``jump`` and ``gap`` may change at run time.
 """
 
 import copy
@@ -63,6 +64,7 @@ class StandInMachine(Node):
             self.declare_parameter("drift", 0.0).value,
             self.declare_parameter("poses_until", -1).value,
         )
+        self.cell_drift = self.declare_parameter("cell_drift", 0.0).value
         self.velocity = [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
         self.poses = [self.create_publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
         self.sandbox.gap = lambda time, angle: self.gap
@@ -103,7 +105,9 @@ class StandInMachine(Node):
             if 0 <= self.saturated_at <= tick:
                 wrench[2] = 1e4
             if not 0 <= self.frozen_at <= tick:
-                conversion.set_wrench(message, [self.sign * value for value in wrench])
+                values = [self.sign * value for value in wrench]
+                values[2] += self.cell_drift if message is self.wrench[1] else 0.0
+                conversion.set_wrench(message, values)
             message.header.stamp = stamps.to_stamp(self.now())
         self.send()
 
