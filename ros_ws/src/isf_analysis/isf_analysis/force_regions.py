@@ -187,7 +187,7 @@ def curvature(tip: Array) -> Array:
 
 
 def _path_force(result: ContourResult, planned: Array) -> PathForce | None:
-    reached = np.isfinite(result.support_force).all(axis=1) & np.isfinite(result.support_target).all(axis=1)
+    reached = np.asarray(np.isfinite(result.support_force).all(axis=1) & np.isfinite(result.support_target).all(axis=1))
     if reached.sum() < 3:
         return None
     forming, support = result.forming_target[reached], result.support_target[reached]
