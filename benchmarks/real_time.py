@@ -65,9 +65,9 @@ def drive(rate: float, seconds: float) -> None:
     """Publish wrenches at ``rate`` Hz and time the targets, for ``seconds`` s after :data:`SETTLE`; prints JSON."""
     import rclpy
     from geometry_msgs.msg import PoseStamped, WrenchStamped
-    from isf_force_ctrl.thread_priority import RealTimeSettings, acquire
     from isf_msgs.msg import ForceCtrlState, MachineState
     from isf_node import conversion, qos, stamps
+    from isf_node.thread_priority import RealTimeSettings, acquire
     from rclpy.clock import Clock, ClockType
     from rclpy.experimental.events_executor import EventsExecutor
 

@@ -26,6 +26,7 @@ from isf_msgs import msg as isf
 from isf_msgs.srv import Arm
 from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
+from isf_node.thread_priority import RealTimeSettings
 from rclpy.event_handler import SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
@@ -40,7 +41,6 @@ from isf_force_ctrl.node_parameters import ForceCtrlParameters
 from isf_force_ctrl.node_readiness import Readiness, control_config, tools_with_load_cell
 from isf_force_ctrl.offset_limit import offset_warning
 from isf_force_ctrl.real_time import PeriodicLoop
-from isf_force_ctrl.thread_priority import RealTimeSettings
 from isf_force_ctrl.wrench_inlet import Fault, WrenchInlet
 
 HEARTBEAT = 0.2

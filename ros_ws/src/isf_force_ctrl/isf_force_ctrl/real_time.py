@@ -14,8 +14,9 @@ import threading
 import time
 from collections.abc import Callable
 
+from isf_node.thread_priority import Privileges, RealTimeSettings, acquire, release
+
 from isf_force_ctrl.latency import Durations
-from isf_force_ctrl.thread_priority import Privileges, RealTimeSettings, acquire, release
 
 EARLY = 0.25
 """Share of a period that a pair of wrenches may come before its tick is due and still be answered at once."""

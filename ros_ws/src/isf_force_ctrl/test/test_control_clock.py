@@ -12,8 +12,8 @@ from isf_core.errors import ErrorCode
 from isf_force_ctrl.latency import Durations
 from isf_force_ctrl.real_time import PATIENCE, PeriodicLoop
 from isf_force_ctrl.stamp_watch import StampWatch
-from isf_force_ctrl.thread_priority import Privileges, RealTimeSettings, acquire, release
 from isf_force_ctrl.wrench_inlet import WrenchInlet
+from isf_node.thread_priority import RealTimeSettings
 
 PERIOD = 0.002
 
@@ -100,14 +100,6 @@ def test_the_collector_rests_while_the_loop_runs() -> None:
     finally:
         loop.stop()
     assert gc.isenabled()
-
-
-def test_what_the_system_refuses_is_told() -> None:
-    granted = acquire(RealTimeSettings(priority=1000))  # no such priority: refused on any system
-    release(granted)
-    assert not granted.fifo
-    assert "SCHED_FIFO 1000" in granted.reason
-    assert Privileges().values() == {"real_time_priority": 0, "memory_locked": False}
 
 
 @settings(max_examples=50, deadline=None)

@@ -18,6 +18,11 @@ class ReceiveWatchdog:
         """Something was received."""
         self._last = self._clock()
 
+    def excuse(self, seconds: float) -> None:
+        """``seconds`` of the time since the last receipt do not count: nothing could be received then."""
+        if self._last is not None:
+            self._last = min(self._last + seconds, self._clock())
+
     def clear(self) -> None:
         """Forget: nothing is expected until the next :meth:`feed`."""
         self._last = None

@@ -46,11 +46,20 @@ class Privileges:
     ordinary: tuple[tuple[int, int, int], ...] = ()
     switch_interval: float = 0.005
 
+    @property
+    def priority(self) -> int:
+        """SCHED_FIFO priority of the threads, 0: ordinary scheduling."""
+        return self.asked.priority if self.fifo else 0
+
+    @property
+    def below(self) -> int:
+        """Priority of a thread that must not hold up the others, 0: ordinary scheduling."""
+        return max(self.priority - 1, 0)
+
     def values(self) -> dict[str, object]:
         """For ``/diagnostics``."""
-        priority = self.asked.priority if self.fifo else 0
         return {
-            "real_time_priority": priority,
+            "real_time_priority": self.priority,
             "memory_locked": self.locked,
             **({"real_time_refused": self.reason} if self.reason else {}),
         }
