@@ -9,11 +9,13 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
+from dataclasses import fields as dataclass_fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core import __version__
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_node import fields
 from rosbags.interfaces import Connection, MessageDefinitionFormat
@@ -32,6 +34,14 @@ NANO = 1_000_000_000
 STAMP_TOLERANCE = 1e-6
 """s by which the stamp of a scan may lie before the end of the contour it was made after: rounding of stamps."""
 _RECORD_WITH = "record the run with the cell's recorder: ./isf record, ./isf form"
+
+_FIELDS = {
+    topics.NOMINAL: (fields.CONTOUR, Contour),
+    topics.CORRECTED: (fields.CONTOUR, Contour),
+    topics.CORRECTION: (fields.CORRECTION, ContourCorrection),
+    topics.RESULT: (fields.RESULT, ContourResult),
+}
+"""Fields of a message and the class that is made of them."""
 
 Item = TypeVar("Item", Contour, ContourCorrection, ContourResult)
 
@@ -64,6 +74,7 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
     start, job = jobs[-1]
     # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted
     part = _Part(messages, job.plan_id, start if len(jobs) > 1 else 0)
+    notes += messages.missing_fields()
     nominal = part.by_index(topics.NOMINAL, fields.contour_of)
     corrected = part.by_index(topics.CORRECTED, fields.contour_of)
     corrections = part.by_index(topics.CORRECTION, fields.correction_of)
@@ -106,7 +117,7 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
         sim_time=_process_time(before, after, results),
         wall_time=(_end_time(messages, scans if last else [], start) - start) / NANO,
         faults=_faults(after),
-        notes=notes + tuple(f"not in the bag: {what}" for what in missing),
+        notes=notes + _of_version(job.software) + tuple(f"not in the bag: {what}" for what in missing),
         events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if time >= part.start),
         scans=_between(scans[: len(scans) - len(final)], results),
     )
@@ -146,6 +157,13 @@ def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -
     return tuple(found[index] for index in sorted(found))
 
 
+def _of_version(software: str) -> tuple[str, ...]:
+    """A note when another version of the software formed the part."""
+    if software in ("", __version__):
+        return ()
+    return (f"the part was formed with version {software} of the software, this report is made with {__version__}",)
+
+
 def _no_scan(between: int) -> str:
     words = f", only {between} made before the last contour" if between else ""
     return f"{topics.SCAN.name}{words}"
@@ -160,7 +178,7 @@ def _gaps(nominal: tuple[Contour, ...], results: tuple[ContourResult, ...]) -> l
     for name, indices in ((topics.NOMINAL.name, planned), (topics.RESULT.name, reported)):
         lost = sorted(set(range(last)) - indices)
         if lost:
-            gaps.append(f"{name} of {len(lost)} contour(s), first {lost[0]}")
+            gaps.append(f"{name} of {len(lost)} contour(s), first {contour_label(lost[0])}")
     return gaps
 
 
@@ -221,11 +239,28 @@ class _Messages:
                 continue
             if connection.msgtype != topic.type:
                 raise _incomplete(self._path, f"{topic.name} is of type {connection.msgtype}, expected {topic.type}")
-            try:
-                for _, time, data in self._reader.messages([connection]):
-                    yield time, self._types.deserialize_cdr(data, connection.msgtype)
-            except (AttributeError, KeyError) as error:
-                raise _incomplete(self._path, f"{topic.name} has other fields than this version: {error}") from error
+            for _, time, data in self._reader.messages([connection]):
+                yield time, self._types.deserialize_cdr(data, connection.msgtype)
+
+    def missing_fields(self) -> tuple[str, ...]:
+        """Notes on fields that messages of an older version do not have; raises IsfError when one is needed."""
+        notes = []
+        for topic, (names, kind) in _FIELDS.items():
+            name = f"{self._namespace}/{topic.name}"
+            known = next((c.msgtype for c in self._reader.connections if c.topic == name), None)
+            if known != topic.type:
+                continue
+            there = {field for field, _ in self._types.fielddefs[known][1]}
+            needed = {item.name for item in dataclass_fields(kind) if item.default is item.default_factory is MISSING}
+            lacking = [field for field in names if field not in there]
+            if any(field in needed for field in lacking):
+                what = f"{topic.name} has no {', '.join(lacking)}"
+                raise _incomplete(self._path, f"was recorded with another version of the software: {what}")
+            if lacking:
+                notes.append(
+                    f"recorded with an older version of the software: {topic.name} without {', '.join(lacking)}"
+                )
+        return tuple(notes)
 
     def _find_namespace(self) -> str:
         """Namespace of the cell, from the topic that carries the job; the first one when there are several."""
@@ -236,7 +271,8 @@ class _Messages:
             listed = ", ".join(known[:6]) + (" ..." if len(known) > 6 else "")
             raise _incomplete(
                 self._path,
-                f"is not a bag of a forming cell: no topic {topics.JOB.name}; it holds {listed or 'nothing'}",
+                f"is not a bag of a forming cell: no topic {topics.JOB.name} (needed with {topics.NOMINAL.name} and "
+                f"{topics.RESULT.name}); it holds {listed or 'nothing'}",
             )
         return names[0].removesuffix(ending)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from isf_core.contour import ContourCorrection, ContourResult
+from isf_core.contour import ContourCorrection, ContourResult, contour_label
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -191,7 +191,7 @@ def _draw_detail(axes: Axes, result: ContourResult) -> None:
     time = result.tick_time - result.tick_time[0]
     set_point = result.tick_set_point
     axes.fill_between(time, set_point - BAND, set_point + BAND, color=style.SET_POINT, alpha=0.22, linewidth=0)
-    axes.plot(time, result.tick_normal_force, color=style.PART, linewidth=0.7, label=f"contour {result.index + 1}")
+    axes.plot(time, result.tick_normal_force, color=style.PART, linewidth=0.7, label=contour_label(result.index))
     axes.plot(time, set_point, color=style.SET_POINT, linewidth=1.5, label="its set-point ± 10 N")
     axes.set_ylabel("support force [N]")
     axes.set_xlabel("time from the start of the contour [s]")

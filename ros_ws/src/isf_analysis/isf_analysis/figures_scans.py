@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from isf_core.contour import contour_label
 from isf_core.height_map import HeightMap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -54,7 +55,7 @@ def scan_maps(errors: tuple[ScanError, ...], target: HeightMap) -> Figure:
     for axes, error in zip(panels.ravel(), chosen, strict=False):
         image = draw_errors(axes, error.error, limit)
         draw_opening(axes, target)
-        axes.set_title(f"after contour {error.index + 1}")
+        axes.set_title(f"after {contour_label(error.index)}")
         axes.set_xlim(x[inside_columns.min()] - MM * MARGIN, x[inside_columns.max()] + MM * MARGIN)
         axes.set_ylim(y[inside_rows.min()] - MM * MARGIN, y[inside_rows.max()] + MM * MARGIN)
         axes.set_aspect("equal")

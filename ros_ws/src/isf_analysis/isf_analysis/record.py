@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.height_map import HeightMap
 
 from isf_analysis.contour_scan import ContourScan
@@ -85,7 +85,7 @@ class PartRecord:
         """Code and text of what ended the part early; code 0 when it is unknown; None for a whole part."""
         for result in self.results:
             if not result.completed:
-                return int(result.code), f"contour {result.index}: {result.message or 'not completed'}"
+                return int(result.code), f"{contour_label(result.index)}: {result.message or 'not completed'}"
         if self.faults:
             return self.faults[0]
         if self.formed < self.planned or not self.planned:

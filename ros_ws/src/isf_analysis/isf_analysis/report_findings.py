@@ -8,6 +8,8 @@ from __future__ import annotations
 from html import escape
 from typing import Any
 
+from isf_core.contour import contour_label
+
 from isf_analysis.force_regions import AFTER, BEFORE, CONTACT, CORNER_RADIUS
 from isf_analysis.remarks import spans
 from isf_analysis.report_tables import DASH, number, percent, table
@@ -30,7 +32,7 @@ def event_table(numbers: Numbers) -> str:
     rows = []
     for event in numbers["events"]:
         first = event["first"]
-        contour = "between contours" if first["contour"] is None else f"contour {first['contour'] + 1}"
+        contour = "between contours" if first["contour"] is None else contour_label(first["contour"])
         place = ", ".join(number(value, 1) for value in first["position_mm"])
         kind = escape(event["kind"])
         rows.append(
@@ -118,7 +120,7 @@ def contact_loss_table(numbers: Numbers) -> str:
             ["where they begin", begun],
             [
                 "longest",
-                f"{number(longest['length_mm'], 1)} mm from ({place}) mm on contour {longest['contour'] + 1}",
+                f"{number(longest['length_mm'], 1)} mm from ({place}) mm on {contour_label(longest['contour'])}",
             ],
         ]
     rows.append(["gain lowered because the loop oscillated", f"{numbers['backoffs']} times"])

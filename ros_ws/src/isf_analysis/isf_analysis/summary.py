@@ -9,6 +9,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+from isf_core.contour import contour_label
+
 from isf_analysis.contour_scan import ScanError, left_out, scan_errors
 from isf_analysis.deviation import Deviation, RegionError, compare
 from isf_analysis.findings import findings
@@ -101,9 +103,18 @@ def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
         "saturations": sum(result.saturations for result in record.results),
         "sim_s": _number(record.sim_time),
         "wall_s": _number(record.wall_time),
-        "notes": list(record.notes),
+        "notes": [*record.notes, *_warned(record)],
         **findings(record),
     }
+
+
+def _warned(record: PartRecord) -> list[str]:
+    """What force control said of contours that it formed all the same: the first of a kind, and how many there are."""
+    kinds: dict[int, list[str]] = {}
+    for result in record.results:
+        if result.completed and result.code:
+            kinds.setdefault(result.code, []).append(f"{contour_label(result.index)}: {result.message}")
+    return [first + (f"; so on {len(more)} more contour(s)" if more else "") for first, *more in kinds.values()]
 
 
 def _deviation(deviation: Deviation) -> dict[str, Any]:

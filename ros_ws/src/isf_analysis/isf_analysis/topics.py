@@ -35,6 +35,10 @@ MACHINE_STATE = Topic("machine/state", "isf_msgs/msg/MachineState", "STREAM")
 CELL = (
     Topic("tool_1/wrench", "geometry_msgs/msg/WrenchStamped", "STREAM"),
     Topic("tool_2/wrench", "geometry_msgs/msg/WrenchStamped", "STREAM"),
+    Topic("tool_1/raw", "geometry_msgs/msg/WrenchStamped", "SENSOR"),
+    Topic("tool_2/raw", "geometry_msgs/msg/WrenchStamped", "SENSOR"),
+    Topic("tool_1/raw_cells", "sensor_msgs/msg/JointState", "SENSOR"),
+    Topic("tool_2/raw_cells", "sensor_msgs/msg/JointState", "SENSOR"),
     Topic("tool_1/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
     Topic("tool_2/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
     Topic("tool_1/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
@@ -57,4 +61,5 @@ CELL = (
     Topic("/clock", "rosgraph_msgs/msg/Clock", "SENSOR"),
     Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT"),
 )
-"""All topics of a cell, which the recorder takes unless told otherwise."""
+"""All topics of a cell, which the recorder takes unless told otherwise. Those that nobody publishes stay empty: raw
+readings come where nodes ``load_cell`` turn them into wrenches, by whatever delivery their driver has."""

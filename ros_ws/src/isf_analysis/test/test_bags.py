@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -14,10 +15,11 @@ from hypothesis import strategies as st
 from isf_analysis import topics
 from isf_analysis.bag_reader import read_bag
 from isf_analysis.bag_writer import write_bag
-from isf_analysis.message_types import cell_types, make_message
+from isf_analysis.message_types import cell_types, make_message, message_folder
 from isf_analysis.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from synthetic_part import make_part
 
 PART = make_part(contours=8, spacing=5e-3)
@@ -237,6 +239,7 @@ def test_a_bag_of_something_else_names_what_it_holds(tmp_path: Path) -> None:
     error = error_of(tmp_path / "robot")
     assert error.code == ErrorCode.BAG_INCOMPLETE
     assert "/odom" in error.what
+    assert "no topic part/info (needed with contour/nominal and contour/result)" in error.what
 
 
 @pytest.mark.parametrize(
@@ -260,10 +263,57 @@ def test_a_bag_without_what_can_be_missed_is_read(topic: topics.Topic, field: st
         assert any(topic.name in note for note in record.notes)
 
 
+def older(bag: Path, path: Path, fields: str) -> Path:
+    """The bag as a version wrote it whose results had none of ``fields`` (a pattern): it explains its own types."""
+    kind, types = topics.RESULT.type, get_typestore(Stores.ROS2_JAZZY)
+    for message in sorted(message_folder().glob("*.msg")):
+        text = message.read_text(encoding="utf-8")
+        if message.stem == "ContourResult":
+            text = re.sub(rf"^\S+ ({fields}) .*\n", "", text, flags=re.MULTILINE)
+        types.register(get_types_from_msg(text, f"isf_msgs/msg/{message.stem}"))
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer, Reader(bag) as reader:
+        added = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=types) for c in reader.connections}
+        for connection, time, data in reader.messages():
+            written: Any = data
+            if connection.msgtype == kind:
+                new = cell_types().deserialize_cdr(data, kind)
+                values = {name: getattr(new, name) for name, _ in types.fielddefs[kind][1]}
+                written = types.serialize_cdr(types.types[kind](**values), kind)
+            writer.write(added[connection.id], time, written)
+    return path
+
+
+def test_a_bag_of_an_older_version_names_what_it_lacks(bag: Path, tmp_path: Path) -> None:
+    record = read_bag(older(bag, tmp_path / "old", "backoffs|late_ticks"))
+    (note,) = record.notes
+    assert "older version of the software: contour/result without backoffs, late_ticks" in note
+    assert len(record.results) == len(PART.results)
+    error = error_of(older(bag, tmp_path / "very old", "forming_force|tick_time|backoffs"))
+    assert error.code == ErrorCode.BAG_INCOMPLETE
+    assert "another version of the software: contour/result has no forming_force, backoffs, tick_time" in error.what
+
+
+def test_a_part_of_another_version_is_noted(tmp_path: Path) -> None:
+    record = read_bag(write_bag(replace(PART, software="0.0.9"), tmp_path / "bag"))
+    assert any("version 0.0.9 of the software" in note for note in record.notes)
+    assert not any("version" in note for note in read_bag(write_bag(PART, tmp_path / "same")).notes)
+
+
+def test_raw_readings_in_a_bag_disturb_nobody(bag: Path, tmp_path: Path) -> None:
+    with Writer(tmp_path / "raw", version=9, storage_plugin=StoragePlugin.MCAP) as writer, Reader(bag) as reader:
+        added = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=cell_types()) for c in reader.connections}
+        for topic in (item for item in topics.CELL if "/raw" in item.name):
+            connection = writer.add_connection(f"/{topic.name}", topic.type, typestore=cell_types())
+            writer.write(connection, 1, cell_types().serialize_cdr(make_message(topic.type), topic.type))
+        for connection, time, data in reader.messages():
+            writer.write(added[connection.id], time, data)
+    assert_same(PART, read_bag(tmp_path / "raw"))
+
+
 def test_results_that_were_lost_are_told(tmp_path: Path) -> None:
     lost = replace(PART, results=PART.results[:3] + PART.results[5:])
     record = read_bag(write_bag(lost, tmp_path / "bag"))
-    assert any("contour/result of 2 contour(s), first 3" in note for note in record.notes)
+    assert any("contour/result of 2 contour(s), first contour 4" in note for note in record.notes)
     assert record.failure() is not None
 
 

@@ -24,6 +24,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.node import Node
 from rosbags.rosbag2 import Reader
+from sensor_msgs.msg import JointState
 
 pytestmark = pytest.mark.graph
 
@@ -31,10 +32,13 @@ COUNT, RATE = 2000, 800.0
 
 
 @contextmanager
-def recorder(output: Path, *, autostart: bool = True, **parameters: object) -> Iterator[subprocess.Popen[str]]:
+def recorder(
+    output: Path, *, autostart: bool = True, remap: str = "", **parameters: object
+) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "isf_analysis.recorder_node", "--ros-args"]
     for name, value in {"output": output, "autostart": str(autostart).lower(), **parameters}.items():
         command += ["-p", f"{name}:={value}"]
+    command += ["-r", remap] if remap else []
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
     try:
         yield process
@@ -100,6 +104,28 @@ def test_every_message_is_kept_byte_by_byte(
     assert [data for _, data in found["/holder/target"]][-SCANS:] == [target_bytes(n) for n in range(1, SCANS + 1)]
     assert "recorded" in text
     assert "lost" not in text
+
+
+def test_raw_readings_are_kept_whatever_their_names_and_delivery(tmp_path: Path, observer: Node) -> None:
+    bag = tmp_path / "bag"
+    wrench = observer.create_publisher(WrenchStamped, "left/ft_raw", qos.SENSOR)  # a driver's own name, best effort
+    cells = observer.create_publisher(JointState, "tool_2/raw_cells", qos.STREAM)
+    named = JointState(name=["u1", "u2"], effort=[0.25, -0.5])
+    with recorder(bag, remap="tool_1/raw:=left/ft_raw") as process:
+
+        def silent() -> list[str]:
+            wrench.publish(wrench_bytes(3))
+            cells.publish(named)
+            return [item.value for status in observer.heard for item in status.values if item.key == "silent"]
+
+        both = {"tool_1/raw", "tool_2/raw_cells"}
+        assert spin_until(observer, lambda: (told := silent()) and not both & set(told[-1].split(", ")))
+        end(process, signal.SIGINT)
+    found = messages(bag)
+    assert found["/left/ft_raw"][-1][1] == wrench_bytes(3)
+    last = cell_types().deserialize_cdr(found["/tool_2/raw_cells"][-1][1], "sensor_msgs/msg/JointState")
+    assert (last.name, last.effort.tolist()) == (["u1", "u2"], [0.25, -0.5])
+    assert "/tool_2/raw" not in found  # nobody published there
 
 
 def test_an_existing_folder_is_refused(tmp_path: Path, observer: Node) -> None:

@@ -94,7 +94,20 @@ def test_a_part_that_ended_early_tells_its_code() -> None:
     assert not numbers["complete"]
     assert numbers["contours"] == 2
     assert numbers["failure"]["code"] == ErrorCode.WRENCH_NOT_FINITE
-    assert "contour 2" in numbers["failure"]["message"]
+    assert "contour 3" in numbers["failure"]["message"]
+
+
+def test_a_contour_that_was_formed_with_a_warning_is_noted_once_per_kind() -> None:
+    part = make_part(contours=6)
+    drifted = [
+        replace(result, code=int(ErrorCode.NO_TARE), message="the load cell of tool_2 has drifted by 15.0 N")
+        for result in part.results[1:4]
+    ]
+    numbers = summary(replace(part, results=(part.results[0], *drifted, *part.results[4:])))
+    assert numbers["complete"]
+    (note,) = [note for note in numbers["notes"] if "drifted" in note]
+    assert note.startswith("contour 2: the load cell of tool_2 has drifted by 15.0 N")
+    assert "2 more contour(s)" in note
 
 
 def test_contours_that_were_never_reported_make_a_part_incomplete() -> None:
