@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.flow_curve import FlowCurve, flow_curve, plane_strain
 from isf_core.forming_force import contact_patch, cusp_angle, equilibrium_force
@@ -250,7 +250,7 @@ def _refuse(contours: Sequence[Contour], sheet: Sequence[Array], change: Sequenc
     raise IsfError(
         ErrorCode.COMPENSATION_FAILED,
         f"the sheet deflection still changes by {change[worst] * 1e6:.0f} um after {MOST_PASSES} passes",
-        where=f"contour {worst} at {place_text(contours[worst].contact[point])}",
+        where=f"{contour_label(worst)} at {place_text(contours[worst].contact[point])}",
         advice="reduce path.sheet_gain, or leave sheet out of path.compensation",
     )
 

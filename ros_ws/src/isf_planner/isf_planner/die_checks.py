@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import Job, JobFile
 from numpy.typing import NDArray
@@ -101,7 +101,7 @@ def check_tool(contours: tuple[Contour, ...], job: Job, points: Array) -> None:
                 ErrorCode.DIE_COLLISION,
                 f"only {max(float(free[worst]), 0.0) * 1e3:.2f} mm are left between tool and die for a sheet of "
                 f"{contour.thickness[worst] * 1e3:.2f} mm",
-                where=f"contour {contour.index} at {place_text(contact[worst])}",
+                where=f"{contour_label(contour.index)} at {place_text(contact[worst])}",
                 advice="lower the die, or use a die whose surface follows the part's lower face",
             )
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_msgs.action import PlanPart
@@ -122,7 +123,7 @@ class PlannerNode(CellNode[PlannerParameters]):
         made = self._plans.get(request.plan_id)
         if made is None or request.index >= len(made.contours):
             known = ", ".join(self._plans) or "none"
-            what = f"no plan '{request.plan_id}'" if made is None else f"no contour {request.index} in that plan"
+            what = f"no plan '{request.plan_id}'" if made is None else f"no {contour_label(request.index)} in that plan"
             error = IsfError(ErrorCode.PLAN_UNKNOWN, what, advice=f"plans here: {known}; plan the part again")
             response.code, response.message = int(error.code), error.message
         else:

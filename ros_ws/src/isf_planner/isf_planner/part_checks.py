@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import Job
 from isf_core.job_tooling import ToolSpec
@@ -113,7 +113,7 @@ def check_travel(contours: tuple[Contour, ...], rig: Rig) -> None:
                 raise IsfError(
                     ErrorCode.PART_DOES_NOT_FIT,
                     f"the {name} tool would leave the travel of the rig (+-{text} mm)",
-                    where=f"contour {contour.index} at {place_text(tips[worst])}",
+                    where=f"{contour_label(contour.index)} at {place_text(tips[worst])}",
                     advice="shrink the part, or correct limits.travel of the rig",
                 )
 
@@ -186,7 +186,7 @@ def check_floors(contours: Sequence[Contour], sides: Sequence[Side], job: Job) -
                     ErrorCode.PART_TOO_SMALL_FOR_TOOL,
                     f"between the island and the wall around its floor there is no room for the support tool of "
                     f"radius {tool.radius * 1e3:.2f} mm: it would press {cut[worst] * 1e3:.2f} mm into the wall",
-                    where=f"contour {contour.index} at {place_text(contour.support_tip[worst])}",
+                    where=f"{contour_label(contour.index)} at {place_text(contour.support_tip[worst])}",
                     advice="use a smaller support tool, widen the floor, or use path.islands: around",
                 )
 
@@ -223,8 +223,8 @@ def check_support(contours: tuple[Contour, ...], sides: Sequence[Side], job: Job
     if deepest <= PRESSING_TOLERANCE:
         return ()
     return (
-        f"contour {index} at {place_text(place)}: the support tool of radius {used * 1e3:.2f} mm is too large for "
-        f"the curvature there and presses {deepest * 1e3:.2f} mm deeper beside its contact",
+        f"{contour_label(index)} at {place_text(place)}: the support tool of radius {used * 1e3:.2f} mm is too large "
+        f"for the curvature there and presses {deepest * 1e3:.2f} mm deeper beside its contact",
     )
 
 

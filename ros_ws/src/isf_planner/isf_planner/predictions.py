@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.flow_curve import flow_curve, plane_strain
 from isf_core.forming_force import aerens_axial_force, equilibrium_force
 from isf_core.job import Job, JobFile
@@ -149,15 +149,15 @@ def warnings_of(contours: Sequence[Contour], predictions: Sequence[Prediction], 
         sheet = job.sheet.thickness * (1.0 - thinning) * 1e3
         word = "beyond" if thinning > limits.thinning else "close to"
         told.append(
-            f"contour {index} at {place_text(contours[index].contact[point])}: the sheet gets {sheet:.2f} mm thin, a "
-            f"loss of {100 * thinning:.0f} %, {word} the {100 * limits.thinning:.0f} % that the material allows"
+            f"{contour_label(index)} at {place_text(contours[index].contact[point])}: the sheet gets {sheet:.2f} mm "
+            f"thin, a loss of {100 * thinning:.0f} %, {word} the {100 * limits.thinning:.0f} % that the material allows"
         )
     index, point, axial = _worst(predictions, "axial")
     allowed = min(rig.limits.force[2], rig.load_cell.force_range[2])
     if axial > MARGIN * allowed:
         told.append(
-            f"contour {index} at {place_text(contours[index].contact[point])}: about {axial:.0f} N of axial force are "
-            f"expected, the rig takes {allowed:.0f} N"
+            f"{contour_label(index)} at {place_text(contours[index].contact[point])}: about {axial:.0f} N of axial "
+            f"force are expected, the rig takes {allowed:.0f} N"
         )
     radii = sorted({_radius(contour.forming_tool, job) for contour in contours})
     objections = AERENS.objections(job.sheet.thickness, radii)

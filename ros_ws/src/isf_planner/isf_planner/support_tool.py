@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from isf_core import tip_geometry
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.force_rule import WallFacts, ruled_forces
 from isf_core.job import Job
 from isf_core.job_tooling import ToolSpec
@@ -102,5 +102,5 @@ def chosen_force(job: Job, contours: Sequence[Contour]) -> str:
     flattest = min(float(contour.wall_angle.min()) for contour in forced)
     return (
         f"support force auto: {min(force):.0f} to {max(force):.0f} N on {len(forced)} of {len(contours)} contours, "
-        f"from number {forced[0].index} on; {window.told(flattest)}"
+        f"from {contour_label(forced[0].index)} on; {window.told(flattest)}"
     )

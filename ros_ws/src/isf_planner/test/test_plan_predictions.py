@@ -68,7 +68,7 @@ def test_too_thin_sheet_is_warned_of_with_its_place(praveen: JobFile) -> None:
     )
     assert len(told) == 1
     x, y, z = good.contact[7] * 1e3
-    assert f"contour 1 at x = {x:.1f}, y = {y:.1f}, z = {z:.1f} mm" in told[0]
+    assert f"contour 2 at x = {x:.1f}, y = {y:.1f}, z = {z:.1f} mm" in told[0]
     assert "close to the 63 %" in told[0]
     thin[7] = 0.8e-3 * 0.3
     assert "beyond the 63 %" in with_predictions([replace(good, thickness=thin)], praveen)[1][0]

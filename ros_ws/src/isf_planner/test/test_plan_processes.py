@@ -150,7 +150,7 @@ def test_support_too_large_for_the_curvature_is_told(folder: Path) -> None:
     assert deep > 1.0
     assert pressing(told("dome", 20, 5)) == pytest.approx(deep, abs=0.02)
     on_blank = told("cone", 5, 20, "support: on_blank,")
-    assert "contour 0 at" in on_blank[0]  # the others stay on its line
+    assert "contour 1 at" in on_blank[0]  # the others stay on its line
     assert 0.1 < pressing(on_blank) < deep
 
 
