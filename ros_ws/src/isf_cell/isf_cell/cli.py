@@ -160,12 +160,18 @@ def run(
 @app.command()
 def record(
     output: Annotated[Path, typer.Option("--output", "-o", help="folder of the bag; must not exist", metavar="DIR")],
+    remap: Annotated[
+        list[str] | None,
+        typer.Option("--remap", "-r", help="topic that has another name here, again for each", metavar="FROM:=TO"),
+    ] = None,
 ) -> None:
     """Record the topics of a running cell until Ctrl-C."""
     from isf_cell import executables
 
     path = executables.find("isf_analysis", "recorder")
     arguments = ["--ros-args", "-p", "autostart:=true", "-p", f"output:={output.absolute()}"]
+    for names in remap or ():
+        arguments += ["-r", executables.checked_remap(names)]
     os.execv(path, [str(path), *arguments])
 
 

@@ -24,5 +24,18 @@ def find(package: str, name: str) -> Path:
     raise IsfError(ErrorCode.NODE_MISSING, what, advice=advice)
 
 
+def checked_remap(names: str) -> str:
+    """``FROM:=TO`` as ROS takes it after ``-r``; raises IsfError FILE_FIELD for anything else."""
+    before, sign, after = names.partition(":=")
+    if not sign or any(not name or set(name) & set(" :=\"'") for name in (before, after)):
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"'{names}' is not FROM:=TO",
+            where="--remap",
+            advice="for example: --remap tool_1/raw:=left/ft_raw",
+        )
+    return names
+
+
 def _prefixes() -> list[Path]:
     return [Path(item) for item in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if item]

@@ -14,7 +14,7 @@ from isf_analysis.contour_scan import ContourScan, kept_scan
 from isf_analysis.events import event_of
 from isf_analysis.record import PartRecord
 from isf_core import __version__
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_force_ctrl.control_config import ControlConfig
@@ -59,6 +59,7 @@ def form(
     IsfError : planner, springback or force control refuse the job
     """
     options = options or RunOptions()
+    options.check_force(job_file)
     check_method(options.method(job_file), job_file)  # before the plan, which takes its time
     started = time.perf_counter()
     part_plan = part_plan or plan(job_file)
@@ -144,7 +145,9 @@ def _form_contour(
     result = controller.take_result()
     if result is None:
         raise IsfError(
-            ErrorCode.CONTOUR_REJECTED, "the force controller ended without a result", where=f"contour {nominal.index}"
+            ErrorCode.CONTOUR_REJECTED,
+            "the force controller ended without a result",
+            where=contour_label(nominal.index),
         )
     method.learn(corrected, result)
     history.nominal.append(nominal)

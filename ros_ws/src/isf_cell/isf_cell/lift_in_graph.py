@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from isf_core.contour import ContourResult
+from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.action import LiftTool
 from isf_node import stamps
@@ -30,7 +30,7 @@ def lift_in_graph(
     try:
         found = client.run_action(LiftTool, "lift_tool", goal, watch, lambda _: None, timeout=timeout)
         if found.code:
-            tell(f"the tool lift after contour {result.index} failed: {found.message}")
+            tell(f"the tool lift after {contour_label(result.index)} failed: {found.message}")
         else:
             rows = lift_rows(
                 result, found.springback, found.force, np.asarray(found.lift_z), np.asarray(found.lift_force)
@@ -38,5 +38,5 @@ def lift_in_graph(
     except IsfError as error:
         if error.code in (ErrorCode.NODE_DIED, ErrorCode.CANCELLED):
             raise
-        tell(f"no tool lift after contour {result.index}: {error}")
+        tell(f"no tool lift after {contour_label(result.index)}: {error}")
     return lift_to_cloud(rows, stamps.from_seconds(result.end))

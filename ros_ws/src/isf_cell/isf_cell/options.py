@@ -44,6 +44,21 @@ class RunOptions:
                 advice="0 is position control; without the option the job's set-point holds",
             )
 
+    def check_force(self, job_file: JobFile) -> None:
+        """Raise IsfError FILE_FIELD for a support force in a process that has no support tool to hold it."""
+        job, force = job_file.job, self.support_force
+        if not force or (job.process in ("DSIF", "ADSIF") and job.path.support != "on_blank"):
+            return
+        without = f"process {job.process} has no support tool"
+        if job.process in ("DSIF", "ADSIF"):
+            without = "path.support on_blank has no force control"
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"{without}: {force:g} N cannot be held",
+            where="--support-force",
+            advice="leave it out, or take a job of process DSIF or ADSIF",
+        )
+
     def method(self, job_file: JobFile) -> str:
         """Springback method of the run."""
         return self.correction or job_file.job.springback.method

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from isf_core import __version__
-from isf_core.contour import ContourCorrection, ContourResult
+from isf_core.contour import ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_msgs.action import FormPart, PlanPart
@@ -133,10 +133,11 @@ class PartRun:
         options = RunOptions(
             goal.correction or None, None if np.isnan(goal.support_force) else goal.support_force, goal.world, goal.seed
         )
+        options.check_force(job_file)
         if goal.first_index > 0 and options.method(job_file) != UNCORRECTED:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,
-                f"a part corrected by '{options.method(job_file)}' cannot start at contour {goal.first_index}",
+                f"a part corrected by '{options.method(job_file)}' cannot start at first_index {goal.first_index}",
                 advice="its corrections would start from zero under a formed sheet; resume with correction 'none'",
             )
         self._tell("bringing up the nodes")
@@ -239,7 +240,7 @@ class PartRun:
         self._force_late += result.late_ticks
         self._force_lost += result.lost_messages
         if not result.completed:
-            raise IsfError(ErrorCode(result.code), result.message, where=f"contour {index}")
+            raise IsfError(ErrorCode(result.code), result.message, where=contour_label(index))
         self._tell_contour(response.contour, result)
 
     def _scan_between(self, index: int, *, sensor: bool) -> None:
@@ -250,7 +251,7 @@ class PartRun:
         except IsfError as error:
             if error.code in (ErrorCode.NODE_DIED, ErrorCode.CANCELLED):
                 raise
-            self._tell(f"no scan after contour {index}: {error}")
+            self._tell(f"no scan after {contour_label(index)}: {error}")
 
     def _wait_for_result(self, index: int, *, watch: Callable[[], None] | None = None) -> ContourResult:
         deadline = time.monotonic() + self._settings.contour_timeout
@@ -261,7 +262,7 @@ class PartRun:
                     raise IsfError(
                         ErrorCode.CONTOUR_TIMEOUT,
                         f"no result within {self._settings.contour_timeout:g} s",
-                        where=f"contour {index}",
+                        where=contour_label(index),
                     )
                 self._news.wait(0.1)
             return self._results[index]
@@ -288,9 +289,8 @@ class PartRun:
             raise IsfError(ErrorCode(state.fault_codes[0]), state.fault_messages[0], where="machine")
         for correction in list(self._corrections.values()):
             if correction.code and not len(correction.offset):  # refused: no corrected contour will follow
-                raise IsfError(
-                    ErrorCode(correction.code), correction.message, where=f"springback, contour {correction.index}"
-                )
+                where = f"springback, {contour_label(correction.index)}"
+                raise IsfError(ErrorCode(correction.code), correction.message, where=where)
 
     def _watch_nodes(self) -> None:
         for name in self._monitor.silent():

@@ -9,7 +9,7 @@ import numpy as np
 from isf_analysis import style
 from isf_analysis.deviation import Deviation
 from isf_analysis.record import PartRecord
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.job import JobFile
 from isf_springback.control_points import ControlLoop
 from isf_springback.feature_clusters import k_means, k_medoids
@@ -42,7 +42,7 @@ def draw_control_points(
         for axes, name, method in zip(others, ("k-means", "k-medoids"), (k_means, k_medoids), strict=True):
             labels = method(features, clusters) if clusters > 1 else middle.labels
             _draw_stretches(axes, contour.contact, labels, width=4.0)
-            axes.set_title(f"{name}, contour {middle.index}")
+            axes.set_title(f"{name}, {contour_label(middle.index)}")
         left.set_title("neighbours only: control points")
         left.set_ylabel("y [mm]")
         for axes in (left, *others):

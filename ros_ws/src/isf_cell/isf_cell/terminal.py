@@ -29,11 +29,29 @@ def show_error(error: IsfError, *, as_json: bool = False) -> None:
     """One expected failure: sentence, place, advice and code."""
     if as_json:
         print_json({"error": {"code": error.code.value, "name": error.code.name, "message": error.message}})
-    place = f"[bold]{error.where}[/bold]: " if error.where else ""
+    place = f"[bold]{escape(error.where)}[/bold]: " if error.where else ""
     console.print(f"[bold red]error[/bold red] {error.code.value} {error.code.name}", highlight=False)
-    console.print(f"  {place}{error.what}", highlight=False, soft_wrap=True)
+    console.print(f"  {place}{escape(error.what)}", highlight=False, soft_wrap=True)
     if error.advice:
-        console.print(f"  [dim]{error.advice}[/dim]", highlight=False, soft_wrap=True)
+        console.print(f"  [dim]{escape(error.advice)}[/dim]", highlight=False, soft_wrap=True)
+
+
+def say(text: str) -> None:
+    """Text as it is: brackets in it are units, lists or paths, not markup."""
+    console.print(text, soft_wrap=True, markup=False)
+
+
+def warn(text: str) -> None:
+    """One warning."""
+    console.print("[yellow]warning[/yellow]", escape(text), soft_wrap=True)
+
+
+def table_of(title: str, *columns: str) -> Table:
+    """An empty table; title and heads are taken as they are ("[mm]" is a unit), columns but the first stand right."""
+    table = Table(title=escape(title), title_justify="left")
+    for number, name in enumerate(columns):
+        table.add_column(escape(name), justify="right" if number else "left")
+    return table
 
 
 @contextmanager
@@ -62,10 +80,10 @@ class PartProgress:
 
     def phase(self, text: str) -> None:
         """What is being done before or between contours."""
-        self._progress.update(self._task, news=f"[dim]{text}[/dim]")
+        self._progress.update(self._task, news=f"[dim]{escape(text)}[/dim]")
         kind = "".join(c for c in text if not c.isdigit())  # "contour 3 of 42" is the same phase as "contour 2 of 42"
         if not console.is_terminal and kind != self._last_phase:
-            console.print(f"  {text}")
+            say(f"  {text}")
         self._last_phase = kind
 
     def contour(self, step: PartStep) -> None:
@@ -86,11 +104,9 @@ class PartProgress:
 
 def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None) -> None:
     """The numbers of a part as a table, beside those of the uncorrected reference when there is one."""
-    table = Table(title=f"{summary.get('job', 'part')}: {summary.get('contours', 0)} contours", title_justify="left")
-    table.add_column("")
-    if reference:
-        table.add_column("uncorrected", justify="right")
-    table.add_column(str(summary.get("correction", "result")), justify="right")
+    title = f"{summary.get('job', 'part')}: {summary.get('contours', 0)} contours"
+    own = str(summary.get("correction", "result"))
+    table = table_of(title, "", "uncorrected", own) if reference else table_of(title, "", own)
 
     def row(label: str, value: str, other: str = "") -> None:
         table.add_row(escape(label), *([other] if reference else []), value)
@@ -121,7 +137,7 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
     row("process time / wall time [s]", f"{number(summary, 'sim_s', digits=1)} / {number(summary, 'wall_s', digits=1)}")
     console.print(table)
     for warning in _warnings(summary):
-        console.print("[yellow]warning[/yellow]", escape(warning), soft_wrap=True)
+        warn(warning)
 
 
 def _warnings(summary: Mapping[str, Any]) -> list[str]:

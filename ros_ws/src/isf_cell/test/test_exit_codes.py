@@ -14,6 +14,7 @@ from isf_cell.run_folder import make_run_folder
 from isf_core.errors import ErrorCode, IsfError
 
 JOB = str(Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml")
+SPIF = str(Path(JOB).with_name("spif_cone.yaml"))
 
 
 def test_every_code_has_an_exit_code() -> None:
@@ -41,10 +42,13 @@ def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
         (("run", "isf_planner", "dancer"), Exit.CELL, "it offers: planner"),
         (("simulate", JOB, "--support-force", "nan"), Exit.INPUT, "between 0 N and 1500 N, is nan N"),
         (("form", JOB, "--support-force", "-5"), Exit.INPUT, "--support-force"),
+        (("simulate", SPIF, "--support-force", "120"), Exit.INPUT, "process SPIF has no support tool: 120 N cannot"),
+        (("form", SPIF, "--support-force", "120"), Exit.INPUT, "--support-force"),
         (("simulate", JOB, "--world", "99999999999999999999"), Exit.USAGE, "2147483647"),
         (("simulate", JOB, "--seed", "-1"), Exit.USAGE, "--seed"),
         (("springback", "compare", JOB, "--seed", "-1"), Exit.USAGE, "--seed"),
         (("report", "nowhere", "-o", "/proc/rep"), Exit.INPUT, "choose a writable"),
+        (("record", "-o", "bag", "-r", "tool_1/raw=left"), Exit.INPUT, "'tool_1/raw=left' is not FROM:=TO"),
         (("simulate",), Exit.USAGE, "JOB"),
         (("fly",), Exit.USAGE, "fly"),
     ],

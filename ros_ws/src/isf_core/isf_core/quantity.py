@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -71,14 +72,26 @@ def _to_si(unit: str, example: str) -> Callable[[Any, ValidationInfo], Any]:
     return convert
 
 
-Length = Annotated[float, BeforeValidator(_to_si("m", "5 mm"))]
-Speed = Annotated[float, BeforeValidator(_to_si("m/s", "30 mm/s"))]
-Acceleration = Annotated[float, BeforeValidator(_to_si("m/s**2", "500 mm/s**2"))]
-Force = Annotated[float, BeforeValidator(_to_si("N", "120 N"))]
-Torque = Annotated[float, BeforeValidator(_to_si("N*m", "5 N*m"))]
-Stress = Annotated[float, BeforeValidator(_to_si("Pa", "70 GPa"))]
-Angle = Annotated[float, BeforeValidator(_to_si("rad", "50 deg"))]
-Compliance = Annotated[float, BeforeValidator(_to_si("m/N", "1.0 um/N"))]
-Stiffness = Annotated[float, BeforeValidator(_to_si("N/m", "0.45 N/um"))]
-Frequency = Annotated[float, BeforeValidator(_to_si("1/s", "500 Hz"))]
-Time = Annotated[float, BeforeValidator(_to_si("s", "0.1 s"))]
+@dataclass(frozen=True)
+class Reading:
+    """The ``unit`` in which people read a quantity, ``size`` in SI; stands in the annotation of its type."""
+
+    unit: str
+    size: float
+
+    def text(self, value: float) -> str:
+        """``value`` (SI) as a person reads it."""
+        return f"{value / self.size:.6g} {self.unit}"
+
+
+Length = Annotated[float, BeforeValidator(_to_si("m", "5 mm")), Reading("mm", 1e-3)]
+Speed = Annotated[float, BeforeValidator(_to_si("m/s", "30 mm/s")), Reading("mm/s", 1e-3)]
+Acceleration = Annotated[float, BeforeValidator(_to_si("m/s**2", "500 mm/s**2")), Reading("mm/s**2", 1e-3)]
+Force = Annotated[float, BeforeValidator(_to_si("N", "120 N")), Reading("N", 1.0)]
+Torque = Annotated[float, BeforeValidator(_to_si("N*m", "5 N*m")), Reading("N*m", 1.0)]
+Stress = Annotated[float, BeforeValidator(_to_si("Pa", "70 GPa")), Reading("MPa", 1e6)]
+Angle = Annotated[float, BeforeValidator(_to_si("rad", "50 deg")), Reading("deg", math.pi / 180.0)]
+Compliance = Annotated[float, BeforeValidator(_to_si("m/N", "1.0 um/N")), Reading("um/N", 1e-6)]
+Stiffness = Annotated[float, BeforeValidator(_to_si("N/m", "0.45 N/um")), Reading("N/um", 1e6)]
+Frequency = Annotated[float, BeforeValidator(_to_si("1/s", "500 Hz")), Reading("Hz", 1.0)]
+Time = Annotated[float, BeforeValidator(_to_si("s", "0.1 s")), Reading("s", 1.0)]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, cast, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.quantity import FROM_FILE
+from isf_core.quantity import FROM_FILE, Reading
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -60,40 +61,113 @@ def load(path: Path, model: type[Model]) -> Model:
 
 
 def _explain(error: ValidationError, model: type[BaseModel], root: yaml.Node, name: str) -> IsfError:
-    # an unknown field is usually the reason why another one is missing: name it first
-    faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
+    # an unknown field is usually the reason why another one is missing: name it first; of a field that takes a word
+    # or a quantity ("auto" or a force) the quantity tells more
+    rank = {"extra_forbidden": 0, "literal_error": 2}
+    faults = sorted(error.errors(), key=lambda fault: rank.get(fault["type"], 1))
     first = faults[0]
-    place = first["loc"]
-    field = ".".join(str(part) for part in place)
+    place = first["loc"] if first["type"] == "extra_forbidden" else _without_choice(model, first["loc"])
+    field = ".".join(str(part + 1 if isinstance(part, int) else part) for part in place)  # people count from 1
     advice = ""
     code = ErrorCode.FILE_FIELD
     if first["type"] == "extra_forbidden":
         what = f"unknown field '{field}'"
-        near = difflib.get_close_matches(str(place[-1]), _known_fields(model, place[:-1]), n=1)
-        known = ", ".join(_known_fields(model, place[:-1]))
-        advice = f"did you mean '{near[0]}'?" if near else f"known here: {known}"
+        advice = _meant(str(place[-1]), place[:-1], model)
     elif first["type"] == "missing":
         what = f"field '{field}' is missing"
         advice = "add it; see the examples"
     else:
-        what = f"{field}: {first['msg']}"
+        what = f"{field}: {_bound(first, model) or first['msg']}"
         if first["type"] == "unit":
             code = ErrorCode.FILE_UNIT
             advice = "quantities in files carry their unit"
-    if len(faults) > 1:
-        advice = f"{advice}; {len(faults) - 1} more fault(s) in this file".lstrip("; ")
+        words = [fault for fault in faults[1:] if fault["type"] == "literal_error"]
+        if any(_without_choice(model, fault["loc"]) == place for fault in words):
+            advice = f"{advice}; or {words[0]['ctx']['expected']}".lstrip("; ")
+    more = len({_without_choice(model, fault["loc"]) for fault in faults}) - 1
+    if more > 0:
+        advice = f"{advice}; {more} more fault(s) in this file".lstrip("; ")
     return IsfError(code, what, where=f"{name}:{_line(root, place)}", advice=advice)
 
 
-def _known_fields(model: type[BaseModel], place: tuple[int | str, ...]) -> list[str]:
-    current: Any = model
+def _meant(name: str, place: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    """Advice for the unknown field ``name`` in the section ``place``: a field there, or one of another section."""
+    section = _section(model, place)
+    here = list(section.model_fields) if section is not None else []
+    elsewhere = [path for path in _paths(model) if path.rpartition(".")[2] == name][:2]
+    near = difflib.get_close_matches(name, here, n=1, cutoff=0.75) or elsewhere
+    near = near or difflib.get_close_matches(name, here, n=1)
+    if near:
+        return f"did you mean {' or '.join(repr(item) for item in near)}?"
+    return f"known here: {', '.join(here)}"
+
+
+_BOUNDS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "greater than or equal to"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "less than or equal to"),
+}
+
+
+def _bound(fault: Any, model: type[BaseModel]) -> str:
+    """What is said of a quantity out of its bounds, in the unit people read; empty for any other fault."""
+    key, words = _BOUNDS.get(fault["type"], ("", ""))
+    names = [part for part in _without_choice(model, fault["loc"]) if isinstance(part, str)]
+    section = _section(model, tuple(names[:-1]))
+    info = section.model_fields.get(names[-1]) if section is not None and names else None
+    if not key or info is None:
+        return ""
+    reading = next(_readings([*info.metadata, info.annotation]), None)
+    if reading is None:
+        return ""
+    given = fault["input"]  # as in the file where the field may be left out, else in SI already
+    value = reading.text(given) if isinstance(given, float | int) else str(given)
+    return f"{value} must be {words} {reading.text(float(fault['ctx'][key]))}"
+
+
+def _without_choice(model: type[BaseModel], place: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """``place`` without the name of the choice that pydantic adds for a field of several types."""
+    for k, part in enumerate(place):
+        section = _section(model, place[:k])
+        if isinstance(part, str) and section is not None and part not in section.model_fields:
+            return place[:k]
+        if isinstance(part, str) and section is None:
+            return place[:k]
+    return place
+
+
+def _readings(parts: Iterable[Any]) -> Iterator[Reading]:
+    """Units among the metadata and inside the annotations ``parts``: of ``Length | None``, ``tuple[Angle, ...]``."""
+    for part in parts:
+        if isinstance(part, Reading):
+            yield part
+        yield from _readings([*getattr(part, "__metadata__", ()), *get_args(part)])
+
+
+def _section(model: type[BaseModel], place: tuple[int | str, ...]) -> type[BaseModel] | None:
+    """The model of the section at ``place``; numbers are places in a list of sections."""
+    current: type[BaseModel] | None = model
     for part in place:
-        info = current.model_fields.get(part) if hasattr(current, "model_fields") else None
-        current = info.annotation if info else None
-        for choice in get_args(current):  # "ToolSpec | None" -> ToolSpec
-            if hasattr(choice, "model_fields"):
-                current = choice
-    return list(current.model_fields) if hasattr(current, "model_fields") else []
+        if isinstance(part, str):
+            info = current.model_fields.get(part) if current is not None else None
+            current = _model_in(info.annotation) if info else None
+    return current
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The section that a field holds: ``ToolSpec | None`` and ``tuple[ForceRule, ...]`` as well as the model itself."""
+    if hasattr(annotation, "model_fields"):
+        return cast("type[BaseModel]", annotation)
+    return next((found for choice in get_args(annotation) if (found := _model_in(choice)) is not None), None)
+
+
+def _paths(model: type[BaseModel], before: str = "") -> Iterator[str]:
+    """All fields of a file with their sections: "control.support_force"."""
+    for name, info in model.model_fields.items():
+        yield before + name
+        if (section := _model_in(info.annotation)) is not None:
+            yield from _paths(section, f"{before}{name}.")
 
 
 def _line(node: yaml.Node, place: tuple[int | str, ...]) -> int:

@@ -37,7 +37,7 @@ def calibrate_file(path: Path, limit: float | None, output: Path | None, *, as_j
             raise IsfError(ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(output)) from None
     if as_json:
         terminal.print_json(data)
-    terminal.console.print(text, soft_wrap=True, markup=False)
+    terminal.say(text)
 
 
 def _read(path: Path) -> tuple[list[str], Array]:
@@ -86,9 +86,10 @@ def _matrix(names: list[str], table: Array, limit: float | None, path: Path) -> 
     }
     text = (
         f"# fitted to {int(used.sum())} loads; residuals (rms) "
-        + ", ".join(f"{name} {value:.3g}" for name, value in zip(loads, rms, strict=True))
+        + ", ".join(f"{name} {value:.3g} {_unit(name)}" for name, value in zip(loads, rms, strict=True))
         + f"; rejected rows: {data['rejected_rows'] or 'none'}\n"
-        + f"# {', '.join(loads)} per unit of {', '.join(channels)}; readings without load: "
+        + f"# {', '.join(f'{name} [{_unit(name)}]' for name in loads)} per unit of {', '.join(channels)}; "
+        + "readings without load, in their unit: "
         + ", ".join(f"{value:.6g}" for value in fit.zero)
     )
     response = _response(fit.matrix, loads)
@@ -100,6 +101,11 @@ def _matrix(names: list[str], table: Array, limit: float | None, path: Path) -> 
         text += "\n# reading = matrix load, for load_cell of a rig file; for the cell's driver its inverse:\n"
         text += _lines(fit.matrix, "#   ") + f"\nload_cell:\n  matrix:\n{_lines(response, '    ')}\n"
     return data, text
+
+
+def _unit(load: str) -> str:
+    """Unit of a column of loads."""
+    return "N" if load.startswith("f") else "N m"
 
 
 def _response(matrix: Array, loads: list[str]) -> Array | None:

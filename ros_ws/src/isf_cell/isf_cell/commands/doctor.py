@@ -18,14 +18,17 @@ from rich.table import Table
 from isf_cell import executables, terminal
 from isf_cell.exit_codes import Exit
 
-NODES = (
+EXECUTABLES = (
     ("isf_sim", "machine"),
     ("isf_planner", "planner"),
     ("isf_springback", "springback"),
     ("isf_force_ctrl", "force_ctrl"),
+    ("isf_force_ctrl", "load_cell"),
     ("isf_cell", "executive"),
+    ("isf_cell", "isf"),
     ("isf_analysis", "recorder"),
 )
+"""Everything that the packages install, by package; a test compares it with their set-up files."""
 
 LIBRARIES = (
     "numpy",
@@ -113,14 +116,14 @@ def _libraries() -> list[Check]:
 
 def _nodes() -> list[Check]:
     faults = []
-    for package, node in NODES:
+    for package, node in EXECUTABLES:
         try:
             executables.find(package, node)
         except IsfError as error:
             faults.append(error.what)
     if faults:
         return [Check("nodes", "failed", "; ".join(faults), "build the workspace: ./test.sh --quick")]
-    return [Check("nodes", "ok", ", ".join(node for _, node in NODES))]
+    return [Check("nodes", "ok", ", ".join(name for _, name in EXECUTABLES if name != "isf"))]
 
 
 def _middleware() -> list[Check]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from isf_analysis.bag_reader import read_bag
 from isf_analysis.report import write_report
-from isf_core.contour import ContourResult
+from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 
 from isf_cell import terminal
@@ -20,7 +20,7 @@ def first_failure(results: Iterable[ContourResult]) -> IsfError | None:
     """The failure of the first contour that was not completed."""
     for result in results:
         if not result.completed:
-            return IsfError(ErrorCode(result.code), result.message, where=f"contour {result.index}")
+            return IsfError(ErrorCode(result.code), result.message, where=contour_label(result.index))
     return None
 
 
@@ -53,6 +53,6 @@ def finish(
     if as_json:
         terminal.print_json(data)
     terminal.show_summary(data, made.numbers.get("reference"))
-    terminal.console.print(f"report  {made.html}", soft_wrap=True)
+    terminal.say(f"report  {made.html}")
     if failure:
         raise ReportedError(failure)

@@ -12,7 +12,6 @@ from isf_core.job import JobFile, load_job
 from isf_force_ctrl.identification import Finding
 from isf_force_ctrl.identify_piece import rig_reference
 from isf_force_ctrl.identify_settings import IdentifySettings, Property
-from rich.table import Table
 
 from isf_cell import terminal
 from isf_cell.commands.identify_dial import identify_dial
@@ -100,7 +99,7 @@ def identify_machine(
     if as_json:
         terminal.print_json(data)
     _show(found, settings)
-    terminal.console.print(f"rig file {piece}" + (f"\npicture  {picture}" if data["picture"] else ""), soft_wrap=True)
+    terminal.say(f"rig file {piece}" + (f"\npicture  {picture}" if data["picture"] else ""))
     if found.code:
         raise IsfError(found.code, found.message, where="load cells")
 
@@ -162,9 +161,10 @@ def _written(found: Finding, settings: IdentifySettings, piece: Path, picture: P
 def _show(found: Finding, settings: IdentifySettings) -> None:
     title, unit, scale, rows = _ROWS[settings.property]
     of = f" of tool_{settings.tool}" if settings.property in (Property.TOOL_COMPLIANCE, Property.SERVO_RESPONSE) else ""
-    table = Table(title=title + of, title_justify="left")
-    for head in ("", unit, "standard deviation"):
-        table.add_column(head, justify="left" if not head else "right")
+    heads = (f"value [{unit}]", f"standard deviation [{unit}]")
+    if settings.property == Property.LOAD_CELL_SIGNS:
+        heads = (unit, "standard deviation")
+    table = terminal.table_of(title + of, "", *heads)
     for row, value, deviation in zip(rows, found.value, found.uncertainty, strict=True):
         known = np.isfinite(value)
         table.add_row(
@@ -172,4 +172,4 @@ def _show(found: Finding, settings: IdentifySettings) -> None:
         )
     terminal.console.print(table)
     for note in found.notes:
-        terminal.console.print(f"  {note}", soft_wrap=True, markup=False)
+        terminal.say(f"  {note}")

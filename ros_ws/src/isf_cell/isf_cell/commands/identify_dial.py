@@ -11,7 +11,6 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.rig import load_rig
 from isf_force_ctrl.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial
 from rich.markup import escape
-from rich.table import Table
 
 from isf_cell import terminal
 
@@ -36,9 +35,8 @@ def identify_dial(path: Path, rig: str, piece: Path, *, as_json: bool) -> None:
         piece.write_text(text, encoding="utf-8")
     except OSError as error:
         raise IsfError(ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(piece)) from None
-    shown = Table(title="compliance by dial indicator", title_justify="left")
-    for head in ("", "µm/N", "standard deviation", "places", "left out", "constant"):
-        shown.add_column(head, justify="left" if not head else "right")
+    heads = ("", "value [µm/N]", "standard deviation [µm/N]", "places", "readings left out", "constant")
+    shown = terminal.table_of("compliance by dial indicator", *heads)
     values: dict[str, object] = {}
     for (tool, axis), item in found.items():
         name = f"tool_{tool}.{AXES[axis]}"
@@ -66,7 +64,7 @@ def identify_dial(path: Path, rig: str, piece: Path, *, as_json: bool) -> None:
     terminal.console.print(shown)
     for reason in refused.values():
         terminal.console.print(f"[yellow]refused, the rig's value is kept:[/] {escape(reason.message)}")
-    terminal.console.print(f"rig file {piece}", soft_wrap=True)
+    terminal.say(f"rig file {piece}")
 
 
 def read_dial(path: Path) -> tuple[DialTable, str]:

@@ -31,7 +31,7 @@ def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bo
     for run in runs:
         known = learn_record(read_bag(bag_of(run)), base or Path.cwd(), known)
         mean, largest = 1e3 * known.history[-1]
-        terminal.console.print(
+        terminal.say(
             f"{run}: part {known.parts} of {known.job}, error of wall and floor {mean:.2f} mm mean, {largest:.2f} mm "
             "largest"
         )
@@ -49,7 +49,7 @@ def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bo
                 "samples": len(known.springback),
             }
         )
-    terminal.console.print(f"learned {output}: name it in the job as springback.learning, with method learned")
+    terminal.say(f"learned {output}: name it in the job as springback.learning, with method learned")
 
 
 def learn_record(record: PartRecord, base: Path, known: Learned | None = None) -> Learned:

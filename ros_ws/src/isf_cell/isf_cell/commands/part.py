@@ -42,7 +42,7 @@ def make_part(name: str | None, values: tuple[str, ...], output: Path | None, *,
         raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(path), advice="use .stl, .ply or .obj") from error
     if as_json:
         terminal.print_json({"mesh": str(path), "unit": "mm", "facets": len(mesh.faces), "depth_mm": 1e3 * part.depth})
-    terminal.console.print(f"{path}: {len(mesh.faces)} facets, {1e3 * part.depth:.2f} mm deep; unit mm", soft_wrap=True)
+    terminal.say(f"{path}: {len(mesh.faces)} facets, {1e3 * part.depth:.2f} mm deep; unit mm")
 
 
 def _defaults(name: str) -> dict[str, str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,7 @@ from isf_cell.run_folder import make_run_folder
 _MESH_JOB = """\
 # made by isf plan for a mesh without a job file: single-point forming with common values
 name: {name}
-part: {{mesh: "{mesh}"{unit}}}
+part: {{mesh: {mesh}{unit}}}
 process: SPIF
 rig: ren2018
 sheet: {{material: AA5754-O, thickness: 1.0 mm}}
@@ -60,12 +62,12 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         f"thinnest {data['min_thickness_mm']:.2f} mm"
     )
     if chosen := support_tool.chosen_force(job_file.job, result.contours):
-        terminal.console.print(chosen, soft_wrap=True)
+        terminal.say(chosen)
     for warning in result.warnings:
-        terminal.console.print(f"[yellow]warning[/yellow] {warning}", soft_wrap=True)
-    terminal.console.print(f"picture {picture}\ntable   {table}", soft_wrap=True)
+        terminal.warn(warning)
+    terminal.say(f"picture {picture}\ntable   {table}")
     for path in data["files"]:
-        terminal.console.print(f"file    {path}", soft_wrap=True)
+        terminal.say(f"file    {path}")
 
 
 def _convert(path: Path, wanted: Wanted, *, as_json: bool) -> None:
@@ -82,7 +84,7 @@ def _convert(path: Path, wanted: Wanted, *, as_json: bool) -> None:
     if as_json:
         terminal.print_json(data)
     for file in data["files"]:
-        terminal.console.print(f"file    {file}", soft_wrap=True)
+        terminal.say(f"file    {file}")
 
 
 def _write(result: Plan, wanted: Wanted) -> list[Path]:
@@ -101,10 +103,18 @@ def _job_of(part: Path, unit: str | None) -> JobFile:
             where=str(part),
             advice="add --unit mm (or cm, m, in), or write a job file",
         )
-    name = "".join(c if c.isalnum() or c in "_.-" else "_" for c in part.stem)[:80]
-    mesh = str(part.resolve()).replace('"', "")
-    text = _MESH_JOB.format(name=name, mesh=mesh, unit=f", unit: {unit}" if unit else "")
+    mesh = json.dumps(str(part.resolve()), ensure_ascii=False)  # a JSON string is a YAML string, whatever is in it
+    text = _MESH_JOB.format(name=_job_name(part.stem), mesh=mesh, unit=f", unit: {unit}" if unit else "")
     return JobFile(text, part.resolve().parent, str(part))
+
+
+def _job_name(stem: str) -> str:
+    """A job name from a file's: letters without their accents, else "_"; "part" when nothing is left."""
+    plain = unicodedata.normalize("NFKD", stem)
+    kept = "".join(
+        c if c.isascii() and (c.isalnum() or c in "_.-") else "_" for c in plain if not unicodedata.combining(c)
+    )
+    return kept[:80] if kept.strip("_.-") else "part"
 
 
 def _numbers(result: Plan) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile, load_job
 from isf_planner import plan
@@ -17,7 +17,6 @@ from isf_springback.database_build import build_database, control_loops_of
 from isf_springback.edge_calibration import calibrate_edge, read_push_curve
 from isf_springback.elastic_samples import depth_task, edge_condition, load_levels, solve_depth
 from rich.progress import Progress
-from rich.table import Table
 
 from isf_cell import terminal
 from isf_cell.run_folder import make_run_folder
@@ -69,13 +68,12 @@ def predict_part(job: Path, forces: list[float], depth_mm: float | None, directi
     }
     if as_json:
         terminal.print_json(data)
-    title = f"{data['job']}, contour {loop.index}, depth {1e3 * abs(float(loop.points[:, 2].mean())):.1f} mm"
-    table = Table(title=f"{title}: deflection [mm] along {direction}", title_justify="left")
-    for name in ("x [mm]", "y [mm]", "kind", *(f"{load:.0f} N" for load in loads)):
-        table.add_column(name, justify="right")
+    title = f"{data['job']}, {contour_label(loop.index)}, depth {1e3 * abs(float(loop.points[:, 2].mean())):.1f} mm"
+    heads = ("point", "x [mm]", "y [mm]", *(f"at {load:.0f} N [mm]" for load in loads))
+    table = terminal.table_of(f"{title}: deflection along {direction}", *heads)
     for row in rows:
         numbers = [f"{value:.2f}" for value in row["deflection_mm"]]
-        table.add_row(f"{row['x_mm']:.1f}", f"{row['y_mm']:.1f}", row["kind"], *numbers)
+        table.add_row(row["kind"], f"{row['x_mm']:.1f}", f"{row['y_mm']:.1f}", *numbers)
     terminal.console.print(table)
 
 
@@ -116,7 +114,7 @@ def show_control_points(job: Path, output: Path | None, *, as_json: bool) -> Non
         f"{data['control_points']} control points on {len(loops)} loops stand for {data['path_points']} points of the "
         f"path; {data['computed_points']} are computed, the others are their mirror images"
     )
-    terminal.console.print(f"picture {picture}\ntable   {table}", soft_wrap=True)
+    terminal.say(f"picture {picture}\ntable   {table}")
 
 
 def compute_database(
@@ -142,7 +140,7 @@ def compute_database(
         f"{data['computed_points']} points computed for {data['control_points']} control points on "
         f"{data['levels']} loops; power law R2 {worst:.4f} or better"
     )
-    terminal.console.print(f"database {path}", soft_wrap=True)
+    terminal.say(f"database {path}")
 
 
 def built(
@@ -187,9 +185,7 @@ def calibrate_clamp(job: Path, curve: Path, place_mm: tuple[float, float], *, as
     }
     if as_json:
         terminal.print_json(data)
-    table = Table(title="edge condition from the push", title_justify="left")
-    table.add_column("condition")
-    table.add_column("rms difference [mm]", justify="right")
+    table = terminal.table_of("edge condition from the push", "condition", "rms difference [mm]")
     for name, value in found.plain.items():
         table.add_row(name, f"{1e3 * value:.3f}")
     name = "immovable" if found.edge.immovable else f"in-plane spring {spring:.3g} N/mm per mm"

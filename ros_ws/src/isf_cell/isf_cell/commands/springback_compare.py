@@ -55,7 +55,7 @@ def compare_methods(
     if as_json:
         terminal.print_json(data)
     terminal.console.print(_table(job_file.job.name, rows))
-    terminal.console.print(f"picture {picture}\ntable   {folder / 'methods.csv'}", soft_wrap=True)
+    terminal.say(f"picture {picture}\ntable   {folder / 'methods.csv'}")
 
 
 def _deviation(record: PartRecord) -> Deviation | None:
@@ -66,7 +66,12 @@ def _deviation(record: PartRecord) -> Deviation | None:
 
 def _row(name: str, record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
     """Numbers of one method; mm, N, ms."""
-    row: dict[str, Any] = {"method": name, "contours": len(record.results), "code": int(record.results[-1].code)}
+    last = record.results[-1]  # a completed contour may carry the code of a warning
+    row: dict[str, Any] = {
+        "method": name,
+        "contours": len(record.results),
+        "code": 0 if last.completed else int(last.code),
+    }
     for region in ("wall_and_base", "wall", "base", "rim"):
         errors = None if deviation is None else deviation.regions[region]
         row[f"{region}_max_mm"] = None if errors is None else 1e3 * errors.max_abs
@@ -85,11 +90,9 @@ def _write(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def _table(job: str, rows: list[dict[str, Any]]) -> Table:
-    table = Table(title=f"{job}: formed minus target [mm]", title_justify="left")
-    table.add_column("method")
-    names = ("max", "mean", "base, signed", "rim, max", "correction, max", "slowest [ms]")
-    for name in names:
-        table.add_column(name, justify="right")
+    quantities = ("max", "mean", "base, signed", "rim, max", "correction, max")
+    heads = (*(f"{quantity} [mm]" for quantity in quantities), "slowest correction [ms]")
+    table = terminal.table_of(f"{job}: formed minus target", "method", *heads)
     keys = ("wall_and_base_max", "wall_and_base_mean", "base_signed", "rim_max", "largest_correction")
     for row in rows:
         values = ["-" if row[f"{key}_mm"] is None else f"{row[f'{key}_mm']:.2f}" for key in keys]

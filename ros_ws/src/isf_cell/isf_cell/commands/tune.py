@@ -72,7 +72,5 @@ def tune_job(
         f"{ramp.largest_error():.0f} N on a ramp of 300 um/s"
     )
     if margin < 1.5:
-        terminal.console.print(
-            "[yellow]warning[/yellow] a margin below 1.5 is refused by force control: lower the gain"
-        )
-    terminal.console.print("pictures " + "\n         ".join(data["pictures"]), soft_wrap=True)
+        terminal.warn("a margin below 1.5 is refused by force control: lower the gain")
+    terminal.say("pictures " + "\n         ".join(data["pictures"]))
