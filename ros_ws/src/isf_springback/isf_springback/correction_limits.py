@@ -93,13 +93,16 @@ def limit_gradient(path: LoopPath, values: Array, gradient: float) -> Array:
     Mean of the largest admissible function below ``values`` and the smallest one above it; a function within the
     limit is returned unchanged.
     """
-    below = _envelope(path, values, gradient)
-    above = -_envelope(path, -values, gradient)
+    below = below_values(path, values, gradient)
+    above = -below_values(path, -values, gradient)
     return np.asarray(0.5 * (below + above))
 
 
-def _envelope(path: LoopPath, values: Array, gradient: float) -> Array:
-    """min over t of values(t) + gradient |s - t|: two running minima; three laps make it periodic."""
+def below_values(path: LoopPath, values: Array, gradient: float) -> Array:
+    """(N,) largest function of at most that slope that is nowhere above ``values``, periodic on a closed path.
+
+    min over t of values(t) + gradient |s - t|: two running minima; three laps make it periodic.
+    """
     n = len(values)
     position, laps = path.position, values
     if path.closed:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from isf_springback import mpc_problem, mpc_state
 from isf_springback.continuity import forming_radius
+from isf_springback.die_room import die_room, free_of_die, within_room
 from isf_springback.loop_path import LoopPath
 from isf_springback.mpc_coupled import solve_coupled
 from isf_springback.mpc_distribution import distribute
@@ -30,7 +31,7 @@ from isf_springback.offset_memory import OffsetMemory, horizontal_limits, limit_
 from isf_springback.scan_memory import ScanMemory, contour_over_die, target_over_die
 from isf_springback.scan_processing.sections import contact_reach
 from isf_springback.sheet_load import push_sign
-from isf_springback.step_bounds import FREE_SHARE, force_remark, force_share, largest_rise
+from isf_springback.step_force import StepForce, depth_of, step_remark
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,7 @@ DENSE = 360
 """Directions of a dense horizontal state (published: one per degree)."""
 PER_DIRECTION = 36
 """Directions with a step depth of their own (assumed: a change of 50 um per mm of path needs no more)."""
+DIE_REMARK = "the die leaves no room for more correction where the contour works over it"
 CONTACT_TOLERANCE = 2e-3
 """m between the planned and the detected contact; beyond, the planned one is used."""
 
@@ -75,8 +77,9 @@ class ModelPredictiveCorrection:
         self._options: MpcSpec = job_file.job.springback.mpc
         self._memory = OffsetMemory()
         self._scans = ScanMemory(job_file, over_die=strategy == "tpif")
+        self._die = die_room(job_file) if strategy == "tpif" else None
         self._fault: IsfError | None = None
-        self._force_share = 0.0
+        self._step_force = StepForce(job_file)
 
     def take_target(self, target: HeightMap) -> None:
         """The shape that is wanted."""
@@ -90,7 +93,7 @@ class ModelPredictiveCorrection:
     def learn(self, contour: Contour, result: ContourResult) -> None:
         """Forces only bound the step; a contour that was not completed leaves no shape to steer by."""
         self._fault = None
-        self._force_share = force_share(result, self._job_file)
+        self._step_force.take(contour, result)
         if not result.completed:
             self._fault = IsfError(ErrorCode.CORRECTION_FAILED, "was not completed", where=f"contour {result.index}")
 
@@ -124,15 +127,17 @@ class ModelPredictiveCorrection:
         wanted = before[:, 2] if move is None else before[:, 2] + move.vertical
         wide = old if move is None else old + move.radial
         tool, sign = contour.forming_tool, push_sign(contour)
-        rise = largest_rise(self._job_file, self._force_share, options.largest_step)
-        admitted = sign * np.minimum(sign * wanted, np.maximum(sign * before[:, 2], 0.0) + rise)
-        if self._force_share > FREE_SHARE and (admitted != wanted).any():
-            remarks.append(force_remark(self._force_share))
-        limits = push_limits(self._job_file, tool, options.largest_offset)
+        admitted = sign * self._borne(contour, sign * before[:, 2], sign * wanted, remarks)
+        limits = push_limits(self._job_file, tool, max(options.largest_offset, float((-sign * admitted).max())))
         vertical, bound = limit_signed(admitted, path, limits, before[:, 2])
         limits = horizontal_limits(self._job_file, tool, options.largest_offset)
         horizontal, bound_h = limit_signed(wide, path, limits, old) if known else (old, np.zeros(len(old), bool))
         offset = np.column_stack([horizontal[:, None] * radial if known else before[:, :2], vertical])
+        if self._die is not None:
+            offset, pressed = within_room(self._die, contour_over_die(contour), offset)
+            bound |= pressed
+            if pressed.any():
+                remarks.append(DIE_REMARK)
         memory.remember(contour, offset)
         if fault is None and max(np.abs(wanted).max(), np.abs(wide).max()) > options.largest_offset:
             fault = IsfError(
@@ -159,6 +164,16 @@ class ModelPredictiveCorrection:
         )
 
     # -- inside --------------------------------------------------------------------------------------
+
+    def _borne(self, contour: Contour, before: Array, push: Array, remarks: list[str]) -> Array:
+        """(N,) m, as much of ``push`` (N,) m as step and force allow after the push ``before`` (N,) m."""
+        planned = self._job_file.job.path.incremental_depth
+        room = self._step_force.deepest(contour) - depth_of(contour) - float(before.mean())
+        most = np.minimum(np.maximum(before, 0.0) + (self._options.largest_step - 1.0) * planned, before + room)
+        borne = np.minimum(np.minimum(push, self._options.largest_offset), most)
+        if (before + room < push).any():
+            remarks.append(step_remark(planned + room, planned, -float(borne.mean())))
+        return borne
 
     def _advance(self, contour: Contour) -> IsfError | None:
         pending = self._memory.pending
@@ -197,8 +212,13 @@ class ModelPredictiveCorrection:
         error = mpc_state.bottom_error(cut, float(level[0]))
         if self._strategy == "tpif":
             near = (references[:, None] + NEARBY).ravel()
+            free = self._free(formed, near)
+            if not free.any():
+                return None  # the die holds all that was formed last: it is right or nothing can be done
+            error = np.where(self._free(formed, angles), error, np.nan)
             beside = mpc_state.radial_sections(formed, near, shape.surface, target, radius, inside)
-            nearby = mpc_state.bottom_error(beside, float(level[0])).reshape(len(references), -1)
+            nearby = np.where(free, mpc_state.bottom_error(beside, float(level[0])), np.nan)
+            nearby = nearby.reshape(len(references), -1)
             error[: len(references)] = nearby[np.arange(len(references)), np.argmax(np.isfinite(nearby), axis=1)]
         inputs = self._vertical(cut, level, error)
         steps = np.diff(level)
@@ -213,8 +233,8 @@ class ModelPredictiveCorrection:
         common = inputs[: len(references)][np.isfinite(error[: len(references)])].mean(axis=0)
         left = float(np.nanmean(error[: len(references)])) + np.concatenate([[0.0], np.cumsum(common - steps)])
         around = np.arctan2(polar.radial[:, 1], polar.radial[:, 0])
-        if options.step == "per_direction":
-            rest = np.isfinite(error[len(references) :])
+        rest = np.isfinite(error[len(references) :])
+        if rest.any():
             change = (inputs[len(references) :, 0] - steps[0])[rest]
             vertical = np.interp(around, angles[len(references) :][rest], change, period=2 * np.pi)
         else:
@@ -225,6 +245,7 @@ class ModelPredictiveCorrection:
             if dense:
                 cut = mpc_state.radial_sections(formed, angles, shape.surface, target, radius, inside=25e-3)
             sideways, lost = self._horizontal(cut.pick(np.arange(len(angles))), contour, level, left, polar, dense)
+            sideways = np.where(self._free(formed, polar.angle), sideways, 0.0)
             unseen = max(unseen, lost)
         lower, upper = self._bounds(level)
         return Move(
@@ -235,6 +256,14 @@ class ModelPredictiveCorrection:
             bool((common[0] <= lower + 1e-9) | (common[0] >= upper - 1e-9)),
             unseen,
         )
+
+    def _free(self, formed: Contour, angles: Array) -> NDArray[np.bool_]:
+        """(M,) directions ``angles`` rad in which ``formed``, in the frame of the die, works beside it."""
+        if self._die is None:
+            return np.ones(len(angles), dtype=bool)
+        polar = PolarContour.of(formed)
+        away = np.abs(np.angle(np.exp(1j * (angles[:, None] - polar.angle[None, :]))))
+        return np.asarray(free_of_die(self._die, formed)[np.argmin(away, axis=1)])
 
     def _levels(self, formed: Contour, contour: Contour, target: HeightMap) -> Array:
         """(H + 1,) m, tip levels of the contour formed last, the coming one and those after it.
@@ -322,8 +351,9 @@ class ModelPredictiveCorrection:
         return np.asarray(-cut.progress * spread), float(1.0 - seen.mean())
 
 
-NEARBY = np.radians([0.0, -3.0, 3.0, -6.0, 6.0, -10.0, 10.0, -15.0, 15.0])
-"""Where the one bottom point is looked for when the scan has a hole in the reference direction (assumed)."""
+NEARBY = np.radians([0.0, *np.outer([3.0, 6.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0], [-1.0, 1.0]).ravel()])
+"""Where the one bottom point is looked for when the scan has a hole in the reference direction, or the die holds the
+sheet there (assumed)."""
 OUT_OF_DIE = 30e-3
 """m of section beyond the contact over a die."""
 

@@ -30,9 +30,9 @@ def with_peak(contour, share):
     return replace(result, forming_force=force)
 
 
-def pushes(shares, deeper=3e-3, method="fused"):
+def pushes(shares, deeper=3e-3):
     """m, mean push of every contour while the shape asks for ``deeper`` more than the model."""
-    method = make_method(method, job("scan_every: 1"))
+    method = make_method("fused", job("scan_every: 1"))
     method.take_target(TARGET)
     sheet, found = Sheet(lambda depth, around: 5e-3 + deeper), []
     for index, share in enumerate(shares):
@@ -70,10 +70,9 @@ def test_no_step_exceeds_the_bound_however_much_is_asked_for():
     assert np.abs(np.diff(push)).max() <= (LARGEST_STEP - 1.0) * STEP + 1e-9
 
 
-@pytest.mark.parametrize("method", ["fused", "mpc_vertical", "mpc_two_directional"])
-def test_near_the_force_limit_the_correction_stops_growing_and_says_so(method):
-    found = pushes([0.3] * 4 + [0.95] * 4, method=method)
-    free = [value for value, _ in pushes([0.3] * 8, method=method)]
+def test_near_the_force_limit_the_correction_stops_growing_and_says_so():
+    found = pushes([0.3] * 4 + [0.95] * 4)
+    free = [value for value, _ in pushes([0.3] * 8)]
     push = np.array([value for value, _ in found])
     assert free[-1] > push[-1] + 0.1e-3
     assert push[5:].max() <= push[4] + 1e-5
