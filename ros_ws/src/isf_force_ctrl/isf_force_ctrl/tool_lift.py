@@ -265,14 +265,14 @@ def _z_column(tool: int) -> int:
 
 def _check(config: ControlConfig, settings: LiftSettings, height: float) -> None:
     """Raise IsfError when the lift is not possible."""
-    for name, value, most in (
-        ("speed", settings.speed, config.contact_speed),
-        ("zero_force", settings.zero_force, config.force_limit[2]),
-        ("max_lift", settings.max_lift, config.travel[2] - height),
+    for name, value, most, unit in (
+        ("speed", settings.speed, config.contact_speed, "m/s"),
+        ("zero_force", settings.zero_force, config.force_limit[2], "N"),
+        ("max_lift", settings.max_lift, config.travel[2] - height, "m"),
     ):
         if not 0.0 < value <= most:
             raise IsfError(
                 ErrorCode.NOT_ARMED,
-                f"{name} of {value:g} is not possible",
-                advice=f"0 to {most:g} (SI)",
+                f"{name} of {value:g} {unit} is not possible",
+                advice=f"above 0, up to {most:g} {unit}",
             )

@@ -269,9 +269,9 @@ def test_a_cell_that_turns_needs_its_pose(bench: Bench, tmp_path: Path) -> None:
         ("file:={}", ("1003 FILE_FIELD", "cell.yaml:3", "unknown field 'mass'")),
         ("rig:=none_such", ("1001 FILE_NOT_FOUND", "none_such")),
         ("tool:=1", ("1003 FILE_FIELD", "no load cell is named")),
-        ("tool:=3", ("1003 FILE_FIELD", "parameter tool")),
+        ("tool:=3", ("1003 FILE_FIELD", "parameter tool", "1 or 2: whose weight")),
         ("tare_readings:=0", ("1003 FILE_FIELD", "parameter tare_readings")),
-        ("timeout:=-1.0", ("1003 FILE_FIELD", "parameter timeout")),
+        ("timeout:=-1.0", ("1003 FILE_FIELD", "parameter timeout", "0.01 to 60 (s without")),
         ("timeout:=.nan", ("1003 FILE_FIELD", "parameter timeout")),
     ],
 )

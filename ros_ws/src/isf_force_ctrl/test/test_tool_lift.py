@@ -118,6 +118,7 @@ def test_refusals(cell):
         with pytest.raises(IsfError) as caught:
             cell.controller.lift_tool(settings)
         assert caught.value.code == ErrorCode.NOT_ARMED
+    assert caught.value.what == "max_lift of 1 m is not possible"
     cell.controller.lift_tool(SETTINGS)
     with pytest.raises(IsfError, match="moving"):
         cell.controller.lift_tool(SETTINGS)

@@ -59,15 +59,23 @@ def read(node: Node, kind: type[Parameters]) -> Parameters:
     return kind(**values)
 
 
-_LIMITS = ("least", "most", "choices")
+_LIMITS = ("description", "least", "most", "choices")
 
 
 def _check(
-    name: str, value: Any, least: float = -math.inf, most: float = math.inf, choices: tuple[str, ...] = ()
+    name: str,
+    value: Any,
+    description: str = "",
+    least: float = -math.inf,
+    most: float = math.inf,
+    choices: tuple[str, ...] = (),
 ) -> None:
+    """The ``description``, which begins with the unit, goes into the advice."""
     where = f"parameter {name}"
     if isinstance(value, str) and choices and value not in choices:
-        raise IsfError(ErrorCode.FILE_FIELD, f"'{value}' is none of {', '.join(choices)}", where=where)
+        what = f"'{value}' is none of {', '.join(choices)}"
+        raise IsfError(ErrorCode.FILE_FIELD, what, where=where, advice=description)
     # infinite is a value of its own for limits that are off, where the range does not end
     if isinstance(value, int | float) and not least <= value <= most:
-        raise IsfError(ErrorCode.FILE_FIELD, f"{value:g} is not within {least:g} to {most:g}", where=where)
+        what = f"{value:g} is not within {least:g} to {most:g}"
+        raise IsfError(ErrorCode.FILE_FIELD, what, where=where, advice=description)
