@@ -23,7 +23,10 @@ CONTOURS = 17
 
 
 def first_loss(force: float, compensation: float) -> int:
-    """Number of the first contour on which the support tool has contact on less than half of the points."""
+    """Index of the contour on which contact is lost: the support tool had it, and has it on less than half the points.
+
+    The first contour of the part presses alone: it makes up for the springback of the flat sheet at once.
+    """
     job_file = load_job(JOB)
     part = plan(job_file)
     machine = SimulatedMachine(job_file)
@@ -33,6 +36,7 @@ def first_loss(force: float, compensation: float) -> int:
     sample = machine.sample()
     controller.arm(part.plan_id, 0, len(part.contours), sample.tip_1.tolist(), sample.tip_2.tolist())
     method = make_method("analytic", job_file)
+    had_contact = False
     for nominal in part.contours[:CONTOURS]:
         contour = apply(nominal, method.correct(nominal))
         controller.start(contour)
@@ -43,8 +47,10 @@ def first_loss(force: float, compensation: float) -> int:
         assert result is not None
         assert result.completed
         method.learn(contour, result)
-        if np.mean(np.linalg.norm(result.support_force[:, :2], axis=1) > 5.0) < 0.5:
+        contact = bool(np.mean(np.linalg.norm(result.support_force[:, :2], axis=1) > 5.0) >= 0.5)
+        if had_contact and not contact:
             return contour.index
+        had_contact = had_contact or contact
     return CONTOURS
 
 

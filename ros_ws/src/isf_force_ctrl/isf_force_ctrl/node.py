@@ -351,7 +351,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._loop.start()
             if refused := self._loop.privileges.reason:
                 self.get_logger().warning(f"ticks by the clock without what the system refused: {refused}", once=True)
-        self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index} to {request.count - 1}")
+        self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index + 1} to {request.count}")
 
     def _armed_job(self) -> tuple[MeasuringController, JobFile] | None:
         return (self._controller, self._job_file) if self._controller is not None else None
