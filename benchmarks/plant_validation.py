@@ -6,7 +6,8 @@ Prints published value, plant, verdict, and what kind of agreement it is: P pred
 source does not print and that had to be assumed, C a constant was calibrated on that number. A number is met within
 15 %, a force within 20 %. ``--page`` writes docs/validation.md with its pictures; ``--quick`` runs what takes seconds.
 Names: see main(). The whole takes about ten minutes on one core. The cases of other sources than Ren 2018 are in
-validation_cases.py. Assumed here: cone with opening radius 36 mm at 50 deg; 40 mm at 65 deg for the support force.
+validation_cases.py, validation_funnel.py and validation_two_slopes.py. Assumed here: cone with opening radius 36 mm at
+50 deg; 40 mm at 65 deg for the support force.
 """
 
 from __future__ import annotations
@@ -276,7 +277,7 @@ QUICK = ("flat", "compliance", "praveen", "angles", "limits")
 
 NAMES = (
     "flat", "compliance", "praveen", "angles", "limits", "cone", "lift", "support", "local_die", "corrected_cone",
-    "pyramid", "corrected_pyramid", "lu", "steps", "behera", "tpif", "adsif", "speed",
+    "pyramid", "corrected_pyramid", "lu", "steps", "behera", "funnel", "two_slopes", "tpif", "adsif", "speed",
 )  # fmt: skip
 
 
@@ -292,6 +293,8 @@ def main() -> None:
         parser.error(f"unknown: {', '.join(sorted(unknown))}; known: {', '.join(NAMES)}")
     import validation_cases as cases  # late: it brings the whole cell
     import validation_page
+    from validation_funnel import funnel
+    from validation_two_slopes import two_slopes
 
     parts = {
         "flat": flat_sheet,
@@ -300,6 +303,8 @@ def main() -> None:
         "lift": lift,
         "support": support,
         "speed": speed,
+        "funnel": funnel,
+        "two_slopes": two_slopes,
         **cases.PARTS,
     }
     print(f"{'quantity':<62} {'published':<26} {'plant':<34} {'':<6} agreement")

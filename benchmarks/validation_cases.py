@@ -14,6 +14,7 @@ from isf_core.job_tooling import BackingPlateSpec
 from isf_core.material import load_material
 from isf_core.rig import load_rig
 from isf_sim import adsif
+from isf_sim.control_points import HEIGHT
 from isf_sim.machine_event import event_limits
 from isf_sim.sheet_plant import SheetPlant
 from isf_sim.shell import Elastic, Shell
@@ -82,13 +83,15 @@ def process_limits() -> None:
         ("AA1050", (45.0,), "formed", "C"),
         ("AA1050", (70.0,), "torn", "C"),
         ("AA3103", (60.0,), "formed", "A"),
+        ("AA3103", (65.0,), "formed", "A"),
         ("AA3103", (60.0, 68.0, 76.0), "formed", "A"),
+        ("AA3103", (60.0, 67.0, 73.0, 80.0), "torn", "A"),
     ):
         material = load_material(name)
         limits = event_limits(material.tensile_strength, material.max_wall_angle, 5e-3, 1.5e-3, 500.0)
         strain = wall_thinning(name, angles)
         found = "torn" if strain > limits.fracture else "formed"
-        passes = {1: "one pass", 3: "three passes"}[len(angles)]
+        passes = {1: "one pass", 3: "three passes", 4: "four passes"}[len(angles)]
         text = f"{found}, ln(t0/t) {strain:.2f} of {limits.fracture:.2f}"
         row(f"{name}, wall of {angles[-1]:.0f} deg in {passes}", told, text, tag, [(float(found == told), 1.0)])
 
@@ -96,10 +99,11 @@ def process_limits() -> None:
 class RigidSheet(SheetPlant):
     """The conforming surface alone: a sheet that does not give way, for what follows from the shape only."""
 
-    def _solve(self, tip: Array) -> None:
+    def _begin_solution(self, tip: Array) -> None:
         points = self.points
         points.used[0] = 1
-        points.place[0], points.displacement[0], points.force[0], points.exponent[0] = tip, 0.0, 500.0, 1.0
+        points.place[0] = tip[0], tip[1], points.pending[HEIGHT]
+        points.displacement[0], points.force[0], points.exponent[0] = 0.0, 500.0, 1.0
 
 
 def wall_thinning(material: str, angles: tuple[float, ...]) -> float:

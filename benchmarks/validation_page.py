@@ -25,6 +25,8 @@ TITLES = {
     "ren_pyramid": "Pyramid of Ren 2018 along x, uncorrected, 0.2 mm steps",
     "lu_cone": "Cone of Lu 2016 over a backing plate, 2 mm steps",
     "behera_pyramid": "Pyramid of Behera 2015, middle of the walls",
+    "two_slopes_60": "Pyramid of 60 and 25 deg after Behera 2015, middle of the walls",
+    "two_slopes_80": "Pyramid of 80 and 25 deg after Behera 2015, middle of the walls",
     "tpif_cone": "Two-point forming over a die",
     "adsif_cone": "Accumulative forming, gap compensated",
 }
@@ -135,9 +137,12 @@ _EVENTS = """## Events and limits
 a_max is the material's largest wall angle in one pass, or the job's `wall_angle_limit`; t is that of the material, so a
 wall of several passes bears more. 1.15 is what the plant's own thinning of one pass is over the sine law; nothing
 published went into it. The gain of squeeze is a ratio of depths (19.0 and 22.1 mm), taken as a ratio of strains
-(assumed); the funnel itself is not formed here: of its shape only the entry angle is printed. Small steps do not tear
+(assumed). The funnel that this pair was measured on is formed on an assumed generatrix, an arc from the printed 65 deg
+that reaches 66 deg, by the sine law the limit, at 19.0 mm: the first depth is put in by the geometry, and only how much
+deeper force control gets is the plant's answer. It is too deep: [sheet.md](sheet.md) tells why. Small steps do not tear
 earlier than large ones, as they do in Lu 2016, 4.1.3: no damage is accumulated over passes. Bending to the ball and
-back takes no plastic strain after the first pass in this model, and what friction adds per pass is not published.
+back takes no plastic strain after the first pass in this model, and what friction adds per pass is not published. The
+wall of 80 deg in four passes tore at ribs, which the cone that is formed for these rows does not have.
 """
 
 _WORLDS_HEAD = """## Standard set of off-nominal worlds
