@@ -81,12 +81,12 @@ class Ticks:
         )
 
 
-def ticks(count: int, *, real_time: bool, as_node: bool) -> Ticks:
-    """``count`` ticks on circles with 25 mm radius."""
+def ticks(count: int, *, real_time: bool, as_node: bool, priority: int = 0) -> Ticks:
+    """``count`` ticks on circles with 25 mm radius, in a thread with the real-time ``priority``."""
     machine = SimulatedMachine(JobFile(JOB.format(material="AA5754-O", radius=5), Path()))
     machine.tare()
     plant, worker = machine.plant, machine.plant.worker
-    worker.ahead = real_time
+    worker.ahead, worker.priority = real_time, max(priority - 1, 0)
     park = np.array([0.0, 0.0, -0.1])
     drive(machine, (np.array([0.0, 0.0, 0.1]), park), (np.array([25e-3, 0.0, -4e-3]), park))
     plant.settle()  # the way down was not in real time
@@ -110,6 +110,7 @@ def ticks(count: int, *, real_time: bool, as_node: bool) -> Ticks:
         each[k] = time.perf_counter() - started
         work[k] = served[0] > already
         if real_time:
+            machine.between_ticks()  # as the node does when the readings are out
             time.sleep(max(0.0, begun + (k + 1) / RATE - time.perf_counter()))
     if interpreter is not None:
         interpreter.give_back()
@@ -145,7 +146,10 @@ def main() -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(arguments.fifo))
     cases = (("lockstep", False, False), ("real time, interpreter as it is", True, False), ("real time", True, True))
     for name, real_time, as_node in cases if arguments.ticks else ():
-        runs = [ticks(arguments.ticks, real_time=real_time, as_node=as_node) for _ in range(arguments.repeat)]
+        runs = [
+            ticks(arguments.ticks, real_time=real_time, as_node=as_node, priority=arguments.fifo)
+            for _ in range(arguments.repeat)
+        ]
         best = min(runs, key=lambda run: float(np.percentile(run.each, 99)))
         print(f"{arguments.ticks} ticks in {name}: {best.row()}", flush=True)
     print(f"memory of the process at its largest: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")

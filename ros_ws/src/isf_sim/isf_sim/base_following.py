@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isf_sim.jit import kernel
-from isf_sim.surface import Surface, TipTrack, bilinear
+from isf_sim.surface import Surface, TipTrack
 
 Array = NDArray[np.float64]
 
@@ -27,9 +27,13 @@ ACCURACY = 1.0e-7
 
 def follow(surface: Surface, track: TipTrack, path: float, loop: float, pillow: float, radius: float) -> None:
     """Lower the enclosed base; ``path`` m travelled, ``loop`` m, ``pillow`` m of a large base, tool ``radius`` m."""
-    if loop <= 0.0:
-        return
-    first = path - LOOPS * loop
+    if loop > 0.0:
+        _follow(surface, track, path - LOOPS * loop, pillow, track.h**2, (4.0 * radius) ** 2)
+
+
+@kernel
+def _follow(surface: Surface, track: TipTrack, first: float, pillow: float, cell: float, large: float) -> None:
+    """``first`` m of path that counts; ``cell`` m^2 of the track; ``large`` m^2 over pi, base with the whole pillow."""
     j0, j1, i0, i1 = _box(track.visited, first)
     if j1 <= j0:
         return
@@ -37,9 +41,9 @@ def follow(surface: Surface, track: TipTrack, path: float, loop: float, pillow: 
     cells = _find_enclosed(track, first, j0, j1, i0, i1, stack)
     if cells <= 4:
         return
-    square = cells * track.h**2 / math.pi
-    height = pillow * min(1.0, square / (4.0 * radius) ** 2)
-    _relax(track, 4.0 * height / square * track.h**2, j0, j1, i0, i1)
+    square = cells * cell / math.pi
+    height = pillow * min(1.0, square / large)
+    _relax(track, 4.0 * height / square * cell, j0, j1, i0, i1)
     _lower(surface, track, j0, j1, i0, i1)
 
 
@@ -90,47 +94,68 @@ def _find_enclosed(track: TipTrack, first: float, j0: int, j1: int, i0: int, i1:
 
 @kernel
 def _relax(track: TipTrack, source: float, j0: int, j1: int, i0: int, i1: int) -> None:
-    """Successive over-relaxation of lap B = -q from the last base; ``source`` = q h^2, m."""
+    """Successive over-relaxation of lap B = -q from the last base; ``source`` = q h^2, m.
+
+    A node waits for the one before it in its row and the one above it, for none of its own diagonal: taken diagonal by
+    diagonal the processor works on several at once, and every node still meets the same values as row by row.
+    """
     base, region = track.base, track.region
+    width = base.shape[1]
+    flat, below, beside = base.reshape(-1), np.uint64(width), np.uint64(1)
+    inside, n = np.empty((j1 - j0) * (i1 - i0), dtype=np.uint64), 0
     for j in range(j0, j1):
         for i in range(i0, i1):
             if region[j, i] == TRACK:
                 base[j, i] = track.tip[j, i]
+    for diagonal in range(j0 + i0 + 2, j1 + i1 - 3):
+        for j in range(max(j0 + 1, diagonal - i1 + 2), min(j1 - 1, diagonal - i0)):
+            if region[j, diagonal - j] == ENCLOSED:
+                inside[n] = j * width + diagonal - j
+                n += 1
     for _ in range(LARGEST_SWEEPS):
         largest = 0.0
-        for j in range(j0 + 1, j1 - 1):
-            for i in range(i0 + 1, i1 - 1):
-                if region[j, i] == ENCLOSED:
-                    mean = 0.25 * (base[j - 1, i] + base[j + 1, i] + base[j, i - 1] + base[j, i + 1] + source)
-                    change = RELAXATION * (mean - base[j, i])
-                    base[j, i] += change
-                    largest = max(largest, abs(change))
+        for node in inside[:n]:
+            mean = 0.25 * (flat[node - below] + flat[node + below] + flat[node - beside] + flat[node + beside] + source)
+            change = RELAXATION * (mean - flat[node])
+            flat[node] += change
+            if abs(change) > largest:
+                largest = abs(change)
         if largest < ACCURACY:
             break
 
 
 @kernel
 def _lower(surface: Surface, track: TipTrack, j0: int, j1: int, i0: int, i1: int) -> None:
-    """Z <- min(Z, B) where the four track nodes round a fine node are base or track."""
+    """Z <- min(Z, B) where the four track nodes round a fine node are base or track; B is bilinear between these."""
     ny, nx = surface.height.shape
-    h, region = track.h, track.region
+    h, region, base = track.h, track.region, track.base
     first_row = max(int((track.y0 + j0 * h - surface.y0) / surface.h), 0)
     last_row = min(int((track.y0 + j1 * h - surface.y0) / surface.h) + 1, ny)
     first_column = max(int((track.x0 + i0 * h - surface.x0) / surface.h), 0)
     last_column = min(int((track.x0 + i1 * h - surface.x0) / surface.h) + 1, nx)
+    before, share = np.empty(nx, dtype=np.int64), np.empty(nx)
+    for column in range(first_column, last_column):
+        place = (surface.x0 + column * surface.h - track.x0) / h
+        before[column] = int(place)
+        share[column] = max(place, 0.0) - before[column]
     for row in range(first_row, last_row):
-        y = surface.y0 + row * surface.h
-        b = int((y - track.y0) / h)
+        place = (surface.y0 + row * surface.h - track.y0) / h
+        r = int(place)
+        if r < j0 or r >= j1 - 1:
+            continue
+        b = max(place, 0.0) - r
         for column in range(first_column, last_column):
-            x = surface.x0 + column * surface.h
-            a = int((x - track.x0) / h)
-            if a < i0 or b < j0 or a >= i1 - 1 or b >= j1 - 1:
+            c = before[column]
+            if c < i0 or c >= i1 - 1:
                 continue
             if (
-                region[b, a] != OUTSIDE
-                and region[b, a + 1] != OUTSIDE
-                and region[b + 1, a] != OUTSIDE
-                and region[b + 1, a + 1] != OUTSIDE
+                region[r, c] != OUTSIDE
+                and region[r, c + 1] != OUTSIDE
+                and region[r + 1, c] != OUTSIDE
+                and region[r + 1, c + 1] != OUTSIDE
             ):
-                value = bilinear(track.base, track.x0, track.y0, h, x, y)
+                a = share[column]
+                value = (1.0 - b) * ((1.0 - a) * base[r, c] + a * base[r, c + 1]) + b * (
+                    (1.0 - a) * base[r + 1, c] + a * base[r + 1, c + 1]
+                )
                 surface.height[row, column] = min(surface.height[row, column], value)

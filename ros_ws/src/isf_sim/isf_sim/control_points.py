@@ -116,3 +116,67 @@ def blend(points: ControlPoints, x: float, y: float, force: float, length: float
     for m in range(3):
         out[m] /= total
     return exponent / total
+
+
+@kernel
+def nearest_point(points: ControlPoints, tip: Array) -> tuple[int, float]:
+    """Number of the control point nearest to ``tip`` (3,) m, depth counting threefold, and the square of its distance;
+    negative where there is none."""
+    nearest, least = -1, math.inf
+    for k in range(points.used[0]):
+        dx, dy = points.place[k, 0] - tip[0], points.place[k, 1] - tip[1]
+        dz = (points.place[k, 2] - tip[2]) * 3.0
+        square = dx * dx + dy * dy + dz * dz
+        if square < least:
+            nearest, least = k, square
+    return nearest, least
+
+
+@kernel
+def add_point(
+    points: ControlPoints,
+    place: Array,
+    force: float,
+    displacement: Array,
+    compliance: float,
+    give: float,
+    near: float,
+    tall: float,
+    chosen: NDArray[np.int64],
+) -> int:
+    """Add a control point at ``place`` (3,) m; older ones close by, or far above or below, are dropped.
+
+    Parameters
+    ----------
+    force : N, axial ; displacement : (3,) m ; compliance : m/N ; give : m/N, of the sheet below the coarse grid's scale
+    near : m^2, square of the distance in the plane within which a point is dropped ; tall : m, in z beyond which it is
+    chosen : (CAPACITY,) numbers of the points that are kept, result
+
+    Returns
+    -------
+    how many are kept
+    """
+    n = 0
+    for k in range(points.used[0]):
+        dx, dy, dz = points.place[k, 0] - place[0], points.place[k, 1] - place[1], points.place[k, 2] - place[2]
+        if dx * dx + dy * dy > near and abs(dz) < tall:
+            chosen[n] = k
+            n += 1
+    if n > CAPACITY - 1:  # the oldest ones go
+        for k in range(CAPACITY - 1):
+            chosen[k] = chosen[k + n - CAPACITY + 1]
+        n = CAPACITY - 1
+    for k in range(n):
+        old = chosen[k]
+        for m in range(3):
+            points.place[k, m] = points.place[old, m]
+            points.displacement[k, m] = points.displacement[old, m]
+        points.force[k], points.exponent[k] = points.force[old], points.exponent[old]
+    for m in range(3):
+        points.place[n, m], points.displacement[n, m] = place[m], displacement[m]
+    points.displacement[n, 2] -= give * force
+    points.force[n] = force
+    sag = max(-points.displacement[n, 2], 1e-9)
+    points.exponent[n] = min(max((compliance + give) * force / sag, 0.3), 1.0)
+    points.used[0] = n + 1
+    return n

@@ -18,15 +18,22 @@ from numba.experimental import structref
 from numpy.typing import NDArray
 
 from isf_sim.control_points import ControlPoints
+from isf_sim.event_conditions import EventBounds, conditions
 from isf_sim.jit import kernel
 from isf_sim.load_cell import CellState
-from isf_sim.machine_tick import Axes, MachineConstants, advance_tick
+from isf_sim.machine_tick import NEEDS_JUDGEMENT, Axes, MachineConstants, TargetLimits, advance_tick, check_target
 from isf_sim.role import Role
-from isf_sim.sheet_point import Contact, PointConstants, advance_point
+from isf_sim.sheet_point import DONE, Contact, PointConstants, advance_point
 from isf_sim.squeeze import Squeeze
 from isf_sim.surface import Surface, TipTrack
 
 Array = NDArray[np.float64]
+
+REQUEST_BITS = 3
+"""Low bits of what a tick returns that are its request; above them stands what goes with it."""
+REQUESTS = (1 << REQUEST_BITS) - 1
+UNCHECKED = -1
+"""Instead of the periods without a target: the target is not looked at."""
 
 
 class _Kept:
@@ -62,12 +69,13 @@ class PointParts(_Kept):
 
 
 class TickParts(_Kept):
-    """Everything for :func:`isf_sim.machine_tick.advance_tick` but target and noise."""
+    """Everything for a tick but target and noise."""
 
     def advance(
         self,
         target: Array,
         draws: Array,
+        waited: int,
         parts: tuple[
             Axes,
             Surface,
@@ -79,10 +87,18 @@ class TickParts(_Kept):
             CellState,
             CellState,
             MachineConstants,
+            TargetLimits,
+            EventBounds,
         ],
-    ) -> int:
-        """:func:`isf_sim.machine_tick.advance_tick` with ``parts``."""
-        return int(_advance_tick(target, draws, self._of(parts, _bundle_tick)))
+    ) -> tuple[int, int]:
+        """Check ``target`` (6,) m (see :func:`isf_sim.machine_tick.check_target`, or UNCHECKED) and go on with
+        :func:`isf_sim.machine_tick.advance_tick`.
+
+        Returns what is asked for and, with NEEDS_JUDGEMENT, what is wrong with the target, with DONE the conditions of
+        events (:func:`isf_sim.event_conditions.conditions`).
+        """
+        answer = _advance_tick(target, draws, waited, self._of(parts, _bundle_tick))
+        return answer & REQUESTS, answer >> REQUEST_BITS
 
 
 @structref.register
@@ -107,7 +123,20 @@ structref.define_proxy(_PointBundle, _PointType, ["surface", "track", "points", 
 structref.define_proxy(
     _TickBundle,
     _TickType,
-    ["axes", "surface", "track", "points", "contact", "squeeze", "role", "cell_1", "cell_2", "constants"],
+    [
+        "axes",
+        "surface",
+        "track",
+        "points",
+        "contact",
+        "squeeze",
+        "role",
+        "cell_1",
+        "cell_2",
+        "constants",
+        "targets",
+        "events",
+    ],
 )
 
 
@@ -135,23 +164,25 @@ def _bundle_tick(
     cell_1: CellState,
     cell_2: CellState,
     constants: MachineConstants,
+    targets: TargetLimits,
+    events: EventBounds,
 ) -> Any:
-    return _TickBundle(axes, surface, track, points, contact, squeeze, role, cell_1, cell_2, constants)
+    return _TickBundle(axes, surface, track, points, contact, squeeze, role, cell_1, cell_2, constants, targets, events)
 
 
 @kernel
-def _advance_tick(target: Array, draws: Array, of: Any) -> int:
-    return advance_tick(
-        target,
-        draws,
-        of.axes,
-        of.surface,
-        of.track,
-        of.points,
-        of.contact,
-        of.squeeze,
-        of.role,
-        of.cell_1,
-        of.cell_2,
-        of.constants,
+def _advance_tick(target: Array, draws: Array, waited: int, of: Any) -> int:
+    axes, surface, contact, squeeze, constants = of.axes, of.surface, of.contact, of.squeeze, of.constants
+    if waited >= 0 and axes.moved[0] == 0:
+        wrong = check_target(target, axes.target, waited, of.targets)
+        if wrong != 0:
+            return NEEDS_JUDGEMENT | wrong << REQUEST_BITS
+    cell_1, cell_2, role = of.cell_1, of.cell_2, of.role
+    request = advance_tick(
+        target, draws, axes, surface, of.track, of.points, contact, squeeze, role, cell_1, cell_2, constants
     )
+    if request != DONE:
+        return request
+    turned = role.pressing[0] == 2
+    found = conditions(turned, constants.point.radius, axes, surface, contact, squeeze, cell_1, cell_2, of.events)
+    return found << REQUEST_BITS

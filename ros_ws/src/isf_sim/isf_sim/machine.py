@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from isf_sim import adsif
 from isf_sim import machine_tick as mt
 from isf_sim.die_plant import DiePlant
-from isf_sim.kernel_bundle import TickParts
+from isf_sim.event_conditions import NEVER, event_bounds, settled
+from isf_sim.kernel_bundle import UNCHECKED, TickParts
 from isf_sim.load_cell import BLOCK, DRAWS, take_zero
 from isf_sim.machine_build import make_parts
 from isf_sim.machine_checks import LIMIT_FORCE, LIMIT_SPEED, LIMIT_TRAVEL, force_faults, reach_fault, target_faults
@@ -99,13 +100,18 @@ class SimulatedMachine:
         self._linear = all(isinstance(item, Gantry) for item in self._kinematics)
         radius_2 = job.tool_2.radius if job.tool_2 else 0.0
         self._watch = EventWatch(parts.event_limits)
+        self._settled = NEVER
         self._travel = np.array(rig.limits.travel)
-        self._speed_step = rig.limits.speed / self.control_rate
-        self._jump_step = constants.jump_margin * self._speed_step
+        speed_step = rig.limits.speed / self.control_rate
         self._balls = (job.tool_1.radius, radius_2)
         self._radii = np.array(self._balls)
         # force and compliance offsets may both drive the balls towards each other
-        self._overlap = 2.0 * rig.limits.offset
+        overlap = 2.0 * rig.limits.offset
+        jump_step = constants.jump_margin * speed_step
+        self._target_limits = mt.TargetLimits(self._travel, jump_step, speed_step, *self._balls, overlap)
+        self._bounds = event_bounds(parts.event_limits, self._balls, self.plant.thickness)
+        # the tick looks at targets of its own accord, where no cylinder has to be asked
+        self._check_in_tick = self._linear and self._adsif is None
         self._target = np.empty(6)
         self._draws = np.empty((0, 2 * DRAWS + 6))
         self._holder_asked = 0.0
@@ -141,22 +147,10 @@ class SimulatedMachine:
         target[:3], target[3:] = target_1, target_2
         if self.faults:
             target[:] = self._axes.target
+        elif self._check_in_tick and holder_height == self.holder_height == self._holder_asked:
+            return self._advance(target, waited)
         else:
-            bits = mt.check_target(
-                target,
-                self._axes.target,
-                self._travel,
-                self._jump_step * (1 + waited),
-                self._speed_step * (1 + waited) * (1.0 + 1e-9),
-                self._radii,
-                self._overlap,
-            )
-            if bits:
-                self._judge_target(bits, target, self._jump_step * (1 + waited))
-            elif not self._linear and (finding := reach_fault(self._kinematics, target)) is not None:
-                self.limits |= LIMIT_TRAVEL
-                self.latch(*finding)
-                target[:] = self._axes.target
+            self._check(target, waited)
             self._move_holder(holder_height)
         return self._advance(target)
 
@@ -176,6 +170,10 @@ class SimulatedMachine:
             point = start + (k / ticks) * way
             self.tick(point[:3], point[3:], holder_height, waited=waited)
         return self.tick(target_1, target_2, holder_height, waited=waited)
+
+    def between_ticks(self) -> None:
+        """What need not be done before the readings of a tick are out; the next tick does it otherwise."""
+        self.plant.worker.start()
 
     def hold(self) -> MachineSample:
         """One control tick with the last targets."""
@@ -286,13 +284,61 @@ class SimulatedMachine:
 
     # -- inside --------------------------------------------------------------------------------------
 
-    def _advance(self, target: Array) -> MachineSample:
+    def _check(self, target: Array, waited: int) -> None:
+        bits = mt.check_target(target, self._axes.target, waited, self._target_limits)
+        if bits:
+            self._judge_target(bits, target, waited)
+        elif not self._linear and (finding := reach_fault(self._kinematics, target)) is not None:
+            self.limits |= LIMIT_TRAVEL
+            self.latch(*finding)
+            target[:] = self._axes.target
+
+    def _advance(self, target: Array, waited: int = UNCHECKED) -> MachineSample:
+        if self.plant.worker.waiting:
+            self.between_ticks()
         row = self.tick_count % BLOCK
         if row == 0 or len(self._draws) == 0:
             own, more = self._generator, self._more_generator
             self._draws = np.hstack([own.standard_normal((BLOCK, 2 * DRAWS)), more.standard_normal((BLOCK, 6))])
-        outcome = self._advance_sheet(target, self._draws[row])
+        if self._adsif is not None and self._ring is not None:
+            draws, axes, surface = self._draws[row], self._axes, self.plant.surface
+            outcome = mt.advance_adsif_tick(
+                target, draws, axes, surface, self._adsif, self._ring, self._cell_1, self._cell_2, self._constants
+            )
+            self.tick_count += 1
+            self._look(outcome)
+            return self.sample()
+        conditions = self._advance_sheet(target, self._draws[row], waited)
         self.tick_count += 1
+        if conditions != self._settled:
+            self._look(adsif.STABLE)
+            self._settled = conditions if settled(self._watch, conditions) else NEVER
+        return self.sample()
+
+    def _advance_sheet(self, target: Array, draws: Array, waited: int) -> int:
+        """The kernels of one tick; returns the conditions of events after it."""
+        plant = self.plant
+        while True:
+            of_tool = self._constants if plant.pressing == 1 else self._turned_constants
+            sheet = plant.surface, plant.track, plant.points, plant.contact
+            tools = self._squeeze, plant.role, self._cell_1, self._cell_2, of_tool
+            parts = self._axes, *sheet, *tools, self._target_limits, self._bounds
+            request, answer = self._parts.advance(target, draws, waited, parts)
+            if request == DONE:
+                if isinstance(plant, DiePlant):
+                    plant.note()
+                return answer
+            if request == mt.NEEDS_JUDGEMENT:
+                self._judge_target(answer, target, waited)
+                waited = UNCHECKED
+            elif request == NEEDS_TURN:
+                self._squeeze.force[:] = 0.0
+                turn_over(plant, pressing_tip(self._axes.tips, 3 - plant.pressing, plant.thickness))
+            else:
+                plant.serve(request, pressing_tip(self._axes.tips, plant.pressing, plant.thickness))
+
+    def _look(self, outcome: int) -> None:
+        """Limits that were hit, and events; ``outcome`` of accumulative forming, STABLE for the other processes."""
         axes = self._axes
         if axes.flags[0]:
             flags, found = force_faults(int(axes.flags[0]), axes.force_1, axes.force_2, self._constants.force_limit)
@@ -300,39 +346,6 @@ class SimulatedMachine:
             for finding in found:
                 self.latch(*finding)
         self._look_for_events(outcome)
-        return self.sample()
-
-    def _advance_sheet(self, target: Array, draws: Array) -> int:
-        """The kernels of one tick; returns what accumulative forming did, STABLE for the other processes."""
-        plant, axes, constants = self.plant, self._axes, self._constants
-        if self._adsif is not None and self._ring is not None:
-            return int(
-                mt.advance_adsif_tick(
-                    target,
-                    draws,
-                    axes,
-                    plant.surface,
-                    self._adsif,
-                    self._ring,
-                    self._cell_1,
-                    self._cell_2,
-                    constants,
-                )
-            )
-        while True:
-            sheet = plant.surface, plant.track, plant.points, plant.contact
-            of_tool = constants if plant.pressing == 1 else self._turned_constants
-            parts = axes, *sheet, self._squeeze, plant.role, self._cell_1, self._cell_2, of_tool
-            request = self._parts.advance(target, draws, parts)
-            if request == DONE:
-                if isinstance(plant, DiePlant):
-                    plant.note()
-                return adsif.STABLE
-            if request == NEEDS_TURN:
-                self._squeeze.force[:] = 0.0
-                turn_over(plant, pressing_tip(axes.tips, 3 - plant.pressing, plant.thickness))
-            else:
-                plant.serve(request, pressing_tip(axes.tips, plant.pressing, plant.thickness))
 
     def _look_for_events(self, outcome: int) -> None:
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
@@ -365,8 +378,9 @@ class SimulatedMachine:
             if self._support is not None and isinstance(self.plant, DiePlant):
                 self.plant.rise(self._support, -height)
 
-    def _judge_target(self, bits: int, target: Array, allowed: float) -> None:
+    def _judge_target(self, bits: int, target: Array, waited: int) -> None:
         """Latch what is wrong with a target, and put the held target in its place."""
+        allowed = self._target_limits.jump * (1 + waited)
         flags, found = target_faults(bits, target, self._axes.target, allowed, self._travel)
         self.limits |= flags
         for finding in found:
@@ -376,16 +390,6 @@ class SimulatedMachine:
 
 
 _UNCHANGING = {
-    "job_file",
-    "world",
-    "plant_constants",
-    "control_rate",
-    "_constants",
-    "_turned_constants",
-    "_ring",
-    "_support",
-    "_kinematics",
-    "_travel",
-    "_balls",
-    "_radii",
+    *("job_file", "world", "plant_constants", "control_rate", "_constants", "_turned_constants", "_ring", "_support"),
+    *("_kinematics", "_travel", "_balls", "_radii", "_target_limits", "_bounds"),
 }

@@ -6,15 +6,13 @@ import math
 
 import numpy as np
 
+from isf_sim.event_conditions import TOUCHING
 from isf_sim.machine_event import TickFacts
 from isf_sim.machine_tick import Axes
 from isf_sim.sheet_plant import SheetPlant
 from isf_sim.sheet_point import TRAVELLED
 from isf_sim.squeeze import Squeeze
 from isf_sim.thickness import thinning_up_the_wall
-
-TOUCHING = 1.0
-"""N between sheet and support, from which on they touch."""
 
 
 def tick_facts(

@@ -22,6 +22,9 @@ from isf_sim.turned_sheet import turn_tip
 
 Array = NDArray[np.float64]
 
+NEEDS_JUDGEMENT = 5
+"""Asked for by a tick whose target is not as it should be; see sheet_point.DONE."""
+
 FORCE_EXCEEDED, TOOLS_TOUCH = 1, 2
 """Bits of Axes.flags."""
 
@@ -188,15 +191,30 @@ NOT_FINITE, JUMP, OUTSIDE, OVERLAP, FAST = 1, 2, 4, 8, 16
 """Bits returned by :func:`check_target`."""
 
 
+class TargetLimits(NamedTuple):
+    """What a target may be, all m.
+
+    Attributes
+    ----------
+    travel : (3,) largest |coordinate| ; jump : largest step ; speed : step at the speed limit (FAST alone is no fault)
+    upper, lower : radii of the balls, which may overlap by ``overlap`` (the machine gives way by as much)
+    """
+
+    travel: Array
+    jump: float
+    speed: float
+    upper: float
+    lower: float
+    overlap: float
+
+
 @kernel
-def check_target(
-    target: Array, held: Array, travel: Array, jump: float, speed: float, radii: Array, overlap: float
-) -> int:
+def check_target(target: Array, held: Array, waited: int, limits: TargetLimits) -> int:
     """What is wrong with ``target`` (6,) m after ``held`` (6,) m: bits, 0 when nothing is.
 
-    ``travel`` (3,) m largest |coordinate|; ``jump`` m largest step; ``speed`` m step at the speed limit (FAST alone is
-    no fault); ``radii`` (2,) m of the balls, which may overlap by ``overlap`` m (the machine gives way by as much)
+    ``waited``: periods without a target before it; the step may be larger by as many.
     """
+    jump, speed = limits.jump * (1 + waited), limits.speed * (1 + waited) * (1.0 + 1e-9)
     for k in range(6):
         if not math.isfinite(target[k]):
             return NOT_FINITE
@@ -205,14 +223,14 @@ def check_target(
         square = 0.0
         for k in range(3):
             square += (target[3 * tool + k] - held[3 * tool + k]) ** 2
-            if abs(target[3 * tool + k]) > travel[k]:
+            if abs(target[3 * tool + k]) > limits.travel[k]:
                 bits |= OUTSIDE
         if square > jump * jump:
             bits |= JUMP
         if square > speed * speed:
             bits |= FAST
     dx, dy = target[3] - target[0], target[4] - target[1]
-    dz = (target[5] - radii[1]) - (target[2] + radii[0])
-    if radii[1] > 0.0 and math.sqrt(dx * dx + dy * dy + dz * dz) < radii[0] + radii[1] - overlap:
+    dz = (target[5] - limits.lower) - (target[2] + limits.upper)
+    if limits.lower > 0.0 and math.sqrt(dx * dx + dy * dy + dz * dz) < limits.upper + limits.lower - limits.overlap:
         bits |= OVERLAP
     return bits

@@ -21,7 +21,7 @@ from isf_core.job import load_job
 from isf_msgs.msg import MachineState
 from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
-from isf_node.watchdog import ReceiveWatchdog
+from isf_node.thread_priority import Privileges, RealTimeSettings, acquire, release
 from numpy.typing import NDArray
 
 from isf_sim.machine import MachineSample, SimulatedMachine
@@ -30,6 +30,7 @@ from isf_sim.node_parameters import MachineParameters
 from isf_sim.node_services import MachineServices
 from isf_sim.real_time import PeriodicThread
 from isf_sim.target_pair import TargetPair
+from isf_sim.target_stream import TargetStream
 from isf_sim.warm_up import warm_up
 
 HEARTBEAT_PERIOD = 0.2
@@ -40,9 +41,6 @@ LONGEST_CATCH_UP = 0.5
 """s, missed ticks beyond this are dropped."""
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 2.0, 0.25
 """s of wall time without targets after which a loaded or moving machine stops."""
-
-LARGEST_DRY = 2
-"""Ticks without a new pair of targets that are no gap in real time."""
 
 
 class MachineNode(CellNode[MachineParameters]):
@@ -58,10 +56,9 @@ class MachineNode(CellNode[MachineParameters]):
         self.lock = threading.RLock()
         self._first_tick = 0
         self._stamp = 0
-        self._lost = 0
         self._late = 0
-        self._dry = 0
-        self._following = False
+        self._stream = TargetStream(REAL_TIME_TIMEOUT)
+        self._privileges = Privileges()
         self._release: Iterator[MachineSample] | None = None
         self._published = 0.0
         self._period = 0
@@ -75,7 +72,7 @@ class MachineNode(CellNode[MachineParameters]):
     def configure(self) -> None:
         self._parameters = values = self.values()
         timeout = values.target_timeout or (LOCKSTEP_TIMEOUT if values.lockstep else REAL_TIME_TIMEOUT)
-        self._watchdog = ReceiveWatchdog(timeout)
+        self._stream = TargetStream(timeout)
         if values.job:
             self.clamp(SimulatedMachine(load_job(values.job), world=values.world, seed=values.seed))
         self._outlet = MachineOutlet(self, clock=values.lockstep)
@@ -94,8 +91,8 @@ class MachineNode(CellNode[MachineParameters]):
 
     def activate(self) -> None:
         self._targets.clear()
-        self._watchdog.clear()
-        self._following = False
+        self._stream.forget()
+        self._stream.following = False
         if self._machine is not None:
             self.start()
 
@@ -123,6 +120,7 @@ class MachineNode(CellNode[MachineParameters]):
             "faults": ", ".join(code.name for code, _ in machine.faults) or "none",
             "late_ticks": self._late_ticks(),
             **machine.plant.worker.values(),
+            **({} if self._parameters.lockstep else self._privileges.values()),
         }
 
     # -- blank and time ------------------------------------------------------------------------------
@@ -135,7 +133,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._first_tick = tick - machine.tick_count
         self._machine = machine
         self._release = None
-        self._following = False
+        self._stream.following = False
         self._told = len(machine.events)
         self._targets.clear()
         self._listen_to_holder(machine.job_file.job.process == "TPIF")
@@ -160,7 +158,11 @@ class MachineNode(CellNode[MachineParameters]):
         if self._parameters.lockstep:
             self.publish(machine.sample(), decimated=True)
         else:
-            machine.plant.worker.ahead = True
+            self._privileges = acquire(RealTimeSettings(self._parameters.real_time_priority))
+            if refused := self._privileges.reason:
+                self.get_logger().warning(f"ticks by the clock without what the system refused: {refused}", once=True)
+            worker = machine.plant.worker
+            worker.ahead, worker.priority = True, self._privileges.below
             self._thread = PeriodicThread(machine.control_rate, self._on_period)
             self._begin, self._period = self.get_clock().now().nanoseconds, -1
             self._thread.start()
@@ -170,6 +172,8 @@ class MachineNode(CellNode[MachineParameters]):
             self._thread.stop()
             self._late += self._thread.late
             self._thread = None
+            self.needed().plant.worker.priority = 0
+            release(self._privileges)
 
     def _late_ticks(self) -> int:
         return self._late + (self._thread.late if self._thread is not None else 0)
@@ -179,7 +183,7 @@ class MachineNode(CellNode[MachineParameters]):
     def _on_target(self, tool: int, message: PoseStamped) -> None:
         if not self.is_active:
             return
-        self._watchdog.feed()
+        self._stream.heard()
         self._targets.put(tool, stamps.to_nanoseconds(message.header.stamp), conversion.tip_of(message))
         self._tick_in_lockstep(stamps.to_nanoseconds(message.header.stamp))
 
@@ -197,12 +201,12 @@ class MachineNode(CellNode[MachineParameters]):
             return
         due = stamps.tick_nanoseconds(self._tick() + 1, machine.control_rate)
         if stamp > due:
-            self._lost += 1
+            self._stream.lost += 1
         tips = self._targets.take_at(due)
         if tips is not None:
-            self._following = True
+            self._stream.following = True
             self.finish_tick(machine, machine.tick(*tips, self._targets.holder))
-            self._watchdog.feed()  # a tick with a coarse solution is long; targets that wait meanwhile are not lost
+            self._stream.heard()  # a tick with a coarse solution is long; targets that wait meanwhile are not lost
 
     def _on_period(self, period: int) -> None:
         """One tick of the wall clock (real-time thread), and those that a coarse solution made it miss."""
@@ -213,12 +217,7 @@ class MachineNode(CellNode[MachineParameters]):
                 sample = self._next_release_tick(machine)
             else:
                 tips = self._targets.take_newest()
-                self._following |= tips is not None
-                self._dry = 0 if tips is not None else self._dry + 1
-                # two free-running clocks leave single ticks without a pair; more of them in motion is a gap
-                self._lost += int(self._following and self._dry > LARGEST_DRY and machine.moving)
-                if missed > 0:
-                    self._watchdog.feed()  # the subscriptions may not have been served either
+                self._stream.period(tips is not None, missed / machine.control_rate, machine.moving)
                 if tips is None:
                     sample = machine.hold()
                 else:
@@ -233,6 +232,7 @@ class MachineNode(CellNode[MachineParameters]):
                 self._check_stream(machine)
             self._stamp = self._stamp_of(period, machine)
             self.finish_tick(machine, sample)
+            machine.between_ticks()
 
     def _stamp_of(self, period: int, machine: SimulatedMachine) -> int:
         return self._begin + stamps.tick_nanoseconds(period, machine.control_rate)
@@ -297,21 +297,21 @@ class MachineNode(CellNode[MachineParameters]):
     # -- faults ----------------------------------------------------------------------------------
 
     def _check_stream(self, machine: SimulatedMachine) -> None:
-        if not self._following or not self._watchdog.expired():
+        if not self._stream.ended():
             return
         if machine.loaded or machine.moving:
             machine.latch(
                 ErrorCode.TARGET_LOST,
-                f"no targets for {self._watchdog.timeout:g} s while the tools are loaded or moving",
+                f"no targets for {self._stream.timeout:g} s while the tools are loaded or moving",
             )
         else:
-            self._following = False
+            self._stream.following = False
 
     def _protect(self, machine: SimulatedMachine) -> None:
         """Protective stop: tell the fault, then move the tools clear (in real time tick by tick)."""
         code, text = machine.faults[-1]
         self.report(IsfError(code, text, where="machine", advice="positions are held and contact is released"))
-        self._following = False
+        self._stream.following = False
         self._release = machine.release_steps()
         if self._outlet is not None:
             self._outlet.state(self._state_message(machine), self._stamp)
@@ -327,13 +327,13 @@ class MachineNode(CellNode[MachineParameters]):
         return sample if sample is not None else machine.hold()
 
     def _state_message(self, machine: SimulatedMachine) -> MachineState:
-        mode = MachineState.FOLLOWING if self._following else MachineState.IDLE
+        mode = MachineState.FOLLOWING if self._stream.following else MachineState.IDLE
         return state_message(
             machine,
             mode=MachineState.PROTECTIVE_STOP if machine.faulted else mode,
             tick=self._tick(),
             received=self._targets.received,
-            lost=self._lost,
+            lost=self._stream.lost,
             late=self._late_ticks(),
             lockstep=self._parameters.lockstep,
         )
@@ -364,12 +364,11 @@ class MachineNode(CellNode[MachineParameters]):
         if not self.needed().faulted:
             self._release = None
         self._targets.clear()
-        self._watchdog.clear()
+        self._stream.forget()
 
     def targets_not_served(self) -> None:
         """After a long answer: the stream of targets was not lost meanwhile."""
-        if self._watchdog.fed:
-            self._watchdog.feed()
+        self._stream.not_served()
 
     def start_in_real_time(self) -> None:
         """Tick by the wall clock again, if that is what the node does and nothing does it yet."""

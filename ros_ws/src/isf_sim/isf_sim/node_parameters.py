@@ -18,4 +18,7 @@ class MachineParameters:
     target_timeout: float = parameter(
         0.0, "s without targets before contact is released; 0: 2 lockstep, 0.25 real time"
     )
+    real_time_priority: int = parameter(
+        0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", least=0, most=98
+    )
     pose_decimation: int = parameter(0, "ticks per pose, clock and state message; 0: 50 messages per second")

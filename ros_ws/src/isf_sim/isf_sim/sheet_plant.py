@@ -20,7 +20,18 @@ from numpy.typing import NDArray
 from isf_sim import base_following
 from isf_sim.bulge import bulge_overlay
 from isf_sim.coarse_solution import carry_lines, carry_out, make_order
-from isf_sim.control_points import CAPACITY, DUE, HEIGHT, LEAD, OFF_TIES, UNDER_WAY, ControlPoints, no_control_points
+from isf_sim.control_points import (
+    CAPACITY,
+    DUE,
+    HEIGHT,
+    LEAD,
+    OFF_TIES,
+    UNDER_WAY,
+    ControlPoints,
+    add_point,
+    nearest_point,
+    no_control_points,
+)
 from isf_sim.kernel_bundle import PointParts
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.role import Role, first_role
@@ -279,37 +290,20 @@ class SheetPlant:
 
     def _start(self, tip: Array, axial: float) -> tuple[int, float]:
         """Number of the nearest earlier solution and its scale to the present force; negative when there is none."""
-        count = int(self.points.used[0])
-        if count == 0:
-            return -1, 0.0
-        away = (self.points.place[:count] - tip) * np.array([1.0, 1.0, 3.0])
-        square = (away**2).sum(axis=1)
-        nearest = int(np.argmin(square))
-        if square[nearest] > RELATED**2:
+        nearest, square = nearest_point(self.points, tip)
+        if nearest < 0 or square > RELATED**2:
             return -1, 0.0
         return nearest, math.sqrt(axial / self.points.force[nearest])
 
     def _keep(self, tip: Array, axial: float, state: Array, displacement: Array, compliance: float) -> None:
         """Add a control point; older ones close by, or far above or below, are dropped."""
-        points, constants = self.points, self.constants
-        count = int(points.used[0])
-        away = points.place[:count] - tip
-        keep = (away[:, 0] ** 2 + away[:, 1] ** 2 > (0.6 * constants.fresh_distance - OFF_TIES) ** 2) & (
-            np.abs(away[:, 2]) < 2.5 * constants.fresh_depth - OFF_TIES
-        )
-        chosen = np.flatnonzero(keep)[-(CAPACITY - 1) :]
-        for array in (points.place, points.displacement, points.force, points.exponent):
-            array[: len(chosen)] = array[chosen]
-        self._states = [self._states[k] for k in chosen] + [state]
-        n = len(chosen)
+        constants = self.constants
         below_grid = self._local_compliance(self.shell.cell_at(tip[0], tip[1])) - self.point_constants.local_compliance
-        displacement = displacement - np.array([0.0, 0.0, max(below_grid, 0.0) * axial])
-        sag = max(-displacement[2], 1e-9)
-        points.place[n] = tip
-        points.displacement[n] = displacement
-        points.force[n] = axial
-        points.exponent[n] = float(np.clip((compliance + max(below_grid, 0.0)) * axial / sag, 0.3, 1.0))
-        points.used[0] = n + 1
+        near = (0.6 * constants.fresh_distance - OFF_TIES) ** 2
+        tall = 2.5 * constants.fresh_depth - OFF_TIES
+        give, chosen = max(float(below_grid), 0.0), np.empty(CAPACITY, dtype=np.int64)
+        kept = add_point(self.points, tip, axial, displacement, compliance, give, near, tall, chosen)
+        self._states = [self._states[k] for k in chosen[:kept].tolist()] + [state]
 
     def _point_constants(
         self, radius: float, incremental_depth: float, compliance: tuple[float, float, float], world: World

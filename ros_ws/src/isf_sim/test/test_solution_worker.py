@@ -5,6 +5,9 @@ from __future__ import annotations
 import concurrent.futures
 import copy
 import dataclasses
+import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -189,6 +192,7 @@ def test_waiting_is_counted() -> None:
         return solution(1.0)
 
     worker.begin(slow)
+    worker.start()
     threading.Timer(0.02, released.set).start()
     found = worker.wait()
     assert found is not None
@@ -197,9 +201,66 @@ def test_waiting_is_counted() -> None:
     assert worker.longest > 0.0
     assert worker.wait() is None
     worker.begin(solution)
-    concurrent.futures.wait([worker._future] if worker._future else [])
+    worker.start()
+    assert worker._future is not None
+    concurrent.futures.wait([worker._future])
     assert worker.wait() is not None
     assert worker.late == 1
+
+
+def test_a_solution_starts_after_the_tick_that_begins_it() -> None:
+    """Nothing runs before :meth:`start`; what was never started is found when it is asked for."""
+    worker, begun = SolutionWorker(), threading.Event()
+    worker.ahead = True
+
+    def solve() -> Deflection:
+        begun.set()
+        return solution(3.0)
+
+    worker.begin(solve)
+    assert worker.waiting
+    assert worker._future is None
+    assert not begun.is_set()
+    found = worker.wait()
+    assert found is not None
+    assert found.state[0, 0] == 3.0
+    assert not worker.waiting
+
+
+def test_the_next_tick_starts_a_solution_that_nobody_started() -> None:
+    machine = SimulatedMachine(JobFile(JOB, Path()), constants=COARSE)
+    machine.plant.worker.ahead = True
+    machine.tare()
+    start, k = np.array([0.0, 0.0, 0.1]), 0
+    while not machine.plant.worker.waiting and k < 900:
+        k += 1
+        machine.tick(start + k / 900 * (np.array([20e-3, 0.0, -4e-3]) - start), -start)
+    assert machine.plant.worker.waiting
+    machine.hold()
+    assert not machine.plant.worker.waiting
+    machine.plant.settle()
+
+
+def test_the_thread_takes_the_priority_that_it_is_given() -> None:
+    """Not that of the thread which starts it; where the system does not permit one, it works as it is."""
+    worker = SolutionWorker()
+    worker.ahead = True
+    worker.priority = 1
+    seen = []
+
+    def solve() -> Deflection:
+        seen.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
+        return solution()
+
+    worker.begin(solve)
+    assert worker.wait() is not None
+    worker.priority = 0
+    worker.begin(solve)
+    assert worker.wait() is not None
+    ask = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
+    asked = subprocess.run([sys.executable, "-c", ask], capture_output=True, timeout=60, check=False)
+    assert seen == [(os.SCHED_FIFO, 1) if asked.returncode == 0 else (os.SCHED_OTHER, 0), (os.SCHED_OTHER, 0)]
+    assert worker.failed == 0
 
 
 def test_a_solution_that_fails_in_its_thread_is_found_by_the_caller_and_told() -> None:
