@@ -11,6 +11,7 @@ from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
 from numpy.typing import NDArray
 
+from isf_springback.floor_dome import plausible_dome
 from isf_springback.scan_processing import FormedShape, ScanExpectation, process_scan
 
 Array = NDArray[np.float64]
@@ -71,7 +72,8 @@ class ScanMemory:
                 self.shape = shape_over_die(points, self.target, clamp, contour)
             else:
                 level = float(contour.forming_tip[:, 2].min())
-                self.shape = process_scan(points, ScanExpectation(self.target, clamp, level))
+                dome = plausible_dome(self._job_file, contour, self.target)
+                self.shape = process_scan(points, ScanExpectation(self.target, clamp, level, dome=dome))
             self.index = index
             return self.shape
         except IsfError as error:

@@ -1,9 +1,13 @@
 """Scans of a cone with known springback, through what scanners do to them: noise, holes, tilt, shift, wrong units."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
+from isf_core.job import load_job
+from isf_springback.floor_dome import plausible_dome
 from isf_springback.scan_processing import ScanExpectation, process_scan, sections
 from isf_springback.scan_processing.formed_shape import regions
 from springback_parts import cone_contour
@@ -102,8 +106,10 @@ def test_scans_that_must_not_steer_tools_are_refused(change, code):
 
 
 @pytest.mark.parametrize("other", [{"square": True, "opening": 45e-3}, {"opening": 22e-3}, {"centre": (20e-3, 0.0)}])
-def test_a_scan_of_another_part_is_refused(other):
-    code = code_of(formed(**other).points())
+@pytest.mark.parametrize("dome", [0.0, 2.6e-3])
+def test_a_scan_of_another_part_is_refused(other, dome):
+    """Also with the dome that is plausible for an opening of 36 mm, 15 mm deep, in a clamp of 250 mm."""
+    code = code_of(formed(**other).points(), ScanExpectation(cone(), CLAMP, -15e-3, dome=dome))
     assert code in (ErrorCode.SCAN_OF_ANOTHER_PART, ErrorCode.SCAN_SHIFTED)
 
 
@@ -120,6 +126,50 @@ def test_a_sheet_that_sags_around_a_shallow_contour_is_believed():
     shallow = HeightMap(GRID, GRID, np.maximum(target.z, -3.5e-3) / 3.0 + dish)
     shape = process_scan(shallow.points(), ScanExpectation(target, CLAMP, -3.5e-3))
     assert np.nanmin(shape.surface.z) == pytest.approx(float(shallow.z.min()), abs=20e-6)
+
+
+WIDE = np.arange(-175, 176) * 1e-3
+
+
+def wide_cone(level):
+    """The rim of a cone of 304 mm, 25 deg, formed to ``level`` m."""
+    x, y = np.meshgrid(WIDE, WIDE)
+    return HeightMap(WIDE, WIDE, np.clip((np.hypot(x, y) - 152e-3) * np.tan(np.radians(25.0)), level, 0.0))
+
+
+def domed(level, height):
+    """Points of that part, sprung back to 0.6 of its depth, its floor up by ``height`` m in the middle."""
+    part = wide_cone(level)
+    x, y = np.meshgrid(WIDE, WIDE)
+    bowl = height * np.clip(1.0 - (np.hypot(x, y) / 145e-3) ** 2, 0.0, None)
+    return HeightMap(WIDE, WIDE, 0.6 * part.z + bowl).points()
+
+
+def wide(level, dome):
+    return ScanExpectation(wide_cone(-50e-3), (0.35, 0.35), level, dome=dome)
+
+
+def test_the_floor_of_a_wide_thin_sheet_that_stands_up_is_believed():
+    """13 mm at 4 mm of depth, as on the simulated cone of 610 mm in its clamp of 700 mm; here both half as wide."""
+    level = -4.1e-3
+    points = domed(level, 13e-3)
+    assert code_of(points, wide(level, 0.0)) == ErrorCode.SCAN_OF_ANOTHER_PART
+    shape = process_scan(points, wide(level, 14e-3))
+    assert np.nanmax(shape.surface.z) == pytest.approx(float(points[:, 2].max()), abs=50e-6)
+    assert code_of(points, wide(level, 6e-3)) == ErrorCode.SCAN_OF_ANOTHER_PART
+
+
+@pytest.mark.parametrize(("job", "low", "high"), [("praveen_cone_610", 10e-3, 16e-3), ("ren_cone", 0.0, 1.0e-3)])
+def test_what_dome_is_plausible_follows_from_the_opening(job, low, high):
+    """4 mm deep: a sheet of 0.8 mm 45 mm inside its edge turns, one far inside its clamp hardly does."""
+    root = Path(__file__).resolve().parents[4]
+    job_file = load_job(root / "examples" / "jobs" / f"{job}.yaml")
+    x = np.arange(-349, 350, 2) * 1e-3
+    away = np.hypot(*np.meshgrid(x, x))
+    opening = 305e-3 if job.startswith("praveen") else 36e-3
+    target = HeightMap(x, x, np.clip((away - opening) * np.tan(np.radians(25.0)), -20e-3, 0.0))
+    contour = cone_contour(7, angle=25.0 if job.startswith("praveen") else 50.0)
+    assert low < plausible_dome(job_file, contour, target) < high
 
 
 def test_an_unclamped_part_keeps_its_flange():

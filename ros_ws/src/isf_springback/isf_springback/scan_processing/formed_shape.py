@@ -56,12 +56,14 @@ class ScanExpectation:
     target : the finished part ; clamp : (m, m), free sheet between the clamps
     level : m, tip height of the last contour formed (negative below the sheet); the finished part: its lowest z
     clamped : the part is in the clamp; else the sheet beside the clamp may have moved, and is not used
+    dome : m, by which the middle of the unformed floor may stand over or under its edge beside springback
     """
 
     target: HeightMap
     clamp: tuple[float, float]
     level: float
     clamped: bool = True
+    dome: float = 0.0
 
     def shape(self) -> HeightMap:
         """Expected upper surface: the target, not deeper than the tool has been."""
@@ -128,7 +130,7 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
     if -expected.level > SMALLEST_DEPTH:
         shape = expected.shape()
         shift, deviation = registration.plan_shift(surface, shape)
-        _check_identity(surface, shape, opening, shift)
+        _check_identity(surface, shape, opening, shift, expected.dome)
     noise = plane.noise if plane is not None else 50e-6
     return FormedShape(surface, coverage, outliers, plane, shift, deviation, noise, tuple(remarks))
 
@@ -173,8 +175,24 @@ def _check_plane(plane: registration.FlangePlane) -> None:
         )
 
 
-def _check_identity(surface: HeightMap, shape: HeightMap, opening: Mask, shift: Array) -> None:
-    """Refuse a scan that is shifted, or whose shape is not the expected one up to scale and springback."""
+def _fit(base: Array, value: Array, place: Array, dome: float) -> tuple[float, float, float]:
+    """Height m and scale on ``base`` (K,) m that best give ``value`` (K,) m at ``place`` (K, 2) m, and the rms rest, m.
+
+    Besides, a paraboloid over the extent of the places of up to ``dome`` m is taken out, up or down.
+    """
+    matrix = np.column_stack([np.ones(len(base)), base])
+    left = value
+    if dome > 0.0:
+        low, high = place.min(axis=0), place.max(axis=0)
+        bowl = 1.0 - np.sum(((place - 0.5 * (low + high)) / (0.5 * (high - low))) ** 2, axis=1)
+        found, *_ = np.linalg.lstsq(np.column_stack([matrix, bowl]), value, rcond=None)
+        left = value - float(np.clip(found[2], -dome, dome)) * bowl
+    found, *_ = np.linalg.lstsq(matrix, left, rcond=None)
+    return float(found[0]), float(found[1]), float(np.sqrt(np.mean((left - matrix @ found) ** 2)))
+
+
+def _check_identity(surface: HeightMap, shape: HeightMap, opening: Mask, shift: Array, dome: float) -> None:
+    """Refuse a scan that is shifted, or whose shape is not the expected one up to scale, springback and ``dome`` m."""
     rows, columns = np.nonzero(opening)
     place = np.column_stack([shape.x[columns], shape.y[rows]])
     base = shape.z[opening]
@@ -184,10 +202,8 @@ def _check_identity(surface: HeightMap, shape: HeightMap, opening: Mask, shift: 
     misfit = float("inf")
     scale = height = 0.0
     if known.sum() > 50:
-        matrix = np.column_stack([np.ones(int(known.sum())), base[known]])
-        found, *_ = np.linalg.lstsq(matrix, value[known], rcond=None)
-        height, scale = float(found[0]), float(found[1])
-        misfit = float(np.sqrt(np.mean((value[known] - matrix @ found) ** 2))) / depth
+        height, scale, rest = _fit(base[known], value[known], place[known], dome)
+        misfit = rest / depth
     believable = HEIGHT_RANGE[0] < height < HEIGHT_RANGE[1] and -0.3 < scale < LARGEST_SCALE
     if misfit > max(LARGEST_MISFIT, LARGEST_SAG / depth) or not believable:
         raise IsfError(
