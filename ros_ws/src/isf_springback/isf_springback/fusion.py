@@ -159,7 +159,9 @@ class FusedCorrection:
         if contour.index - self._wall_begins < MADE_BY:
             # Still the edge of the opening: no push makes it better where it stands too high, as it always does a
             # little. Where it lies too deep the coming contours would press it deeper yet.
-            self._wall, _ = updated(known[0], np.where(surprise < 0.0, surprise, np.nan), noise)
+            surprise = np.where(surprise < 0.0, surprise, np.nan)
+            if np.isfinite(surprise).any():
+                self._wall, _ = updated(known[0], surprise, noise)
             return
         last = self._steps[-1]
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
