@@ -10,6 +10,10 @@ from pydantic import Field, model_validator
 from isf_core.model_base import FileModel
 from isf_core.quantity import Angle, Length
 
+MeshUnit = Literal["m", "cm", "mm", "in"]
+METRES: dict[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 25.4e-3}
+"""Length of the units that a mesh may have."""
+
 UNIT_IN_FILE = (".step", ".stp", ".iges", ".igs", ".3mf")
 """Formats that carry their unit."""
 
@@ -19,7 +23,7 @@ class PartSpec(FileModel):
 
     mesh: str
     """Path of the mesh file, relative to the job file."""
-    unit: Literal["m", "cm", "mm", "in"] | None = None
+    unit: MeshUnit | None = None
     """Unit of the mesh coordinates; never guessed. Only formats that carry their unit (STEP, IGES, 3MF) need none."""
     up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "+z"
     """Axis of the file that points up, out of the open side of the part."""

@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from isf_core.job_part import MeshUnit
 from isf_core.model_base import FileModel
 from isf_core.quantity import Length, Stress
 
@@ -78,4 +79,4 @@ class DieSpec(FileModel):
 
     mesh: str
     """Path of the mesh of the die's upper surface, relative to the job file."""
-    unit: Literal["m", "cm", "mm", "in"]
+    unit: MeshUnit

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.job_part import METRES
 from numpy.typing import NDArray
 
 from isf_planner import cad_input, mesh_kernels, stl_file
@@ -28,8 +29,6 @@ MESHES_WITH_UNIT = ("3mf",)
 
 KNOWN = (*FORMATS, *MESHES_WITH_UNIT, *cad_input.FORMATS)
 """Every format that is read."""
-
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 25.4e-3}
 
 UNITS_3MF = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 25.4e-3, "foot": 0.3048, "meter": 1.0}
 

@@ -6,9 +6,8 @@ Heights are those that the lower face of the sheet would touch, frame ``sheet``:
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+from isf_core.die_mesh import read_die
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_core.job_tooling import BackingPlateSpec
@@ -19,7 +18,6 @@ from isf_sim.surface import Surface
 
 Array = NDArray[np.float64]
 
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 25.4e-3}
 LARGEST_RISE = 1.0e-3
 """m, a die that stands higher above the lower face of the flat blank than this does not fit under it."""
 
@@ -46,19 +44,22 @@ def support_of(job_file: JobFile, surface: Surface, thickness: float) -> Array |
                 advice="choose a smaller opening, or leave the backing plate out",
             )
         heights.append(plate_heights(job.backing_plate, x, y) - thickness)
-    if job.die is not None:
-        path = (job_file.base / job.die.mesh).resolve()
-        die = die_heights(*_read_mesh(path, UNITS[job.die.unit]), x, y)
+    mesh = read_die(job_file)
+    if mesh is not None:
+        die = die_heights(mesh.vertices, mesh.faces, x, y)
         top = float(die.max())
         if not np.isfinite(top):
             raise IsfError(
-                ErrorCode.BLANK_DOES_NOT_FIT, "the die is not under the sheet", where=str(path), advice="frame sheet"
+                ErrorCode.BLANK_DOES_NOT_FIT,
+                "the die is not under the sheet",
+                where=str(mesh.path),
+                advice="give it in frame sheet, whose origin is the middle of the blank",
             )
         if top > LARGEST_RISE - thickness:
             raise IsfError(
                 ErrorCode.BLANK_DOES_NOT_FIT,
                 f"the die stands {1e3 * (top + thickness):.2f} mm above the lower face of the flat blank",
-                where=str(path),
+                where=str(mesh.path),
                 advice="give the die with the blank holder at its start: its top at or below z = -thickness",
             )
         heights.append(die)
@@ -87,23 +88,6 @@ def die_heights(vertices: Array, faces: NDArray[np.int64], x: Array, y: Array) -
     heights = np.full((len(y), len(x)), -np.inf)
     _raise_to(vertices, faces, float(x[0]), float(y[0]), float(x[1] - x[0]), heights)
     return heights
-
-
-def _read_mesh(path: Path, scale: float) -> tuple[Array, NDArray[np.int64]]:
-    if not path.is_file():
-        raise IsfError(
-            ErrorCode.FILE_NOT_FOUND, "no such die", where=str(path), advice="die.mesh is relative to the job file"
-        )
-    import trimesh  # late: jobs without a die need not pay
-
-    try:
-        mesh = trimesh.load(path, force="mesh")
-        vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    except Exception as error:  # trimesh raises whatever its loaders raise
-        raise IsfError(ErrorCode.MESH_UNREADABLE, f"cannot be read: {error}", where=str(path)) from error
-    if len(faces) == 0:
-        raise IsfError(ErrorCode.MESH_EMPTY, "has no triangles", where=str(path))
-    return scale * vertices, faces
 
 
 @kernel

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.die_mesh import read_die
 from isf_core.job import JobFile
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
@@ -21,8 +21,6 @@ from isf_springback.loop_path import LoopPath
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 25.4e-3}
 
 SPACING = 0.7e-3
 """m between the points by which the die is known: the distance of a ball of 5 mm from it is then right to 10 um."""
@@ -51,23 +49,14 @@ def die_room(job_file: JobFile) -> DieRoom | None:
 
     Raises
     ------
-    IsfError : FILE_NOT_FOUND, MESH_UNREADABLE
+    IsfError : FILE_NOT_FOUND, MESH_UNREADABLE, MESH_EMPTY
     """
-    die = job_file.job.die
-    if die is None:
+    mesh = read_die(job_file)
+    if mesh is None:
         return None
-    path = (job_file.base / die.mesh).resolve()
-    if not path.is_file():
-        raise IsfError(
-            ErrorCode.FILE_NOT_FOUND, "no such die", where=str(path), advice="die.mesh is relative to the job file"
-        )
     import trimesh  # late: jobs without a die need not pay
 
-    try:
-        mesh = trimesh.load(path, force="mesh")
-        points, _ = trimesh.remesh.subdivide_to_size(UNITS[die.unit] * mesh.vertices, mesh.faces, SPACING, max_iter=30)
-    except Exception as error:  # trimesh raises whatever its loaders raise
-        raise IsfError(ErrorCode.MESH_UNREADABLE, f"cannot be read: {error}", where=str(path)) from error
+    points, _ = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, SPACING, max_iter=30)
     return DieRoom(KDTree(np.unique(np.round(points, 7), axis=0)), job_file.job.tool_1.ball_radius)
 
 
