@@ -135,8 +135,8 @@ class ThreeCellReading:
         s = self.settings
         self._same = np.where((cells == self._last).all(axis=1), self._same + 1, 0)
         self._last = cells
-        finite = np.isfinite(cells).all(axis=1)
-        saturated = (np.abs(cells) >= 0.99 * s.range).any(axis=1)
+        finite = np.asarray(np.isfinite(cells).all(axis=1))
+        saturated = np.asarray((np.abs(cells) >= 0.99 * s.range).any(axis=1))
         for k in range(3):
             if not finite[k]:
                 self.lost.setdefault(k + 1, _no_number(k + 1))
