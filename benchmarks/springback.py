@@ -27,11 +27,13 @@ import isf_springback.elastic  # noqa: F401 - loaded before the processes start,
 import numpy as np
 from isf_analysis.deviation import compare
 from isf_cell import in_process
-from isf_cell.commands.springback import built
+from isf_cell.commands.springback import built, edge_of
+from isf_cell.flat_push import push_flat_sheet
 from isf_cell.options import RunOptions
 from isf_core.job import JobFile, load_job
 from isf_planner import plan
 from isf_springback.database import cached_path, database_of
+from isf_springback.database_build import build_database
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)")
@@ -46,6 +48,8 @@ PARTS: dict[str, Sequence[str]] = {
     "lu_tpif": ("none", "mpc_tpif"),
 }
 """Methods that are compared on each part unless others are named."""
+PUSHED = "+push"
+"""End of a method: the edge of the clamp is calibrated before the part, by one push on the flat sheet."""
 REGIONS = ("wall_and_base", "wall", "base", "rim")
 HEADER = (
     "| part | method | worlds | wall and base, max / mean | worst world | wall, max / mean | base, max / signed | "
@@ -57,7 +61,7 @@ BAND = 0.3e-3
 
 @dataclass(frozen=True)
 class Case:
-    """One run; ``method`` as in the table: fused with its model in brackets."""
+    """One run; ``method`` as in the table: fused with its model in brackets, and :data:`PUSHED`."""
 
     job: str
     method: str
@@ -67,14 +71,25 @@ class Case:
 def job_of(case: Case) -> tuple[JobFile, str]:
     """The job of a case, with scans where its method looks at the shape, and the name of the method."""
     job_file = load_job(ROOT / "examples" / "jobs" / f"{case.job}.yaml")
-    name, _, model = case.method.rstrip(")").partition("(")
+    name, _, model = case.method.removesuffix(PUSHED).rstrip(")").partition("(")
     looks = name == "fused" or name.startswith("mpc")
     change: dict[str, Any] = {"method": name, "scan_every": 1 if looks else 0, "scan_sensor": True}
     if model:
         change["fused"] = job_file.job.springback.fused.model_copy(update={"model": model})
+    if case.method.endswith(PUSHED):
+        edge = edge_of(job_file, push_flat_sheet(job_file, case.world)).edge
+        found = {"edge_slope": edge.slope, "edge_stiffness": None if edge.immovable else edge.in_plane}
+        change["elastic"] = job_file.job.springback.elastic.model_copy(update=found)
     springback = job_file.job.springback.model_copy(update=change)
     job_file.job = job_file.job.model_copy(update={"springback": springback})
     return job_file, name
+
+
+def with_database(job_file: JobFile) -> JobFile:
+    """``job_file``, its database computed in this process unless the cache holds it."""
+    if database_of(job_file) is None:
+        build_database(plan(job_file).contours, job_file, workers=0).save(cached_path(job_file))
+    return job_file
 
 
 def prepare(job: str) -> None:
@@ -87,6 +102,8 @@ def prepare(job: str) -> None:
 def run(case: Case) -> dict[str, Any]:
     """Numbers of one run, mm."""
     job_file, name = job_of(case)
+    if case.method.endswith(PUSHED):
+        with_database(job_file)
     record = in_process.form(job_file, RunOptions(correction=name, world=case.world, seed=0))
     row: dict[str, Any] = {**vars(case), "contours": len(record.results), "code": int(record.results[-1].code)}
     if record.scan is None or record.target is None:

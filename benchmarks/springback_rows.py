@@ -24,14 +24,14 @@ from isf_core.errors import IsfError
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
 from numpy.typing import NDArray
-from springback import Case, job_of
+from springback import PUSHED, Case, job_of, with_database
 
 Mask = NDArray[np.bool_]
 
 COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "isf_sim")
 """Packages whose sources name a row; of isf_cell and isf_analysis only what takes part."""
 
-ALSO = ("isf_cell.in_process", "isf_cell.options", "isf_analysis.deviation")
+ALSO = ("isf_cell.in_process", "isf_cell.flat_push", "isf_cell.options", "isf_analysis.deviation")
 
 BAND = 0.3
 """mm, band of which the share of points is told (Lu 2016, 4.4)."""
@@ -99,6 +99,8 @@ def run(case: Case, name: str, digest: str, maps: Path) -> dict[str, Any]:
     started, used = time.perf_counter(), time.process_time()
     try:
         job_file, method = job_of(case)
+        if case.method.endswith(PUSHED):
+            with_database(job_file)
         # the standard worlds are those of seed 0
         record = in_process.form(job_file, RunOptions(correction=method, world=case.world, seed=0))
     except IsfError as error:

@@ -18,6 +18,8 @@ Job = Annotated[Path, typer.Argument(help="job file (YAML)", metavar="JOB", show
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/NAME-TIME]", metavar="DIR")
 ]
+World = Annotated[int, typer.Option(help="simulated plant: 0 nominal, others off-nominal", min=0, max=LARGEST_NUMBER)]
+Seed = Annotated[int, typer.Option(help="seed of sensor noise and of the off-nominal world", min=0, max=LARGEST_NUMBER)]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object on stdout")]
 
 
@@ -66,26 +68,30 @@ def database(
 @app.command()
 def calibrate(
     job: Job,
-    curve: Annotated[Path, typer.Argument(help="CSV with force_N and displacement_mm of a push on the flat sheet")],
+    curve: Annotated[
+        Path | None,
+        typer.Argument(
+            help="CSV with force_N and displacement_mm of a push on the flat sheet; left out: the simulated machine",
+            show_default=False,
+        ),
+    ] = None,
     place: Annotated[tuple[float, float], typer.Option("--at", help="x and y of the push in mm")] = (0.0, 0.0),
+    world: World = 0,
+    seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Edge condition of the clamp from one push on the flat sheet."""
     from isf_cell.commands.springback import calibrate_clamp
 
-    calibrate_clamp(job, curve, place, as_json=json)
+    calibrate_clamp(job, curve, place, world, seed, as_json=json)
 
 
 @app.command()
 def compare(
     job: Job,
     methods: Annotated[str, typer.Option(help="names, separated by commas")] = "none,analytic,elastic",
-    world: Annotated[
-        int, typer.Option(help="simulated plant: 0 nominal, others off-nominal", min=0, max=LARGEST_NUMBER)
-    ] = 0,
-    seed: Annotated[
-        int, typer.Option(help="seed of sensor noise and of the off-nominal world", min=0, max=LARGEST_NUMBER)
-    ] = 0,
+    world: World = 0,
+    seed: Seed = 0,
     output: Output = None,
     json: Json = False,
 ) -> None:

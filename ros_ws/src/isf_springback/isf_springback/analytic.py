@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
+from isf_core.contour import Contour, ContourCorrection, ContourResult, Process, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.forming_force import aerens_axial_force, contact_patch
 from isf_core.job import JobFile
@@ -146,7 +146,7 @@ class AnalyticCorrection:
                 ErrorCode.CORRECTION_LIMITED,
                 f"{1e3 * float(requested.max()):.1f} mm asked for, the largest correction is "
                 f"{1e3 * limits.magnitude:.1f} mm",
-                where=f"contour {contour.index}",
+                where=contour_label(contour.index),
                 advice="check the measured force, the clamp size and the sheet thickness of the job",
             )
         return _correction(self.name, contour, limited.value, limited.saturated, prediction, fault, started)
@@ -157,15 +157,15 @@ class AnalyticCorrection:
         if pending is None or (pending.plan_id, pending.index) != (result.plan_id, result.index):
             self._fault = IsfError(
                 ErrorCode.CONTOUR_OUT_OF_ORDER,
-                f"a result of contour {result.index} came, that of contour "
-                f"{'-' if pending is None else pending.index} is next",
+                f"a result of {contour_label(result.index)} came, that of "
+                f"{'none' if pending is None else contour_label(pending.index)} is next",
                 where=f"plan {result.plan_id}",
                 advice="results must come once and in order; the last good correction is kept",
             )
             return
         try:
             if not result.completed:
-                raise IsfError(ErrorCode.NO_FORCE_HISTORY, "was not completed", where=f"contour {result.index}")
+                raise IsfError(ErrorCode.NO_FORCE_HISTORY, "was not completed", where=contour_label(result.index))
             load = axial_sheet_load(contour, result)
         except IsfError as error:
             self._fault = error
@@ -182,13 +182,13 @@ class AnalyticCorrection:
         """Scale the law by what the tool lift after contour ``index`` told; a useless one is told by a remark."""
         contour = self._contour
         if reading is None or contour is None or contour.index != index:
-            self._lift_remark = f"the tool lift after contour {index} told nothing; the model stays as it was"
+            self._lift_remark = f"the tool lift after {contour_label(index)} told nothing; the model stays as it was"
             return
         point = int(nearest_points(reading.place[None, :2], contour.forming_tip[:, :2])[0])
         try:
             law = self._law_at(contour, point, reading.force)
         except IsfError as error:
-            self._lift_remark = f"the tool lift after contour {index} is not used: {error.message}"
+            self._lift_remark = f"the tool lift after {contour_label(index)} is not used: {error.message}"
             return
         self._scale.take(contour.contact[point], reading, law)
         self._lift_remark = self._scale.remark()
@@ -279,8 +279,8 @@ class AnalyticCorrection:
         if contour.index != self._first_index or (contour.feature == contour.stage == 0 and contour.index > 0):
             raise IsfError(
                 ErrorCode.NO_FORCE_HISTORY,
-                f"no measured force of contour {contour.index - 1}",
-                where=f"contour {contour.index}",
+                f"no measured force of {contour_label(contour.index - 1)}",
+                where=contour_label(contour.index),
                 advice="the last good correction is kept; check that force control publishes contour/result",
             )
         choice = self._options.first_contour

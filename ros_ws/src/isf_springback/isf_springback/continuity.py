@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from numpy.typing import NDArray
@@ -91,7 +91,7 @@ class Continuity:
             return None
         return IsfError(
             ErrorCode.CONTOUR_OUT_OF_ORDER,
-            f"contour {contour.index} came after contour {pending.index}",
+            f"{contour_label(contour.index)} came after {contour_label(pending.index)}",
             where=f"plan {contour.plan_id}",
             advice="contours must come in the order of the plan; the last good correction is kept",
         )

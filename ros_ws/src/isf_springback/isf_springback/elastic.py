@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from numpy.typing import NDArray
@@ -112,7 +112,7 @@ class ElasticCorrection(AnalyticCorrection):
                 kept = replace(loop, points=loop.points[served])
                 self._across.take(across_level(self._seen, kept, points, row, self._job_file))
         except IsfError as error:
-            remarks += (f"contour {contour.index}: not corrected across the wall: {error.message}",)
+            remarks += (f"{contour_label(contour.index)}: not corrected across the wall: {error.message}",)
         offset = correction.offset.copy()
         offset[:, :2], limited = self._across.offset(contour)
         spent = correction.solve_time + time.perf_counter() - started
@@ -191,7 +191,7 @@ class ElasticCorrection(AnalyticCorrection):
         remarks = ((self._remark,) if self._remark else ()) + self._lift_remarks()
         if float(force.max()) > BEYOND_SAMPLES * laws.largest:
             remarks += (
-                f"contour {contour.index}: force {float(force.max()):.0f} N is beyond the computed loads "
+                f"{contour_label(contour.index)}: force {float(force.max()):.0f} N is beyond the computed loads "
                 f"(up to {laws.largest:.0f} N); raise springback.elastic.largest_load",
             )
         return Prediction(contour.contact[place], springback, force, along, spread, remarks)
@@ -238,7 +238,7 @@ class ElasticCorrection(AnalyticCorrection):
             raise IsfError(
                 ErrorCode.DATABASE_UNUSABLE,
                 f"no control points for feature {contour.feature}",
-                where=f"contour {contour.index}",
+                where=contour_label(contour.index),
                 advice="make the database again with: isf springback database JOB",
             )
         before = [laws for laws in own if laws.index <= contour.index]

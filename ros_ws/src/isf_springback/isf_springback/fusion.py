@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
@@ -47,6 +47,9 @@ DEEPER = 0.2e-3
 """m of more push than on the contour before, beyond which a contour wipes out the traces of that one."""
 MADE_BY = 4
 """Contours that make the wall at one place: the ball touches it again and again."""
+EDGE_CONTOURS = 2
+"""Contours whose scans show the edge of the opening alone where a backing plate holds it; else :data:`MADE_BY`, since a
+free edge bends down with each of them."""
 RESTLESS = 40.0
 """Contours of drift after a scan that surprised everywhere (assumed): a surprise that comes again is a change of the
 process, and is then followed within two scans."""
@@ -156,7 +159,8 @@ class FusedCorrection:
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         known = self._fields(reading.place)
         surprise = reading.wall - expected_error(self._steps, reading.place)
-        if contour.index - self._wall_begins < MADE_BY:
+        held = self._job_file.job.backing_plate is not None
+        if contour.index - self._wall_begins < (EDGE_CONTOURS if held else MADE_BY):
             # Still the edge of the opening: no push makes it better where it stands too high, as it always does a
             # little. Where it lies too deep the coming contours would press it deeper yet.
             surprise = np.where(surprise < 0.0, surprise, np.nan)
@@ -221,7 +225,7 @@ class FusedCorrection:
                 ErrorCode.CORRECTION_LIMITED,
                 f"{1e3 * float(np.abs(wanted).max()):.1f} mm asked for, the largest correction is "
                 f"{1e3 * MAGNITUDE:.1f} mm",
-                where=f"contour {contour.index}",
+                where=contour_label(contour.index),
                 advice="check the measured force, the clamp size and the sheet thickness of the job",
             )
         correction = ContourCorrection(

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 
@@ -148,13 +148,13 @@ def apply(contour: Contour, correction: ContourCorrection) -> Contour:
     if (correction.plan_id, correction.index) != (contour.plan_id, contour.index):
         raise IsfError(
             ErrorCode.CONTOUR_OUT_OF_ORDER,
-            f"the correction belongs to contour {correction.index} of plan {correction.plan_id}",
-            where=f"contour {contour.index} of plan {contour.plan_id}",
+            f"the correction belongs to {contour_label(correction.index)} of plan {correction.plan_id}",
+            where=f"{contour_label(contour.index)} of plan {contour.plan_id}",
         )
     if correction.offset.shape != (len(contour), 3) or not np.isfinite(correction.offset).all():
         raise IsfError(
             ErrorCode.CORRECTION_FAILED,
             f"the offset of shape {correction.offset.shape} is not {len(contour)} finite points",
-            where=f"contour {contour.index}",
+            where=contour_label(contour.index),
         )
     return contour.shifted(correction.offset)

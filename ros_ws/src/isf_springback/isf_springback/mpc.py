@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
@@ -95,7 +95,7 @@ class ModelPredictiveCorrection:
         self._fault = None
         self._step_force.take(contour, result)
         if not result.completed:
-            self._fault = IsfError(ErrorCode.CORRECTION_FAILED, "was not completed", where=f"contour {result.index}")
+            self._fault = IsfError(ErrorCode.CORRECTION_FAILED, "was not completed", where=contour_label(result.index))
 
     def follow(self, contour: Contour, correction: ContourCorrection) -> None:
         """Take note that another method corrected ``contour``."""
@@ -143,7 +143,7 @@ class ModelPredictiveCorrection:
             fault = IsfError(
                 ErrorCode.CORRECTION_LIMITED,
                 f"more than {1e3 * options.largest_offset:.1f} mm were asked for",
-                where=f"contour {contour.index}",
+                where=contour_label(contour.index),
                 advice="check clamp, sheet and registration of the scanner",
             )
         if move is not None and move.bounded:
@@ -191,7 +191,7 @@ class ModelPredictiveCorrection:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,
                 "scans from above steer the upper tool only",
-                where=f"contour {contour.index}",
+                where=contour_label(contour.index),
                 advice="use the method analytic for features formed from below",
             )
         options, formed = self._options, base.contour
@@ -227,7 +227,7 @@ class ModelPredictiveCorrection:
             raise IsfError(
                 ErrorCode.SCAN_INCOMPLETE,
                 "the scan does not show the bottom in any reference direction",
-                where=f"contour {contour.index}",
+                where=contour_label(contour.index),
                 advice="add springback.mpc.reference_angles where the scanner sees the part",
             )
         common = inputs[: len(references)][np.isfinite(error[: len(references)])].mean(axis=0)

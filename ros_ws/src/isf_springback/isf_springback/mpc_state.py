@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ class PolarContour:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,
                 "the contour cannot be described by one radius per direction",
-                where=f"contour {contour.index}",
+                where=contour_label(contour.index),
                 advice="use the method fused, which follows the contour itself",
             )
         return PolarContour(middle, angle, radius, offset / radius[:, None])

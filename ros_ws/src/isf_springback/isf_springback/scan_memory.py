@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from isf_core.contour import Contour, Process
+from isf_core.contour import Contour, Process, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
@@ -50,14 +50,14 @@ class ScanMemory:
                 raise IsfError(
                     ErrorCode.CORRECTION_FAILED,
                     "the target shape is not known",
-                    where=f"scan after contour {index}",
+                    where=f"scan after {contour_label(index)}",
                     advice="the planner publishes part/target; without it the last good correction is kept",
                 )
             if contour is None or contour.index != index:
                 raise IsfError(
                     ErrorCode.CONTOUR_OUT_OF_ORDER,
-                    f"a scan after contour {index} came, "
-                    f"contour {'-' if contour is None else contour.index} was formed last",
+                    f"a scan after {contour_label(index)} came, "
+                    f"{'no contour' if contour is None else contour_label(contour.index)} was formed last",
                     where="scan",
                 )
             clamp = self._job_file.rig.clamp.size
@@ -65,7 +65,7 @@ class ScanMemory:
                 raise IsfError(
                     ErrorCode.CORRECTION_FAILED,
                     "over a die the method does not know where shape and target lie to each other",
-                    where=f"scan after contour {index}",
+                    where=f"scan after {contour_label(index)}",
                     advice="use the method mpc_tpif",
                 )
             if contour.process is Process.TPIF:

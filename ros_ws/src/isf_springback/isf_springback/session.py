@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
@@ -161,7 +161,7 @@ class CorrectionSession:
                 raise IsfError(
                     ErrorCode.CORRECTION_FAILED,
                     f"no job of plan {contour.plan_id} within {self._timeout:g} s",
-                    where=f"contour {contour.index}",
+                    where=contour_label(contour.index),
                     advice="the executive publishes part/info before the first contour; or set the parameter 'job'",
                 )
             method = self._method_for(contour)
@@ -269,7 +269,7 @@ class CorrectionSession:
 
 def _with(correction: ContourCorrection, code: ErrorCode, what: str, advice: str) -> ContourCorrection:
     """``correction`` with the code and text of what was missing."""
-    error = IsfError(code, what, where=f"contour {correction.index}", advice=advice)
+    error = IsfError(code, what, where=contour_label(correction.index), advice=advice)
     return replace(correction, code=int(error.code), message=error.message)
 
 

@@ -11,7 +11,7 @@ Forces are those of the sheet on the tool, N, axes of frame ``sheet``.
 from __future__ import annotations
 
 import numpy as np
-from isf_core.contour import Contour, ContourResult
+from isf_core.contour import Contour, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
@@ -34,7 +34,7 @@ def axial_sheet_load(contour: Contour, result: ContourResult) -> Array:
     IsfError : NO_FORCE_HISTORY (the result has no forces or belongs to another path),
         CORRECTION_FAILED (forces that are not finite)
     """
-    where = f"contour {contour.index}"
+    where = contour_label(contour.index)
     forming = np.asarray(result.forming_force, dtype=float)
     if forming.shape != (len(contour), 3):
         raise IsfError(

@@ -35,7 +35,7 @@ def test_not_finite_forces_are_named():
     contour = cone_contour(3)
     result = result_of(contour, 400.0)
     result.forming_force[7, 2] = np.nan
-    with pytest.raises(IsfError, match="contour 3 point 7") as caught:
+    with pytest.raises(IsfError, match="contour 4 point 7") as caught:
         axial_sheet_load(contour, result)
     assert caught.value.code == ErrorCode.CORRECTION_FAILED
 

@@ -14,11 +14,12 @@ from isf_planner import plan
 from isf_springback.control_points import ControlLoop
 from isf_springback.database import Database, cached_path
 from isf_springback.database_build import build_database, control_loops_of
-from isf_springback.edge_calibration import calibrate_edge, read_push_curve
+from isf_springback.edge_calibration import EdgeCalibration, PushCurve, calibrate_edge, read_push_curve
 from isf_springback.elastic_samples import depth_task, edge_condition, load_levels, solve_depth
 from rich.progress import Progress
 
 from isf_cell import terminal
+from isf_cell.flat_push import push_flat_sheet
 from isf_cell.run_folder import make_run_folder
 from isf_cell.springback_figures import draw_control_points
 
@@ -158,18 +159,33 @@ def built(
         )
 
 
-def calibrate_clamp(job: Path, curve: Path, place_mm: tuple[float, float], *, as_json: bool) -> None:
-    """Edge condition from a push; raises IsfError for curves that say nothing."""
-    job_file = load_job(job)
-    push = read_push_curve(curve, (1e-3 * place_mm[0], 1e-3 * place_mm[1]))
+def edge_of(job_file: JobFile, push: PushCurve) -> EdgeCalibration:
+    """Edge condition that explains ``push`` with clamp, thickness and material of a job; raises as the shell does."""
     material = job_file.material
-    found = calibrate_edge(
+    return calibrate_edge(
         push,
         job_file.rig.clamp.size,
         job_file.job.sheet.thickness,
         material.young_modulus,
         material.poisson_ratio,
     )
+
+
+def calibrate_clamp(
+    job: Path, curve: Path | None, place_mm: tuple[float, float], world: int, seed: int, *, as_json: bool
+) -> None:
+    """Edge condition from a push; without a ``curve`` the simulated machine is pushed.
+
+    Raises IsfError for curves that say nothing.
+    """
+    job_file = load_job(job)
+    place = (1e-3 * place_mm[0], 1e-3 * place_mm[1])
+    if curve is None:
+        with terminal.console.status("pushing the flat sheet of the simulated machine"):
+            push = push_flat_sheet(job_file, world, seed, place=place)
+    else:
+        push = read_push_curve(curve, place)
+    found = edge_of(job_file, push)
     spring = 1e-6 * found.edge.in_plane
     lines = [f"edge_slope: {found.edge.slope}"]
     lines += [] if found.edge.immovable else [f"edge_stiffness: {spring:.4g} MPa"]

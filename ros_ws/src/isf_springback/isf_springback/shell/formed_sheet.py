@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
@@ -114,7 +114,7 @@ def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float]) -
         raise IsfError(
             ErrorCode.SHEET_MESH_FAILED,
             f"the contours reach within {-1e3 * float(over.max()):.1f} mm of the clamped edge",
-            where=f"contour {contours[-1].index}",
+            where=contour_label(contours[-1].index),
             advice="check the clamp size of the rig and the unit of the part",
         )
     return FormedSheet(tuple(rims), tuple(floors), places, half)
