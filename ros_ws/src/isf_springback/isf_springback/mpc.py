@@ -31,6 +31,7 @@ from isf_springback.offset_memory import OffsetMemory, horizontal_limits, limit_
 from isf_springback.scan_memory import ScanMemory, contour_over_die, target_over_die
 from isf_springback.scan_processing.sections import contact_reach
 from isf_springback.sheet_load import push_sign
+from isf_springback.step_bounds import largest_rise
 from isf_springback.step_force import StepForce, depth_of, step_remark
 
 Array = NDArray[np.float64]
@@ -169,7 +170,8 @@ class ModelPredictiveCorrection:
         """(N,) m, as much of ``push`` (N,) m as step and force allow after the push ``before`` (N,) m."""
         planned = self._job_file.job.path.incremental_depth
         room = self._step_force.deepest(contour) - depth_of(contour) - float(before.mean())
-        most = np.minimum(np.maximum(before, 0.0) + (self._options.largest_step - 1.0) * planned, before + room)
+        rise = largest_rise(self._job_file, self._step_force.share, self._options.largest_step)
+        most = np.minimum(np.maximum(before, 0.0) + rise, before + room)
         borne = np.minimum(np.minimum(push, self._options.largest_offset), most)
         if (before + room < push).any():
             remarks.append(step_remark(planned + room, planned, -float(borne.mean())))

@@ -30,6 +30,10 @@ WANTED_SHARE = 0.96
 """Largest force that a step is planned for, as a share of the limit (assumed): of a load cell with 1 % noise the
 largest of 30,000 ticks lies 4 % over the mean, the largest of the 400 points of a contour 3 %."""
 
+PLANNED_SHARE = 0.985
+"""The same for a step that is no larger than planned (assumed): to make it smaller leaves the part too high, so that
+the plan may come nearer to the limit than a correction."""
+
 SMALLEST_STEP = 0.2
 """Planned steps that a contour goes deeper at least, whatever the force (assumed): the tool keeps forming."""
 
@@ -83,8 +87,16 @@ class StepForce:
         of = (contour.plan_id, contour.feature, contour.stage, contour.forming_tool)
         if not self._steps or of != self._of:
             return float("inf")
-        step = max(largest_step(self._steps), SMALLEST_STEP * self._job_file.job.path.incremental_depth)
-        return self._steps[-1].depth + step
+        planned = self._job_file.job.path.incremental_depth
+        step = largest_step(self._steps)
+        if step < planned:
+            step = min(planned, largest_step(self._steps, PLANNED_SHARE))
+        return self._steps[-1].depth + max(step, SMALLEST_STEP * planned)
+
+    @property
+    def share(self) -> float:
+        """Largest force of the contour formed last as a share of its limit; 0 where nothing was measured."""
+        return self._steps[-1].share if self._steps else 0.0
 
 
 def depth_of(contour: Contour) -> float:
@@ -92,8 +104,8 @@ def depth_of(contour: Contour) -> float:
     return push_sign(contour) * (float(np.mean(contour.forming_tip[:, 2])) + contour.holder_height)
 
 
-def largest_step(steps: list[FormedStep]) -> float:
-    """m, after the formed ``steps`` (the last one or two count), for :data:`WANTED_SHARE` of the limit."""
+def largest_step(steps: list[FormedStep], wanted: float = WANTED_SHARE) -> float:
+    """m, after the formed ``steps`` (the last one or two count), for ``wanted`` share of the limit."""
     last = steps[-1]
     growth = 1.0
     if len(steps) > 1:
@@ -102,7 +114,7 @@ def largest_step(steps: list[FormedStep]) -> float:
         # the force of the contour before, had it gone as deep; the forecast is the published 1.5 F(i-1) - 0.5 F(i-2)
         alike = before.mean * min(ratio**exponent for exponent in (SMALLEST_EXPONENT, LARGEST_EXPONENT))
         growth = max(1.0, 1.5 - 0.5 * alike / max(last.mean, 1e-9))
-    room = WANTED_SHARE / (last.share * growth)
+    room = wanted / (last.share * growth)
     return float(last.step * room ** (1.0 / (LARGEST_EXPONENT if room >= 1.0 else SMALLEST_EXPONENT)))
 
 

@@ -61,14 +61,14 @@ def form(level, exponent, wanted=3e-3):
     return np.array(shares), corrections
 
 
-@pytest.mark.parametrize(("level", "exponent"), [(0.9, 0.18), (0.9, 0.5), (1.12, 0.18)])
+@pytest.mark.parametrize(("level", "exponent"), [(0.75, 0.18), (0.9, 0.5), (1.12, 0.18)])
 def test_no_force_stops_the_part_whatever_its_exponent(level, exponent):
     """At 1.12 the plan itself is more than the machine bears: the part goes on with the step it bears, and says so."""
     shares, corrections = form(level, exponent)
     assert shares.max() < 1.0
     told = [text for c in corrections for text in c.remarks if "are planned" in text]
     assert told or level < 1.0
-    if level <= 0.9 and exponent < 0.3:  # the correction still comes up
+    if level < 0.9:  # the correction still comes up
         assert corrections[-1].offset[:, 2].mean() < -0.8e-3
 
 
