@@ -13,7 +13,7 @@ from isf_analysis import style
 from isf_analysis.figures_shape import deviation_pair, map_limit
 
 COMMAND = "./isf python benchmarks/springback_table.py --worlds 0,1-20 --jobs 2 --page"
-MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)")
+MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)", "fused(elastic)+push")
 SHAPES = ("none", "mpc_vertical", "mpc_two_directional", "fused(analytic)")
 LARGE = ("none", "analytic", "fused(analytic)")
 
@@ -210,7 +210,8 @@ Written by `{COMMAND}`. {told}
 Simulated machine, formed in one process; vertical errors in the clamp, formed minus target, mm. World 0 is nominal; in
 the others sheet, machine and load cells are off by up to 20 %, which the controllers do not know. Methods that look at
 the shape see a scan with noise, holes and registration after every contour. First contours go by the predicted force
-(`springback.first_contour`); the plant is that of the sources named above.
+(`springback.first_contour`); the plant is that of the sources named above. With `+push` the edge of the clamp was
+calibrated before the part, by one push on the flat sheet in that world (`isf springback calibrate`).
 
 ## Published
 
