@@ -34,8 +34,16 @@ def push_flat_sheet(
 
     Raises
     ------
-    IsfError : MACHINE_FAULTED; PUSH_CURVE_UNUSABLE, the force is not reached
+    IsfError : MACHINE_FAULTED; PUSH_CURVE_UNUSABLE, the force is not reached; FILE_FIELD, the sheet lies on something
     """
+    held = [name for name in ("backing_plate", "die") if getattr(job_file.job, name) is not None]
+    if held:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "the sheet does not hang in its clamp alone, so that a push says nothing of the clamp",
+            where=held[0],
+            advice="push a sheet without it: a copy of the job that leaves it out",
+        )
     machine = SimulatedMachine(job_file, world=world, seed=seed)
     start = machine.sample()
     step = FEED / machine.control_rate
@@ -46,6 +54,7 @@ def push_flat_sheet(
         for point in np.linspace(tip, goal, count + 1)[1:]:
             machine.tick(point, parked)
         tip = goal
+    _stop_if_faulted(machine)
     machine.tare()
     readings = [(0.0, 0.0)]
     compliance = float(job_file.rig.tool_1.compliance[2])
@@ -56,9 +65,7 @@ def push_flat_sheet(
         sample = machine.tick(tip, parked)
         load = float(sample.wrench_1[2])
         readings.append((load, -float(sample.tip_1[2]) - compliance * load))
-    if machine.faults:
-        code, text = machine.faults[0]
-        raise IsfError(ErrorCode.MACHINE_FAULTED, f"the push was stopped: {code.name}, {text}", where="flat sheet")
+    _stop_if_faulted(machine)
     reached = np.array(readings[1:])
     if reached[:, 0].max() < force:
         raise IsfError(
@@ -69,6 +76,12 @@ def push_flat_sheet(
         )
     curve = _averaged(reached, force)
     return PushCurve(curve[:, 0], curve[:, 1], place)
+
+
+def _stop_if_faulted(machine: SimulatedMachine) -> None:
+    if machine.faults:
+        code, text = machine.faults[0]
+        raise IsfError(ErrorCode.MACHINE_FAULTED, f"the push was stopped: {code.name}, {text}", where="flat sheet")
 
 
 def _averaged(readings: NDArray[np.float64], force: float) -> NDArray[np.float64]:
