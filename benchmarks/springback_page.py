@@ -206,7 +206,8 @@ def write(rows: Sequence[dict[str, Any]], digest: str, maps: Path, folder: Path)
     )
     text = f"""# Springback: parts, methods, worlds
 
-Written by `{COMMAND}`. {told}
+Written by `{COMMAND}`.
+{told}
 Simulated machine, formed in one process; vertical errors in the clamp, formed minus target, mm. World 0 is nominal; in
 the others sheet, machine and load cells are off by up to 20 %, which the controllers do not know. Methods that look at
 the shape see a scan with noise, holes and registration after every contour. First contours go by the predicted force
