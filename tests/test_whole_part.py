@@ -125,7 +125,7 @@ def test_ctrl_c_cancels_the_part_and_keeps_what_was_formed(tmp_path: Path) -> No
         assert time.monotonic() < deadline
     os.kill(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=120)
-    assert process.returncode == Exit.CANCELLED, err
+    assert process.returncode == Exit.CANCELLED, out + err
     data = json.loads(out)
     assert data["error"]["name"] == "CANCELLED"
     assert 2 <= data["contours"] < read_bag(output / "bag").planned
@@ -162,6 +162,11 @@ def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:
 def test_a_second_cell_in_the_same_domain_is_refused(tmp_path: Path) -> None:
     with ProcessGroup(tmp_path / "first") as group:
         group.start("isf_cell", "executive", {})
+        client = graph_run.CellClient()
+        try:
+            client.wait_ready(group)  # else the second one may be up before the first
+        finally:
+            client.close()
         with pytest.raises(IsfError, match="another cell is running") as caught:
             graph_run.form(load_job(JOB), RunOptions(), tmp_path / "second", quiet)
     assert caught.value.code == ErrorCode.BUSY

@@ -172,7 +172,7 @@ def edge_of(job_file: JobFile, push: PushCurve) -> EdgeCalibration:
 
 
 def calibrate_clamp(
-    job: Path, curve: Path | None, place_mm: tuple[float, float], world: int, seed: int, *, as_json: bool
+    job: Path, curve: Path | None, place_mm: tuple[float, float], world: int = 0, seed: int = 0, *, as_json: bool
 ) -> None:
     """Edge condition from a push; without a ``curve`` the simulated machine is pushed.
 
