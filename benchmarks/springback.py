@@ -85,11 +85,10 @@ def job_of(case: Case) -> tuple[JobFile, str]:
     return job_file, name
 
 
-def with_database(job_file: JobFile) -> JobFile:
-    """``job_file``, its database computed in this process unless the cache holds it."""
+def with_database(job_file: JobFile) -> None:
+    """Compute the database of a job in this process, silently, unless the cache holds it: runs stand side by side."""
     if database_of(job_file) is None:
         build_database(plan(job_file).contours, job_file, workers=0).save(cached_path(job_file))
-    return job_file
 
 
 def prepare(job: str) -> None:
