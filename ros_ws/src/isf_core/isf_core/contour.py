@@ -198,7 +198,7 @@ class ContourResult:
     plan_id, index : the contour
     start, end : s, time of the first and last tick (simulation or wall clock)
     completed : every point was reached
-    code, message : ErrorCode value (0 = ok) and its text when not completed
+    code, message : ErrorCode value (0 = ok) and its text: why not completed, or of a completed contour a warning
     forming_force, support_force : (N, 3) N, force of the sheet on each tool at the points
     forming_target, support_target : (N, 3) m, streamed tips at the points, all offsets included
     forming_measured, support_measured : (N, 3) m from the machine's pose topics, (0, 3) when not published
