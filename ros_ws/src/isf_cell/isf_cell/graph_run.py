@@ -22,11 +22,12 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from isf_cell.held_interrupt import ctrl_c_held_back
 from isf_cell.options import RunOptions
 from isf_cell.process_group import ProcessGroup
 
-START_TIMEOUT = 60.0
-"""s for all nodes to come up; the first start after a build compiles kernels."""
+START_TIMEOUT = 180.0
+"""s for all nodes to come up; the first start after a build compiles kernels, and a busy computer takes a minute."""
 
 Feedback = Callable[[FormPart.Feedback], None]
 
@@ -133,10 +134,12 @@ class CellClient:
 
     def _spin_until(self, condition: Callable[[], bool], timeout: float | None) -> bool:
         deadline = None if timeout is None else time.monotonic() + timeout
-        while not condition():
-            if deadline is not None and time.monotonic() > deadline:
-                return False
-            self._executor.spin_once(timeout_sec=0.1)
+        with ctrl_c_held_back() as let_ctrl_c_through:
+            while not condition():
+                if deadline is not None and time.monotonic() > deadline:
+                    return False
+                let_ctrl_c_through()
+                self._executor.spin_once(timeout_sec=0.1)
         return True
 
     def _refuse_foreign_cell(self, own: set[str]) -> None:

@@ -19,6 +19,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from isf_cell.held_interrupt import ctrl_c_held_back
+
 START, LIFTED = 10.0, 60.0
 """s: the action must be there; the tools are lifted after a cancel."""
 
@@ -36,8 +38,10 @@ def identify_in_cell(settings: IdentifySettings, progress: Callable[[str, float]
 
     def wait(condition: Callable[[], bool], timeout: float) -> bool:
         deadline = time.monotonic() + timeout
-        while not condition() and time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=0.1)
+        with ctrl_c_held_back() as let_ctrl_c_through:
+            while not condition() and time.monotonic() < deadline:
+                let_ctrl_c_through()
+                executor.spin_once(timeout_sec=0.1)
         return condition()
 
     try:
