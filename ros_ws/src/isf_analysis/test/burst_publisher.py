@@ -49,7 +49,7 @@ def main() -> int:
         holder.publish(target_bytes(number))
         machine.publish(MachineEvent(kind=number, text="burst"))
         scan.publish(PointCloud2(width=number))
-        scan.wait_for_all_acked(Duration(seconds=10))  # as the machine does: of a latched topic only the last is kept
+        scan.wait_for_all_acked(Duration(seconds=60))  # as the machine does: of a latched topic only the last is kept
     start = time.monotonic()
     for number in range(count):
         for wrench in wrenches:
@@ -59,13 +59,13 @@ def main() -> int:
         ahead = start + (number + 1) / rate - time.monotonic()
         if ahead > 0:
             time.sleep(ahead)
-    delivered = all(publisher.wait_for_all_acked(Duration(seconds=10)) for publisher in publishers)
+    delivered = all(publisher.wait_for_all_acked(Duration(seconds=60)) for publisher in publishers)
     node.destroy_node()
     rclpy.shutdown()
     return 0 if delivered else 1
 
 
-def greet(node: Any, publishers: list[Any], timeout: float = 30.0) -> bool:
+def greet(node: Any, publishers: list[Any], timeout: float = 120.0) -> bool:
     """Publish empty messages until the recorder has heard all publishers."""
     heard: dict[str, str] = {}
 

@@ -23,6 +23,9 @@ from rclpy.node import Node
 
 pytestmark = pytest.mark.graph
 
+LIMIT = 120.0
+"""s; only to end a test that hangs: a process may take long to start."""
+
 
 @pytest.fixture
 def observer() -> Iterator[Node]:
@@ -44,10 +47,10 @@ def sample(**parameters: object) -> Iterator[subprocess.Popen[bytes]]:
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGINT)
-        process.wait(10)
+        process.wait(LIMIT)
 
 
-def spin_until(node: Node, condition: Callable[[], Any], timeout: float = 20.0) -> bool:
+def spin_until(node: Node, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:
     deadline = time.monotonic() + timeout
     while not condition() and time.monotonic() < deadline:
         rclpy.spin_once(node, timeout_sec=0.1)
@@ -66,7 +69,7 @@ def values(status: DiagnosticStatus) -> dict[str, str]:
 
 def call(node: Node, kind: Any, name: str, request: Any) -> Any:
     client = node.create_client(kind, name)
-    assert client.wait_for_service(20.0)
+    assert client.wait_for_service(LIMIT)
     future = client.call_async(request)
     assert spin_until(node, future.done)
     return future.result()
@@ -80,7 +83,7 @@ def test_a_node_waits_unconfigured_and_ends_in_order(observer: Node, tmp_path: P
         assert heard[-1].name == "/sample"
         assert values(heard[-1]) == {"state": "unconfigured", "pid": str(process.pid), "gain": "1.5"}
         os.killpg(process.pid, signal.SIGTERM)
-        assert process.wait(10) == 0
+        assert process.wait(LIMIT) == 0
     assert note.read_text() == "closed"
 
 
