@@ -26,6 +26,7 @@ source "$root/.isf/env.sh"
 ROS_DOMAIN_ID=$(python scripts/free_domain.py)
 ISF_TEST_RUN=$(date +%s).$$ # marks every process this run starts
 export ROS_DOMAIN_ID ISF_TEST_RUN ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
+export PYTHONFAULTHANDLER=1 # a process that crashes says where
 
 end_all() {
   python scripts/end_processes.py "$ISF_TEST_RUN"

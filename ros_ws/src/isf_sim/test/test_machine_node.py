@@ -25,6 +25,8 @@ from sensor_msgs.msg import PointCloud2
 pytestmark = pytest.mark.graph
 
 RATE = 500.0
+LIMIT = 120.0
+"""s; only to end a test that hangs: a process may take long to start."""
 JOB = """
 name: node-test
 part: {mesh: none.stl, unit: mm}
@@ -64,7 +66,7 @@ class Client:
         self.received += 1
         self.wrenches[tool][stamps.to_nanoseconds(message.header.stamp)] = conversion.wrench_array(message)
 
-    def wait(self, condition: Callable[[], bool], timeout: float = 20.0) -> bool:
+    def wait(self, condition: Callable[[], bool], timeout: float = LIMIT) -> bool:
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > deadline:
@@ -74,7 +76,7 @@ class Client:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         client = self.node.create_client(kind, name)
-        assert client.wait_for_service(20.0), name
+        assert client.wait_for_service(LIMIT), name
         future = client.call_async(request)
         assert self.wait(future.done), name
         return future.result()
@@ -103,6 +105,11 @@ class Client:
         assert self.wait(lambda: all(p.get_subscription_count() == 1 for p in self.targets))
         assert self.wait(lambda: 0 in self.wrenches[0] and 0 in self.wrenches[1])
 
+    def ticked_to(self, stamp: int) -> bool:
+        """Wait for the wrenches of ``stamp``; False when the machine latches a fault before."""
+        assert self.wait(lambda: self.newest() >= stamp or bool(self.fault_codes()))
+        return not self.fault_codes()
+
     def fault_codes(self) -> list[int]:
         return list(self.states[-1].fault_codes) if self.states else []
 
@@ -124,7 +131,7 @@ def machine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Client]:
         client.node.destroy_node()
         rclpy.try_shutdown()
         process.send_signal(signal.SIGINT)
-        code = process.wait(20)
+        code = process.wait(LIMIT)
         log.close()
         print((tmp_path / "machine.log").read_text())
         assert code == 0
@@ -176,7 +183,7 @@ def test_ticks_in_lockstep_and_stops_on_faults(machine: Client) -> None:
     assert conversion.height_map_from_message(machine.scans[0]).z == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("machine", [["target_timeout:=0.5"]], indirect=True)
+@pytest.mark.parametrize("machine", [["target_timeout:=1.5"]], indirect=True)
 def test_lost_targets_release_a_loaded_tool(machine: Client) -> None:
     """A stream that ends while the tool presses latches 1404 and the tool is lifted until the sheet is free."""
     machine.ready()
@@ -198,9 +205,15 @@ def test_real_time_ticks_by_the_clock(machine: Client) -> None:
     period = stamps.NANO / RATE
     # every stamp lies on the grid of periods, whatever was missed
     assert np.abs(np.diff(times) / period - np.round(np.diff(times) / period)).max() < 1e-6
-    assert all(p.get_subscription_count() == 1 for p in machine.targets)
-    machine.send(0, PARKED)
-    assert machine.wait(lambda: any(s.mode == MachineState.FOLLOWING for s in machine.states))
+    sent = [0]
+
+    def followed() -> bool:
+        """A stream, not one message: what the machine does for a moment only, it may not tell on a busy computer."""
+        sent[0] += 1
+        machine.send(sent[0], PARKED)
+        return any(s.mode == MachineState.FOLLOWING for s in machine.states)
+
+    assert machine.wait(followed)
     assert machine.wait(lambda: machine.states[-1].mode == MachineState.IDLE)
     assert machine.fault_codes() == []
 
@@ -255,11 +268,10 @@ def test_sensor_scan_takes_its_time_and_force_limit_is_an_event(machine: Client)
     assert machine.wait(lambda: machine.newest() == after)
     for number in range(1252, 1252 + 800):
         tip = np.array([0.0, 0.0, 0.1 - 0.0002 * (number - 1251)])
-        machine.send(stamps.tick_nanoseconds(number, RATE), (tip, PARKED[1]))
-        if not machine.wait(lambda n=number: machine.newest() >= stamps.tick_nanoseconds(n, RATE), 1.0):
+        stamp = stamps.tick_nanoseconds(number, RATE)
+        machine.send(stamp, (tip, PARKED[1]))
+        if not machine.ticked_to(stamp):
             break
-        if machine.fault_codes():
-            break
-    assert machine.wait(lambda: machine.fault_codes() != [])
+    assert machine.fault_codes()
     assert machine.fault_codes()[0] in (ErrorCode.FORCE_LIMIT, ErrorCode.LOAD_CELL_RANGE)
     assert machine.wait(lambda: MachineEvent.SATURATION in [event.kind for event in machine.events])
