@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from isf_core import quantity
 from isf_core.errors import ErrorCode, IsfError
 from isf_node import conversion, process, qos, stamps
@@ -21,12 +21,12 @@ from isf_node.lifecycle import CellNode
 from isf_node.parameters import parameter
 from isf_node.watchdog import ReceiveWatchdog
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from isf_force_ctrl.load_cell_file import load_cell_set_up
 from isf_force_ctrl.load_cell_stream import CellStream
+from isf_force_ctrl.node_pose import POSE_TYPES, PoseInlet
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,12 @@ class LoadCellParameters:
     rig: str = parameter("", "rig (name or path) whose load_cell gives what the file does not")
     tool: int = parameter(1, "1 or 2: whose weight the rig tells", least=1, most=2)
     frame: str = parameter(conversion.FRAME, "frame_id of the wrench")
-    with_pose: bool = parameter(False, "the cell turns: weight and axes by the orientation on pose")
+    with_pose: bool = parameter(False, "the cell turns: weight and axes by its orientation, see pose_type")
+    pose_type: str = parameter(
+        "pose", "what tells it: PoseStamped, TransformStamped, Odometry on pose, or the robot's tf", choices=POSE_TYPES
+    )
+    pose_frame: str = parameter("", "frame whose axes the rotation of the file is against; needed with tf")
+    pose_base: str = parameter(conversion.FRAME, "frame in whose axes the orientation is told: sheet, or one like it")
     tare_readings: int = parameter(250, "newest readings that make the zero", least=1, most=100_000)
     timeout: float = parameter(0.5, "s without a reading, or a pose, that are told", least=0.01, most=60.0)
     best_effort: bool = parameter(False, "the driver publishes its readings best effort")
@@ -62,14 +67,16 @@ class LoadCellNode(CellNode[LoadCellParameters]):
 
     def configure(self) -> None:
         self._parameters = p = self.values()
+        if not p.with_pose and (p.pose_type, p.pose_frame) != ("pose", ""):
+            what = "pose_type and pose_frame mean nothing without it"
+            raise IsfError(ErrorCode.FILE_FIELD, what, where="parameter with_pose", advice="with_pose:=true")
         set_up = load_cell_set_up(p.file, p.rig, p.tool)
         self._stream = CellStream(set_up.reading, p.tare_readings)
         self._mounting = set_up.rotation
         self._names = set_up.channels or ()
         self._order: tuple[tuple[str, ...], tuple[int, ...]] = ((), ())
         self._raw = ReceiveWatchdog(p.timeout)
-        self._pose = ReceiveWatchdog(p.timeout)
-        self._rotation: Array | None = None
+        self._pose = PoseInlet(self, p.pose_type, p.pose_frame, p.pose_base, p.timeout) if p.with_pose else None
         self._wrench = conversion.make_wrench()
         self._wrench.header.frame_id = p.frame
         self._publisher = self.create_publisher(WrenchStamped, "wrench", qos.STREAM_SOURCE)
@@ -79,8 +86,8 @@ class LoadCellNode(CellNode[LoadCellParameters]):
             if set_up.channels
             else self.create_subscription(WrenchStamped, "raw", self._on_raw, profile)
         ]
-        if p.with_pose:
-            subscriptions.append(self.create_subscription(PoseStamped, "pose", self._on_pose, qos.SENSOR))
+        if self._pose is not None:
+            subscriptions += self._pose.subscriptions
         services = [
             self.create_service(Trigger, "~/tare", self._on_tare),
             self.create_service(Trigger, "~/check_drift", self._on_check_drift),
@@ -95,8 +102,9 @@ class LoadCellNode(CellNode[LoadCellParameters]):
 
     def activate(self) -> None:
         self._told = ""
-        for watchdog in (self._raw, self._pose):
-            watchdog.feed()  # from now on something has to come
+        self._raw.feed()  # from now on something has to come
+        if self._pose is not None:
+            self._pose.restart()
 
     def cleanup(self) -> None:
         for destroy, entity in self._entities:
@@ -133,10 +141,11 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         self._raw.feed()
         self._readings += 1
         rotation = None
-        if self._parameters.with_pose:
-            if self._rotation is None or self._pose.expired():
+        if self._pose is not None:
+            turn = self._pose.rotation()
+            if turn is None:
                 return  # told by _look, after a moment
-            rotation = self._rotation
+            rotation = turn @ self._mounting
         before = stream.fault
         wrench = stream.put(stamps.to_nanoseconds(stamp), reading, rotation)
         if wrench is not None:
@@ -146,13 +155,6 @@ class LoadCellNode(CellNode[LoadCellParameters]):
             self._wrenches += 1
         elif stream.fault is not before:
             self._look()
-
-    def _on_pose(self, message: PoseStamped) -> None:
-        q = message.pose.orientation
-        values = np.array([q.x, q.y, q.z, q.w])
-        if abs(float(np.linalg.norm(values)) - 1.0) < 1e-3:  # else as if no pose had come
-            self._pose.feed()
-            self._rotation = Rotation.from_quat(values).as_matrix() @ self._mounting
 
     # -- what is told --------------------------------------------------------------------------
 
@@ -192,9 +194,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
                 f"nothing on {topic} for {p.timeout:g} s",
                 advice="check the load cell's driver and the remapping; best_effort, if it publishes so",
             )
-        if p.with_pose and self._pose.expired():
-            return IsfError(ErrorCode.POSE_LOST, f"nothing usable on pose for {p.timeout:g} s: weight and axes unknown")
-        return None
+        return None if self._pose is None else self._pose.lost()
 
     # -- services ------------------------------------------------------------------------------
 
