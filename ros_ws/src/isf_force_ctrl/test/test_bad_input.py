@@ -6,6 +6,7 @@ What a wrench can have wrong in itself stands in test_force_ctrl_node.py; here a
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import fields, replace
@@ -25,7 +26,7 @@ from isf_node import conversion
 from rcl_interfaces.srv import SetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from test_force_ctrl_node import Cell, small_ring, started
+from test_force_ctrl_node import LIMIT, Cell, small_ring, started
 
 pytestmark = pytest.mark.graph
 
@@ -48,7 +49,7 @@ class Observed(Cell):
     def set(self, name: str, **values: object) -> list[Any]:
         """Results of setting parameters of node ``name``, one by one."""
         client = self.node.create_client(SetParameters, f"{name}/set_parameters")
-        assert client.wait_for_service(20.0)
+        assert client.wait_for_service(LIMIT)
         request = SetParameters.Request()
         request.parameters = [Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
         future = client.call_async(request)
@@ -58,7 +59,7 @@ class Observed(Cell):
     def lifted(self) -> None:
         """Out of HOLD: tools parked."""
         assert self.arm(plan_id="").code == 0
-        assert self.wait(lambda: self.states[-1].mode == ForceCtrlState.IDLE)
+        assert self.rests_in(ForceCtrlState.IDLE)
 
     def ends_with(self, code: ErrorCode, **fault: object) -> str:
         """Form a contour, let the stand-in do ``fault`` on the way; text of the result, which must have ``code``."""
@@ -71,7 +72,7 @@ class Observed(Cell):
         assert self.wait(lambda: len(self.results) > seen)
         result = self.results[-1]
         assert (result.completed, result.code) == (False, code)
-        assert self.wait(lambda: self.states[-1].mode == ForceCtrlState.HOLD)
+        assert self.rests_in(ForceCtrlState.HOLD)
         return str(result.message)
 
 
@@ -83,6 +84,13 @@ def cell() -> Iterator[Observed]:
         yield Observed(node, stack)
     node.destroy_node()
     rclpy.try_shutdown()
+
+
+def jumped(text: str) -> float:
+    """s by which a clock jumped, as the node tells it."""
+    told = re.search(r"jumped by ([+-][\d.]+) s", text)
+    assert told is not None, text
+    return float(told.group(1))
 
 
 def moved(contour: Contour, by: tuple[float, float, float]) -> Contour:
@@ -111,14 +119,14 @@ def test_late_messages_and_clocks_that_jump_in_real_time(cell: Observed) -> None
 
     for jump in (5.0, -5.0):
         text = cell.ends_with(ErrorCode.WRENCH_CLOCK, jump_at=0, jump=jump)
-        assert f"jumped by {jump:+.2f}"[:-1] in text
+        assert jumped(text) == pytest.approx(jump, abs=1.0)  # and what the message waited on a busy computer
         cell.lifted()  # the new time is taken as it is
         cell.set("machine", jump_at=-1)
 
 
 def test_clocks_that_jump_in_lockstep(cell: Observed) -> None:
     cell.start()
-    assert "jumped by +5.0" in cell.ends_with(ErrorCode.WRENCH_CLOCK, jump_at=0, jump=5.0)
+    assert jumped(cell.ends_with(ErrorCode.WRENCH_CLOCK, jump_at=0, jump=5.0)) == pytest.approx(5.0, abs=1.0)
     before = cell.targets
     assert cell.wait(lambda: cell.targets > before + 2)  # held: the last targets are repeated
     cell.lifted()  # in the new time
@@ -127,7 +135,7 @@ def test_clocks_that_jump_in_lockstep(cell: Observed) -> None:
     cell.armed()
     result = cell.form(small_ring())
     assert (result.completed, result.code) == (False, ErrorCode.WRENCH_CLOCK)
-    assert "jumped by -5.0" in result.message or "jumped by -4.99" in result.message
+    assert jumped(result.message) == pytest.approx(-5.0, abs=1.0)
     cell.lifted()
 
 
@@ -202,7 +210,7 @@ def test_parameters_out_of_range_in_a_running_node(cell: Observed) -> None:
 
 def test_a_parameter_of_another_type_ends_the_process_with_a_text(capfd: pytest.CaptureFixture[str]) -> None:
     with started("-m", "isf_force_ctrl.node", loop_gain="fast") as process:
-        assert process.wait(60.0) == 2
+        assert process.wait(LIMIT) == 2
     error = capfd.readouterr().err
     assert "FILE_FIELD" in error
     assert "loop_gain" in error

@@ -28,6 +28,9 @@ from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.graph
 
+LIMIT = 120.0
+"""s; only to end a test that hangs: a process may take long to start."""
+
 JOB = """
 name: ring
 part: {mesh: ring.stl, unit: mm}
@@ -56,7 +59,7 @@ def started(
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGINT)
-        process.wait(10)
+        process.wait(LIMIT)
 
 
 class Cell:
@@ -82,11 +85,11 @@ class Cell:
         here = Path(__file__)
         options: dict[str, Any] = machine or {}
         self._stack.enter_context(started(str(here.with_name("standin_machine.py")), remap=remap, **options))
-        values: dict[str, Any] = {"wrench_timeout": 1.0, **parameters}
+        values: dict[str, Any] = {"wrench_timeout": 5.0, **parameters}
         self._stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, remap=remap, **values))
-        assert self._arm.wait_for_service(60.0)
+        assert self._arm.wait_for_service(LIMIT)
 
-    def wait(self, condition: Callable[[], Any], timeout: float = 40.0) -> bool:
+    def wait(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:
         deadline = time.monotonic() + timeout
         while not condition() and time.monotonic() < deadline:
             rclpy.spin_once(self.node, timeout_sec=0.05)
@@ -97,7 +100,7 @@ class Cell:
     ) -> Arm.Response:
         """Arm; asks again while the wrenches have not been discovered yet."""
         request = Arm.Request(plan_id=plan_id, count=count, job_text=job, support_force=support_force)
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + LIMIT
         while True:
             future = self._arm.call_async(request)
             assert self.wait(future.done)
@@ -105,14 +108,18 @@ class Cell:
             if response.code != ErrorCode.WRENCH_LOST or time.monotonic() > deadline:
                 return response
 
-    def form(self, contour: Any, timeout: float = 60.0) -> ContourResult:
+    def form(self, contour: Any, timeout: float = 3 * LIMIT) -> ContourResult:
         seen = len(self.results)
         self._contours.publish(conversion.contour_to_message(contour))
         assert self.wait(lambda: len(self.results) > seen, timeout)
         return self.results[-1]
 
+    def rests_in(self, mode: int) -> bool:
+        """Wait until the newest state has ``mode``."""
+        return self.wait(lambda: self.states and self.states[-1].mode == mode)
+
     def armed(self, **options: Any) -> None:
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + LIMIT
         response = self.arm(**options)
         while (
             response.code == ErrorCode.NO_TARE and time.monotonic() < deadline
@@ -146,7 +153,7 @@ def test_forms_a_part_in_lockstep(cell: Cell) -> None:
         assert np.mean(np.abs(force - 120.0) <= 10.0) >= 0.99
         assert result.lost_messages == 0
         assert np.diff(result.tick_time) == pytest.approx(0.002, abs=1e-6)
-    assert cell.wait(lambda: cell.states and cell.states[-1].mode == ForceCtrlState.IDLE)
+    assert cell.rests_in(ForceCtrlState.IDLE)
     modes = {state.mode for state in cell.states}
     assert {ForceCtrlState.ENGAGE, ForceCtrlState.CONTROL, ForceCtrlState.LIFT} <= modes
     # Parked: nothing is streamed any more, not even repeated.
@@ -161,13 +168,13 @@ def test_nan_wrench_holds_with_its_code(cell: Cell) -> None:
     cell.armed()
     result = cell.form(small_ring())
     assert (result.completed, result.code) == (False, ErrorCode.WRENCH_NOT_FINITE)
-    assert cell.wait(lambda: cell.states[-1].mode == ForceCtrlState.HOLD)
+    assert cell.rests_in(ForceCtrlState.HOLD)
     before = cell.targets
     assert cell.wait(lambda: cell.targets > before + 2)  # still alive: the last targets are repeated
 
 
 def test_wrenches_that_stop_end_the_contour(cell: Cell) -> None:
-    cell.start({"silent_at": 1000})
+    cell.start({"silent_at": 1000}, wrench_timeout=1.0)
     cell.armed()
     result = cell.form(small_ring())
     assert (result.completed, result.code) == (False, ErrorCode.WRENCH_LOST)
@@ -178,7 +185,7 @@ def test_refusals(cell: Cell) -> None:
     cell.start({"tared": False})
     cell._contours.publish(conversion.contour_to_message(small_ring()))
     response = cell.arm()
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + LIMIT
     assert response.code == ErrorCode.NO_TARE
     while "not tared" not in response.message and time.monotonic() < deadline:
         response = cell.arm()
@@ -200,14 +207,14 @@ def test_stop_and_disarm(cell: Cell) -> None:
     cell.start()
     cell.armed()
     client = cell.node.create_client(Trigger, "force_ctrl/stop")
-    assert client.wait_for_service(20.0)
+    assert client.wait_for_service(LIMIT)
     cell._contours.publish(conversion.contour_to_message(small_ring()))
     assert cell.wait(lambda: any(state.mode == ForceCtrlState.APPROACH for state in cell.states))
     assert cell.wait(client.call_async(Trigger.Request()).done)
     assert cell.wait(lambda: cell.results)
     assert cell.results[-1].code == ErrorCode.STOPPED
     assert cell.arm(plan_id="").code == 0
-    assert cell.wait(lambda: cell.states[-1].mode == ForceCtrlState.IDLE)
+    assert cell.rests_in(ForceCtrlState.IDLE)
 
 
 def test_real_time_forms_a_contour(cell: Cell) -> None:
@@ -243,6 +250,7 @@ def test_latency_is_measured(cell: Cell) -> None:
     cell.armed()
     cell.form(small_ring())
     latency = np.array([state.latency for state in cell.states if state.mode == ForceCtrlState.CONTROL])
+    assert latency.size
     assert np.isfinite(latency).all()
     assert (latency > 0.0).all()
 
@@ -287,14 +295,14 @@ def test_blank_holder_has_targets_in_tpif(cell: Cell) -> None:
     )
     result = cell.form(contour)
     assert (result.completed, result.code) == (True, 0)
-    assert max(heights) == pytest.approx(1e-3)
-    assert cell.wait(lambda: heights[-1] == 0.0)  # down again when parked
+    assert cell.wait(lambda: heights and max(heights) > 0.0 and heights[-1] == 0.0)
+    assert max(heights) == pytest.approx(1e-3)  # and down again when parked
 
 
 def test_wrenches_in_another_frame_are_refused(cell: Cell) -> None:
     cell.start({"frame": "tool0"})
     response = cell.arm()
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + LIMIT
     while response.code == ErrorCode.NO_TARE and time.monotonic() < deadline:
         response = cell.arm()
     assert response.code == ErrorCode.WRENCH_FRAME
@@ -307,7 +315,7 @@ def test_a_frozen_wrench_holds_with_its_code(cell: Cell) -> None:
     cell.armed()
     result = cell.form(small_ring())
     assert (result.completed, result.code) == (False, ErrorCode.WRENCH_FROZEN)
-    assert cell.wait(lambda: cell.states[-1].mode == ForceCtrlState.HOLD)
+    assert cell.rests_in(ForceCtrlState.HOLD)
 
 
 def test_a_cell_with_the_wrong_sign_holds_with_its_code(cell: Cell) -> None:

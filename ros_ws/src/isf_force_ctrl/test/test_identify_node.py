@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from contact_sandbox import ring
 from isf_core.errors import ErrorCode
 from isf_core.rig import load_rig
 from isf_msgs.action import Identify
 from isf_msgs.msg import ForceCtrlState
 from isf_node import conversion
 from rclpy.action import ActionClient
-from test_force_ctrl_node import Cell, small_ring
+from test_force_ctrl_node import LIMIT, Cell
 from test_measurement_node import Measured
 
 pytestmark = pytest.mark.graph
@@ -39,7 +40,7 @@ def goal(kind: int, **fields: Any) -> Identify.Goal:
 def call(cell: Cell, request: Identify.Goal, *, cancel_in: str = "", timeout: float = 400.0) -> tuple[Any, list[Any]]:
     """Result and feedback; ``cancel_in``: cancelled in the first phase that has this in its name."""
     client = ActionClient(cell.node, Identify, "identify")
-    assert client.wait_for_server(60.0)
+    assert client.wait_for_server(LIMIT)
     seen: list[Any] = []
     sent = client.send_goal_async(request, feedback_callback=lambda message: seen.append(message.feedback))
     assert cell.wait(sent.done)
@@ -47,7 +48,7 @@ def call(cell: Cell, request: Identify.Goal, *, cancel_in: str = "", timeout: fl
     result = sent.result().get_result_async()
     if cancel_in:
         assert cell.wait(lambda: any(cancel_in in item.phase for item in seen), timeout)
-        cell.wait(sent.result().cancel_goal_async().done)
+        assert cell.wait(sent.result().cancel_goal_async().done)
     assert cell.wait(result.done, timeout)
     client.destroy()
     return result.result().result, seen
@@ -86,7 +87,8 @@ def test_refused_before_arming_and_while_forming(observer: tuple[Cell, ExitStack
     result, _ = call(cell, goal(Identify.Goal.SERVO_RESPONSE))
     assert result.code == ErrorCode.NOT_ARMED
     cell.armed()
-    cell._contours.publish(conversion.contour_to_message(small_ring()))
+    # long enough that the tools move still when the node has the next goal
+    cell._contours.publish(conversion.contour_to_message(ring(0, 1, radius=40e-3, points=240)))
     assert cell.wait(lambda: any(state.mode == ForceCtrlState.APPROACH for state in cell.states))
     result, _ = call(cell, goal(Identify.Goal.SERVO_RESPONSE))
     assert result.code == ErrorCode.NOT_ARMED
@@ -102,4 +104,4 @@ def test_a_cell_that_fails_ends_it(observer: tuple[Cell, ExitStack], fault: str,
     cell.armed()
     result, _ = call(cell, goal(Identify.Goal.LOAD_CELL_SIGNS, places=[0.01, 0.0, 0.0]))
     assert result.code == code
-    assert cell.wait(lambda: cell.states[-1].mode == ForceCtrlState.HOLD)
+    assert cell.rests_in(ForceCtrlState.HOLD)

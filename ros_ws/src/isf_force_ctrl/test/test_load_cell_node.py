@@ -25,7 +25,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from test_force_ctrl_node import JOB, Cell, small_ring, started
+from test_force_ctrl_node import JOB, LIMIT, Cell, small_ring, started
 
 pytestmark = pytest.mark.graph
 
@@ -63,7 +63,7 @@ class Bench:
         assert self.wait(lambda: publisher.get_subscription_count() and self.node.count_publishers("wrench"))
         assert self.wait(lambda: any(values["state"] == "active" for _, _, values in self.health))
 
-    def wait(self, condition: Callable[[], Any], timeout: float = 40.0) -> bool:
+    def wait(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:
         deadline = time.monotonic() + timeout
         while not (done := bool(condition())) and time.monotonic() < deadline:
             rclpy.spin_once(self.node, timeout_sec=0.05)
@@ -71,7 +71,7 @@ class Bench:
 
     def ask(self, service: str) -> Trigger.Response:
         client = self._services[service]
-        assert client.wait_for_service(20.0)
+        assert client.wait_for_service(LIMIT)
         future = client.call_async(Trigger.Request())
         assert self.wait(future.done)
         return future.result()
@@ -104,6 +104,16 @@ class Bench:
         (message,) = found()
         assert message.header.frame_id == "sheet"
         return conversion.wrench_array(message)
+
+    def tared(self, unloaded: Callable[[], Any], names: list[str] | None = None) -> bool:
+        """Send readings of the unloaded cell until the node has taken its zero from them."""
+
+        def taken() -> bool:
+            for _ in range(10):
+                self.send(unloaded(), names)
+            return bool(self.ask("tare").success)
+
+        return self.wait(taken)
 
     def told(self, level: bytes, *words: str) -> bool:
         """Wait until the newest status has the level and holds all words."""
@@ -157,9 +167,7 @@ def test_readings_become_wrenches_and_faults_end_them(bench: Bench, tmp_path: Pa
     assert bench.told(DiagnosticStatus.ERROR, "1205 NO_TARE", "not tared")
     early = bench.ask("tare")
     assert (early.success, "of 10" in early.message or "10 are needed" in early.message) == (False, True)
-    for _ in range(10):
-        bench.send(free())
-    assert bench.wait(lambda: bench.ask("tare").success)
+    assert bench.tared(free)
     wrench = bench.answer(free() + [10.0, 20.0, 30.0, 1.0, 2.0, 3.0])
     # Load in axes of the cell (22, -60, 124) and (1, 2, 3), turned by 90 degrees about z; noise of 0.01 units.
     assert wrench == pytest.approx((60.0, 22.0, 124.0, -2.0, 1.0, 3.0), abs=0.25)
@@ -171,9 +179,7 @@ def test_readings_become_wrenches_and_faults_end_them(bench: Bench, tmp_path: Pa
     assert bench.told(DiagnosticStatus.ERROR, "1203 WRENCH_OUT_OF_RANGE", "channel 2")
     assert bench.health[-1][2]["publishing"] == "False"
     assert bench.silent(free())
-    for _ in range(10):
-        bench.send(free())
-    assert bench.wait(lambda: bench.ask("tare").success)
+    assert bench.tared(free)
     assert max(map(abs, bench.answer(free()))) < 0.5
     assert bench.told(DiagnosticStatus.OK, "ok")
 
@@ -207,9 +213,7 @@ def test_one_of_three_cells_may_be_lost(bench: Bench, tmp_path: Path) -> None:
     def volts(*force: float) -> np.ndarray:
         return readings_of(np.array(force), 0.28).ravel() / 2456.7 + 1e-4 * random.standard_normal(9)
 
-    for _ in range(10):
-        bench.send(volts(0.0, 0.0, 0.0) + 0.2, names)
-    assert bench.wait(lambda: bench.ask("tare").success)
+    assert bench.tared(lambda: volts(0.0, 0.0, 0.0) + 0.2, names)
     load = (300.0, -200.0, 1500.0)
     # Noise of 1e-4 V is 0.25 N in a channel; three channels, the lever of 280 to 110 mm and the fall-back add up.
     assert bench.answer(volts(*load) + 0.2, names)[:3] == pytest.approx(load, abs=5.0)
@@ -238,14 +242,11 @@ def test_a_cell_that_turns_needs_its_pose(bench: Bench, tmp_path: Path) -> None:
     assert bench.told(DiagnosticStatus.ERROR, "1222 POSE_LOST")
     pose = conversion.make_pose()
 
-    def tared() -> bool:
+    def at_rest() -> np.ndarray:
         bench.pose.publish(pose)
-        bench.wait(lambda: False, 0.05)
-        for _ in range(10):
-            bench.send(free(np.eye(3)))
-        return bool(bench.ask("tare").success)
+        return free(np.eye(3))
 
-    assert bench.wait(tared)
+    assert bench.tared(at_rest)
     # Turned by 90 degrees about y the weight pulls along another axis of the cell: still nothing is felt.
     pose.pose.orientation.y = pose.pose.orientation.w = math.sqrt(0.5)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
@@ -324,8 +325,8 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
     bench._stack.enter_context(
         started("-m", "isf_force_ctrl.node", autostart=True, lockstep=lockstep, wrench_timeout=2.0, seam_speed=0.03)
     )
-    assert all(client.wait_for_service(60.0) for client in clients)
-    assert cell._arm.wait_for_service(60.0)
+    assert all(client.wait_for_service(LIMIT) for client in clients)
+    assert cell._arm.wait_for_service(LIMIT)
     early = cell._arm.call_async(Arm.Request(plan_id="plan", count=1, job_text=JOB, support_force=math.nan))
     assert bench.wait(early.done)
     assert early.result().code == ErrorCode.WRENCH_LOST  # nothing comes before the tare

@@ -17,7 +17,7 @@ from isf_msgs.msg import ForceCtrlState
 from isf_msgs.srv import Tare
 from isf_planner import plan
 from rclpy.action import ActionClient
-from test_force_ctrl_node import Cell, started
+from test_force_ctrl_node import LIMIT, Cell, started
 
 pytestmark = pytest.mark.graph
 
@@ -32,18 +32,13 @@ class Measured:
         self.plan = plan(self.job_file)
         stack.enter_context(started("-m", "isf_sim.node", autostart=True, job=JOB))
         stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True))
-        assert cell._arm.wait_for_service(60.0)
+        assert cell._arm.wait_for_service(LIMIT)
         tare = cell.node.create_client(Tare, "machine/tare")
-        assert tare.wait_for_service(60.0)
+        assert tare.wait_for_service(LIMIT)
         future = tare.call_async(Tare.Request())
         assert cell.wait(future.done)
         assert future.result().code == 0
-        request = {"plan_id": self.plan.plan_id, "count": len(self.plan.contours)}
-        text = self.job_file.text
-        response = cell.arm(**request, job=text)
-        while response.code == ErrorCode.NO_TARE:
-            response = cell.arm(**request, job=text)
-        assert (response.code, response.message) == (0, "")
+        cell.armed(plan_id=self.plan.plan_id, count=len(self.plan.contours), job=self.job_file.text)
 
     def form(self, count: int) -> None:
         for contour in self.plan.contours[:count]:
@@ -52,7 +47,7 @@ class Measured:
     def call(self, kind: Any, name: str, goal: Any) -> tuple[Any, list[Any]]:
         """Result and feedback of an action."""
         client = ActionClient(self.cell.node, kind, name)
-        assert client.wait_for_server(60.0)
+        assert client.wait_for_server(LIMIT)
         seen: list[Any] = []
         sent = client.send_goal_async(goal, feedback_callback=lambda message: seen.append(message.feedback))
         assert self.cell.wait(sent.done)
@@ -94,4 +89,4 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     assert short.code == ErrorCode.MEASUREMENT_FAILED
     assert np.isnan(short.springback)
     assert measured.cell.arm(plan_id="").code == 0
-    assert measured.cell.wait(lambda: measured.cell.states[-1].mode == ForceCtrlState.IDLE)
+    assert measured.cell.rests_in(ForceCtrlState.IDLE)

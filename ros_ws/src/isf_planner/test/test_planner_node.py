@@ -31,6 +31,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 pytestmark = pytest.mark.graph
 
+LIMIT = 120.0
+"""s; only to end a test that hangs: a process may take long to start."""
+
 JOBS = EXAMPLES / "jobs"
 MINI = (JOBS / "mini_cone.yaml").read_text()
 LONG = MINI.replace("incremental_depth: 0.5 mm", "incremental_depth: 0.011 mm").replace("name: mini", "name: long")
@@ -46,7 +49,7 @@ class Cell:
         self.get_contour = node.create_client(GetContour, "planner/get_contour")
         self.feedback: list[Any] = []
 
-    def spin_until(self, condition: Callable[[], Any], timeout: float = 60.0) -> None:
+    def spin_until(self, condition: Callable[[], Any], timeout: float = LIMIT) -> None:
         deadline = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < deadline, "nothing came"
@@ -77,15 +80,15 @@ def cell() -> Iterator[Cell]:
     node = rclpy.create_node("test_planner")
     client = Cell(node)
     try:
-        assert client.plan_part.wait_for_server(60.0)
-        assert client.get_contour.wait_for_service(60.0)
+        assert client.plan_part.wait_for_server(LIMIT)
+        assert client.get_contour.wait_for_service(LIMIT)
         yield client
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(20) == 0
+        assert process.wait(LIMIT) == 0
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +108,7 @@ def test_contours_over_the_graph_are_those_of_the_core(cell: Cell, core: Plan) -
         contour = contour_from_message(response.contour)
         for name, value in vars(expected).items():
             np.testing.assert_array_equal(getattr(contour, name), value, err_msg=name)
-    assert cell.feedback
+    cell.spin_until(lambda: cell.feedback)  # it may come after the result
     shares = [item.progress for item in cell.feedback]
     assert shares == sorted(shares)
 
