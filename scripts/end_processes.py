@@ -1,6 +1,7 @@
 """End what a test run left behind: every process whose environment holds ISF_TEST_RUN=<mark>.
 
-usage: end_processes.py MARK. Exit code 1 when something had to be ended: a test that leaves a node running is wrong.
+usage: end_processes.py MARK [SECONDS]. Exit code 1 when something had to be ended: a test that leaves a node running is
+wrong. A node that is just ending has SECONDS (15) for it.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import time
 from pathlib import Path
 
 PATIENCE = {signal.SIGINT: 5.0, signal.SIGTERM: 2.0, signal.SIGKILL: 2.0}
-"""s to wait after each signal; a node that is just ending gets the first of them without being blamed."""
+"""s to wait after each signal."""
 
 
 def marked(mark: str) -> dict[int, str]:
@@ -43,19 +44,19 @@ def wait_until_gone(mark: str, patience: float) -> dict[int, str]:
     return left
 
 
-def main(mark: str) -> int:
-    """End all marked processes; 0 when there were none."""
-    left = wait_until_gone(mark, 2.0)
+def main(mark: str, patience: float = 15.0) -> int:
+    """End all marked processes; 0 when there were none after ``patience`` s."""
+    left = wait_until_gone(mark, patience)
     for command in left.values():
         print(f"left running by a test, ended now: {command}", file=sys.stderr)
     blame = bool(left)
-    for number, patience in PATIENCE.items():
+    for number, seconds in PATIENCE.items():
         for process in left:
             try:
                 os.kill(process, number)
             except ProcessLookupError:
                 continue
-        left = wait_until_gone(mark, patience) if left else left
+        left = wait_until_gone(mark, seconds) if left else left
     return 1 if blame else 0
 
 
@@ -72,4 +73,4 @@ def _ancestors() -> set[int]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(sys.argv[1], *map(float, sys.argv[2:])))

@@ -74,7 +74,7 @@ def started(module: str, *words: str) -> Iterator[None]:
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGINT)
-        process.wait(20)
+        process.wait(120)
 
 
 @pytest.mark.graph
@@ -110,7 +110,7 @@ def test_the_simulated_machine_is_controlled_through_two_load_cells(tmp_path: Pa
 
     def ask(kind: Any, name: str, request: Any) -> Any:
         client = node.create_client(kind, name)
-        assert client.wait_for_service(60.0)
+        assert client.wait_for_service(120.0)
         future = client.call_async(request)
         assert wait(future.done)
         return future.result()

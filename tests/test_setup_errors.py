@@ -54,9 +54,9 @@ def _script(path: Path, text: str) -> Path:
 
 
 def _run(command: list[str], **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run with a bare environment; 60 s is a bound against hanging, not a measurement."""
+    """Run with a bare environment; 300 s is a bound against hanging, not a measurement."""
     environment: Mapping[str, str] = {"PATH": "/usr/bin:/bin", "HOME": "/nonexistent", "ISF_ROS": "wheels", **variables}
-    return subprocess.run(command, env=dict(environment), capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, env=dict(environment), capture_output=True, text=True, timeout=300, check=False)
 
 
 def _set_up(repository: Path, **variables: str) -> str:

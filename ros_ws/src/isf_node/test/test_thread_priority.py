@@ -38,7 +38,7 @@ def outcome(*, forbidden: bool) -> tuple[bool, bool, bool, int, int, str]:
         preexec_fn=forbid if forbidden else None,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=True,
     )
     return tuple(json.loads(run.stdout))
@@ -47,7 +47,7 @@ def outcome(*, forbidden: bool) -> tuple[bool, bool, bool, int, int, str]:
 def permitted() -> bool:
     """Whether the system lets a process of this user have SCHED_FIFO."""
     ask = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))"
-    return subprocess.run([sys.executable, "-c", ask], capture_output=True, timeout=60, check=False).returncode == 0
+    return subprocess.run([sys.executable, "-c", ask], capture_output=True, timeout=120, check=False).returncode == 0
 
 
 def test_what_is_permitted_is_granted_and_given_back() -> None:

@@ -48,7 +48,7 @@ def forbid() -> None:
 def permitted() -> bool:
     """Whether the system lets a process of this user have SCHED_FIFO."""
     ask = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({PRIORITY}))"
-    return subprocess.run([sys.executable, "-c", ask], capture_output=True, timeout=60, check=False).returncode == 0
+    return subprocess.run([sys.executable, "-c", ask], capture_output=True, timeout=120, check=False).returncode == 0
 
 
 class Watcher:

@@ -188,12 +188,20 @@ def test_waiting_is_counted() -> None:
     worker.ahead = True
 
     def slow() -> Deflection:
-        released.wait(20.0)
+        assert released.wait(120.0)
         return solution(1.0)
+
+    class Asked(concurrent.futures.Future[Deflection]):
+        """Lets the solution go on once its result is asked for: it cannot be there before."""
+
+        def result(self, timeout: float | None = None) -> Deflection:
+            released.set()
+            return begun.result(timeout)
 
     worker.begin(slow)
     worker.start()
-    threading.Timer(0.02, released.set).start()
+    assert worker._future is not None
+    begun, worker._future = worker._future, Asked()
     found = worker.wait()
     assert found is not None
     assert found.state[0, 0] == 1.0
@@ -258,7 +266,7 @@ def test_the_thread_takes_the_priority_that_it_is_given() -> None:
     worker.begin(solve)
     assert worker.wait() is not None
     ask = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
-    asked = subprocess.run([sys.executable, "-c", ask], capture_output=True, timeout=60, check=False)
+    asked = subprocess.run([sys.executable, "-c", ask], capture_output=True, timeout=120, check=False)
     assert seen == [(os.SCHED_FIFO, 1) if asked.returncode == 0 else (os.SCHED_OTHER, 0), (os.SCHED_OTHER, 0)]
     assert worker.failed == 0
 
