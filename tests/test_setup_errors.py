@@ -200,6 +200,13 @@ def test_cell_stays_on_this_computer_unless_told_otherwise() -> None:
 
 
 @needs_set_up
+def test_bytecode_is_kept_away_from_the_sources_also_where_none_is_wanted() -> None:
+    show = "python -c 'import sys; print(sys.pycache_prefix, sys.dont_write_bytecode)'"
+    done = _in_environment(show, PYTHONDONTWRITEBYTECODE="1")
+    assert done.stdout.split() == [str(ROOT / ".isf" / "cache" / "python"), "False"]
+
+
+@needs_set_up
 def test_shell_syntax_of_all_scripts() -> None:
     for path in [*ROOT.glob("scripts/**/*.sh"), *(ROOT / name for name in ("isf", "demo.sh", "test.sh", ".ci/run"))]:
         done = subprocess.run(["bash", "-n", str(path)], capture_output=True, text=True, check=False)

@@ -72,6 +72,11 @@ export ROS_LOG_DIR="${ROS_LOG_DIR:-$ISF_ROOT/.isf/log/ros}"
 export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"
 export NUMBA_CACHE_DIR="$ISF_ROOT/.isf/cache/numba"
 export MPLCONFIGDIR="$ISF_ROOT/.isf/cache/matplotlib" MPLBACKEND=Agg
+
+# Bytecode stands here too, so that sources stay clean, and a wish for none (PYTHONDONTWRITEBYTECODE) is met by that:
+# without bytecode every node compiles all its libraries at each start, which takes seconds.
+export PYTHONPYCACHEPREFIX="$ISF_ROOT/.isf/cache/python"
+unset PYTHONDONTWRITEBYTECODE
 EOF
 }
 
