@@ -50,6 +50,8 @@ PARTS: dict[str, Sequence[str]] = {
 """Methods that are compared on each part unless others are named."""
 PUSHED = "+push"
 """End of a method: the edge of the clamp is calibrated before the part, by one push on the flat sheet."""
+NO_FLOOR = "-floor"
+"""End of a method: without the passes over the floor that the job asks for."""
 REGIONS = ("wall_and_base", "wall", "base", "rim")
 HEADER = (
     "| part | method | worlds | wall and base, max / mean | worst world | wall, max / mean | base, max / signed | "
@@ -71,7 +73,10 @@ class Case:
 def job_of(case: Case) -> tuple[JobFile, str]:
     """The job of a case, with scans where its method looks at the shape, and the name of the method."""
     job_file = load_job(ROOT / "examples" / "jobs" / f"{case.job}.yaml")
-    name, _, model = case.method.removesuffix(PUSHED).rstrip(")").partition("(")
+    if case.method.endswith(NO_FLOOR):
+        path = job_file.job.path.model_copy(update={"floor_step": None})
+        job_file.job = job_file.job.model_copy(update={"path": path})
+    name, _, model = case.method.removesuffix(PUSHED).removesuffix(NO_FLOOR).rstrip(")").partition("(")
     looks = name == "fused" or name.startswith("mpc")
     change: dict[str, Any] = {"method": name, "scan_every": 1 if looks else 0, "scan_sensor": True}
     if model:

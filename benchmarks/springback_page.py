@@ -14,8 +14,8 @@ from isf_analysis.figures_shape import deviation_pair, map_limit
 
 COMMAND = "./isf python benchmarks/springback_table.py --worlds 0,1-20 --jobs 2 --page"
 MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)", "fused(elastic)+push")
-SHAPES = ("none", "mpc_vertical", "mpc_two_directional", "fused(analytic)")
-LARGE = ("none", "analytic", "fused(analytic)")
+SHAPES = ("none", "mpc_vertical", "mpc_two_directional", "fused(elastic)-floor", "fused(elastic)")
+LARGE = ("none", "analytic", "fused(elastic)-floor", "fused(elastic)")
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,11 @@ PARTS: dict[str, Published] = {
         (Goal("share", 0.9, 0.8),),
     ),
     "praveen_cone_150": Published((*LARGE, "elastic"), "wall_and_base", "1.1", "0.33", PRAVEEN),
-    "praveen_cone_250": Published(LARGE, "wall_and_base", "2.2", "0.75", PRAVEEN, "1 mm steps (published 0.5)"),
+    "praveen_cone_250": Published(LARGE, "wall_and_base", "2.2", "0.75", PRAVEEN),
     "praveen_cone_610": Published(
         LARGE, "wall_and_base", "4.45", "0.77", PRAVEEN, "2 mm steps (published 0.5)", large=True
     ),
-    "praveen_free_form": Published(
-        LARGE, "wall_and_base", "2.88", "0.74", PRAVEEN, "F1 of 260 mm alone, 1 mm steps (published 0.5)"
-    ),
+    "praveen_free_form": Published(LARGE, "wall_and_base", "2.88", "0.74", PRAVEEN, "F1 of 260 mm alone"),
 }
 """mm, vertical, in the clamp. Sources: Ren 2018, 4.3; Lu 2016, 4.2-4.4; Praveen 2020, 3.2."""
 

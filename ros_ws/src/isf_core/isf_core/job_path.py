@@ -50,6 +50,10 @@ class PathSpec(FileModel):
     """DSIF: what rises from the floor of a pocket is formed around from above, or from below with the tools swapped."""
     stages: tuple[Angle, ...] = ()
     """SPIF and DSIF: largest wall angles of the preforms formed before the part itself, ascending; none: one stage."""
+    floor_step: Length | None = Field(default=None, gt=0.2e-3, lt=0.1)
+    """SPIF and DSIF: distance of the rings in which the tool passes over a flat floor after the wall; None: none."""
+    floor_rounds: int = Field(default=3, ge=1, le=10)
+    """How often the floor is passed over, inwards and outwards in turn."""
     thickness: Literal["sine_law", "overlap"] = "sine_law"
     """How the formed thickness is predicted that the support tool's gap follows."""
 
@@ -101,6 +105,7 @@ class PathSpec(FileModel):
             "smallest_step": (self.spacing != "depth", "spacing scallop or arc"),
             "largest_step": (self.spacing != "depth", "spacing scallop or arc"),
             "ramp_length": (self.transition == "ramp", "transition ramp"),
+            "floor_rounds": (self.floor_step is not None, "floor_step"),
             "sheet_term": ("sheet" in self.compensation, "compensation sheet"),
             "sheet_gain": ("sheet" in self.compensation, "compensation sheet"),
             "machine_error": ("machine" in self.compensation, "compensation machine"),
@@ -124,6 +129,8 @@ class PathSpec(FileModel):
             return None
         if self.stages:
             return f"path.stages needs process SPIF or DSIF: {process} forms in one stage"
+        if self.floor_step is not None:
+            return f"path.floor_step needs process SPIF or DSIF: {process} forms no floor of its own"
         if self.thickness != "sine_law":
             return f"path.thickness {self.thickness} needs process SPIF or DSIF: {process} is planned by the sine law"
         if {"sheet", "tool"} & set(self.compensation):

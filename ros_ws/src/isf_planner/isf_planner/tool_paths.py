@@ -18,7 +18,7 @@ from isf_core.contour import Contour
 from isf_core.job import Job, JobFile
 from numpy.typing import NDArray
 
-from isf_planner import feed_profile, formed_thickness, joined_paths
+from isf_planner import feed_profile, floor_passes, formed_thickness, joined_paths
 from isf_planner.contours import contour_of, path_of
 from isf_planner.joined_paths import TipPath
 from isf_planner.sides import UPSIDE_DOWN, Side, first_number, swapped
@@ -43,16 +43,20 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
     """
     job = job_file.job
     chains = [
-        (side, number, [side.tree.loops[k] for k in feature.loops])
+        (side, feature, number, [side.tree.loops[k] for k in feature.loops])
         for index, side in enumerate(sides)
         for number, feature in enumerate(side.tree.features, first_number(sides, index))
         if feature.loops
     ]
-    groups = [feature_paths(chain, side, job) for side, _, chain in chains]
+    groups = [feature_paths(chain, side, job) for side, *_, chain in chains]
+    for (side, feature, *_), paths in zip(chains, groups, strict=True):
+        if not feature.island and not side.tree.children(feature.number):
+            over = floor_passes.floor_paths(side.surface, paths[-1], swapped(job, side.forming_tool))
+            paths += [_staggered(path, k * job.path.stagger) for k, path in enumerate(over, 1)]
     count = sum(len(paths) for paths in groups)
     contours: list[Contour] = []
     joins: list[bool] = []
-    for (side, number, chain), paths in zip(chains, groups, strict=True):
+    for (side, _, number, chain), paths in zip(chains, groups, strict=True):
         formed = formed_thickness.along(chain, paths, swapped(job, side.forming_tool))
         first: Array | None = None
         for k, (path, thickness) in enumerate(zip(paths, formed, strict=True)):

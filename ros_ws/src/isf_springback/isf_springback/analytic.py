@@ -22,6 +22,7 @@ from isf_core.sheet_deflection import SheetSection, deflection, ring_load_law
 from numpy.typing import NDArray
 
 from isf_springback.continuity import Continuity, forming_radius, limits_of
+from isf_springback.floor_feedback import FloorFeedback, at_edge
 from isf_springback.force_forecast import ForecastLaw, forecast_along
 from isf_springback.law_scale import LawScale
 from isf_springback.lift_feedback import LiftReading
@@ -111,6 +112,8 @@ class AnalyticCorrection:
         self._loads: list[MeasuredLoad] = []
         self._fault: IsfError | None = None
         self._contour: Contour | None = None
+        self._before: Contour | None = None
+        self._floor = FloorFeedback()
         self._scale = LawScale()
         self._lift_remark = ""
 
@@ -128,6 +131,8 @@ class AnalyticCorrection:
         started = time.perf_counter()
         contour.validate()
         continuity = self._continuity
+        if self._contour is not None and self._contour.index != contour.index:
+            self._before = self._contour
         fault = self._advance(contour) or self._fault
         prediction: Prediction | None = None
         if fault is None:
@@ -139,8 +144,13 @@ class AnalyticCorrection:
             requested = continuity.last_good(contour)
         else:
             requested = self._job_file.job.springback.gain * prediction.along
+        last = continuity.last_good(contour)
+        pressed = self._floor.push(contour, self._before, last)
+        requested = at_edge(contour, self._job_file, requested, last) if pressed is None else pressed
         limits = limits_of(self._job_file, contour.forming_tool)
         limited = continuity.apply_limits(contour, requested, limits)
+        if pressed is not None:
+            self._floor.remember(contour, limited.value)
         if fault is None and limited.magnitude_limited:
             fault = IsfError(
                 ErrorCode.CORRECTION_LIMITED,

@@ -24,6 +24,9 @@ after the first contours has one of 0.03-0.05 mm, Lu 2016, 4.3.1)."""
 CORRELATION = 30e-3
 """m of path over which bias is alike (assumed, as for tool lifts: a sheet bends over tens of mm; what differs within a
 few mm, as the mark where contours begin, is no springback, and no correction takes it back)."""
+COMMON = 0.5
+"""Share of the bias's variance that is alike all around (assumed: half). Sheet and clamp are off everywhere, so that
+what was measured elsewhere tells of places in the shadow of the tool."""
 GATE = 4.0
 """Standard deviations beyond which a measurement counts as doubtful and is believed less."""
 
@@ -88,9 +91,10 @@ def updated(field: BiasField, measured: Array, deviation: Array) -> tuple[BiasFi
 
 
 def _correlation(place: Array) -> Array:
-    """(M, M) correlation of the places: exponential in the square of their distance, with a small part of their own."""
+    """(M, M) correlation of the places: a part common to all, one that falls with distance, a small one of its own."""
     square = (cdist(place, place) / CORRELATION) ** 2
-    return np.asarray(0.95 * np.exp(-0.5 * square) + 0.05 * np.eye(len(place)))
+    near = (0.95 - COMMON) * np.exp(-0.5 * square)
+    return np.asarray(COMMON + near + 0.05 * np.eye(len(place)))
 
 
 def _weights(place: Array, known: Array) -> Array:

@@ -180,7 +180,9 @@ def cached_path(job_file: JobFile) -> Path:
     """Where the database of a job lies in the cache: named by all of the job that its numbers depend on."""
     job = job_file.job
     parts: list[Any] = [ENGINE_VERSION, job_file.material.young_modulus, job_file.material.poisson_ratio]
-    parts += [part.model_dump() for part in (job.part, job.sheet, job.path, job.tool_1, job_file.rig.clamp)]
+    path = job.path.model_dump(exclude={"floor_step", "floor_rounds"})  # no numbers are computed on the floor
+    parts += [*(part.model_dump() for part in (job.part, job.sheet)), path]
+    parts += [part.model_dump() for part in (job.tool_1, job_file.rig.clamp)]
     parts += [job.process, None if job.tool_2 is None else job.tool_2.model_dump()]
     parts += [] if job.backing_plate is None else [job.backing_plate.model_dump()]
     elastic = job.springback.elastic.model_dump(exclude={"database", "forecast", "block", "engine"})

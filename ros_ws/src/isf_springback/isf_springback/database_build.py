@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from isf_springback.control_points import ControlLoop, ControlPointOptions, control_points
 from isf_springback.database import Database, cache_folder, make_database, write_json
 from isf_springback.elastic_samples import DepthTask, depth_task, solve_depth
+from isf_springback.floor_feedback import over_floor
 from isf_springback.sheet_edge import free_size
 
 Array = NDArray[np.float64]
@@ -85,6 +86,7 @@ def build_database(
         FILE_NOT_WRITABLE; SERVICE_TIMEOUT, no scheduler answers
     """
     folder = (cache or cache_folder()) / "depths"
+    contours = [contour for k, contour in enumerate(contours) if k == 0 or not over_floor(contour, contours[k - 1])]
     loops = control_loops_of(contours, job_file)
     tasks = database_tasks(contours, loops, job_file)
     samples: list[Array | None] = [_cached(folder, task) for task in tasks]

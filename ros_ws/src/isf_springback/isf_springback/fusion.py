@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
 from isf_springback.bias_field import START_DEVIATION, BiasField, carried, first_field, updated
 from isf_springback.continuity import MAGNITUDE, forming_radius
+from isf_springback.floor_feedback import FloorFeedback, at_edge
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.offset_memory import VISIBLE, OffsetMemory, limit_signed, push_limits
@@ -98,6 +99,7 @@ class FusedCorrection:
         self._model = model(job_file)
         self._memory = OffsetMemory()
         self._scans = ScanMemory(job_file)
+        self._floor = FloorFeedback()
         self._wall: BiasField | None = None
         self._bottom: BiasField | None = None
         self._steps: list[FormedStep] = []
@@ -155,6 +157,11 @@ class FusedCorrection:
         if shape is None or applied is None or target is None or not self._steps:
             return
         contour = applied.contour
+        self._floor.see(shape.surface, target)
+        told = shape_remarks(shape, target, float(contour.forming_tip[:, 2].min()), self._job_file)
+        if self._floor.passes(contour):
+            self._remarks = (*shape.remarks, *told)
+            return
         reading = read_errors(contour, shape, target, forming_radius(self._job_file, contour.forming_tool))
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         known = self._fields(reading.place)
@@ -173,8 +180,7 @@ class FusedCorrection:
         self._bottom, _ = updated(known[1], reading.bottom - (last.model - last.pushed)[near], noise)
         self._confirmed = True
         self._doubtful = float(doubt_wall.mean())
-        level = float(contour.forming_tip[:, 2].min())
-        self._remarks = (*shape.remarks, *shape_remarks(shape, target, level, self._job_file))
+        self._remarks = (*shape.remarks, *told)
 
     def correct(self, contour: Contour) -> ContourCorrection:
         """Correction of the next contour; never raises for missing or bad forces and scans.
@@ -198,6 +204,9 @@ class FusedCorrection:
             wanted = sign * before[:, 2]  # no force: the last good correction
         else:
             wanted = self._job_file.job.springback.gain * (predicted + bias)
+        base = self._memory.base
+        pressed = self._floor.push(contour, None if base is None else base.contour, sign * before[:, 2])
+        wanted = at_edge(contour, self._job_file, wanted, sign * before[:, 2]) if pressed is None else pressed
         rise, change = (largest_rise(self._job_file, share) for share in (self._force_share, 0.0))
         if self._memory.base is None:
             rise = change = MAGNITUDE  # the part begins or the tools have swapped: lifted, they jump nowhere
@@ -210,7 +219,10 @@ class FusedCorrection:
         offset = np.zeros((len(contour), 3))
         offset[:, 2] = sign * value
         self._memory.remember(contour, offset)
-        self._step(contour, predicted, offset)
+        if pressed is None:
+            self._step(contour, predicted, offset)
+        else:
+            self._floor.remember(contour, value)
         remarks = [*model.remarks, *self._remarks, *self._alone(contour)]
         if np.abs(disagreement).max() >= TOLD_BIAS:
             followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
@@ -281,6 +293,7 @@ class FusedCorrection:
 
     def _forget(self) -> None:
         self._wall = self._bottom = None
+        self._floor = FloorFeedback()
         self._steps = []
         self._confirmed = False
         self._doubtful = self._force_share = 0.0
@@ -311,8 +324,8 @@ class FusedCorrection:
     def _floor_share(self, contour: Contour) -> Array:
         """(N,) 0 on the wall .. 1 where the contour makes the floor."""
         target = self._scans.target
-        if target is None:
-            return np.zeros(len(contour))
+        if target is None or self._job_file.job.path.floor_step is not None:
+            return np.zeros(len(contour))  # passes over the floor make it
         left = np.abs(contour.forming_tip[:, 2] - float(np.nanmin(target.z)))
         height = forming_radius(self._job_file, contour.forming_tool) * (1.0 - np.cos(np.radians(50.0)))
         return np.asarray(np.clip(1.0 - left / height, 0.0, 1.0))

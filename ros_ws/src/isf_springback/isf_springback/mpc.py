@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from isf_springback import mpc_problem, mpc_state
 from isf_springback.continuity import forming_radius
 from isf_springback.die_room import die_room, free_of_die, within_room
+from isf_springback.floor_feedback import FloorFeedback
 from isf_springback.loop_path import LoopPath
 from isf_springback.mpc_coupled import solve_coupled
 from isf_springback.mpc_distribution import distribute
@@ -81,6 +82,7 @@ class ModelPredictiveCorrection:
         self._die = die_room(job_file) if strategy == "tpif" else None
         self._fault: IsfError | None = None
         self._step_force = StepForce(job_file)
+        self._floor = FloorFeedback()
 
     def take_target(self, target: HeightMap) -> None:
         """The shape that is wanted."""
@@ -89,7 +91,9 @@ class ModelPredictiveCorrection:
     def see(self, points: Array, index: int) -> None:
         """The shape after contour ``index``; what is wrong with it is told by the next correction."""
         pending = self._memory.pending
-        self._scans.take(points, None if pending is None else pending.contour, index)
+        shape = self._scans.take(points, None if pending is None else pending.contour, index)
+        if shape is not None and self._scans.target is not None:
+            self._floor.see(shape.surface, self._scans.target)
 
     def learn(self, contour: Contour, result: ContourResult) -> None:
         """Forces only bound the step; a contour that was not completed leaves no shape to steer by."""
@@ -117,7 +121,10 @@ class ModelPredictiveCorrection:
         before = memory.last(contour)
         remarks: list[str] = []
         move: Move | None = None
-        if fault is None and contour.index >= self._job_file.job.springback.open_loop_contours:
+        tool, sign = contour.forming_tool, push_sign(contour)
+        base = memory.base
+        passed = self._floor.push(contour, None if base is None else base.contour, sign * before[:, 2])
+        if passed is None and fault is None and contour.index >= self._job_file.job.springback.open_loop_contours:
             try:
                 move = self._move(contour)
             except IsfError as error:
@@ -127,7 +134,7 @@ class ModelPredictiveCorrection:
         old = np.sum(before[:, :2] * radial, axis=1)
         wanted = before[:, 2] if move is None else before[:, 2] + move.vertical
         wide = old if move is None else old + move.radial
-        tool, sign = contour.forming_tool, push_sign(contour)
+        wanted = wanted if passed is None else sign * passed
         admitted = sign * self._borne(contour, sign * before[:, 2], sign * wanted, remarks)
         limits = push_limits(self._job_file, tool, max(options.largest_offset, float((-sign * admitted).max())))
         vertical, bound = limit_signed(admitted, path, limits, before[:, 2])
@@ -140,6 +147,8 @@ class ModelPredictiveCorrection:
             if pressed.any():
                 remarks.append(DIE_REMARK)
         memory.remember(contour, offset)
+        if passed is not None:
+            self._floor.remember(contour, sign * offset[:, 2])
         if fault is None and max(np.abs(wanted).max(), np.abs(wide).max()) > options.largest_offset:
             fault = IsfError(
                 ErrorCode.CORRECTION_LIMITED,

@@ -1,0 +1,123 @@
+"""Passes over the floor: pressed to level from above, whatever the floor gives way, and not twice for one question."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_core.contour import Contour
+from isf_core.height_map import HeightMap
+from isf_core.job import JobFile
+from isf_springback.floor_feedback import FIRST_SHARE, FloorFeedback, at_edge, over_floor
+from springback_parts import JOB_TEXT, cone_contour
+
+GRID = np.arange(-40, 41) * 1e-3
+X, Y = np.meshgrid(GRID, GRID)
+RADIUS = np.hypot(X, Y)
+LEVEL = -10e-3
+TARGET = HeightMap(GRID, GRID, np.where(RADIUS < 25e-3, LEVEL, 0.0))
+RINGS = (20e-3, 15e-3, 10e-3, 5e-3)
+WALL_PUSH = 1.0e-3
+
+
+def floor_contour(index: int, radius: float, level: float = LEVEL, angle: float = 0.0) -> Contour:
+    contour = cone_contour(index, radius=radius)
+    tip = contour.forming_tip.copy()
+    tip[:, :2] *= radius / np.hypot(*tip[0, :2])
+    tip[:, 2] = level
+    return replace(contour, forming_tip=tip, contact=tip, wall_angle=np.full(len(tip), angle))
+
+
+EDGE = floor_contour(0, 25e-3)
+
+
+def formed(feedback: FloorFeedback, springback: float, rounds: int = 3, dome: float = 0.6e-3) -> list[np.ndarray]:
+    """Error of the floor (m) after every round; a pass leaves what it presses ``springback`` m over the tip.
+
+    Beside a ring the floor follows over 5 mm, the rest of its dome sinks by half of that.
+    """
+    error = np.where(RADIUS < 25e-3, dome * (1.0 - (RADIUS / 25e-3) ** 2), 0.0)
+    before, push = EDGE, np.full(len(EDGE), WALL_PUSH)
+    rounds_left, index = [], 0
+    for turn in range(rounds):
+        for radius in RINGS if turn % 2 == 0 else RINGS[::-1]:
+            index += 1
+            contour = floor_contour(index, radius)
+            pushed = feedback.push(contour, before, np.full(len(contour), push.mean()))
+            assert pushed is not None
+            feedback.remember(contour, pushed)
+            ring = np.abs(RADIUS - radius) < 1e-3
+            sunk = max(0.0, float(error[ring].mean()) - (springback - float(pushed.mean())))
+            weight = np.where(radius > RADIUS, 0.5, 0.0) + np.where(np.abs(RADIUS - radius) < 2.5e-3, 0.5, 0.0)
+            error = error - sunk * np.where(RADIUS < 25e-3, np.minimum(weight + 0.5 * ring, 1.0), 0.0)
+            feedback.see(HeightMap(GRID, GRID, TARGET.z + error), TARGET)
+            before, push = contour, pushed
+        rounds_left.append(error.copy())
+    return rounds_left
+
+
+@pytest.mark.parametrize("springback", [0.65e-3, 0.8e-3, 0.95e-3])
+def test_a_floor_comes_to_its_level_from_above(springback: float) -> None:
+    after = formed(FloorFeedback(), springback)
+    inside = RADIUS < 22e-3
+    assert np.abs(after[-1][inside]).mean() < np.abs(after[0][inside]).mean() < 0.6e-3
+    assert np.abs(after[-1][inside]).mean() < 0.1e-3
+    assert np.abs(after[-1][inside]).max() < 0.3e-3
+    assert min(error[inside].min() for error in after) > -0.3e-3
+
+
+def test_the_first_pass_is_pressed_less_than_the_wall_and_asking_again_changes_nothing() -> None:
+    feedback = FloorFeedback()
+    first, second = floor_contour(1, 20e-3), floor_contour(2, 15e-3)
+    feedback.see(HeightMap(GRID, GRID, TARGET.z + 0.1e-3), TARGET)
+    for _ in range(2):
+        push = feedback.push(first, EDGE, np.full(len(first), WALL_PUSH))
+        assert push == pytest.approx(FIRST_SHARE * WALL_PUSH)
+        feedback.remember(first, push)
+    answers = []
+    for _ in range(2):
+        push = feedback.push(second, first, np.full(len(second), WALL_PUSH))
+        feedback.remember(second, push)
+        answers.append(push)
+    assert np.array_equal(*answers)
+    assert answers[0].mean() > FIRST_SHARE * WALL_PUSH  # what still stands up is pressed deeper
+
+
+def test_what_lies_too_deep_is_pressed_less_and_a_hole_of_the_scan_is_as_beside_it() -> None:
+    feedback = FloorFeedback()
+    first, second = floor_contour(1, 20e-3), floor_contour(2, 15e-3)
+    feedback.remember(first, feedback.push(first, EDGE, np.full(len(first), WALL_PUSH)))
+    shape = TARGET.z - 0.2e-3
+    shape[(X > 10e-3) & (Y > 0.0)] = np.nan
+    feedback.see(HeightMap(GRID, GRID, shape), TARGET)
+    push = feedback.push(second, first, np.full(len(second), WALL_PUSH))
+    assert push == pytest.approx(np.full(len(second), FIRST_SHARE * WALL_PUSH - 0.2e-3), abs=1e-6)
+
+
+def test_a_scan_that_shows_nothing_changes_nothing() -> None:
+    feedback = FloorFeedback()
+    first, second = floor_contour(1, 20e-3), floor_contour(2, 15e-3)
+    feedback.remember(first, feedback.push(first, EDGE, np.full(len(first), WALL_PUSH)))
+    feedback.see(HeightMap(GRID, GRID, np.full_like(X, np.nan)), TARGET)
+    push = feedback.push(second, first, np.full(len(second), WALL_PUSH))
+    assert push == pytest.approx(FIRST_SHARE * WALL_PUSH)
+
+
+def test_what_passes_over_a_floor() -> None:
+    ring = floor_contour(1, 20e-3)
+    assert over_floor(ring, EDGE)
+    assert not over_floor(ring, None)
+    assert not over_floor(ring, replace(EDGE, feature=1))
+    assert not over_floor(ring, replace(EDGE, plan_id="another"))
+    assert not over_floor(ring, floor_contour(0, 25e-3, level=LEVEL + 0.5e-3))
+    assert not over_floor(floor_contour(1, 20e-3, angle=np.radians(20.0)), EDGE)
+
+
+def test_the_contour_that_reaches_the_floor_is_pressed_no_more_than_the_wall() -> None:
+    wanted, before = np.full(len(EDGE), 1.4e-3), np.full(len(EDGE), WALL_PUSH)
+    plain = JobFile(JOB_TEXT, Path("."))
+    passes = JobFile(JOB_TEXT.replace("path: {", "path: {floor_step: 5 mm, "), Path("."))
+    assert at_edge(EDGE, plain, wanted, before) == pytest.approx(wanted)
+    assert at_edge(EDGE, passes, wanted, before) == pytest.approx(before)
+    wall = floor_contour(0, 25e-3, angle=np.radians(30.0))
+    assert at_edge(wall, passes, wanted, before) == pytest.approx(wanted)
