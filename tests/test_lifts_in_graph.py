@@ -10,13 +10,9 @@ import pytest
 from isf_analysis.bag_reader import read_bag
 from isf_cell import graph_run, in_process
 from isf_cell.options import RunOptions
-from isf_core.job import JobFile
 from isf_node.stamps import from_seconds, to_nanoseconds
 from isf_node.tool_lift_cloud import lift_from_cloud, lift_to_cloud
-
-ROOT = Path(__file__).resolve().parents[1]
-FOLDER = ROOT / "examples" / "jobs"
-TEXT = (FOLDER / "mini_cone.yaml").read_text(encoding="utf-8")
+from quick_cone import CONTOURS, quick_cone
 
 
 def quiet(_: Any) -> None:
@@ -39,14 +35,14 @@ def test_a_lift_survives_its_message() -> None:
 
 @pytest.mark.graph
 def test_graph_and_in_process_agree_with_lifts(tmp_path: Path) -> None:
-    """1 um, contour by contour; the tool is lifted after every third contour."""
-    job_file = JobFile(TEXT.replace("method: analytic", "method: fused\n  lift_every: 3"), FOLDER)
+    """1 um, contour by contour; the tool is lifted after every second contour."""
+    job_file = quick_cone("method: fused\n  lift_every: 2")
     _, failure = graph_run.form(job_file, RunOptions(seed=5), tmp_path, quiet)
     assert failure is None
     there, here = read_bag(tmp_path / "bag"), in_process.form(job_file, RunOptions(seed=5))
-    assert [c.code for c in there.corrections] == [0] * there.planned
+    assert [c.code for c in there.corrections] == [0] * CONTOURS
     for mine, theirs in zip(here.corrections, there.corrections, strict=True):
         np.testing.assert_allclose(theirs.offset, mine.offset, atol=1e-6)
         assert theirs.remarks == mine.remarks
-    assert not any("tool lift" in remark for remark in here.corrections[2].remarks)
+    assert not any("tool lift" in remark for remark in here.corrections[1].remarks)
     assert any("tool lifting" in remark for remark in here.corrections[-1].remarks)

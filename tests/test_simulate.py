@@ -14,10 +14,7 @@ from isf_analysis.bag_reader import read_bag
 from isf_cell import in_process
 from isf_cell.exit_codes import Exit
 from isf_cell.options import RunOptions
-from isf_core.job import load_job
-
-ROOT = Path(__file__).resolve().parents[1]
-JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
+from quick_cone import quick_cone, quick_cone_file
 
 
 def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -28,7 +25,7 @@ def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("simulate")
-    done = isf("simulate", str(JOB), "--json", "-o", "run", cwd=folder)
+    done = isf("simulate", str(quick_cone_file(folder)), "--json", "-o", "run", cwd=folder)
     assert done.returncode == Exit.OK, done.stderr
     data: dict[str, Any] = json.loads(done.stdout)
     return data
@@ -60,7 +57,7 @@ def test_the_correction_improves_the_part(simulated: dict[str, Any]) -> None:
 
 
 def test_the_same_seed_repeats_bit_by_bit_and_another_does_not() -> None:
-    job_file = load_job(JOB)
+    job_file = quick_cone()
     first, second, other = (in_process.form(job_file, RunOptions(seed=seed)) for seed in (1, 1, 2))
     assert first.scan is not None
     assert second.scan is not None
@@ -70,7 +67,7 @@ def test_the_same_seed_repeats_bit_by_bit_and_another_does_not() -> None:
 
 
 def test_an_off_nominal_world_gives_another_part() -> None:
-    job_file = load_job(JOB)
+    job_file = quick_cone()
     nominal, other = (in_process.form(job_file, RunOptions(world=world)) for world in (0, 3))
     assert nominal.scan is not None
     assert other.scan is not None
@@ -78,6 +75,6 @@ def test_an_off_nominal_world_gives_another_part() -> None:
 
 
 def test_without_force_set_point_the_support_is_position_controlled() -> None:
-    record = in_process.form(load_job(JOB), RunOptions(support_force=0.0))
+    record = in_process.form(quick_cone(), RunOptions(support_force=0.0))
     assert record.failure() is None
     assert not any(result.tick_engaged.any() for result in record.results)
