@@ -9,7 +9,7 @@ one and block logic: Ren 2018, 4.3.1).
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -148,6 +148,8 @@ class AnalyticCorrection:
         pressed = self._floor.push(contour, self._before, last)
         requested = at_edge(contour, self._job_file, requested, last) if pressed is None else pressed
         limits = limits_of(self._job_file, contour.forming_tool)
+        if pressed is not None:
+            limits = replace(limits, change=limits.magnitude)  # a floor may need far less push than the wall
         limited = continuity.apply_limits(contour, requested, limits)
         if pressed is not None:
             self._floor.remember(contour, limited.value)

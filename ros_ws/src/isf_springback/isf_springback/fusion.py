@@ -213,7 +213,8 @@ class FusedCorrection:
         elif contour.forming_tool == 1 and self._unconfirmed():
             rise = min(rise, SLOW_RISE * self._job_file.job.path.incremental_depth)
         admitted = np.minimum(wanted, np.maximum(sign * before[:, 2], 0.0) + rise)
-        limits = push_limits(self._job_file, contour.forming_tool, change=change)
+        free = change if pressed is None else MAGNITUDE  # a floor may need far less push than the wall
+        limits = push_limits(self._job_file, contour.forming_tool, change=free)
         value, bound = limit_signed(admitted, path, limits, sign * before[:, 2])
         bound |= wanted - admitted > VISIBLE
         offset = np.zeros((len(contour), 3))

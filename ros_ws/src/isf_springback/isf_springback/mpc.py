@@ -136,7 +136,8 @@ class ModelPredictiveCorrection:
         wide = old if move is None else old + move.radial
         wanted = wanted if passed is None else sign * passed
         admitted = sign * self._borne(contour, sign * before[:, 2], sign * wanted, remarks)
-        limits = push_limits(self._job_file, tool, max(options.largest_offset, float((-sign * admitted).max())))
+        free = None if passed is None else options.largest_offset  # a floor may need far less push than the wall
+        limits = push_limits(self._job_file, tool, max(options.largest_offset, float((-sign * admitted).max())), free)
         vertical, bound = limit_signed(admitted, path, limits, before[:, 2])
         limits = horizontal_limits(self._job_file, tool, options.largest_offset)
         horizontal, bound_h = limit_signed(wide, path, limits, old) if known else (old, np.zeros(len(old), bool))
