@@ -25,7 +25,7 @@ def shape_remarks(shape: FormedShape, target: HeightMap, level: float, job_file:
     places = np.stack(np.meshgrid(target.x, target.y), axis=-1)
     formed = heights_at(shape.surface, places)
     error = formed - np.maximum(target.z, level)
-    return (*_rim(error[masks["rim"]], job_file), *_pillow(formed, target, level))
+    return (*_rim(error[masks["rim"]], job_file), *_pillow(formed, target, level, job_file))
 
 
 def _rim(error: Array, job_file: JobFile) -> tuple[str, ...]:
@@ -47,7 +47,7 @@ def _rim(error: Array, job_file: JobFile) -> tuple[str, ...]:
     )
 
 
-def _pillow(formed: Array, target: HeightMap, level: float) -> tuple[str, ...]:
+def _pillow(formed: Array, target: HeightMap, level: float, job_file: JobFile) -> tuple[str, ...]:
     """Middle of the bottom (where the target is deeper than the tool has been) against its edge."""
     bottom = target.z <= level + 0.05e-3
     if bottom.sum() < 200:
@@ -64,7 +64,10 @@ def _pillow(formed: Array, target: HeightMap, level: float) -> tuple[str, ...]:
     rise = float(middle.mean() - edge.mean())
     if rise < PILLOW:
         return ()
+    better = "passes over the floor (path.floor_step), support from below (DSIF) or a smaller depth step would lower it"
+    if job_file.job.path.floor_step is not None:
+        better = "the passes over the floor lower it"
     return (
         f"the middle of the bottom stands {1e3 * rise:.1f} mm over its edge (pillow): contours on the walls do not "
-        "reach it; support from below (DSIF), a smaller depth step or passes over the floor would lower it",
+        f"reach it; {better}",
     )
