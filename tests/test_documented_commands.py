@@ -15,6 +15,7 @@ import pytest
 import typer
 from isf_cell.cli import app
 from isf_cell.exit_codes import Exit
+from quick_cone import quick_cone_file
 
 ROOT = Path(__file__).resolve().parents[1]
 JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
@@ -47,8 +48,9 @@ def test_plan_draws_a_job_and_a_bare_mesh(tmp_path: Path) -> None:
 
 
 def test_a_report_is_made_again_from_bags_alone(tmp_path: Path) -> None:
+    job = str(quick_cone_file(tmp_path))
     for name, correction in (("corrected", "analytic"), ("plain", "none")):
-        done = isf("simulate", str(JOB), "--correction", correction, "--no-compare", "-o", name, cwd=tmp_path)
+        done = isf("simulate", job, "--correction", correction, "--no-compare", "-o", name, cwd=tmp_path)
         assert done.returncode == Exit.OK, done.stderr
     done = isf("report", "corrected/bag", "--reference", "plain/bag", "-o", "again", "--json", cwd=tmp_path)
     assert done.returncode == Exit.OK, done.stderr

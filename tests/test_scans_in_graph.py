@@ -16,19 +16,11 @@ from isf_core.job import JobFile
 from isf_springback.method import make_method
 from isf_springback.shape_feedback import ShapeFeedback
 from numpy.typing import NDArray
-
-ROOT = Path(__file__).resolve().parents[1]
-FOLDER = ROOT / "examples" / "jobs"
-TEXT = (FOLDER / "mini_cone.yaml").read_text(encoding="utf-8")
+from quick_cone import FOLDER, quick_cone
 
 
 def quiet(_: Any) -> None:
     """Feedback that nobody looks at."""
-
-
-def job(springback: str) -> JobFile:
-    assert "method: analytic" in TEXT
-    return JobFile(TEXT.replace("method: analytic", springback), FOLDER)
 
 
 def replayed(record: PartRecord, job_file: JobFile) -> list[NDArray[np.float64]]:
@@ -50,7 +42,7 @@ def replayed(record: PartRecord, job_file: JobFile) -> list[NDArray[np.float64]]
 @pytest.mark.graph
 def test_graph_and_in_process_agree_with_scans(tmp_path: Path) -> None:
     """1 um, contour by contour; scans after every third contour as a scanner would be used on a long part."""
-    job_file = job("method: fused\n  scan_every: 3")
+    job_file = quick_cone("method: fused\n  scan_every: 3", coarse=False)  # what was seen tells after six contours
     _, failure = graph_run.form(job_file, RunOptions(seed=5), tmp_path, quiet)
     assert failure is None
     there, here = read_bag(tmp_path / "bag"), in_process.form(job_file, RunOptions(seed=5))
