@@ -18,7 +18,6 @@ from isf_node import qos
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from isf_force_ctrl.frame_tree import FrameTree, Turn
 
@@ -26,10 +25,6 @@ Array = NDArray[np.float64]
 
 POSE_TYPES = ("pose", "transform", "odometry", "tf")
 """PoseStamped, TransformStamped or Odometry on topic ``pose``; TFMessage on ``/tf`` and ``/tf_static``."""
-
-# As tf2_ros has them; they are the robot's topics, not the cell's. What is fixed is told once, frame by frame.
-_TF = QoSProfile(depth=100)
-_TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 _UNNAMED = "the tool"
 """Frame of what comes on ``pose`` where no other name was asked for."""
@@ -56,8 +51,8 @@ class PoseInlet:
         if kind == "tf":
             message = _tf_message(frame)
             self.subscriptions: list[Any] = [
-                node.create_subscription(message, "/tf", self._on_tf, _TF),
-                node.create_subscription(message, "/tf_static", self._on_tf_static, _TF_STATIC),
+                node.create_subscription(message, "/tf", self._on_tf, qos.TF),
+                node.create_subscription(message, "/tf_static", self._on_tf_static, qos.TF_STATIC),
             ]
         else:
             types = {"pose": (PoseStamped, self._on_pose), "transform": (TransformStamped, self._on_transform)}
