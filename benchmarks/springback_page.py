@@ -108,7 +108,7 @@ def line(name: str, part: Published, method: str, rows: Sequence[dict[str, Any]]
         _numbers(part, nominal, statistics.median),
         _numbers(part, others, statistics.median),
         _numbers(part, others, max),
-        "-" if method == "none" else _goals(part, others, ended=bool(ended)),
+        "-" if method.startswith("none") else _goals(part, others, ended=bool(ended)),
     ]
     return "| " + " | ".join(cells) + " |"
 
@@ -159,7 +159,7 @@ def best(rows: Sequence[dict[str, Any]], name: str) -> str | None:
     for method in dict.fromkeys(row["method"] for row in rows if row["job"] == name):
         found = springback_rows.of(rows, name, method)
         whole = [row for row in found if row["code"] == 0 and part.region in row]
-        if method != "none" and whole and len(whole) == len(found):
+        if not method.startswith("none") and whole and len(whole) == len(found):
             value = _over(whole, part.region, goal.kind, statistics.median)
             scores.append((-len(whole), -value if goal.kind == "share" else value, method))
     return min(scores)[2] if scores else None
@@ -173,7 +173,7 @@ def pictures(rows: Sequence[dict[str, Any]], maps: Path, folder: Path) -> list[s
         nominal = {row["method"]: row for row in rows if row["job"] == name and row["world"] == 0}
         shapes = [
             springback_rows.shapes(maps / f"{nominal[wanted]['key']}.npz") if wanted in nominal else None
-            for wanted in ("none", method or "")
+            for wanted in ("none" if "none" in nominal else "none-floor", method or "")
         ]
         if method is None or shapes[0] is None or shapes[1] is None:
             continue
@@ -210,7 +210,8 @@ Simulated machine, formed in one process; vertical errors in the clamp, formed m
 the others sheet, machine and load cells are off by up to 20 %, which the controllers do not know. Methods that look at
 the shape see a scan with noise, holes and registration after every contour. First contours go by the predicted force
 (`springback.first_contour`); the plant is that of the sources named above. With `+push` the edge of the clamp was
-calibrated before the part, by one push on the flat sheet in that world (`isf springback calibrate`).
+calibrated before the part, by one push on the flat sheet in that world (`isf springback calibrate`). With `-floor` the
+passes over the floor that the job asks for are left out ([planning](planning_paths.md#passes-over-the-floor)).
 
 ## Published
 
