@@ -16,8 +16,8 @@ of a pocket is not true of it.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
@@ -38,13 +38,16 @@ from isf_springback.shape_reading import PLACES, READING_DEVIATION, read_errors
 from isf_springback.shape_remarks import shape_remarks
 from isf_springback.sheet_load import push_sign
 from isf_springback.step_bounds import FREE_SHARE, force_remark, force_share, largest_rise
-from isf_springback.wall_history import MADE_BY, REMEMBERED, FormedStep, expected_error, with_older_wall
 
 Array = NDArray[np.float64]
 
 LARGEST_BIAS = 3e-3
 """m; the shape may ask for that much more than the model and no more, and may take back the model's correction
 altogether (assumed: more than half of all published springback)."""
+DEEPER = 0.2e-3
+"""m of more push than on the contour before, beyond which a contour wipes out the traces of that one."""
+MADE_BY = 4
+"""Contours that make the wall at one place: the ball touches it again and again."""
 EDGE_CONTOURS = 2
 """Contours whose scans show the edge of the opening alone where a backing plate holds it; else :data:`MADE_BY`, since a
 free edge bends down with each of them."""
@@ -74,6 +77,16 @@ def steady_model(job_file: JobFile) -> AnalyticCorrection:
     from isf_springback.elastic import ElasticCorrection  # numba and its kernels: only who uses them waits
 
     return ElasticCorrection(job_file, law="hold", axial_only=True)
+
+
+@dataclass(frozen=True)
+class FormedStep:
+    """One contour of N points: how it was pushed, and what the model says of it, with the force measured on it once
+    that is known; (N,) m each."""
+
+    contour: Contour
+    pushed: Array
+    model: Array
 
 
 class FusedCorrection:
@@ -149,12 +162,10 @@ class FusedCorrection:
         if self._floor.passes(contour):
             self._remarks = (*shape.remarks, *told)
             return
-        radius = forming_radius(self._job_file, contour.forming_tool)
-        reading = read_errors(contour, shape, target, radius)
+        reading = read_errors(contour, shape, target, forming_radius(self._job_file, contour.forming_tool))
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         known = self._fields(reading.place)
         surprise = reading.wall - expected_error(self._steps, reading.place)
-        surprise, noise = with_older_wall(self._steps, shape, target, radius, reading.place, surprise, noise)
         held = self._job_file.job.backing_plate is not None
         if contour.index - self._wall_begins < (EDGE_CONTOURS if held else MADE_BY):
             # Still the edge of the opening: no push makes it better where it stands too high, as it always does a
@@ -266,11 +277,11 @@ class FusedCorrection:
 
     def _step(self, contour: Contour, predicted: Array, offset: Array) -> None:
         """Note how ``contour`` is pushed; asking again for a contour replaces it."""
-        before = [step for step in self._steps if step.contour.index < contour.index and step.same_wall(contour)]
+        before = [step for step in self._steps if step.contour.index < contour.index and _same_wall(step, contour)]
         if not before:
             self._wall_begins = contour.index
         pushed = push_sign(contour) * offset[:, 2]
-        self._steps = [*before[1 - REMEMBERED :], FormedStep(contour, pushed, predicted)]
+        self._steps = [*before[1 - MADE_BY :], FormedStep(contour, pushed, predicted)]
 
     def _advance(self, contour: Contour) -> None:
         pending = self._memory.pending
@@ -328,6 +339,35 @@ def _shifted(field: BiasField | None, contour: Contour, grown: Array) -> BiasFie
     measured = 1.0 - np.clip(field.deviation / START_DEVIATION, 0.0, 1.0) ** 2
     shift = measured * grown[nearest_points(field.place, contour.contact[:, :2])]
     return BiasField(field.place, field.bias - shift, field.covariance)
+
+
+def expected_error(steps: Sequence[FormedStep], place: Array) -> Array:
+    """(M,) m, error of the wall at ``place`` (M, 2) m by the model alone: mean over the contours that made it.
+
+    A contour that went deeper than the one before it by more than :data:`DEEPER` is the first that counts.
+    """
+    total, count, counts = np.zeros(len(place)), np.zeros(len(place)), np.ones(len(place))
+    later: Array | None = None
+    for step in reversed(steps):
+        near = nearest_points(place, step.contour.forming_tip[:, :2])
+        pushed, model = step.pushed[near], step.model[near]
+        if later is not None:
+            counts = np.where(later > pushed + DEEPER, 0.0, counts)
+        total += counts * (model - pushed)
+        count += counts
+        later = pushed
+    return np.asarray(total / count)
+
+
+def _same_wall(step: FormedStep, contour: Contour) -> bool:
+    """True when both contours belong to one feature, stage and forming tool of one plan."""
+    known = step.contour
+    return (known.plan_id, known.feature, known.stage, known.forming_tool) == (
+        contour.plan_id,
+        contour.feature,
+        contour.stage,
+        contour.forming_tool,
+    )
 
 
 def _along(correction: ContourCorrection, contour: Contour) -> Array:

@@ -8,10 +8,8 @@ import pytest
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
-from isf_springback.fusion import FusedCorrection
+from isf_springback.fusion import DEEPER, MADE_BY, FormedStep, FusedCorrection, expected_error
 from isf_springback.method import apply
-from isf_springback.scan_processing import FormedShape
-from isf_springback.wall_history import DEEPER, MADE_BY, OLD_DEVIATION, FormedStep, expected_error, with_older_wall
 from springback_parts import JOB_TEXT, cone_contour, result_of
 
 COMPLIANCE = 6e-6
@@ -94,32 +92,3 @@ def test_a_wall_is_made_by_several_contours_until_one_goes_deeper():
     assert expected_error(even, place) == pytest.approx(np.full(len(place), 0.1e-3))
     deeper = [*even[:2], step(8, 5.1e-3 + 1.1 * DEEPER, 5.4e-3)]
     assert expected_error(deeper, place) == pytest.approx(np.full(len(place), 0.3e-3 - 1.1 * DEEPER))
-
-
-def older_wall(shadow):
-    """Surprise and deviation at 8 places of contour 24, unseen at two of them; the wall stands 0.3 mm too high.
-
-    ``shadow`` (Y, X) bool, cells that the scan does not show.
-    """
-    surface = HeightMap(GRID, GRID, np.where(shadow, np.nan, TARGET.z + 0.3e-3))
-    shape = FormedShape(surface, 1.0, 0, None, np.zeros(2), 0.0, 0.0)
-    steps = [step(index, 4.0e-3, 4.1e-3) for index in range(25)]
-    place = steps[-1].contour.contact[:: len(steps[-1].contour) // 8, :2][:8]
-    surprise = np.full(8, 0.15e-3)
-    surprise[[0, 1]] = np.nan
-    return with_older_wall(steps, shape, TARGET, 5e-3, place, surprise, np.full(8, 0.1e-3))
-
-
-def test_where_the_tool_hides_the_wall_older_wall_speaks_for_it():
-    contact = np.hypot(*cone_contour(24).contact[0, :2])
-    hidden = (np.abs(X - contact) < 3e-3) & (Y > -1e-3) & (Y < 25e-3)
-    surprise, deviation = older_wall(hidden)
-    assert surprise[:2] == pytest.approx(np.full(2, 0.2e-3), abs=0.02e-3)  # 0.3 mm read, 0.1 mm expected
-    assert surprise[2:] == pytest.approx(np.full(6, 0.15e-3))
-    assert deviation == pytest.approx([OLD_DEVIATION, OLD_DEVIATION, *[0.1e-3] * 6])
-
-
-def test_where_no_wall_was_ever_seen_nothing_is_told():
-    surprise, deviation = older_wall(Y > -30e-3)
-    assert np.isnan(surprise[:2]).all()
-    assert deviation == pytest.approx(np.full(8, 0.1e-3))
