@@ -8,10 +8,12 @@ one round is mended in the next. Only flat floors without anything in them get p
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import shapely
+from isf_core.contour import Contour
 from isf_core.job import Job
 from numpy.typing import NDArray
 
@@ -50,6 +52,20 @@ def floor_paths(surface: TargetSurface, wall: TipPath, job: Job) -> list[TipPath
     if not all(_flat(surface, path, level, job.tool_1.ball_radius) for path in passes):
         return []
     return [path for turn in range(job.path.floor_rounds) for path in (passes if turn % 2 == 0 else passes[::-1])]
+
+
+def left_out(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
+    """Warning when passes are asked for and no floor gets any."""
+    if job.path.floor_step is None:
+        return ()
+    for before, contour in itertools.pairwise(contours):
+        level = contour.forming_tip[:, 2].mean() - before.forming_tip[:, 2].mean()
+        if before.feature == contour.feature and abs(level) < 1e-9 and not contour.wall_angle.any():
+            return ()
+    return (
+        f"path.floor_step {1e3 * job.path.floor_step:g} mm: no floor is passed over; it has to be flat, empty and more "
+        "than one step wide inside the last contour",
+    )
 
 
 def _ring(shape: shapely.Polygon, level: float, wall: TipPath, spacing: float) -> TipPath:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from isf_planner import (
     adsif_path,
     finishing,
+    floor_passes,
     formed_thickness,
     level_spacing,
     mesh_checks,
@@ -135,7 +136,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     else:
         groups = [tool_paths.make_contours(sides, job_file, plan_id) for sides in (*([s] for s in preforms), planned)]
         contours = stages.joined(groups)
-    warnings += rule_checks.rule_warnings(contours, planned, job_file)
+    warnings += (*floor_passes.left_out(contours, job), *rule_checks.rule_warnings(contours, planned, job_file))
     contours, expected = finishing.finish(contours, job_file)
     warnings += (*formed_thickness.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)

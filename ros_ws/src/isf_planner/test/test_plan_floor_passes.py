@@ -31,6 +31,7 @@ def test_the_floor_is_passed_over_in_rings_inwards_and_outwards(process: str, tm
     for before, after in zip(wall, whole, strict=False):
         assert np.array_equal(before.forming_tip, after.forming_tip)
     assert [(contour.index, contour.count) for contour in whole] == [(k, len(whole)) for k in range(len(whole))]
+    assert not any("floor_step" in text for text in plan(with_floor(job_file, "floor_step: 3 mm")).warnings)
     passes = whole[len(wall) :]
     last = radii(wall)[-1]
     inwards = [last - number * STEP for number in range(1, len(passes) // 3 + 1)]
@@ -50,7 +51,9 @@ def test_nothing_is_planned_on_a_dome(tmp_path: Path) -> None:
     cap = np.column_stack([40e-3 * np.sin(angle), 40e-3 * (np.cos(angle[0]) - np.cos(angle))])
     mesh = revolve(np.vstack([[cap[0, 0] + 6e-3, 0.0], cap]), 200)
     job_file = job_for(write(mesh, tmp_path / "cap.ply"), process="SPIF")
-    assert len(plan(with_floor(job_file, "floor_step: 1 mm")).contours) == len(plan(job_file).contours)
+    asked = plan(with_floor(job_file, "floor_step: 1 mm"))
+    assert len(asked.contours) == len(plan(job_file).contours)
+    assert any("path.floor_step 1 mm: no floor is passed over" in text for text in asked.warnings)
 
 
 def test_a_floor_that_holds_an_island_is_left_alone(tmp_path: Path) -> None:
