@@ -22,6 +22,7 @@ def middle(floor_step: str, method: str, scans: int) -> tuple[float, tuple[Conto
     job_file = JobFile(f"{before}\nspringback: {{method: {method}, scan_every: {scans}, scan_sensor: true}}\n", JOBS)
     record = in_process.form(job_file, RunOptions(seed=0))
     assert record.results[-1].completed
+    assert not any(result.lost_messages for result in record.results)  # time that scans take is no loss
     assert record.scan is not None
     error = compare(record.scan, record.target).error
     x, y = np.meshgrid(error.x, error.y)

@@ -135,6 +135,7 @@ class ForceController:
             end = posture_of(segments[-1].rows[-1])
             segments += lift_segments(self.config, end, self._lift_normal, self._tools)
         self._log = ContourLog(contour, forced, self._laws.backoffs)
+        self._last_tick = -1  # what passed between contours, as during a scan, was not lost
         self._laws.assign(path.forming, forced=forced)
         self._index = contour.index
         self._plan.take(contour)
@@ -235,7 +236,8 @@ class ForceController:
     def tick(self, tick: int, time: float, wrench_1: Sequence[float], wrench_2: Sequence[float]) -> Targets:
         """Targets for the next tick from the wrenches (6,) of this one.
 
-        ``tick`` counts the machine's ticks (gaps count as lost messages), ``time`` s is the time of the wrenches.
+        ``tick`` counts the machine's ticks (gaps within a contour count as lost messages), ``time`` s is that of the
+        wrenches.
         A wrench that is not finite or beyond the rig's limits ends in HOLD and :attr:`fault`, not in an exception.
         """
         if self._mode is Mode.IDLE:
