@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-import numpy as np
 from isf_analysis.contour_scan import ContourScan, kept_scan
 from isf_analysis.events import event_of
 from isf_analysis.record import PartRecord
@@ -18,18 +17,18 @@ from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.job import JobFile
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.measuring_controller import MeasuringController
 from isf_planner import Plan, plan
 from isf_sim.machine import MachineSample, SimulatedMachine
 from isf_springback.lift_feedback import LiftFeedback, lift_due, reading_of
 from isf_springback.method import CorrectionMethod, apply, check_method, make_method
 from isf_springback.shape_feedback import ShapeFeedback, scan_due
-from numpy.typing import NDArray
 
 from isf_cell.lift_between import lift_in_process
 from isf_cell.options import RunOptions
 from isf_cell.part_step import PartStep
+from isf_cell.scan_between import scan_in_process
+from isf_cell.ticks import run_ticks
 
 
 @dataclass
@@ -87,11 +86,14 @@ def form(
             if isinstance(method, LiftFeedback):
                 method.feel(reading_of(rows), nominal.index)
         if scan_due(job_file, nominal.index, nominal.count):
-            points = _scan(machine, sensor=job_file.job.springback.scan_sensor)
+            points, sample = scan_in_process(job_file, nominal, controller, machine, sample)
             if isinstance(method, ShapeFeedback):
                 method.see(points, nominal.index)
-            sample = machine.sample()  # a scan takes its time
             history.scans.append(kept_scan(nominal.index, sample.time, points))
+        if controller.fault is not None:  # between two contours: told by the one before
+            code, text = controller.fault
+            history.results[-1] = replace(result, completed=False, code=int(code), message=text)
+            break
 
     return PartRecord(
         job_name=job_file.job.name,
@@ -121,17 +123,10 @@ def form(
     )
 
 
-def _scan(machine: SimulatedMachine, *, sensor: bool) -> NDArray[np.float64]:
-    """(P, 3) m, points of the upper surface in the clamp; ``sensor``: as a scanner sees it."""
-    if sensor:
-        return machine.measured_cloud(duration=not machine.moving)
-    return machine.measured_shape().points()
-
-
 def _form_contour(
     nominal: Contour,
     method: CorrectionMethod,
-    controller: ForceController,
+    controller: MeasuringController,
     machine: SimulatedMachine,
     sample: MachineSample,
     history: _History,
@@ -139,9 +134,7 @@ def _form_contour(
     correction = method.correct(nominal)
     corrected = apply(nominal, correction)
     controller.start(corrected)
-    while controller.busy:
-        targets = controller.tick(sample.tick, sample.time, sample.wrench_1.tolist(), sample.wrench_2.tolist())
-        sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
+    sample = run_ticks(controller, machine, sample)
     result = controller.take_result()
     if result is None:
         raise IsfError(

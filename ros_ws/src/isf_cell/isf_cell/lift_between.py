@@ -14,6 +14,8 @@ from isf_force_ctrl.tool_lift import LiftSettings
 from isf_sim.machine import MachineSample, SimulatedMachine
 from numpy.typing import NDArray
 
+from isf_cell.ticks import run_ticks
+
 Array = NDArray[np.float64]
 
 SETTINGS = LiftSettings(speed=5e-3, zero_force=5.0, max_lift=12e-3)
@@ -47,9 +49,7 @@ def lift_in_process(
         lift = controller.lift_tool(SETTINGS)
     except IsfError:  # the tools are not on the sheet, as between two features
         return NO_ROWS, sample
-    while controller.busy:
-        targets = controller.tick(sample.tick, sample.time, sample.wrench_1.tolist(), sample.wrench_2.tolist())
-        sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
+    sample = run_ticks(controller, machine, sample)
     if lift.code is not ErrorCode.OK:
         return NO_ROWS, sample
     found = lift.record()

@@ -36,6 +36,8 @@ from isf_cell.lift_in_graph import lift_in_graph
 from isf_cell.options import RunOptions
 from isf_cell.part_step import PartStep
 from isf_cell.reference_run import UNCORRECTED
+from isf_cell.scan_between import tools_aside
+from isf_cell.scan_in_graph import scan_in_graph
 
 MANAGED = ("machine", "planner", "springback", "force_ctrl")
 """Nodes brought up in this order, down in reverse."""
@@ -155,13 +157,21 @@ class PartRun:
         self._arm(count)
         for index in range(goal.first_index, count):
             self._pause_here(index, count)
-            self._form_contour(index)
+            closed = self._form_contour(index)
             self._done += 1
             if lift_due(job_file, index, count):
                 result, patience = self._results[index], self._settings.contour_timeout
                 self._outlet.publish_lift(lift_in_graph(self._client, self._watch, result, patience, self._tell))
             if scan_due(job_file, index, count):
-                self._scan_between(index, sensor=job_file.job.springback.scan_sensor)
+                scan_in_graph(
+                    self._client,
+                    self._watch,
+                    index,
+                    aside=tools_aside(job_file, closed=closed),
+                    sensor=job_file.job.springback.scan_sensor,
+                    timeout=self._settings.contour_timeout,
+                    tell=self._tell,
+                )
             if self._settings.checkpoint:
                 Checkpoint(
                     job_file.job.name, self._plan_id, index + 1, count, options.method(job_file), goal.world, goal.seed
@@ -229,7 +239,8 @@ class PartRun:
                 raise error
             pause.wait(0.2)
 
-    def _form_contour(self, index: int) -> None:
+    def _form_contour(self, index: int) -> bool:
+        """Have contour ``index`` formed; True when it is closed."""
         response = self._client.checked_call(
             GetContour, "planner/get_contour", GetContour.Request(plan_id=self._plan_id, index=index), self._watch
         )
@@ -242,16 +253,7 @@ class PartRun:
         if not result.completed:
             raise IsfError(ErrorCode(result.code), result.message, where=contour_label(index))
         self._tell_contour(response.contour, result)
-
-    def _scan_between(self, index: int, *, sensor: bool) -> None:
-        """Measure the shape for springback; a scanner that fails is told, and the part goes on without."""
-        request = Scan.Request(clamped=True, sensor=sensor)
-        try:
-            self._client.checked_call(Scan, "machine/scan", request, self._watch)
-        except IsfError as error:
-            if error.code in (ErrorCode.NODE_DIED, ErrorCode.CANCELLED):
-                raise
-            self._tell(f"no scan after {contour_label(index)}: {error}")
+        return bool(response.contour.closed)
 
     def _wait_for_result(self, index: int, *, watch: Callable[[], None] | None = None) -> ContourResult:
         deadline = time.monotonic() + self._settings.contour_timeout

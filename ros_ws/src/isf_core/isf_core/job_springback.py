@@ -91,6 +91,10 @@ class SpringbackSpec(FileModel):
     model of the sheet), or not corrected, as published (Ren 2018, 4.3.1)."""
     scan_every: int = Field(default=0, ge=0)
     """The shape is measured after every so many contours, for methods that use it; 0: never."""
+    scan_clear: bool = True
+    """Both tools are lifted clear and moved aside before a scan, and approach the sheet again after it; otherwise the
+    scan is made with the tools where the contour ended, and what they hide is a hole in it. Open contours (spirals)
+    are always scanned so: a tool lifted off in the middle of one leaves a mark."""
     lift_every: int = Field(default=0, ge=0)
     """The forming tool is lifted after every so many contours and measures springback where it stands, for methods
     that use it; 0: never."""

@@ -135,7 +135,25 @@ class Rig(FileModel):
     limits: Limits
     park_height: Length = Field(gt=0)
     """Tools wait at +park_height (tool_1) and -park_height (tool_2)."""
+    scan_place: tuple[Length, Length] | None = None
+    """x and y where the tools wait at park height while the sheet is scanned; without it x = 0 and y = 5 mm less than
+    the travel, behind the sheet for a scanner in front."""
     provenance: dict[str, str]
+
+    @model_validator(mode="after")
+    def _within_travel(self) -> Rig:
+        for name, value, most in zip("xy", self.scan_place or (), self.limits.travel, strict=False):
+            if abs(value) > most - 1e-3:
+                raise ValueError(
+                    f"scan_place must stay 1 mm within limits.travel, in {name} it is {1e3 * value:g} mm of "
+                    f"+-{1e3 * most:g} mm"
+                )
+        return self
+
+    @property
+    def aside(self) -> tuple[float, float]:
+        """x and y, m, where the tools wait during a scan."""
+        return self.scan_place or (0.0, self.limits.travel[1] - 5e-3)
 
 
 def load_rig(name_or_path: str, base: Path | None = None) -> Rig:

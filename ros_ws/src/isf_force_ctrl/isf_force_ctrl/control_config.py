@@ -34,6 +34,7 @@ class ControlConfig:
     ----------
     rate : Hz, ticks per second
     park_height : m, tools wait at x = y = 0, z = +-park_height
+    aside : (2,) m, x and y where they wait while the sheet is scanned
     travel, speed_limit, force_limit : limits of the rig (m per axis, m/s, N per axis)
     servo_bandwidth : Hz
     contact_stiffness : N/m, K_c
@@ -143,6 +144,7 @@ class ControlConfig:
     component_gain: float = 1.0
     component_limit: float = 1.024e-3
     ball_reach: float = 0.0
+    aside: tuple[float, float] = (0.0, 0.0)
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
@@ -154,6 +156,7 @@ class ControlConfig:
         config = ControlConfig(
             rate=job.control.rate,
             park_height=rig.park_height,
+            aside=rig.aside,
             travel=rig.limits.travel,
             speed_limit=rig.limits.speed,
             force_limit=rig.limits.force,

@@ -36,6 +36,7 @@ from isf_force_ctrl.segments import (
     posture_of,
 )
 from isf_force_ctrl.tool_moves import Tools
+from isf_force_ctrl.trajectory import ToolPath
 from isf_force_ctrl.wrench_check import WrenchWatch
 
 NAN = float("nan")
@@ -92,6 +93,7 @@ class ForceController:
         self._previous: tuple[np.ndarray, np.ndarray] | None = None
         self._lift_normal = np.array([0.0, 0.0, 1.0])
         self._clear, self._engaged, self._open_end = True, False, False
+        self._before: ToolPath | None = None
         self._tools = Tools(forming=1, with_support=False)
         self._stopping: tuple[ErrorCode, str] | None = None
         self._lift_after_stop = self._idle_after = False
@@ -131,6 +133,7 @@ class ForceController:
         kept = path.forming == self._tools.forming and self._tools.with_support
         self._tools = Tools(path.forming, contour.has_support or kept)
         self._open_end = not contour.closed
+        self._before = path
         if last:
             end = posture_of(segments[-1].rows[-1])
             segments += lift_segments(self.config, end, self._lift_normal, self._tools)
@@ -141,6 +144,21 @@ class ForceController:
         self._plan.take(contour)
         self._clear = False
         self._play(segments)
+
+    def move_aside(self) -> None:
+        """Lift both tools clear of the sheet and move them aside; the next contour approaches again.
+
+        Raises IsfError NOT_ARMED.
+        """
+        if self.busy or self._playback.moving:
+            raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="wait for the contour, or stop it")
+        if self._mode not in (Mode.ARMED, Mode.FREEZE):
+            raise IsfError(
+                ErrorCode.NOT_ARMED, f"the tools are not moved aside in {self._mode.name}", advice="arm a plan first"
+            )
+        if not self._clear:
+            here = posture_of(self._playback.row)
+            self._play(lift_segments(self.config, here, self._lift_normal, self._tools, aside=True))
 
     def stop(self, reason: str) -> None:
         """Decelerate smoothly and hold; the contour's result carries STOPPED."""
@@ -376,6 +394,7 @@ class ForceController:
             self._clear,
             self._lift_normal,
             self._playback.velocity(self.config.rate) if self._playback.moving else None,
+            self._before,
         )
 
     def _brake(self) -> None:

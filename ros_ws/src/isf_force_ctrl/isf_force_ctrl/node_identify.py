@@ -65,7 +65,7 @@ class IdentifyAction:
             handle.publish_feedback(Identify.Feedback(phase=probe.phase, progress=float(probe.progress)))
 
         def measure() -> Identify.Result:
-            follow(handle, controller, self._lock, tell)
+            follow(handle, lambda: controller.measuring, controller.cancel, self._lock, tell)
             if not probe.ended and probe.code is ErrorCode.OK:  # the controller was put away
                 probe.give_up(ErrorCode.STOPPED, "the measurement was ended from outside", stay=True)
             found = finding(probe, controller.config, job_file.rig, rig_reference(job_file), date.today().isoformat())

@@ -1,4 +1,4 @@
-"""Actions of node ``force_ctrl`` that measure between contours: ``lift_tool``."""
+"""Actions of node ``force_ctrl`` between contours: ``lift_tool`` measures, ``move_aside`` makes room for a scan."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_msgs.action import LiftTool
+from isf_msgs.action import LiftTool, MoveAside
 from isf_node.background import in_thread
 from isf_node.lifecycle import CellNode
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -25,7 +25,7 @@ class MeasurementActions:
     """Serves the actions for ``node``.
 
     ``controller`` gives the present controller (None: nothing was armed), ``begun`` is called with the lock held when a
-    measurement begins, so that the first targets go out.
+    measurement or a move begins, so that the first targets go out.
     """
 
     def __init__(
@@ -36,23 +36,30 @@ class MeasurementActions:
         begun: Callable[[], None],
     ) -> None:
         self._node, self._lock, self._controller, self._begun = node, lock, controller, begun
-        self._server = ActionServer(
-            node,
-            LiftTool,
-            "lift_tool",
-            self._lift_tool,
-            goal_callback=lambda _: GoalResponse.ACCEPT if node.is_active else GoalResponse.REJECT,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        self._servers = [
+            ActionServer(
+                node,
+                kind,
+                name,
+                serve,
+                goal_callback=lambda _: GoalResponse.ACCEPT if node.is_active else GoalResponse.REJECT,
+                cancel_callback=lambda _: CancelResponse.ACCEPT,
+            )
+            for kind, name, serve in (
+                (LiftTool, "lift_tool", self._lift_tool),
+                (MoveAside, "move_aside", self._move_aside),
+            )
+        ]
 
     def close(self) -> None:
         """Destroy the action servers."""
-        self._server.destroy()
+        for server in self._servers:
+            server.destroy()
 
     async def _lift_tool(self, handle: ServerGoalHandle) -> LiftTool.Result:
         goal = handle.request
         try:
-            controller = self._armed()
+            controller = self._armed("lift_tool")
             with self._lock:
                 lift = controller.lift_tool(LiftSettings(goal.speed, goal.zero_force, goal.max_lift))
                 self._begun()
@@ -64,7 +71,10 @@ class MeasurementActions:
         def tell() -> None:
             handle.publish_feedback(LiftTool.Feedback(lift=lift.lift, force=lift.force))
 
-        await in_thread(lambda: follow(handle, controller, self._lock, tell), self._node.executor)
+        await in_thread(
+            lambda: follow(handle, lambda: controller.measuring, controller.cancel, self._lock, tell),
+            self._node.executor,
+        )
         found = lift.record()
         result = LiftTool.Result(code=int(lift.code), message=lift.message)
         result.springback, result.force = found.springback, found.force
@@ -78,22 +88,55 @@ class MeasurementActions:
             handle.abort()
         return result
 
-    def _armed(self) -> MeasuringController:
+    async def _move_aside(self, handle: ServerGoalHandle) -> MoveAside.Result:
+        try:
+            controller = self._armed("move_aside")
+            with self._lock:
+                controller.move_aside()
+                self._begun()
+        except IsfError as error:
+            self._node.report(error)
+            handle.abort()
+            return MoveAside.Result(code=int(error.code), message=error.message)
+
+        def tell() -> None:
+            handle.publish_feedback(MoveAside.Feedback(tip_1=list(controller.targets.tip_1)))
+
+        def cancel() -> None:
+            controller.stop("move_aside was cancelled")
+
+        await in_thread(lambda: follow(handle, lambda: controller.busy, cancel, self._lock, tell), self._node.executor)
+        if controller.fault is None:
+            handle.succeed()
+            return MoveAside.Result()
+        code, message = controller.fault
+        if handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            self._node.report(IsfError(code, message, where="move_aside"))
+            handle.abort()
+        return MoveAside.Result(code=int(code), message=message)
+
+    def _armed(self, action: str) -> MeasuringController:
         controller = self._controller()
         if controller is None:
-            raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where="lift_tool", advice="arm the plan first")
+            raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where=action, advice="arm the plan first")
         return controller
 
 
 def follow(
-    handle: ServerGoalHandle, controller: MeasuringController, lock: threading.RLock, tell: Callable[[], None]
+    handle: ServerGoalHandle,
+    busy: Callable[[], bool],
+    cancel: Callable[[], None],
+    lock: threading.RLock,
+    tell: Callable[[], None],
 ) -> None:
-    """Until the measurement has ended; ticks go on in the node's own callbacks meanwhile. ``tell`` gives feedback."""
+    """As long as ``busy``; ticks go on in the node's own callbacks meanwhile. ``tell`` gives feedback."""
     cancelled = False
-    while controller.measuring:
+    while busy():
         if handle.is_cancel_requested and not cancelled:
             cancelled = True
             with lock:
-                controller.cancel()
+                cancel()
         tell()
         time.sleep(PERIOD)  # pace of the feedback; nothing is ordered by it

@@ -6,7 +6,7 @@ Consecutive segments meet at rest, but for an open contour that is left in motio
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from isf_force_ctrl import tool_moves
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Mode
+from isf_force_ctrl.entry_ramp import ramped
 from isf_force_ctrl.tool_moves import Posture, Tools
 from isf_force_ctrl.trajectory import Motion, ToolPath, sample
 
@@ -71,6 +72,7 @@ class Present:
     clear : the tools are clear of the sheet, so that a long way needs no lift
     normal : (3,) of the sheet where the tools are, for lifting
     velocity : (3,), (3,) m/s of both tips when the last contour was left in motion
+    before : path of the contour formed last
     """
 
     here: Posture
@@ -79,6 +81,7 @@ class Present:
     clear: bool
     normal: Array
     velocity: tuple[Array, Array] | None = None
+    before: ToolPath | None = None
 
 
 def joins(path: ToolPath, present: Present) -> bool:
@@ -151,6 +154,8 @@ def contour_segments(
             segments += _segments(Mode.LIFT, tool_moves.lift(config, here, present.normal, lifting))
             if segments:
                 here = posture_of(segments[-1].rows[-1])
+        path = ramped(path, present.before)
+        start = replace(start, tip_1=path.tip_1[0], tip_2=path.tip_2[0])
         moves = tool_moves.approach(config, here, start, feed, tools)
         segments += _segments(Mode.APPROACH, moves)
     motion = sample(path, feed, tool_moves.limits_of(config), runs_on=runs_on)
@@ -225,13 +230,16 @@ def braking(config: ControlConfig, present: Present, mode: Mode = Mode.FREEZE) -
     return Segment(mode, rows_of(motion))
 
 
-def lift_segments(config: ControlConfig, here: Posture, normal: Array, tools: Tools) -> list[Segment]:
-    """Lift both tools clear and park them."""
+def lift_segments(
+    config: ControlConfig, here: Posture, normal: Array, tools: Tools, *, aside: bool = False
+) -> list[Segment]:
+    """Lift both tools clear and park them, or move them ``aside``."""
     moves = tool_moves.lift(config, here, normal, tools)
     segments = _segments(Mode.LIFT, moves)
     if segments:
         here = posture_of(segments[-1].rows[-1])
-    return segments + _segments(Mode.LIFT, tool_moves.park(config, here, tools))
+    onward = tool_moves.aside if aside else tool_moves.park
+    return segments + _segments(Mode.LIFT, onward(config, here, tools))
 
 
 def rows_of(motion: Motion, set_point: float | None = None) -> list[Row]:

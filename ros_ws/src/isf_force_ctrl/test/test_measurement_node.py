@@ -12,7 +12,7 @@ import pytest
 import rclpy
 from isf_core.errors import ErrorCode
 from isf_core.job import load_job
-from isf_msgs.action import LiftTool
+from isf_msgs.action import LiftTool, MoveAside
 from isf_msgs.msg import ForceCtrlState
 from isf_msgs.srv import Tare
 from isf_planner import plan
@@ -84,6 +84,9 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     assert seen
     assert all(feedback.lift <= goal.max_lift for feedback in seen)
 
+    moved, seen = measured.call(MoveAside, "move_aside", MoveAside.Goal())
+    assert (moved.code, moved.message) == (0, "")
+    assert seen
     assert measured.cell.form(measured.plan.contours[3]).completed
     short, _ = measured.call(LiftTool, "lift_tool", LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=0.1e-3))
     assert short.code == ErrorCode.MEASUREMENT_FAILED

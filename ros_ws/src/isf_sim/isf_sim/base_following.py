@@ -26,7 +26,7 @@ ACCURACY = 1.0e-7
 
 
 def follow(surface: Surface, track: TipTrack, path: float, loop: float, pillow: float, radius: float) -> None:
-    """Lower the enclosed base; ``path`` m travelled, ``loop`` m, ``pillow`` m of a large base, tool ``radius`` m."""
+    """Lower the enclosed base; ``path`` m in contact so far, ``loop`` m, ``pillow`` m of a large base, ``radius`` m."""
     if loop > 0.0:
         _follow(surface, track, path - LOOPS * loop, pillow, track.h**2, (4.0 * radius) ** 2)
 

@@ -81,12 +81,11 @@ def _facing(slopes: Array) -> NDArray[np.bool_]:
 
 def _behind_tool(points: Array, tip: Array, radius: float) -> NDArray[np.bool_]:
     """Points whose line of sight passes the upper tool, a cylinder from its ball upwards."""
-    # the line of sight crosses the plane of the tool's axis at this height above the point
-    way = np.maximum((tip[1] - points[:, 1]) / VIEW[1], 0.0)
-    at = points + way[:, None] * VIEW
-    crossing = (np.abs(at[:, 0] - tip[0]) < radius) & (at[:, 2] > tip[2])
-    under = np.hypot(points[:, 0] - tip[0], points[:, 1] - tip[1]) < radius
-    return np.asarray(crossing & (points[:, 1] > tip[1] - radius) | under)
+    # from the height of the tip on the line of sight goes on in front of the tool, or into it
+    rise = np.maximum(tip[2] - points[:, 2], 0.0) / VIEW[2]
+    at = points[:, :2] + rise[:, None] * VIEW[:2]
+    chord = np.sqrt(np.maximum(radius**2 - (at[:, 0] - tip[0]) ** 2, 0.0))
+    return np.asarray((chord > 0.0) & (at[:, 1] > tip[1] - chord))
 
 
 def _shining(points: Array, slopes: Array, generator: np.random.Generator) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 DONE, NEEDS_SOLUTION, NEEDS_BASE, NEEDS_RESULT = 0, 1, 2, 4
 """What :func:`advance_point` asks for; nothing has changed unless it returns DONE."""
 
-TRAVELLED, LAST_BASE, LOOP = 0, 1, 2
+TRAVELLED, LAST_BASE, LOOP, PRESSED = 0, 1, 2, 3
 """Places in Contact.path."""
 
 SMALLEST_LOOP_RADII = 10.0
@@ -62,7 +62,7 @@ class Contact(NamedTuple):
 
     Attributes
     ----------
-    path : (3,) m, way travelled, way at the last base update, length of the last loop
+    path : (4,) m, way travelled, way at the last base update, length of the last loop, way travelled in contact
     last : (3,) m, last tip ; lateral : (2,) N, lagged horizontal force on the sheet ; drift : (2,) m, lagged
         horizontal motion of the sheet
     force : (3,) N, force on the sheet and a support below it (z negative: pressed down), zero without contact
@@ -89,7 +89,7 @@ class Contact(NamedTuple):
 def no_contact(tip: Array) -> Contact:
     """A tool clear of the sheet at ``tip`` (3,) m."""
     return Contact(
-        path=np.zeros(3),
+        path=np.zeros(4),
         last=tip.copy(),
         lateral=np.zeros(2),
         drift=np.zeros(2),
@@ -156,6 +156,7 @@ def advance_point(
     contact.axial[0] = axial
     if axial + contact.on_die[0] > 0.0:
         envelope(surface, path, constants.window, xe, ye, contact.formed_tip[2], radius)
+        contact.path[PRESSED] += way
         _mark_track(track, contact, radius)
     else:
         contact.lateral[:] *= 1.0 - blending
@@ -239,8 +240,11 @@ def _amplitude(wall: Array, step: float, eased: float, constants: PointConstants
 
 @kernel
 def _mark_track(track: TipTrack, contact: Contact, radius: float) -> None:
-    """Note the tip on the track grid; a place met again after a while tells the length of the loop."""
-    path = contact.path[TRAVELLED]
+    """Note the tip on the track grid; a place met again after a while tells the length of the loop.
+
+    Only way in contact counts: a tool that was lifted meanwhile goes on with the loop that it has left.
+    """
+    path = contact.path[PRESSED]
     i = round((contact.formed_tip[0] - track.x0) / track.h)
     j = round((contact.formed_tip[1] - track.y0) / track.h)
     ny, nx = track.tip.shape

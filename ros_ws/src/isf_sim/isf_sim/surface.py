@@ -55,7 +55,7 @@ class TipTrack(NamedTuple):
 
     Attributes
     ----------
-    tip : (ny, nx) m, tip height at the last visit ; visited : (ny, nx) m, path length of that visit
+    tip : (ny, nx) m, tip height at the last visit ; visited : (ny, nx) m, way in contact at that visit
     base : (ny, nx) m, surface spanned over the region inside the track
     region : (ny, nx) 0 enclosed, 1 outside, 2 track (from the last update)
     """

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isf_sim.jit import kernel
-from isf_sim.sheet_point import LAST_BASE, LOOP, TRAVELLED
-from isf_sim.surface import LONG_AGO
+from isf_sim.sheet_point import LAST_BASE, LOOP, PRESSED, TRAVELLED
 
 if TYPE_CHECKING:
     from isf_sim.sheet_plant import SheetPlant
@@ -68,9 +67,7 @@ def _exchange_tracks(plant: SheetPlant) -> None:
     """Each tool has its own track and loop, for which time stands still while the other one presses."""
     path, aside = plant.contact.path, plant.aside
     plant.track, aside.track = aside.track, plant.track
-    away = path[TRAVELLED] - aside.path[TRAVELLED]
-    plant.track.visited[plant.track.visited > 0.5 * LONG_AGO] += away
+    aside.path[LAST_BASE] += path[TRAVELLED] - aside.path[TRAVELLED]
     aside.path[TRAVELLED] = path[TRAVELLED]
-    last_base, loop = aside.path[LAST_BASE] + away, aside.path[LOOP]
-    aside.path[LAST_BASE], aside.path[LOOP] = path[LAST_BASE], path[LOOP]
-    path[LAST_BASE], path[LOOP] = last_base, loop
+    for own in (LAST_BASE, LOOP, PRESSED):
+        path[own], aside.path[own] = aside.path[own], path[own]

@@ -67,6 +67,22 @@ def test_a_tool_over_the_sheet_hides_what_is_behind_it() -> None:
     assert len(points) < len(free) - 100
 
 
+def test_a_raised_tool_hides_a_strip_further_behind_and_one_aside_nothing() -> None:
+    """15 deg off the vertical: 100 mm above the sheet, the strip begins 100 mm tan(15 deg) behind the tool."""
+    true, surface = cone()
+
+    def seen(tip: list[float]) -> np.ndarray:
+        tips = np.array([tip, AWAY[1]])
+        return measured_points(true, surface, tips, RADII, World(), np.random.default_rng(1), True)
+
+    raised = seen([0.0, 0.0, 0.1])
+    strip = raised[np.abs(raised[:, 0]) < 4e-3]
+    assert len(strip[strip[:, 1] > 35e-3]) == 0
+    assert len(strip[np.abs(strip[:, 1]) < 15e-3]) > 200  # under the tool itself
+    aside = seen([0.0, 0.08, 0.1])
+    assert len(aside[(np.abs(aside[:, 0]) < 4e-3) & (aside[:, 1] > 35e-3)]) > 200
+
+
 def test_registration_of_a_world_shifts_and_turns_the_cloud() -> None:
     """Fit of shift and turn on the known cone: within 0.05 mm of the world's, the scatter of single scans."""
     world = World(registration_x=0.3e-3, registration_y=-0.2e-3, registration_z=0.1e-3)

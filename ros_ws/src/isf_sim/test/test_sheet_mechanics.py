@@ -73,6 +73,21 @@ def test_load_cycle_gives_no_energy_and_lifting_is_reversible() -> None:
     assert np.abs(plant.surface.height - shape).max() < 0.1e-3
 
 
+def test_the_base_follows_a_tool_that_was_lifted_between_two_loops() -> None:
+    """A way of 200 mm through the air between the loops changes the base by less than its pillow."""
+    base = []
+    for lifted in (False, True):
+        plant = SheetPlant(RIG.clamp, MATERIAL, 1e-3, 5e-3, 0.5e-3, RIG.tool_1.compliance)
+        for depth in (8e-3, 10e-3, 12e-3):
+            for turn in np.arange(0.0, 2.0 * np.pi, 1e-3 / 20e-3):
+                plant.move(np.array([20e-3 * np.cos(turn), 20e-3 * np.sin(turn), -depth]), np.zeros(2))
+            for height in np.concatenate([np.linspace(0.0, 0.1, 101), np.linspace(0.1, 0.0, 101)]) if lifted else ():
+                plant.move(np.array([20e-3, 0.0, height - depth]), np.zeros(2))
+        base.append(float(plant.measured_shape().at(np.zeros((1, 2)))[0]))
+    assert base[1] == pytest.approx(base[0], abs=0.3e-3)
+    assert base[0] < -2e-3
+
+
 def test_sheet_repeats_bit_by_bit() -> None:
     shapes = []
     for _ in range(2):

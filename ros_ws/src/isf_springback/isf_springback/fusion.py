@@ -37,7 +37,8 @@ from isf_springback.scan_memory import ScanMemory
 from isf_springback.shape_reading import PLACES, READING_DEVIATION, read_errors
 from isf_springback.shape_remarks import shape_remarks
 from isf_springback.sheet_load import push_sign
-from isf_springback.step_bounds import FREE_SHARE, force_remark, force_share, largest_rise
+from isf_springback.step_bounds import FREE_SHARE, force_remark, largest_rise
+from isf_springback.step_force import StepForce, depth_of, step_remark
 
 Array = NDArray[np.float64]
 
@@ -107,7 +108,7 @@ class FusedCorrection:
         self._confirmed = False
         self._remarks: tuple[str, ...] = ()
         self._doubtful = 0.0
-        self._force_share = 0.0
+        self._step_force = StepForce(job_file)
         self._first: tuple[str, int] | None = None
 
     def take_target(self, target: HeightMap) -> None:
@@ -120,7 +121,7 @@ class FusedCorrection:
         told = self._model.hindsight()
         if told is not None and self._steps and self._steps[-1].contour.index == contour.index:
             self._steps[-1] = replace(self._steps[-1], model=told)
-        self._force_share = force_share(result, self._job_file)
+        self._step_force.take(contour, result)
 
     def feel(self, reading: LiftReading | None, index: int) -> None:
         """A tool lift scales the model; as far as scans have fixed the sum of model and bias, the sum stays."""
@@ -207,12 +208,18 @@ class FusedCorrection:
         base = self._memory.base
         pressed = self._floor.push(contour, None if base is None else base.contour, sign * before[:, 2])
         wanted = at_edge(contour, self._job_file, wanted, sign * before[:, 2]) if pressed is None else pressed
-        rise, change = (largest_rise(self._job_file, share) for share in (self._force_share, 0.0))
+        share = self._step_force.share
+        rise, change = (largest_rise(self._job_file, s) for s in (share, 0.0))
         if self._memory.base is None:
             rise = change = MAGNITUDE  # the part begins or the tools have swapped: lifted, they jump nowhere
         elif contour.forming_tool == 1 and self._unconfirmed():
             rise = min(rise, SLOW_RISE * self._job_file.job.path.incremental_depth)
         admitted = np.minimum(wanted, np.maximum(sign * before[:, 2], 0.0) + rise)
+        planned = self._job_file.job.path.incremental_depth
+        room = self._step_force.deepest(contour) - depth_of(contour) - float(sign * before[:, 2].mean())
+        borne = pressed is not None or bool((sign * before[:, 2] + room >= admitted).all())
+        if not borne:
+            admitted = np.minimum(admitted, sign * before[:, 2] + room)
         free = change if pressed is None else MAGNITUDE  # a floor may need far less push than the wall
         limits = push_limits(self._job_file, contour.forming_tool, change=free)
         value, bound = limit_signed(admitted, path, limits, sign * before[:, 2])
@@ -229,8 +236,10 @@ class FusedCorrection:
             followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
             far = float(disagreement[np.argmax(np.abs(disagreement))])
             remarks.append(f"the shape says {1e3 * far:+.1f} mm springback against the model{followed}")
-        if self._force_share > FREE_SHARE and (wanted > admitted).any():
-            remarks.append(force_remark(self._force_share))
+        if not borne:
+            remarks.append(step_remark(planned + room, planned, -float(value.mean())))
+        elif share > FREE_SHARE and (wanted > admitted).any():
+            remarks.append(force_remark(share))
         if self._doubtful > SURPRISING:
             remarks.append(f"the last scan surprises at {100 * self._doubtful:.0f} % of the places: believed less")
         if fault is None and np.abs(wanted).max() > MAGNITUDE:
@@ -297,7 +306,8 @@ class FusedCorrection:
         self._floor = FloorFeedback()
         self._steps = []
         self._confirmed = False
-        self._doubtful = self._force_share = 0.0
+        self._doubtful = 0.0
+        self._step_force = StepForce(self._job_file)
         self._remarks = ()
 
     def _fields(self, place: Array) -> tuple[BiasField, BiasField]:

@@ -1,0 +1,39 @@
+"""The entry on to a contour from the air: on a ramp from the level of the contour before.
+
+A tool that is set down with the whole step of its contour below it leaves a dent where it stands. On the simulated
+cone of Ren 2018, with tools that leave the sheet for every scan, the places where contours begin came out 0.71 mm too
+deep when set down so, 0.51 mm on a ramp; with tools that never leave they are 0.5 mm too deep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from isf_force_ctrl.trajectory import ToolPath
+
+LENGTH = 5e-3
+"""m of path on which the step is reached; 10 mm gave the same, 20 mm less (0.63 mm)."""
+NEAR = 5e-3
+"""m in plan within which the contour before is the level that is entered from."""
+
+
+def ramped(path: ToolPath, before: ToolPath | None) -> ToolPath:
+    """``path`` of M vertices, its begin raised to the level of ``before``, the contour formed last, at that place.
+
+    Unchanged where that was formed by the other tool, lies further away or no higher.
+    """
+    if before is None or before.forming != path.forming:
+        return path
+    begin = path.forming_tip[0]
+    apart = np.linalg.norm(before.forming_tip[:, :2] - begin[:2], axis=1)
+    nearest = int(np.argmin(apart))
+    up = 1.0 if path.forming == 1 else -1.0
+    step = up * float(before.forming_tip[nearest, 2] - begin[2])
+    if apart[nearest] > NEAR or step <= 0.0:
+        return path
+    raised = path.forming_tip.copy()
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(raised, axis=0), axis=1))])
+    raised[:, 2] += up * step * np.clip(1.0 - way / LENGTH, 0.0, 1.0)
+    return replace(path, tip_1=raised) if path.forming == 1 else replace(path, tip_2=raised)

@@ -1,0 +1,74 @@
+"""Tools lifted clear and moved aside between contours, on the simulated machine in one process."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from isf_core.errors import ErrorCode, IsfError
+from isf_force_ctrl import Mode
+from isf_force_ctrl.measuring_controller import MeasuringController
+from plant_cell import PlantCell
+
+
+def formed(count: int) -> PlantCell:
+    cell = PlantCell(MeasuringController)
+    cell.form(count)
+    return cell
+
+
+def test_the_tools_wait_at_park_height_beside_the_sheet_and_form_on():
+    cell = formed(3)
+    cell.controller.move_aside()
+    targets = cell.run()
+    config = cell.config
+    assert cell.controller.mode is Mode.ARMED
+    assert config.aside == (0.0, config.travel[1] - 5e-3)
+    x, y = config.aside
+    assert targets[-1] == pytest.approx([x, y, config.park_height, x, y, -config.park_height], abs=1e-5)
+    lifted = targets[:, 2] >= config.park_height - 1e-9
+    assert np.ptp(targets[~lifted][:, :2], axis=0).max() < 1e-3  # straight up before anything moves sideways
+    assert not cell.machine.loaded
+
+    cell.controller.move_aside()  # they are there already
+    assert not cell.controller.busy
+
+    cell.controller.start(cell.plan.contours[3])
+    targets = cell.run()
+    assert np.abs(np.diff(targets, axis=0)).max() * cell.config.rate <= 0.1  # the rig's speed: nothing jumps
+    result = cell.controller.take_result()
+    assert result.completed
+    assert result.lost_messages == 0
+    engaged = result.tick_engaged
+    error = result.tick_normal_force[engaged] - result.tick_set_point[engaged]
+    assert np.abs(error).mean() < 5.0
+    assert result.forming_force[:, 2].mean() > 50.0
+
+
+def test_a_place_in_the_rig_file_is_taken():
+    cell = PlantCell(MeasuringController)
+    rig = cell.job_file.rig.model_copy(update={"scan_place": (0.05, -0.02)})
+    assert rig.aside == (0.05, -0.02)
+
+
+def test_it_is_refused_where_it_is_not_safe():
+    cell = formed(2)
+    cell.controller.start(cell.plan.contours[2])
+    cell.run(300)
+    with pytest.raises(IsfError, match="moving") as refused:
+        cell.controller.move_aside()
+    assert refused.value.code is ErrorCode.NOT_ARMED
+    cell.controller.stop("test")
+    cell.run()
+    with pytest.raises(IsfError, match="HOLD"):
+        cell.controller.move_aside()
+
+
+def test_a_stop_on_the_way_holds_the_tools_where_they_are():
+    cell = formed(2)
+    cell.controller.move_aside()
+    cell.run(700)
+    cell.controller.stop("test")
+    targets = cell.run()
+    assert cell.controller.fault == (ErrorCode.STOPPED, "stopped: test")
+    assert cell.controller.mode is Mode.HOLD
+    assert targets[-1][2] < cell.config.park_height
