@@ -143,7 +143,7 @@ class Rig(FileModel):
     @model_validator(mode="after")
     def _within_travel(self) -> Rig:
         for name, value, most in zip("xy", self.scan_place or (), self.limits.travel, strict=False):
-            if abs(value) > most - 1e-3:
+            if not abs(value) <= most - 1e-3:
                 raise ValueError(
                     f"scan_place must stay 1 mm within limits.travel, in {name} it is {1e3 * value:g} mm of "
                     f"+-{1e3 * most:g} mm"

@@ -103,3 +103,15 @@ def test_matrix_of_a_load_cell_has_six_rows(tmp_path: Path) -> None:
         load_rig(str(path))
     assert error.value.code == ErrorCode.FILE_FIELD
     assert "six rows" in error.value.message
+
+
+def test_tools_wait_for_a_scan_within_the_travel(tmp_path: Path) -> None:
+    assert load_rig("ren2018").aside == (0.0, pytest.approx(0.12))
+    path = tmp_path / "own.yaml"
+    for place, fits in (("[50 mm, -20 mm]", True), ("[0 mm, 125 mm]", False), ("[nan mm, 0 mm]", False)):
+        path.write_text(f"based_on: ren2018\nscan_place: {place}\n", encoding="utf-8")
+        if fits:
+            assert load_rig(str(path)).aside == pytest.approx((0.05, -0.02))
+        else:
+            with pytest.raises(IsfError, match="scan_place"):
+                load_rig(str(path))
