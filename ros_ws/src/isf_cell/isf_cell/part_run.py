@@ -36,7 +36,6 @@ from isf_cell.lift_in_graph import lift_in_graph
 from isf_cell.options import RunOptions
 from isf_cell.part_step import PartStep
 from isf_cell.reference_run import UNCORRECTED
-from isf_cell.scan_between import tools_aside
 from isf_cell.scan_in_graph import scan_in_graph
 
 MANAGED = ("machine", "planner", "springback", "force_ctrl")
@@ -163,15 +162,8 @@ class PartRun:
                 result, patience = self._results[index], self._settings.contour_timeout
                 self._outlet.publish_lift(lift_in_graph(self._client, self._watch, result, patience, self._tell))
             if scan_due(job_file, index, count):
-                scan_in_graph(
-                    self._client,
-                    self._watch,
-                    index,
-                    aside=tools_aside(job_file, closed=closed),
-                    sensor=job_file.job.springback.scan_sensor,
-                    timeout=self._settings.contour_timeout,
-                    tell=self._tell,
-                )
+                patience = self._settings.contour_timeout
+                scan_in_graph(self._client, self._watch, job_file, index, patience, self._tell, closed=closed)
             if self._settings.checkpoint:
                 Checkpoint(
                     job_file.job.name, self._plan_id, index + 1, count, options.method(job_file), goal.world, goal.seed

@@ -6,23 +6,25 @@ from collections.abc import Callable
 
 from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.job import JobFile
 from isf_msgs.action import MoveAside
 from isf_msgs.srv import Scan
 
 from isf_cell.graph_client import GraphClient, Watch
+from isf_cell.scan_between import tools_aside
 
 
 def scan_in_graph(
     client: GraphClient,
     watch: Watch,
+    job_file: JobFile,
     index: int,
-    *,
-    aside: bool,
-    sensor: bool,
     timeout: float,
     tell: Callable[[str], None],
+    *,
+    closed: bool,
 ) -> None:
-    """Measure the shape after contour ``index`` for springback; ``aside``: the tools leave the sheet first.
+    """Measure the shape after contour ``index``, ``closed`` or not, for springback; ``timeout`` s of the tools' move.
 
     Tools that cannot be moved aside and a scanner that fails are told, and the part goes on with what there is.
 
@@ -31,7 +33,7 @@ def scan_in_graph(
     IsfError : NODE_DIED, CANCELLED
     """
     after = contour_label(index)
-    if aside:
+    if tools_aside(job_file, closed=closed):
         try:
             moved = client.run_action(MoveAside, "move_aside", MoveAside.Goal(), watch, lambda _: None, timeout=timeout)
             if moved.code:
@@ -39,8 +41,9 @@ def scan_in_graph(
         except IsfError as error:
             _unless_over(error)
             tell(f"the tools were not moved aside after {after}: {error}")
+    request = Scan.Request(clamped=True, sensor=job_file.job.springback.scan_sensor)
     try:
-        client.checked_call(Scan, "machine/scan", Scan.Request(clamped=True, sensor=sensor), watch)
+        client.checked_call(Scan, "machine/scan", request, watch)
     except IsfError as error:
         _unless_over(error)
         tell(f"no scan after {after}: {error}")

@@ -145,21 +145,6 @@ class ForceController:
         self._clear = False
         self._play(segments)
 
-    def move_aside(self) -> None:
-        """Lift both tools clear of the sheet and move them aside; the next contour approaches again.
-
-        Raises IsfError NOT_ARMED.
-        """
-        if self.busy or self._playback.moving:
-            raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="wait for the contour, or stop it")
-        if self._mode not in (Mode.ARMED, Mode.FREEZE):
-            raise IsfError(
-                ErrorCode.NOT_ARMED, f"the tools are not moved aside in {self._mode.name}", advice="arm a plan first"
-            )
-        if not self._clear:
-            here = posture_of(self._playback.row)
-            self._play(lift_segments(self.config, here, self._lift_normal, self._tools, aside=True))
-
     def stop(self, reason: str) -> None:
         """Decelerate smoothly and hold; the contour's result carries STOPPED."""
         if self._mode is not Mode.IDLE:

@@ -15,6 +15,7 @@ from isf_force_ctrl.identification import make_probe
 from isf_force_ctrl.identify_settings import IdentifySettings, ToolGeometry
 from isf_force_ctrl.measurement import Measurement
 from isf_force_ctrl.probe import Probe
+from isf_force_ctrl.segments import lift_segments, posture_of
 from isf_force_ctrl.tool_lift import LiftSettings, ToolLift
 from isf_force_ctrl.wrench_check import fault_of, plausible
 
@@ -52,6 +53,18 @@ class MeasuringController(ForceController):
         )
         self._begin(probe)
         return probe
+
+    def move_aside(self) -> None:
+        """Lift both tools clear of the sheet and move them aside; the next contour approaches again.
+
+        Raises IsfError NOT_ARMED.
+        """
+        self._check_at_rest(on_sheet=False)
+        if self.fault is not None:
+            raise IsfError(ErrorCode.NOT_ARMED, f"held: {self.fault[1]}", advice="arm again")
+        if not self._clear:
+            here = posture_of(self._playback.row)
+            self._play(lift_segments(self.config, here, self._lift_normal, self._tools, aside=True))
 
     def start(self, contour: Contour) -> None:
         """As the base class."""
@@ -143,7 +156,7 @@ class MeasuringController(ForceController):
         if self.busy or self._playback.moving:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="wait for the contour, or stop it")
         if self._mode not in (Mode.ARMED, Mode.FREEZE) and not stopped:
-            raise IsfError(ErrorCode.NOT_ARMED, f"no measurement in {self._mode.name}", advice="arm a plan first")
+            raise IsfError(ErrorCode.NOT_ARMED, f"not possible in {self._mode.name}", advice="arm a plan first")
         if on_sheet and self._clear:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are not on the sheet", advice="form a contour first")
 

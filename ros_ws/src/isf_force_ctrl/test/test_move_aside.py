@@ -59,7 +59,7 @@ def test_it_is_refused_where_it_is_not_safe():
     assert refused.value.code is ErrorCode.NOT_ARMED
     cell.controller.stop("test")
     cell.run()
-    with pytest.raises(IsfError, match="HOLD"):
+    with pytest.raises(IsfError, match="held: stopped"):
         cell.controller.move_aside()
 
 
