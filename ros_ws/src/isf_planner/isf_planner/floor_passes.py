@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 from isf_core.contour import Contour
+from isf_core.floor_pass import over_floor
 from isf_core.job import Job
 from numpy.typing import NDArray
 
@@ -58,10 +59,8 @@ def left_out(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
     """Warning when passes are asked for and no floor gets any."""
     if job.path.floor_step is None:
         return ()
-    for before, contour in itertools.pairwise(contours):
-        level = contour.forming_tip[:, 2].mean() - before.forming_tip[:, 2].mean()
-        if before.feature == contour.feature and abs(level) < 1e-9 and not contour.wall_angle.any():
-            return ()
+    if any(over_floor(contour, before) for before, contour in itertools.pairwise(contours)):
+        return ()
     return (
         f"path.floor_step {1e3 * job.path.floor_step:g} mm: no floor is passed over; it has to be flat, empty and more "
         "than one step wide inside the last contour",

@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.floor_pass import over_floor
 from isf_core.job import JobFile
 from numpy.typing import NDArray
 
 from isf_springback.control_points import ControlLoop, ControlPointOptions, control_points
 from isf_springback.database import Database, cache_folder, make_database, write_json
 from isf_springback.elastic_samples import DepthTask, depth_task, solve_depth
-from isf_springback.floor_feedback import over_floor
 from isf_springback.sheet_edge import free_size
 
 Array = NDArray[np.float64]

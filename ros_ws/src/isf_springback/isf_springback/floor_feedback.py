@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.contour import Contour
+from isf_core.floor_pass import makes_floor, over_floor
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
 from numpy.typing import NDArray
@@ -22,10 +23,6 @@ Array = NDArray[np.float64]
 
 FIRST_SHARE = 0.6
 """Push of the first pass over the push on the wall before it (assumed, on the careful side)."""
-FLAT = np.radians(1.0)
-"""rad, wall angle of what is floor."""
-SAME_LEVEL = 20e-6
-"""m between the tips of a pass over the floor and of the contour before it."""
 SAME_PLACE = 0.2e-3
 """m between points of passes that follow the same ring."""
 WIDTH = 5
@@ -35,22 +32,9 @@ WIDTH = 5
 def at_edge(contour: Contour, job_file: JobFile, wanted: Array, pushed: Array) -> Array:
     """(N,) m, push on ``contour`` of ``wanted`` (N,) m: where it reaches a floor that is passed over, no more than
     ``pushed`` (N,) m on the contour before."""
-    if job_file.job.path.floor_step is None or float(contour.wall_angle.max()) > FLAT:
+    if job_file.job.path.floor_step is None or not makes_floor(contour):
         return wanted
     return np.minimum(wanted, np.maximum(pushed, 0.0))
-
-
-def over_floor(contour: Contour, before: Contour | None) -> bool:
-    """True when ``contour`` passes over the floor that the contour ``before`` it has reached."""
-    if before is None or (before.plan_id, before.feature, before.stage, before.forming_tool) != (
-        contour.plan_id,
-        contour.feature,
-        contour.stage,
-        contour.forming_tool,
-    ):
-        return False
-    level = float(np.ptp([contour.forming_tip[:, 2].mean(), before.forming_tip[:, 2].mean()]))
-    return level <= SAME_LEVEL and float(contour.wall_angle.max()) <= FLAT
 
 
 class FloorFeedback:

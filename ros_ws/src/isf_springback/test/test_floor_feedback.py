@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.contour import Contour
+from isf_core.floor_pass import over_floor
 from isf_core.height_map import HeightMap
 from isf_core.job import JobFile
-from isf_springback.floor_feedback import FIRST_SHARE, FloorFeedback, at_edge, over_floor
+from isf_springback.floor_feedback import FIRST_SHARE, FloorFeedback, at_edge
 from springback_parts import JOB_TEXT, cone_contour
 
 GRID = np.arange(-40, 41) * 1e-3
