@@ -15,6 +15,8 @@ from isf_force_ctrl.trajectory import ToolPath
 
 LENGTH = 5e-3
 """m of path on which the step is reached; 10 mm gave the same, 20 mm less (0.63 mm)."""
+STEEPEST = 0.5
+"""Largest step over :data:`LENGTH`: further down the contour before is not what this one goes on from."""
 NEAR = 5e-3
 """m in plan within which the contour before is the level that is entered from."""
 
@@ -22,7 +24,7 @@ NEAR = 5e-3
 def ramped(path: ToolPath, before: ToolPath | None) -> ToolPath:
     """``path`` of M vertices, its begin raised to the level of ``before``, the contour formed last, at that place.
 
-    Unchanged where that was formed by the other tool, lies further away or no higher.
+    Unchanged where that was formed by the other tool, lies further away, no higher, or far above.
     """
     if before is None or before.forming != path.forming:
         return path
@@ -31,7 +33,7 @@ def ramped(path: ToolPath, before: ToolPath | None) -> ToolPath:
     nearest = int(np.argmin(apart))
     up = 1.0 if path.forming == 1 else -1.0
     step = up * float(before.forming_tip[nearest, 2] - begin[2])
-    if apart[nearest] > NEAR or step <= 0.0:
+    if apart[nearest] > NEAR or not 0.0 < step <= STEEPEST * LENGTH:
         return path
     raised = path.forming_tip.copy()
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(raised, axis=0), axis=1))])

@@ -37,7 +37,7 @@ def test_the_begin_is_raised_to_the_contour_before_and_the_rest_is_not(forming):
 
 def test_nothing_changes_where_there_is_no_step_from_the_contour_before():
     path = ring(-3e-3)
-    for before in (None, ring(-3e-3), ring(-4e-3), ring(-1e-3, radius=40e-3), ring(-1e-3, forming=2)):
+    for before in (None, ring(-3e-3), ring(-4e-3), ring(-1e-3, radius=40e-3), ring(-1e-3, forming=2), ring(0.0)):
         assert ramped(path, before) is path
 
 

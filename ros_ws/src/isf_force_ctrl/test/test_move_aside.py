@@ -44,12 +44,6 @@ def test_the_tools_wait_at_park_height_beside_the_sheet_and_form_on():
     assert result.forming_force[:, 2].mean() > 50.0
 
 
-def test_a_place_in_the_rig_file_is_taken():
-    cell = PlantCell(MeasuringController)
-    rig = cell.job_file.rig.model_copy(update={"scan_place": (0.05, -0.02)})
-    assert rig.aside == (0.05, -0.02)
-
-
 def test_it_is_refused_where_it_is_not_safe():
     cell = formed(2)
     cell.controller.start(cell.plan.contours[2])
