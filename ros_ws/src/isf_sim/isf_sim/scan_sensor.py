@@ -52,9 +52,7 @@ def measured_points(
     ``surface`` tells what was formed; ``tips`` (2, 3) m and ``radii`` (2,) m of the tools; ``world`` the registration.
     """
     margin = 0.5 * SPACING
-    xs = np.arange(shape.x[0] + margin, shape.x[-1] - margin, SPACING)
-    ys = np.arange(shape.y[0] + margin, shape.y[-1] - margin, SPACING)
-    gx, gy = np.meshgrid(xs, ys)
+    gx, gy = np.meshgrid(_middles(shape.x), _middles(shape.y))
     plan = np.column_stack([gx.ravel(), gy.ravel()]) + generator.uniform(-margin, margin, (gx.size, 2))
     dz_dx, dz_dy = shape.gradient()
     slopes = np.column_stack([HeightMap(shape.x, shape.y, g).at(plan) for g in (dz_dx, dz_dy)])
@@ -71,6 +69,12 @@ def measured_points(
     points = points + np.clip(generator.normal(0.0, NOISE / 3.0, points.shape), -NOISE, NOISE)
     points = _registered(points, world, generator)
     return np.asarray(generator.permutation(points, axis=0))
+
+
+def _middles(line: Array) -> Array:
+    """(K,) m, middles of cells of SPACING from the first to the last of ``line`` m, evenly over what is left."""
+    count = int((line[-1] - line[0]) / SPACING + 1e-6)
+    return np.asarray(0.5 * (line[0] + line[-1]) + SPACING * (np.arange(count) - 0.5 * (count - 1)))
 
 
 def _facing(slopes: Array) -> NDArray[np.bool_]:

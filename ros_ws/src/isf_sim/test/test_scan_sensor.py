@@ -44,6 +44,14 @@ def test_noise_stays_within_its_bound_where_the_sheet_is_flat() -> None:
     assert height.std() == pytest.approx(NOISE / 3.0, rel=0.05)
 
 
+def test_the_points_end_where_the_sheet_ends() -> None:
+    """On all four sides alike, within the spacing: the clamp is what a scan is registered by."""
+    _, points = scan()
+    for axis in (0, 1):
+        assert points[:, axis].max() == pytest.approx(80e-3, abs=0.15e-3)
+        assert points[:, axis].min() == pytest.approx(-80e-3, abs=0.15e-3)
+
+
 def test_points_are_unordered_and_some_are_missing() -> None:
     true, points = scan()
     assert not (np.diff(points[:, 1]) >= 0).all()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from isf_springback.scan_processing import point_cloud, registration
+from isf_springback.scan_processing.clamp_edges import ClampEdges, find_edges, undone
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -80,7 +81,8 @@ class FormedShape:
     coverage : seen share of the opening
     outliers : points dropped
     plane : the registration that was undone, None when the sheet beside the clamp was not seen
-    shift : (2,) m, shift in plan that was measured and left; shift_deviation : m, its standard deviation
+    edges : the registration in plan that was undone, None when the edges of the clamp were not seen
+    shift : (2,) m, shift of the part that was measured and left; shift_deviation : m, its standard deviation
     noise : m, standard deviation of a height of the surface
     remarks : for people
     """
@@ -89,6 +91,7 @@ class FormedShape:
     coverage: float
     outliers: int
     plane: registration.FlangePlane | None
+    edges: ClampEdges | None
     shift: Array
     shift_deviation: float
     noise: float
@@ -112,6 +115,10 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
     else:
         _check_plane(plane)
         points = registration.levelled(points, plane)
+    edges = find_edges(points, expected.clamp) if plane is not None else None
+    if edges is not None:
+        _check_shift(edges.shift, "the clamp")
+        points = undone(points, edges)
     surface, outliers = point_cloud.grid_heights(points, expected.clamp, PITCH)
     surface = close_small_holes(surface)
     opening = regions(expected.target)["opening"]
@@ -132,7 +139,7 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
         shift, deviation = registration.plan_shift(surface, shape)
         _check_identity(surface, shape, opening, shift, expected.dome)
     noise = plane.noise if plane is not None else 50e-6
-    return FormedShape(surface, coverage, outliers, plane, shift, deviation, noise, tuple(remarks))
+    return FormedShape(surface, coverage, outliers, plane, edges, shift, deviation, noise, tuple(remarks))
 
 
 def regions(target: HeightMap) -> dict[str, Mask]:
@@ -213,10 +220,14 @@ def _check_identity(surface: HeightMap, shape: HeightMap, opening: Mask, shift: 
             where="scan",
             advice="check that scan, job and contour belong together",
         )
+    _check_shift(shift, "the part")
+
+
+def _check_shift(shift: Array, of: str) -> None:
     if float(np.linalg.norm(shift)) > LARGEST_SHIFT:
         raise IsfError(
             ErrorCode.SCAN_SHIFTED,
-            f"the part appears shifted by {1e3 * shift[0]:.1f}, {1e3 * shift[1]:.1f} mm in plan",
+            f"{of} appears shifted by {1e3 * shift[0]:.1f}, {1e3 * shift[1]:.1f} mm in plan",
             where="scan",
             advice="register the scanner to the clamp again",
         )

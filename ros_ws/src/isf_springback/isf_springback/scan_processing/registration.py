@@ -1,8 +1,9 @@
-"""Registration of a scan to the frame of the clamp: height and tilt from the sheet beside the clamp, shift in plan.
+"""Registration of a scan to the frame of the clamp: height and tilt from the sheet beside the clamp, shift of the part.
 
 The sheet next to the clamp is not deformed: a plane through it gives height and tilt, and is undone as a rigid motion.
-A shift in plan is seen on the walls only. It is measured and, when it is too large, refused; it is never undone,
-because on a part that springs back unevenly it cannot be told from springback.
+What the part itself appears shifted by is seen on the walls only. It is measured and, when it is too large, refused; it
+is never undone, because on a part that springs back unevenly it cannot be told from springback. The shift of the
+scanner is another matter: see :mod:`isf_springback.scan_processing.clamp_edges`.
 """
 
 from __future__ import annotations
