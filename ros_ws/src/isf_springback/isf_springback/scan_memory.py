@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from isf_springback.floor_dome import plausible_dome
 from isf_springback.scan_processing import FormedShape, ScanExpectation, process_scan
+from isf_springback.scan_processing.clamp_edges import ClampEdges
 
 Array = NDArray[np.float64]
 
@@ -37,10 +38,11 @@ class ScanMemory:
         self.index = -1
         self.fault: IsfError | None = None
         self._taken = -1
+        self._edges: ClampEdges | None = None
 
     def clear(self) -> None:
         """A new part begins."""
-        self.shape, self.index, self.fault = None, -1, None
+        self.shape, self.index, self.fault, self._edges = None, -1, None, None
 
     def take(self, points: Array, contour: Contour | None, index: int) -> FormedShape | None:
         """The shape in ``points`` (P, 3) m after ``contour`` as planned; None with a ``fault`` when it is refused."""
@@ -69,12 +71,13 @@ class ScanMemory:
                     advice="use the method mpc_tpif",
                 )
             if contour.process is Process.TPIF:
-                self.shape = shape_over_die(points, self.target, clamp, contour)
+                self.shape = shape_over_die(points, self.target, clamp, contour, self._edges)
             else:
                 level = float(contour.forming_tip[:, 2].min())
                 dome = plausible_dome(self._job_file, contour, self.target)
-                self.shape = process_scan(points, ScanExpectation(self.target, clamp, level, dome=dome))
-            self.index = index
+                expected = ScanExpectation(self.target, clamp, level, dome=dome, edges=self._edges)
+                self.shape = process_scan(points, expected)
+            self.index, self._edges = index, self.shape.edges
             return self.shape
         except IsfError as error:
             self.fault = error
@@ -89,12 +92,18 @@ class ScanMemory:
         return self.shape if self.index == contour.index - 1 else None
 
 
-def shape_over_die(points: Array, target: HeightMap, clamp: tuple[float, float], contour: Contour) -> FormedShape:
+def shape_over_die(
+    points: Array,
+    target: HeightMap,
+    clamp: tuple[float, float],
+    contour: Contour,
+    edges: ClampEdges | None = None,
+) -> FormedShape:
     """The shape after ``contour`` over a die, in the frame of the die (frame ``sheet`` before the holder moves).
 
     ``points`` (P, 3) m in frame ``sheet``, in which the flange stays at z = 0 and the part stands up; ``target`` the
-    finished part on its flange. Turned over, what stands up so far is a pocket as deep as the holder has moved: the
-    checks are those of a pocket.
+    finished part on its flange; ``edges`` of the clamp in an earlier scan. Turned over, what stands up so far is a
+    pocket as deep as the holder has moved: the checks are those of a pocket.
 
     Raises
     ------
@@ -102,7 +111,7 @@ def shape_over_die(points: Array, target: HeightMap, clamp: tuple[float, float],
     """
     holder = contour.holder_height
     stands = np.maximum(target_over_die(target).z - holder, 0.0)
-    turned = ScanExpectation(HeightMap(target.x, target.y, -stands), clamp, float(np.nanmin(-stands)))
+    turned = ScanExpectation(HeightMap(target.x, target.y, -stands), clamp, float(np.nanmin(-stands)), edges=edges)
     shape = process_scan(np.asarray(points) * np.array([1.0, 1.0, -1.0]), turned)
     surface = HeightMap(shape.surface.x, shape.surface.y, holder - shape.surface.z)
     return replace(shape, surface=surface)

@@ -215,6 +215,16 @@ def test_points_that_do_not_end_at_the_clamp_tell_nothing_of_it(half):
     assert shape.shift == pytest.approx([0.2e-3, 0.0], abs=0.1e-3)
 
 
+def test_a_scan_that_does_not_show_the_clamp_is_registered_as_the_one_before():
+    known = process_scan(scanned((0.2e-3, -0.18e-3), 2e-3), EXPECTED).edges
+    points = scanned((0.2e-3, -0.18e-3), 2e-3, seed=8)
+    points = points[points[:, 0] < 0.10]
+    assert process_scan(points, EXPECTED).edges is None
+    shape = process_scan(points, ScanExpectation(cone(), CLAMP, -15e-3, edges=known))
+    wall = np.isfinite(shape.surface.z) & (formed().z < -2e-3) & (formed().z > -12e-3)
+    assert np.sqrt(np.mean((shape.surface.z - formed().z)[wall] ** 2)) < 60e-6
+
+
 def test_a_scanner_that_is_registered_far_off_is_refused_on_any_depth():
     for level in (-1e-3, -15e-3):
         expected = ScanExpectation(cone(), CLAMP, level)

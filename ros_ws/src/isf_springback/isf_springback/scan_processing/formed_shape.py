@@ -58,6 +58,7 @@ class ScanExpectation:
     level : m, tip height of the last contour formed (negative below the sheet); the finished part: its lowest z
     clamped : the part is in the clamp; else the sheet beside the clamp may have moved, and is not used
     dome : m, by which the middle of the unformed floor may stand over or under its edge beside springback
+    edges : those of the clamp in an earlier scan, used where this one does not show them
     """
 
     target: HeightMap
@@ -65,6 +66,7 @@ class ScanExpectation:
     level: float
     clamped: bool = True
     dome: float = 0.0
+    edges: ClampEdges | None = None
 
     def shape(self) -> HeightMap:
         """Expected upper surface: the target, not deeper than the tool has been."""
@@ -115,7 +117,7 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
     else:
         _check_plane(plane)
         points = registration.levelled(points, plane)
-    edges = find_edges(points, expected.clamp) if plane is not None else None
+    edges = find_edges(points, expected.clamp) or expected.edges if plane is not None else None
     if edges is not None:
         _check_shift(edges.shift, "the clamp")
         points = undone(points, edges)
