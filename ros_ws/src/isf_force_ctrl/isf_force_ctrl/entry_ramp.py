@@ -2,7 +2,7 @@
 
 A tool that is set down with the whole step of its contour below it leaves a dent where it stands. On the simulated
 cone of Ren 2018, with tools that leave the sheet for every scan, the places where contours begin came out 0.71 mm too
-deep when set down so, 0.53 mm on a ramp; with tools that never leave they are 0.5 mm too deep.
+deep when set down so, 0.53 mm on a ramp. With tools that never leave, the largest error of that part is 0.50 mm.
 """
 
 from __future__ import annotations
