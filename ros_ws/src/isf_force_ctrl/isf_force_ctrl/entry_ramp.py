@@ -26,9 +26,10 @@ NEAR = 5e-3
 def ramped(path: ToolPath, before: ToolPath | None) -> ToolPath:
     """``path`` of M vertices, its begin raised to the level of ``before``, the contour formed last, at that place.
 
-    Unchanged where that was formed by the other tool, lies further away, no higher, or far above.
+    Unchanged under force control, which cannot follow a ramp so short within 10 N (mini_cone with scans: 97.8 % of the
+    time instead of 100 %), and where that was formed by the other tool, lies further away, no higher, or far above.
     """
-    if before is None or before.forming != path.forming:
+    if before is None or before.forming != path.forming or np.isfinite(path.set_point[0]):
         return path
     begin = path.forming_tip[0]
     apart = np.linalg.norm(before.forming_tip[:, :2] - begin[:2], axis=1)

@@ -35,27 +35,37 @@ def test_the_begin_is_raised_to_the_contour_before_and_the_rest_is_not(forming):
     np.testing.assert_array_equal(entered.support_tip, path.support_tip)
 
 
-def test_nothing_changes_where_there_is_no_step_from_the_contour_before():
+def test_nothing_changes_under_force_control_or_where_there_is_no_step_from_the_contour_before():
     path = ring(-3e-3)
+    assert ramped(path, ring(-2.5e-3)) is not path
+    forced = replace(path, set_point=np.full(401, 120.0))
+    assert ramped(forced, ring(-2.5e-3)) is forced
     for before in (None, ring(-3e-3), ring(-4e-3), ring(-1e-3, radius=40e-3), ring(-1e-3, forming=2), ring(0.0)):
         assert ramped(path, before) is path
 
 
-def test_only_contours_from_the_air_are_entered_so():
+@pytest.mark.parametrize("forced", [False, True])
+def test_only_contours_from_the_air_are_entered_so_and_none_under_force_control(forced: bool):
     cell = PlantCell(MeasuringController)
     cell.form(2)
     third, fourth = cell.plan.contours[2], cell.plan.contours[3]
     cell.controller.start(third)  # linked: straight down where the one before ended
     linked = cell.run()
     assert cell.controller.take_result().completed
+    assert fourth.force_controlled
     cell.controller.move_aside()
     cell.run()
-    cell.controller.start(fourth)
+    cell.controller.start(fourth if forced else replace(fourth, support_force=np.empty(0)))
     entered = cell.run()
     begin = fourth.forming_tip[0]
     near = np.hypot(*(entered[:, :2] - begin[:2]).T) < 0.3e-3
-    landed = entered[near, 2][: near.sum() // 2].min()
-    assert landed > begin[2] + 0.3e-3
+    arrived = int(np.argmax(near))
+    left = arrived + int(np.argmin(near[arrived:]))
+    landed = entered[arrived:left, 2].min()
+    if forced:
+        assert landed == pytest.approx(begin[2], abs=2e-5)
+    else:
+        assert landed > begin[2] + 0.3e-3
     assert entered[:, 2].min() == pytest.approx(fourth.forming_tip[:, 2].min(), abs=2e-5)
     assert linked[:, 2].min() == pytest.approx(third.forming_tip[:, 2].min(), abs=2e-5)
 

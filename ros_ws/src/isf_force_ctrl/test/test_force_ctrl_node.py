@@ -72,7 +72,8 @@ class Cell:
         self.targets = 0
         self._contours = node.create_publisher(Contour, "contour/corrected", qos.LATCHED)
         node.create_subscription(ContourResult, "contour/result", self.results.append, qos.EVENT)
-        node.create_subscription(ForceCtrlState, "force_ctrl/state", self.states.append, qos.STREAM)
+        # deep, since a mode may last ten states only and this process may be held up for longer
+        node.create_subscription(ForceCtrlState, "force_ctrl/state", self.states.append, qos.STREAM_SOURCE)
         node.create_subscription(PoseStamped, "tool_1/target", self._count, qos.STREAM)
         self._arm = node.create_client(Arm, "force_ctrl/arm")
 
@@ -85,7 +86,8 @@ class Cell:
         here = Path(__file__)
         options: dict[str, Any] = machine or {}
         self._stack.enter_context(started(str(here.with_name("standin_machine.py")), remap=remap, **options))
-        values: dict[str, Any] = {"wrench_timeout": 5.0, **parameters}
+        # as long as a busy computer may hold a process up
+        values: dict[str, Any] = {"wrench_timeout": 60.0, **parameters}
         self._stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, remap=remap, **values))
         assert self._arm.wait_for_service(LIMIT)
 
