@@ -37,7 +37,7 @@ from isf_springback.scan_memory import ScanMemory
 from isf_springback.shape_reading import PLACES, READING_DEVIATION, read_errors
 from isf_springback.shape_remarks import shape_remarks
 from isf_springback.sheet_load import push_sign
-from isf_springback.step_bounds import FREE_SHARE, force_remark, largest_rise
+from isf_springback.step_bounds import largest_rise
 from isf_springback.step_force import StepForce, depth_of, step_remark
 
 Array = NDArray[np.float64]
@@ -208,8 +208,7 @@ class FusedCorrection:
         base = self._memory.base
         pressed = self._floor.push(contour, None if base is None else base.contour, sign * before[:, 2])
         wanted = at_edge(contour, self._job_file, wanted, sign * before[:, 2]) if pressed is None else pressed
-        share = self._step_force.share
-        rise, change = (largest_rise(self._job_file, s) for s in (share, 0.0))
+        rise = change = largest_rise(self._job_file)
         if self._memory.base is None:
             rise = change = MAGNITUDE  # the part begins or the tools have swapped: lifted, they jump nowhere
         elif contour.forming_tool == 1 and self._unconfirmed():
@@ -238,8 +237,6 @@ class FusedCorrection:
             remarks.append(f"the shape says {1e3 * far:+.1f} mm springback against the model{followed}")
         if not borne:
             remarks.append(step_remark(planned + room, planned, -float(value.mean())))
-        elif share > FREE_SHARE and (wanted > admitted).any():
-            remarks.append(force_remark(share))
         if self._doubtful > SURPRISING:
             remarks.append(f"the last scan surprises at {100 * self._doubtful:.0f} % of the places: believed less")
         if fault is None and np.abs(wanted).max() > MAGNITUDE:

@@ -180,7 +180,7 @@ class ModelPredictiveCorrection:
         """(N,) m, as much of ``push`` (N,) m as step and force allow after the push ``before`` (N,) m."""
         planned = self._job_file.job.path.incremental_depth
         room = self._step_force.deepest(contour) - depth_of(contour) - float(before.mean())
-        rise = largest_rise(self._job_file, self._step_force.share, self._options.largest_step)
+        rise = largest_rise(self._job_file, self._options.largest_step)
         most = np.minimum(np.maximum(before, 0.0) + rise, before + room)
         borne = np.minimum(np.minimum(push, self._options.largest_offset), most)
         if (before + room < push).any():

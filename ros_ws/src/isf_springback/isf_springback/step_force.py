@@ -94,11 +94,6 @@ class StepForce:
             step = min(planned, largest_step(self._steps, PLANNED_SHARE))
         return self._steps[-1].depth + max(step, SMALLEST_STEP * planned)
 
-    @property
-    def share(self) -> float:
-        """Largest force of the contour formed last as a share of its limit; 0 where nothing was measured."""
-        return self._steps[-1].share if self._steps else 0.0
-
 
 def depth_of(contour: Contour) -> float:
     """m, mean tip of ``contour`` along the push, over a die in the frame of the die."""
