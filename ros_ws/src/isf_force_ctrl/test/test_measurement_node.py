@@ -10,14 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode
-from isf_core.job import load_job
+from isf_core.job import JobFile, load_job
+from isf_force_ctrl import ControlConfig
 from isf_msgs.action import LiftTool, MoveAside
 from isf_msgs.msg import ForceCtrlState
 from isf_msgs.srv import Tare
+from isf_node import qos
 from isf_planner import plan
 from rclpy.action import ActionClient
-from test_force_ctrl_node import LIMIT, Cell, started
+from test_force_ctrl_node import JOB as RING_JOB
+from test_force_ctrl_node import LIMIT, Cell, small_ring, started
 
 pytestmark = pytest.mark.graph
 
@@ -44,38 +48,45 @@ class Measured:
         for contour in self.plan.contours[:count]:
             assert self.cell.form(contour).completed
 
-    def call(self, kind: Any, name: str, goal: Any) -> tuple[Any, list[Any]]:
-        """Result and feedback of an action."""
-        client = ActionClient(self.cell.node, kind, name)
-        assert client.wait_for_server(LIMIT)
-        seen: list[Any] = []
-        sent = client.send_goal_async(goal, feedback_callback=lambda message: seen.append(message.feedback))
-        assert self.cell.wait(sent.done)
-        assert sent.result().accepted
-        result = sent.result().get_result_async()
-        assert self.cell.wait(result.done, 60.0)
-        client.destroy()
-        return result.result().result, seen
+
+def call(cell: Cell, kind: Any, name: str, goal: Any) -> tuple[Any, list[Any]]:
+    """Result and feedback of an action."""
+    client = ActionClient(cell.node, kind, name)
+    assert client.wait_for_server(LIMIT)
+    seen: list[Any] = []
+    sent = client.send_goal_async(goal, feedback_callback=lambda message: seen.append(message.feedback))
+    assert cell.wait(sent.done)
+    assert sent.result().accepted
+    result = sent.result().get_result_async()
+    assert cell.wait(result.done)
+    client.destroy()
+    return result.result().result, seen
 
 
 @pytest.fixture
-def measured() -> Iterator[Measured]:
+def cell() -> Iterator[Cell]:
     rclpy.init()
     node = rclpy.create_node("observer")
     with ExitStack() as stack:
-        yield Measured(Cell(node, stack), stack)
+        yield Cell(node, stack)
     node.destroy_node()
     rclpy.try_shutdown()
 
 
+@pytest.fixture
+def measured(cell: Cell) -> Iterator[Measured]:
+    with ExitStack() as stack:
+        yield Measured(cell, stack)
+
+
 def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     goal = LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=8e-3)
-    refused, _ = measured.call(LiftTool, "lift_tool", goal)
+    refused, _ = call(measured.cell, LiftTool, "lift_tool", goal)
     assert refused.code == ErrorCode.NOT_ARMED  # armed, but parked
     assert "not on the sheet" in refused.message
 
     measured.form(3)
-    result, seen = measured.call(LiftTool, "lift_tool", goal)
+    result, seen = call(measured.cell, LiftTool, "lift_tool", goal)
     assert (result.code, result.message) == (0, "")
     assert 1e-3 < result.springback < 3e-3
     assert result.force > 20.0
@@ -84,12 +95,32 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     assert seen
     assert all(feedback.lift <= goal.max_lift for feedback in seen)
 
-    moved, seen = measured.call(MoveAside, "move_aside", MoveAside.Goal())
+    moved, seen = call(measured.cell, MoveAside, "move_aside", MoveAside.Goal())
     assert (moved.code, moved.message) == (0, "")
     assert seen
     assert measured.cell.form(measured.plan.contours[3]).completed
-    short, _ = measured.call(LiftTool, "lift_tool", LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=0.1e-3))
+    short, _ = call(measured.cell, LiftTool, "lift_tool", LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=0.1e-3))
     assert short.code == ErrorCode.MEASUREMENT_FAILED
     assert np.isnan(short.springback)
     assert measured.cell.arm(plan_id="").code == 0
     assert measured.cell.rests_in(ForceCtrlState.IDLE)
+
+
+def test_move_aside_by_the_clock(cell: Cell) -> None:
+    """In real time, against a driver that never waits; how long it takes is the computer's business."""
+    tips: list[tuple[float, float, float]] = []
+
+    def keep(pose: PoseStamped) -> None:
+        tips.append((pose.pose.position.x, pose.pose.position.y, pose.pose.position.z))
+
+    cell.node.create_subscription(PoseStamped, "tool_1/target", keep, qos.STREAM)
+    cell.start({"lockstep": False}, lockstep=False)
+    cell.armed(count=2)
+    assert cell.form(small_ring(0, 2)).completed
+    moved, seen = call(cell, MoveAside, "move_aside", MoveAside.Goal())
+    assert (moved.code, moved.message) == (0, "")
+    assert seen
+    config = ControlConfig.from_job(JobFile(RING_JOB, JOB.parent))
+    there = (*config.aside, config.park_height)
+    assert cell.wait(lambda: tips[-1] == pytest.approx(there, abs=1e-4))
+    assert cell.form(small_ring(1, 2)).completed
