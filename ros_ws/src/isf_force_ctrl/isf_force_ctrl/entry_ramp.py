@@ -26,10 +26,10 @@ NEAR = 5e-3
 def ramped(path: ToolPath, before: ToolPath | None) -> ToolPath:
     """``path`` of M vertices, its begin raised to the level of ``before``, the contour formed last, at that place.
 
-    Unchanged under force control, which cannot follow a ramp so short within 10 N (mini_cone with scans: 97.8 % of the
-    time instead of 100 %), and where that was formed by the other tool, lies further away, no higher, or far above.
+    Under force control the supporting tool is raised as well, so that the gap stays what it is along the contour.
+    Unchanged where ``before`` was formed by the other tool, lies further away, no higher, or far above.
     """
-    if before is None or before.forming != path.forming or np.isfinite(path.set_point[0]):
+    if before is None or before.forming != path.forming:
         return path
     begin = path.forming_tip[0]
     apart = np.linalg.norm(before.forming_tip[:, :2] - begin[:2], axis=1)
@@ -38,7 +38,12 @@ def ramped(path: ToolPath, before: ToolPath | None) -> ToolPath:
     step = up * float(before.forming_tip[nearest, 2] - begin[2])
     if apart[nearest] > NEAR or not 0.0 < step <= STEEPEST * LENGTH:
         return path
-    raised = path.forming_tip.copy()
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(raised, axis=0), axis=1))])
-    raised[:, 2] += up * step * np.clip(1.0 - way / LENGTH, 0.0, 1.0)
-    return replace(path, tip_1=raised) if path.forming == 1 else replace(path, tip_2=raised)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.forming_tip, axis=0), axis=1))])
+    raised = np.zeros_like(path.forming_tip)
+    raised[:, 2] = up * step * np.clip(1.0 - way / LENGTH, 0.0, 1.0)
+    forced = bool(np.isfinite(path.set_point[0]))
+    return replace(
+        path,
+        tip_1=path.tip_1 + raised if forced or path.forming == 1 else path.tip_1,
+        tip_2=path.tip_2 + raised if forced or path.forming == 2 else path.tip_2,
+    )

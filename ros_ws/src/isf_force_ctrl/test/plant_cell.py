@@ -18,7 +18,14 @@ EXAMPLES = Path(__file__).resolve().parents[4] / "examples" / "jobs"
 class PlantCell:
     """Machine and controller in one process; ``changes`` are replacements in the text of the job."""
 
-    def __init__(self, kind: type[ForceController] = ForceController, *, seed: int = 0, **changes: str) -> None:
+    def __init__(
+        self,
+        kind: type[ForceController] = ForceController,
+        *,
+        seed: int = 0,
+        seam_speed: float = float("inf"),
+        **changes: str,
+    ) -> None:
         text = (EXAMPLES / "mini_cone.yaml").read_text()
         for old, new in changes.items():
             assert old in text
@@ -28,7 +35,7 @@ class PlantCell:
         self.machine = SimulatedMachine(self.job_file, seed=seed)
         self.machine.tare()
         self.sample: MachineSample = self.machine.sample()
-        self.config = replace(ControlConfig.from_job(self.job_file), seam_speed=float("inf"))
+        self.config = replace(ControlConfig.from_job(self.job_file), seam_speed=seam_speed)
         self.controller: Any = kind(self.config)
         park = self.config.park_height
         self.controller.arm(self.plan.plan_id, 0, len(self.plan.contours), (0, 0, park), (0, 0, -park))
