@@ -36,6 +36,7 @@ from isf_springback.offset_memory import VISIBLE, OffsetMemory, limit_signed, pu
 from isf_springback.scan_memory import ScanMemory
 from isf_springback.shape_reading import PLACES, READING_DEVIATION, read_errors
 from isf_springback.shape_remarks import shape_remarks
+from isf_springback.sheet_edge import held_by_plate
 from isf_springback.sheet_load import push_sign
 from isf_springback.step_bounds import largest_rise
 from isf_springback.step_force import StepForce, depth_of, step_remark
@@ -50,8 +51,8 @@ DEEPER = 0.2e-3
 MADE_BY = 4
 """Contours that make the wall at one place: the ball touches it again and again."""
 EDGE_CONTOURS = 2
-"""Contours whose scans show the edge of the opening alone where a backing plate holds it; else :data:`MADE_BY`, since a
-free edge bends down with each of them."""
+"""Contours whose scans show the edge of the opening alone where a backing plate is close and holds it; else
+:data:`MADE_BY`, since a free edge bends down with each of them."""
 RESTLESS = 40.0
 """Contours of drift after a scan that surprised everywhere (assumed): a surprise that comes again is a change of the
 process, and is then followed within two scans."""
@@ -167,8 +168,8 @@ class FusedCorrection:
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         known = self._fields(reading.place)
         surprise = reading.wall - expected_error(self._steps, reading.place)
-        held = self._job_file.job.backing_plate is not None
-        if contour.index - self._wall_begins < (EDGE_CONTOURS if held else MADE_BY):
+        edge = EDGE_CONTOURS if held_by_plate(contour, self._job_file) else MADE_BY
+        if contour.index - self._wall_begins < edge:
             # Still the edge of the opening: no push makes it better where it stands too high, as it always does a
             # little. Where it lies too deep the coming contours would press it deeper yet.
             surprise = np.where(surprise < 0.0, surprise, np.nan)

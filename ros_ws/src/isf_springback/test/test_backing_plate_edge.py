@@ -10,9 +10,10 @@ from isf_core.opening import Opening
 from isf_springback.database import cached_path
 from isf_springback.elastic_samples import depth_task, solve_depth
 from isf_springback.method import apply, make_method
-from isf_springback.sheet_edge import edge_radius, free_size
+from isf_springback.sheet_edge import edge_radius, free_size, held_by_plate
 from isf_springback.shell.formed_sheet import FacetSize
 from springback_parts import JOB_TEXT, cone_contour, result_of
+from test_shape_feedback import COUNT, TARGET, Sheet
 
 ROUND = "backing_plate: {shape: circle, size: [88 mm, 88 mm]}\n"
 SQUARE = "backing_plate: {shape: rectangle, size: [90 mm, 80 mm]}\n"
@@ -81,3 +82,30 @@ def test_a_part_wider_than_its_plate_is_told():
 def test_databases_with_and_without_plate_have_other_names():
     names = {cached_path(one) for one in (job(), job(ROUND), job(SQUARE))}
     assert len(names) == 3
+
+
+def test_a_plate_holds_the_sheet_only_where_it_is_close():
+    for plate, held in (("", False), (ROUND, True), (SQUARE, True), (ROUND.replace("88", "150"), False)):
+        assert held_by_plate(cone_contour(2), job(plate)) is held
+
+
+@pytest.mark.parametrize(("plate", "believed"), [(ROUND, True), (ROUND.replace("88", "150"), False)])
+def test_the_edge_of_the_opening_is_not_pressed_deeper_while_it_bends_down(plate, believed):
+    """Scans that show the first contours too high: followed from the third on only where a plate holds the edge."""
+
+    def asked(*, looks):
+        fused = make_method("fused", JobFile(JOB_TEXT.replace("analytic", "fused, scan_every: 1") + plate, Path(".")))
+        fused.take_target(TARGET)
+        sheet = Sheet(lambda depth, around: 12e-3)
+        for index in range(4):
+            nominal = cone_contour(index, count=COUNT)
+            correction = fused.correct(nominal)
+            corrected = apply(nominal, correction)
+            sheet.form(corrected)
+            fused.learn(corrected, result_of(corrected, 500.0))
+            if looks:
+                fused.see(sheet.points(), index)
+        return float(correction.springback.mean())
+
+    more = asked(looks=True) - asked(looks=False)
+    assert (more > 0.2e-3) is believed
