@@ -66,7 +66,7 @@ PARTS: dict[str, Published] = {
     "praveen_cone_150": Published((*LARGE, "elastic"), "wall_and_base", "1.1", "0.33", PRAVEEN),
     "praveen_cone_250": Published(LARGE, "wall_and_base", "2.2", "0.75", PRAVEEN),
     "praveen_cone_610": Published(
-        LARGE, "wall_and_base", "4.45", "0.77", PRAVEEN, "2 mm steps (published 0.5)", large=True
+        LARGE, "wall_and_base", "4.45", "0.77", PRAVEEN, "1 mm steps (published 0.5); older rows 2 mm", large=True
     ),
     "praveen_free_form": Published(LARGE, "wall_and_base", "2.88", "0.74", PRAVEEN, "F1 of 260 mm alone"),
 }
