@@ -39,7 +39,7 @@ def wait_until_gone(mark: str, patience: float) -> dict[int, str]:
     end = time.monotonic() + patience
     left = marked(mark)
     while left and time.monotonic() < end:
-        time.sleep(0.05)
+        time.sleep(0.05)  # asks again: of processes that are not children nothing tells their end
         left = marked(mark)
     return left
 

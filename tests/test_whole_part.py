@@ -168,7 +168,7 @@ def oversleeping() -> Iterator[list[float]]:
     def sleep() -> None:
         while not ended.is_set():
             due = time.monotonic() + 4e-3
-            time.sleep(4e-3)
+            time.sleep(4e-3)  # how late it wakes is what is measured
             worst[0] = max(worst[0], time.monotonic() - due)
 
     sleeper = threading.Thread(target=sleep)

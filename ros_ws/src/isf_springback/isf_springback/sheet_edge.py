@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 CLOSE = 3.0
 """Radii of the forming tool within which a backing plate holds the sheet where it is formed (assumed). On
 praveen_cone_150, whose plate is four radii away, the sheet beside the opening bends down with each of the first
-contours as in a bare clamp: taken for held, the opening came out 0.43 mm too deep instead of 0.32 mm."""
+contours as in a bare clamp: the opening came out 0.43 mm too deep where it was taken for held, else 0.32 mm."""
 
 
 def free_size(job_file: JobFile) -> tuple[float, float]:

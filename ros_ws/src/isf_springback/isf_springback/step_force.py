@@ -17,7 +17,6 @@ from isf_core.contour import Contour, ContourResult
 from isf_core.job import JobFile
 
 from isf_springback.sheet_load import push_sign
-from isf_springback.step_bounds import force_share
 
 LARGEST_EXPONENT = 0.5
 """Growth of the force with the step if all of it were the arc that the ball wets, which grows with its root (assumed as
@@ -93,6 +92,18 @@ class StepForce:
         if step < planned:
             step = min(planned, largest_step(self._steps, PLANNED_SHARE))
         return self._steps[-1].depth + max(step, SMALLEST_STEP * planned)
+
+
+def force_share(result: ContourResult, job_file: JobFile) -> float:
+    """Largest measured force of the forming tool as a share of the limit of its axis: of machine or load cell.
+
+    0 where nothing finite was measured.
+    """
+    force = np.abs(np.asarray(result.forming_force, dtype=np.float64))
+    if force.ndim != 2 or force.shape[-1] != 3 or not np.isfinite(force).any():
+        return 0.0
+    limit = np.minimum(job_file.rig.limits.force, job_file.rig.load_cell.force_range)
+    return float(np.nanmax(np.where(np.isfinite(force), force, 0.0) / limit))
 
 
 def depth_of(contour: Contour) -> float:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from isf_core.job import JobFile
 from isf_springback.method import apply, make_method
-from isf_springback.step_bounds import LARGEST_STEP, force_share
+from isf_springback.step_bounds import LARGEST_STEP
+from isf_springback.step_force import force_share
 from springback_parts import JOB_TEXT, cone_contour, result_of
 from test_shape_feedback import COUNT, TARGET, Sheet
 
