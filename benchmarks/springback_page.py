@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -194,7 +195,7 @@ def _time(rows: Sequence[dict[str, Any]], name: str) -> str:
 
 
 def write(rows: Sequence[dict[str, Any]], digest: str, maps: Path, folder: Path) -> Path:
-    """Write the page and its pictures; returns the page."""
+    """Write the page, its pictures, and ``rows`` beside it; returns the page."""
     versions = sorted({row["sources"] for row in rows})
     told = f"Sources {digest}." if versions == [digest] else f"Rows of sources {', '.join(versions)}; present {digest}."
     regions = "\n".join(
@@ -206,6 +207,7 @@ def write(rows: Sequence[dict[str, Any]], digest: str, maps: Path, folder: Path)
 
 Written by `{COMMAND}`.
 {told}
+Every run is a line of [results_springback.jsonl](results_springback.jsonl), lengths in mm.
 Simulated machine, formed in one process; vertical errors in the clamp, formed minus target, mm. World 0 is nominal; in
 the others sheet, machine and load cells are off by up to 20 %, which the controllers do not know. Methods that look at
 the shape see a scan with noise, holes and registration after every contour. First contours go by the predicted force
@@ -235,5 +237,7 @@ of the whole opening, whatever region the source measures.
 
 {chr(10).join(pictures(rows, maps, folder)) or "None yet."}"""
     path = folder / "results_springback.md"
+    lines = [json.dumps(row) for row in sorted(rows, key=lambda row: (row["job"], row["method"], row["world"]))]
+    path.with_suffix(".jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     path.write_text(text.rstrip() + "\n", encoding="utf-8")
     return path

@@ -136,6 +136,14 @@ def test_page_without_rows_is_written_and_says_so(table: ModuleType, tmp_path: P
     assert "None yet." in page.read_text(encoding="utf-8")
 
 
+def test_the_rows_of_the_page_stand_beside_it(table: ModuleType, tmp_path: Path) -> None:
+    rows = [row("ren_cone", "none", 1, 2.0), row("ren_cone", "none", 0, 1.0)]
+    page = table.springback_page.write(rows, "digest", tmp_path / "maps", tmp_path)
+    kept = table.springback_rows.read(page.with_suffix(".jsonl"))
+    assert list(kept.values()) == rows[::-1]
+    assert page.with_suffix(".jsonl").name in page.read_text(encoding="utf-8")
+
+
 @pytest.mark.slow
 def test_small_part_from_run_to_page(table: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """mini_cone twice: the second time nothing is left to compute."""
