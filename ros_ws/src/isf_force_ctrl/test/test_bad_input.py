@@ -23,10 +23,10 @@ from isf_force_ctrl.node import ForceCtrlNode
 from isf_force_ctrl.node_parameters import ForceCtrlParameters
 from isf_msgs.msg import ForceCtrlState
 from isf_node import conversion
+from node_cell import LIMIT, Cell, small_ring, started, watched
 from rcl_interfaces.srv import SetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from test_force_ctrl_node import LIMIT, Cell, small_ring, started
 
 pytestmark = pytest.mark.graph
 
@@ -78,12 +78,8 @@ class Observed(Cell):
 
 @pytest.fixture
 def cell() -> Iterator[Observed]:
-    rclpy.init()
-    node = rclpy.create_node("observer")
-    with ExitStack() as stack:
-        yield Observed(node, stack)
-    node.destroy_node()
-    rclpy.try_shutdown()
+    with watched(Observed) as found:
+        yield found
 
 
 def jumped(text: str) -> float:

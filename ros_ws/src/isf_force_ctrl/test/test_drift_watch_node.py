@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from isf_core.errors import ErrorCode
 from isf_force_ctrl.control_state import Flag
 from isf_msgs.msg import ForceCtrlState
-from test_force_ctrl_node import Cell, small_ring
+from node_cell import Cell, small_ring, watched
 
 pytestmark = pytest.mark.graph
 
 
 @pytest.fixture
 def cell() -> Iterator[Cell]:
-    rclpy.init()
-    node = rclpy.create_node("observer")
-    with ExitStack() as stack:
-        yield Cell(node, stack)
-    node.destroy_node()
-    rclpy.try_shutdown()
+    with watched(Cell) as found:
+        yield found
 
 
 @pytest.fixture

@@ -2,146 +2,27 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
-from contact_sandbox import ring
 from geometry_msgs.msg import PoseStamped
 from isf_core.contour import Process
 from isf_core.errors import ErrorCode
-from isf_msgs.msg import Contour, ContourResult, ForceCtrlState
-from isf_msgs.srv import Arm
+from isf_msgs.msg import ForceCtrlState
 from isf_node import conversion, qos
-from rclpy.node import Node
+from node_cell import JOB, LIMIT, Cell, small_ring, watched
 from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.graph
 
-LIMIT = 120.0
-"""s; only to end a test that hangs: a process may take long to start."""
-
-JOB = """
-name: ring
-part: {mesh: ring.stl, unit: mm}
-process: DSIF
-rig: ren2018
-sheet: {material: AA5754-O, thickness: 1 mm}
-tool_1: {radius: 5 mm}
-tool_2: {radius: 5 mm}
-path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
-control: {rate: 500 Hz, support_force: 120 N, compliance_compensation: 0.5}
-"""
-
-
-@contextmanager
-def started(
-    *command: str, remap: dict[str, str] | None = None, **parameters: object
-) -> Iterator[subprocess.Popen[bytes]]:
-    arguments = [sys.executable, *command, "--ros-args"]
-    for name, value in parameters.items():
-        arguments += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
-    for name, new in (remap or {}).items():
-        arguments += ["-r", f"{name}:={new}"]
-    process = subprocess.Popen(arguments, start_new_session=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        process.wait(LIMIT)
-
-
-class Cell:
-    """The test's own node, and the two processes."""
-
-    def __init__(self, node: Node, stack: ExitStack) -> None:
-        self.node, self._stack = node, stack
-        self.results: list[ContourResult] = []
-        self.states: list[ForceCtrlState] = []
-        self.targets = 0
-        self._contours = node.create_publisher(Contour, "contour/corrected", qos.LATCHED)
-        node.create_subscription(ContourResult, "contour/result", self.results.append, qos.EVENT)
-        # deep, since a mode may last ten states only and this process may be held up for longer
-        node.create_subscription(ForceCtrlState, "force_ctrl/state", self.states.append, qos.STREAM_SOURCE)
-        node.create_subscription(PoseStamped, "tool_1/target", self._count, qos.STREAM)
-        self._arm = node.create_client(Arm, "force_ctrl/arm")
-
-    def _count(self, _: PoseStamped) -> None:
-        self.targets += 1
-
-    def start(
-        self, machine: dict[str, object] | None = None, remap: dict[str, str] | None = None, **parameters: object
-    ) -> None:
-        here = Path(__file__)
-        options: dict[str, Any] = machine or {}
-        self._stack.enter_context(started(str(here.with_name("standin_machine.py")), remap=remap, **options))
-        # as long as a busy computer may hold a process up
-        values: dict[str, Any] = {"wrench_timeout": 60.0, **parameters}
-        self._stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, remap=remap, **values))
-        assert self._arm.wait_for_service(LIMIT)
-
-    def wait(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:
-        deadline = time.monotonic() + timeout
-        while not condition() and time.monotonic() < deadline:
-            rclpy.spin_once(self.node, timeout_sec=0.05)
-        return bool(condition())
-
-    def arm(
-        self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan"), job: str = JOB
-    ) -> Arm.Response:
-        """Arm; asks again while the wrenches have not been discovered yet."""
-        request = Arm.Request(plan_id=plan_id, count=count, job_text=job, support_force=support_force)
-        deadline = time.monotonic() + LIMIT
-        while True:
-            future = self._arm.call_async(request)
-            assert self.wait(future.done)
-            response = future.result()
-            if response.code != ErrorCode.WRENCH_LOST or time.monotonic() > deadline:
-                return response
-
-    def form(self, contour: Any, timeout: float = 3 * LIMIT) -> ContourResult:
-        seen = len(self.results)
-        self._contours.publish(conversion.contour_to_message(contour))
-        assert self.wait(lambda: len(self.results) > seen, timeout)
-        return self.results[-1]
-
-    def rests_in(self, mode: int) -> bool:
-        """Wait until the newest state has ``mode``."""
-        return self.wait(lambda: self.states and self.states[-1].mode == mode)
-
-    def armed(self, **options: Any) -> None:
-        deadline = time.monotonic() + LIMIT
-        response = self.arm(**options)
-        while (
-            response.code == ErrorCode.NO_TARE and time.monotonic() < deadline
-        ):  # machine/state comes ten times a second
-            response = self.arm(**options)
-        assert (response.code, response.message) == (0, "")
-
 
 @pytest.fixture
 def cell() -> Iterator[Cell]:
-    rclpy.init()
-    node = rclpy.create_node("observer")
-    with ExitStack() as stack:
-        yield Cell(node, stack)
-    node.destroy_node()
-    rclpy.try_shutdown()
-
-
-def small_ring(index: int = 0, count: int = 1) -> Any:
-    return ring(index, count, radius=10e-3, points=60)
+    with watched(Cell) as found:
+        yield found
 
 
 def test_forms_a_part_in_lockstep(cell: Cell) -> None:

@@ -3,60 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 from contact_sandbox import ring
 from isf_core.errors import ErrorCode
 from isf_core.rig import load_rig
 from isf_msgs.action import Identify
 from isf_msgs.msg import ForceCtrlState
 from isf_node import conversion
-from rclpy.action import ActionClient
-from test_force_ctrl_node import LIMIT, Cell
+from node_cell import Cell, call_action, watched
 from test_measurement_node import Measured
 
 pytestmark = pytest.mark.graph
 
 
 @pytest.fixture
-def observer() -> Iterator[tuple[Cell, ExitStack]]:
-    rclpy.init()
-    node = rclpy.create_node("observer")
-    with ExitStack() as stack:
-        yield Cell(node, stack), stack
-    node.destroy_node()
-    rclpy.try_shutdown()
+def cell() -> Iterator[Cell]:
+    with watched(Cell) as found:
+        yield found
 
 
 def goal(kind: int, **fields: Any) -> Identify.Goal:
     return Identify.Goal(**{"property": kind, "tool": 1, "repeats": 1, "max_force": 200.0, **fields})
 
 
-def call(cell: Cell, request: Identify.Goal, *, cancel_in: str = "", timeout: float = 400.0) -> tuple[Any, list[Any]]:
+def call(cell: Cell, request: Identify.Goal, *, cancel_in: str = "") -> tuple[Any, list[Any]]:
     """Result and feedback; ``cancel_in``: cancelled in the first phase that has this in its name."""
-    client = ActionClient(cell.node, Identify, "identify")
-    assert client.wait_for_server(LIMIT)
-    seen: list[Any] = []
-    sent = client.send_goal_async(request, feedback_callback=lambda message: seen.append(message.feedback))
-    assert cell.wait(sent.done)
-    assert sent.result().accepted
-    result = sent.result().get_result_async()
-    if cancel_in:
-        assert cell.wait(lambda: any(cancel_in in item.phase for item in seen), timeout)
-        assert cell.wait(sent.result().cancel_goal_async().done)
-    assert cell.wait(result.done, timeout)
-    client.destroy()
-    return result.result().result, seen
+    cancel_when = (lambda feedback: cancel_in in feedback.phase) if cancel_in else None
+    return call_action(cell, Identify, "identify", request, cancel_when=cancel_when, timeout=400.0)
 
 
-def test_identified_over_dds(observer: tuple[Cell, ExitStack], tmp_path: Path) -> None:
-    cell, stack = observer
-    Measured(cell, stack)
+def test_identified_over_dds(cell: Cell, tmp_path: Path) -> None:
+    Measured(cell)
     for refused in ({"max_force": float("nan")}, {"places": [0.2, 0.0, 0.0]}, {"max_force": -1.0}):
         result, _ = call(cell, goal(Identify.Goal.TOOL_COMPLIANCE, **refused))
         assert result.code == ErrorCode.MEASUREMENT_REFUSED
@@ -81,8 +62,7 @@ def test_identified_over_dds(observer: tuple[Cell, ExitStack], tmp_path: Path) -
     assert servo.value[0] == pytest.approx(30.0, rel=0.03)
 
 
-def test_refused_before_arming_and_while_forming(observer: tuple[Cell, ExitStack]) -> None:
-    cell, _ = observer
+def test_refused_before_arming_and_while_forming(cell: Cell) -> None:
     cell.start()
     result, _ = call(cell, goal(Identify.Goal.SERVO_RESPONSE))
     assert result.code == ErrorCode.NOT_ARMED
@@ -98,8 +78,7 @@ def test_refused_before_arming_and_while_forming(observer: tuple[Cell, ExitStack
 @pytest.mark.parametrize(
     ("fault", "code"), [("nan_at", ErrorCode.WRENCH_NOT_FINITE), ("silent_at", ErrorCode.WRENCH_LOST)]
 )
-def test_a_cell_that_fails_ends_it(observer: tuple[Cell, ExitStack], fault: str, code: ErrorCode) -> None:
-    cell, _ = observer
+def test_a_cell_that_fails_ends_it(cell: Cell, fault: str, code: ErrorCode) -> None:
     cell.start({fault: 400})
     cell.armed()
     result, _ = call(cell, goal(Identify.Goal.LOAD_CELL_SIGNS, places=[0.01, 0.0, 0.0]))

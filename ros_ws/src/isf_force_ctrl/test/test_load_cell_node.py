@@ -21,11 +21,11 @@ from isf_force_ctrl.load_cell_node import LoadCellNode
 from isf_force_ctrl.three_cells import readings_of
 from isf_msgs.srv import Arm
 from isf_node import conversion, qos, stamps
+from node_cell import JOB, LIMIT, Cell, small_ring, started, watched
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from test_force_ctrl_node import JOB, LIMIT, Cell, small_ring, started
 
 pytestmark = pytest.mark.graph
 
@@ -146,12 +146,8 @@ class Bench:
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    rclpy.init()
-    node = rclpy.create_node("observer")
-    with ExitStack() as stack:
-        yield Bench(node, stack)
-    node.destroy_node()
-    rclpy.try_shutdown()
+    with watched(Bench) as found:
+        yield found
 
 
 def written(folder: Path, text: str) -> Path:

@@ -18,9 +18,9 @@ from geometry_msgs.msg import PoseStamped, TransformStamped
 from isf_force_ctrl.load_cell_node import LoadCellNode
 from isf_node import qos
 from nav_msgs.msg import Odometry
+from node_cell import started
 from rclpy.lifecycle import TransitionCallbackReturn
 from std_msgs.msg import Float64
-from test_force_ctrl_node import started
 from test_load_cell_node import NODE, Bench, bench, written  # noqa: F401 - bench is a fixture
 
 pytestmark = pytest.mark.graph

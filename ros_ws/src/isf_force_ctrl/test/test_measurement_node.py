@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode
 from isf_core.job import JobFile, load_job
@@ -19,9 +16,8 @@ from isf_msgs.msg import ForceCtrlState
 from isf_msgs.srv import Tare
 from isf_node import qos
 from isf_planner import plan
-from rclpy.action import ActionClient
-from test_force_ctrl_node import JOB as RING_JOB
-from test_force_ctrl_node import LIMIT, Cell, small_ring, started
+from node_cell import JOB as RING_JOB
+from node_cell import LIMIT, Cell, call_action, small_ring, started, watched
 
 pytestmark = pytest.mark.graph
 
@@ -31,11 +27,11 @@ JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yam
 class Measured:
     """The cell with a real machine node and the contours of the small example cone."""
 
-    def __init__(self, cell: Cell, stack: ExitStack) -> None:
+    def __init__(self, cell: Cell) -> None:
         self.cell, self.job_file = cell, load_job(JOB)
         self.plan = plan(self.job_file)
-        stack.enter_context(started("-m", "isf_sim.node", autostart=True, job=JOB))
-        stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True))
+        cell.stack.enter_context(started("-m", "isf_sim.node", autostart=True, job=JOB))
+        cell.stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True))
         assert cell._arm.wait_for_service(LIMIT)
         tare = cell.node.create_client(Tare, "machine/tare")
         assert tare.wait_for_service(LIMIT)
@@ -49,44 +45,25 @@ class Measured:
             assert self.cell.form(contour).completed
 
 
-def call(cell: Cell, kind: Any, name: str, goal: Any) -> tuple[Any, list[Any]]:
-    """Result and feedback of an action."""
-    client = ActionClient(cell.node, kind, name)
-    assert client.wait_for_server(LIMIT)
-    seen: list[Any] = []
-    sent = client.send_goal_async(goal, feedback_callback=lambda message: seen.append(message.feedback))
-    assert cell.wait(sent.done)
-    assert sent.result().accepted
-    result = sent.result().get_result_async()
-    assert cell.wait(result.done)
-    client.destroy()
-    return result.result().result, seen
-
-
 @pytest.fixture
 def cell() -> Iterator[Cell]:
-    rclpy.init()
-    node = rclpy.create_node("observer")
-    with ExitStack() as stack:
-        yield Cell(node, stack)
-    node.destroy_node()
-    rclpy.try_shutdown()
+    with watched(Cell) as found:
+        yield found
 
 
 @pytest.fixture
-def measured(cell: Cell) -> Iterator[Measured]:
-    with ExitStack() as stack:
-        yield Measured(cell, stack)
+def measured(cell: Cell) -> Measured:
+    return Measured(cell)
 
 
 def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     goal = LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=8e-3)
-    refused, _ = call(measured.cell, LiftTool, "lift_tool", goal)
+    refused, _ = call_action(measured.cell, LiftTool, "lift_tool", goal)
     assert refused.code == ErrorCode.NOT_ARMED  # armed, but parked
     assert "not on the sheet" in refused.message
 
     measured.form(3)
-    result, seen = call(measured.cell, LiftTool, "lift_tool", goal)
+    result, seen = call_action(measured.cell, LiftTool, "lift_tool", goal)
     assert (result.code, result.message) == (0, "")
     assert 1e-3 < result.springback < 3e-3
     assert result.force > 20.0
@@ -95,11 +72,13 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     assert seen
     assert all(feedback.lift <= goal.max_lift for feedback in seen)
 
-    moved, seen = call(measured.cell, MoveAside, "move_aside", MoveAside.Goal())
+    moved, seen = call_action(measured.cell, MoveAside, "move_aside", MoveAside.Goal())
     assert (moved.code, moved.message) == (0, "")
     assert seen
     assert measured.cell.form(measured.plan.contours[3]).completed
-    short, _ = call(measured.cell, LiftTool, "lift_tool", LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=0.1e-3))
+    short, _ = call_action(
+        measured.cell, LiftTool, "lift_tool", LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=0.1e-3)
+    )
     assert short.code == ErrorCode.MEASUREMENT_FAILED
     assert np.isnan(short.springback)
     assert measured.cell.arm(plan_id="").code == 0
@@ -117,7 +96,7 @@ def test_move_aside_by_the_clock(cell: Cell) -> None:
     cell.start({"lockstep": False}, lockstep=False)
     cell.armed(count=2)
     assert cell.form(small_ring(0, 2)).completed
-    moved, seen = call(cell, MoveAside, "move_aside", MoveAside.Goal())
+    moved, seen = call_action(cell, MoveAside, "move_aside", MoveAside.Goal())
     assert (moved.code, moved.message) == (0, "")
     assert seen
     config = ControlConfig.from_job(JobFile(RING_JOB, JOB.parent))

@@ -4,29 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
 from geometry_msgs.msg import TwistStamped
 from isf_core.errors import ErrorCode
 from isf_force_ctrl.target_twist import MOST_PULL, PULL, TargetTwist
 from isf_node import conversion, qos
-from test_force_ctrl_node import Cell, small_ring
+from node_cell import Cell, small_ring, watched
 
 DOCS = Path(__file__).resolve().parents[4] / "docs" / "other_cells.md"
 
 
 @pytest.fixture
 def cell() -> Iterator[Cell]:
-    rclpy.init()
-    node = rclpy.create_node("observer")
-    with ExitStack() as stack:
-        yield Cell(node, stack)
-    node.destroy_node()
-    rclpy.try_shutdown()
+    with watched(Cell) as found:
+        yield found
 
 
 def documented(heading: str) -> dict[str, str]:

@@ -1,0 +1,166 @@
+"""Node force_ctrl and what it talks to in processes of their own, and the node with which a test watches them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import rclpy
+from contact_sandbox import ring
+from geometry_msgs.msg import PoseStamped
+from isf_core.errors import ErrorCode
+from isf_msgs.msg import Contour, ContourResult, ForceCtrlState
+from isf_msgs.srv import Arm
+from isf_node import conversion, qos
+from rclpy.action import ActionClient
+from rclpy.node import Node
+
+Watcher = TypeVar("Watcher")
+
+LIMIT = 120.0
+"""s; only to end a test that hangs: a process may take long to start."""
+
+JOB = """
+name: ring
+part: {mesh: ring.stl, unit: mm}
+process: DSIF
+rig: ren2018
+sheet: {material: AA5754-O, thickness: 1 mm}
+tool_1: {radius: 5 mm}
+tool_2: {radius: 5 mm}
+path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
+control: {rate: 500 Hz, support_force: 120 N, compliance_compensation: 0.5}
+"""
+
+
+@contextmanager
+def started(
+    *command: str, remap: dict[str, str] | None = None, **parameters: object
+) -> Iterator[subprocess.Popen[bytes]]:
+    arguments = [sys.executable, *command, "--ros-args"]
+    for name, value in parameters.items():
+        arguments += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
+    for name, new in (remap or {}).items():
+        arguments += ["-r", f"{name}:={new}"]
+    process = subprocess.Popen(arguments, start_new_session=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)
+        process.wait(LIMIT)
+
+
+def small_ring(index: int = 0, count: int = 1) -> Any:
+    return ring(index, count, radius=10e-3, points=60)
+
+
+class Cell:
+    """The test's own node, and the two processes."""
+
+    def __init__(self, node: Node, stack: ExitStack) -> None:
+        self.node, self.stack = node, stack
+        self.results: list[ContourResult] = []
+        self.states: list[ForceCtrlState] = []
+        self.targets = 0
+        self._contours = node.create_publisher(Contour, "contour/corrected", qos.LATCHED)
+        node.create_subscription(ContourResult, "contour/result", self.results.append, qos.EVENT)
+        # deep, since a mode may last ten states only and this process may be held up for longer
+        node.create_subscription(ForceCtrlState, "force_ctrl/state", self.states.append, qos.STREAM_SOURCE)
+        node.create_subscription(PoseStamped, "tool_1/target", self._count, qos.STREAM)
+        self._arm = node.create_client(Arm, "force_ctrl/arm")
+
+    def _count(self, _: PoseStamped) -> None:
+        self.targets += 1
+
+    def start(
+        self, machine: dict[str, object] | None = None, remap: dict[str, str] | None = None, **parameters: object
+    ) -> None:
+        here = Path(__file__)
+        options: dict[str, Any] = machine or {}
+        self.stack.enter_context(started(str(here.with_name("standin_machine.py")), remap=remap, **options))
+        # as long as a busy computer may hold a process up
+        values: dict[str, Any] = {"wrench_timeout": 60.0, **parameters}
+        self.stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, remap=remap, **values))
+        assert self._arm.wait_for_service(LIMIT)
+
+    def wait(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:
+        deadline = time.monotonic() + timeout
+        while not condition() and time.monotonic() < deadline:
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+        return bool(condition())
+
+    def arm(
+        self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan"), job: str = JOB
+    ) -> Arm.Response:
+        """Arm; asks again while the wrenches have not been discovered yet."""
+        request = Arm.Request(plan_id=plan_id, count=count, job_text=job, support_force=support_force)
+        deadline = time.monotonic() + LIMIT
+        while True:
+            future = self._arm.call_async(request)
+            assert self.wait(future.done)
+            response = future.result()
+            if response.code != ErrorCode.WRENCH_LOST or time.monotonic() > deadline:
+                return response
+
+    def form(self, contour: Any, timeout: float = 3 * LIMIT) -> ContourResult:
+        seen = len(self.results)
+        self._contours.publish(conversion.contour_to_message(contour))
+        assert self.wait(lambda: len(self.results) > seen, timeout)
+        return self.results[-1]
+
+    def rests_in(self, mode: int) -> bool:
+        """Wait until the newest state has ``mode``."""
+        return self.wait(lambda: self.states and self.states[-1].mode == mode)
+
+    def armed(self, **options: Any) -> None:
+        deadline = time.monotonic() + LIMIT
+        response = self.arm(**options)
+        while (
+            response.code == ErrorCode.NO_TARE and time.monotonic() < deadline
+        ):  # machine/state comes ten times a second
+            response = self.arm(**options)
+        assert (response.code, response.message) == (0, "")
+
+
+@contextmanager
+def watched(kind: Callable[[Node, ExitStack], Watcher]) -> Iterator[Watcher]:
+    """What ``kind`` makes of a node of its own; processes that it starts on its stack end with it."""
+    rclpy.init()
+    node = rclpy.create_node("observer")
+    with ExitStack() as stack:
+        yield kind(node, stack)
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def call_action(
+    cell: Cell,
+    kind: Any,
+    name: str,
+    goal: Any,
+    *,
+    cancel_when: Callable[[Any], bool] | None = None,
+    timeout: float = LIMIT,
+) -> tuple[Any, list[Any]]:
+    """Result and feedback of an action; cancelled as soon as ``cancel_when`` holds for a feedback."""
+    client = ActionClient(cell.node, kind, name)
+    assert client.wait_for_server(LIMIT)
+    seen: list[Any] = []
+    sent = client.send_goal_async(goal, feedback_callback=lambda message: seen.append(message.feedback))
+    assert cell.wait(sent.done)
+    assert sent.result().accepted
+    result = sent.result().get_result_async()
+    if cancel_when is not None:
+        assert cell.wait(lambda: any(cancel_when(item) for item in seen), timeout)
+        assert cell.wait(sent.result().cancel_goal_async().done)
+    assert cell.wait(result.done, timeout)
+    client.destroy()
+    return result.result().result, seen
