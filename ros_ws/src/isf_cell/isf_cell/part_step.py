@@ -14,7 +14,7 @@ class PartStep:
 
     Attributes
     ----------
-    depth : m, planned depth of the tool tip
+    depth : m, planned depth of the tool tip along its push; over a die, of the sheet pulled down with the blank holder
     forming_force : N, mean axial force on the forming tool
     support_force : N, mean normal force on the support tool in full control; NaN without force control
     correction : m, largest correction; NaN when unknown
@@ -34,10 +34,11 @@ class PartStep:
         """Numbers of one contour."""
         nan = float("nan")
         engaged = result.tick_engaged
+        push = -1.0 if nominal.forming_tool == 1 else 1.0
         return PartStep(
             nominal.index,
             nominal.count,
-            depth=float(-nominal.forming_tip[:, 2].min()),
+            depth=float((push * (nominal.forming_tip[:, 2] + nominal.holder_height)).max()),
             forming_force=float(result.forming_force[:, 2].mean()) if len(result.forming_force) else nan,
             support_force=float(result.tick_normal_force[engaged].mean()) if engaged.any() else nan,
             correction=float(np.linalg.norm(correction.offset, axis=1).max(initial=0.0)) if correction else nan,
