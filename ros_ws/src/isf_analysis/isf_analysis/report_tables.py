@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -86,21 +86,23 @@ def region_table(numbers: Numbers) -> str:
     other = numbers["reference"]
     before = other["deviation"]["regions"] if other and other["deviation"] else None
     after = numbers["deviation"]["regions"]
-    keys = {
-        "max_mm": "largest",
-        "mean_abs_mm": "mean",
-        "rms_mm": "rms",
-        "mean_mm": "signed mean",
-        "max_normal_mm": "largest, normal to the surface",
+    keys: dict[str, tuple[str, Callable[[float | None], str]]] = {
+        "max_mm": ("largest", number),
+        "mean_abs_mm": ("mean", number),
+        "rms_mm": ("rms", number),
+        "mean_mm": ("signed mean", number),
+        "max_normal_mm": ("largest, normal to the surface", number),
+        "within_0_3mm_fraction": ("points within ± 0.3 mm", percent),
     }
     rows = []
     for name in REGIONS:
-        cells = [number(after[name][key]) for key in keys]
+        cells = [shown(after[name][key]) for key, (_, shown) in keys.items()]
         if before is not None:
-            cells = [f"{number(before[name][key])} → <b>{cell}</b>" for key, cell in zip(keys, cells, strict=True)]
+            old = [shown(before[name][key]) for key, (_, shown) in keys.items()]
+            cells = [f"{was} → <b>{cell}</b>" for was, cell in zip(old, cells, strict=True)]
         rows.append([REGION_LABELS[name], *cells])
     caption = "Deviation by region [mm]" + (", uncorrected → <b>this part</b>" if before is not None else "")
-    return table(caption, ["region", *keys.values()], rows)
+    return table(caption, ["region", *(label for label, _ in keys.values())], rows)
 
 
 def force_table(force: Numbers) -> str:

@@ -15,6 +15,7 @@ import pytest
 from isf_analysis import style
 from isf_analysis.record import PartRecord
 from isf_analysis.report import Report, write_report
+from isf_analysis.report_tables import percent
 from isf_analysis.summary import summary
 from isf_core.errors import ErrorCode, IsfError
 from synthetic_part import make_part
@@ -113,6 +114,8 @@ def test_the_numbers_on_the_page_are_those_of_the_summary(report: Report) -> Non
         for key in ("max_mm", "mean_abs_mm", "rms_mm"):
             assert f"{after['regions'][region][key]:.2f}" in text
             assert f"{before['regions'][region][key]:.2f}" in text
+        for shape in (before, after):
+            assert percent(shape["regions"][region]["within_0_3mm_fraction"]) in text
 
 
 def test_constants_come_with_unit_and_source(report: Report) -> None:

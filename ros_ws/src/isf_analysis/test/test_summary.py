@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from isf_analysis import figures_process, style
-from isf_analysis.deviation import compare
+from isf_analysis.deviation import compare, regions_of
 from isf_analysis.force_metrics import force_metrics
 from isf_analysis.record import PartRecord
 from isf_analysis.report_tables import cards, force_table, job_table
 from isf_analysis.summary import summary
 from isf_core.errors import ErrorCode
+from isf_core.height_map import HeightMap
 from synthetic_part import make_part
 
 PART = make_part(contours=6)
@@ -41,6 +42,20 @@ def test_the_numbers_are_those_of_the_metrics_in_the_units_of_their_names() -> N
     assert (numbers["bag"], numbers["report"]) == ("runs/x/bag", "runs/x/report.html")
     assert numbers["complete"]
     assert numbers["failure"] is numbers["reference"] is numbers["improvement"] is None
+
+
+def test_points_within_the_published_band_are_counted_by_region() -> None:
+    """An exact part whose base stands 0.29 mm up in one half, 0.31 mm in the other; nothing is seen of y > 0."""
+    assert PART.target is not None
+    target, base = PART.target, regions_of(PART.target)["base"]
+    x, y = np.meshgrid(target.x, target.y)
+    z = target.z + np.where(base, np.where(x < 0.0, 0.29e-3, 0.31e-3), 0.0)
+    z[y > 0.0] = np.nan
+    part = replace(PART, scan=HeightMap(target.x, target.y, z))
+    regions = summary(part)["deviation"]["regions"]
+    seen = base & (y < 0.0)
+    assert regions["base"]["within_0_3mm_fraction"] == pytest.approx((seen & (x < 0.0)).sum() / seen.sum(), abs=0.01)
+    assert regions["wall"]["within_0_3mm_fraction"] == 1.0
 
 
 def test_set_points_that_differ_by_place_are_told_as_such() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -111,11 +111,19 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
     def row(label: str, value: str, other: str = "") -> None:
         table.add_row(escape(label), *([other] if reference else []), value)
 
-    def number(source: Mapping[str, Any] | None, *path: str, digits: int = 2) -> str:
+    def found(source: Mapping[str, Any] | None, path: Sequence[str]) -> Any:
         value: Any = source
         for key in path:
             value = value.get(key) if isinstance(value, Mapping) else None
+        return value
+
+    def number(source: Mapping[str, Any] | None, *path: str, digits: int = 2) -> str:
+        value = found(source, path)
         return "-" if value is None else f"{value:.{digits}f}"
+
+    def percent(source: Mapping[str, Any] | None, *path: str) -> str:
+        value = found(source, path)
+        return "-" if value is None else f"{100.0 if value == 1.0 else min(100.0 * value, 99.9):.1f} %"
 
     for key, label in (("max_mm", "max error"), ("mean_abs_mm", "mean error"), ("rms_mm", "rms error")):
         row(
@@ -123,6 +131,8 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
             number(summary, "deviation", key),
             number(reference, "deviation", key),
         )
+    whole = ("deviation", "regions", "wall_and_base", "within_0_3mm_fraction")
+    row("points within 0.3 mm, wall and base", percent(summary, *whole), percent(reference, *whole))
     force = summary.get("force") or {}
     if force.get("set_N"):
         usual, low, high = (number(summary, "force", key, digits=0) for key in ("set_N", "set_min_N", "set_max_N"))
