@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -91,8 +92,8 @@ def region_table(numbers: Numbers) -> str:
         "mean_abs_mm": ("mean", number),
         "rms_mm": ("rms", number),
         "mean_mm": ("signed mean", number),
-        "max_normal_mm": ("largest, normal to the surface", number),
-        "within_0_3mm_fraction": ("points within ± 0.3 mm", percent),
+        "max_normal_mm": ("largest, normal", number),
+        "within_0_3mm_fraction": ("within ± 0.3 mm", partial(percent, digits=1)),
     }
     rows = []
     for name in REGIONS:
@@ -121,11 +122,11 @@ def force_table(force: Numbers) -> str:
     return table("Support force, raw signal of the load cell", ["", ""], rows)
 
 
-def percent(fraction: float | None) -> str:
+def percent(fraction: float | None, digits: int = 2) -> str:
     """Fraction as percent; never rounded up to 100 %."""
     if fraction is None:
         return DASH
-    return "100 %" if fraction == 1.0 else f"{min(100 * fraction, 99.99):.2f} %"
+    return "100 %" if fraction == 1.0 else f"{min(100 * fraction, 100 - 10**-digits):.{digits}f} %"
 
 
 def job_table(record: PartRecord) -> str:

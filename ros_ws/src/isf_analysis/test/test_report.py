@@ -115,7 +115,7 @@ def test_the_numbers_on_the_page_are_those_of_the_summary(report: Report) -> Non
             assert f"{after['regions'][region][key]:.2f}" in text
             assert f"{before['regions'][region][key]:.2f}" in text
         for shape in (before, after):
-            assert percent(shape["regions"][region]["within_0_3mm_fraction"]) in text
+            assert percent(shape["regions"][region]["within_0_3mm_fraction"], digits=1) in text
 
 
 def test_constants_come_with_unit_and_source(report: Report) -> None:
