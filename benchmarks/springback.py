@@ -26,6 +26,7 @@ from typing import Any
 import isf_springback.elastic  # noqa: F401 - loaded before the processes start, so that all run the same code
 import numpy as np
 from isf_analysis.deviation import compare
+from isf_analysis.summary import BAND
 from isf_cell import in_process
 from isf_cell.commands.springback import built, edge_of
 from isf_cell.flat_push import push_flat_sheet
@@ -57,8 +58,6 @@ HEADER = (
     "| part | method | worlds | wall and base, max / mean | worst world | wall, max / mean | base, max / signed | "
     "rim, max / signed | within 0.3 mm |\n|---|---|---|---|---|---|---|---|---|"
 )
-BAND = 0.3e-3
-"""m, the tolerance of which Lu 2016, 4.4 tells the share of points within: 19.5 % without and 70 % with control."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 import springback_rows
 from isf_analysis import style
 from isf_analysis.figures_shape import deviation_pair, map_limit
+from isf_analysis.summary import BAND, MM
 
 COMMAND = "./isf python benchmarks/springback_table.py --worlds 0,1-20 --jobs 2 --page"
 MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)", "fused(elastic)+push")
@@ -67,7 +68,7 @@ PARTS: dict[str, Published] = {
     "praveen_cone_150": Published((*LARGE, "elastic"), "wall_and_base", "1.1", "0.33", PRAVEEN),
     "praveen_cone_250": Published(LARGE, "wall_and_base", "2.2", "0.75", PRAVEEN),
     "praveen_cone_610": Published(
-        LARGE, "wall_and_base", "4.45", "0.77", PRAVEEN, "1 mm steps (published 0.5); older rows 2 mm", large=True
+        LARGE, "wall_and_base", "4.45", "0.77", PRAVEEN, "1 mm steps (published 0.5)", large=True
     ),
     "praveen_free_form": Published(LARGE, "wall_and_base", "2.88", "0.74", PRAVEEN, "F1 of 260 mm alone"),
 }
@@ -226,7 +227,7 @@ Largest, or largest / mean. What else the jobs assume stands in `examples/jobs`.
 ## Reached
 
 Per cell: largest / mean, then the measures of the goals (p95: 95 % of the points are closer; share: points within
-{springback_rows.BAND} mm). Runs that ended early are named with their contours and code and count in no number.
+{MM * BAND:.1f} mm). Runs that ended early are named with their contours and code and count in no number.
 
 {table(rows)}
 

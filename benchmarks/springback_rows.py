@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from isf_analysis.deviation import Deviation, compare
 from isf_analysis.record import PartRecord
+from isf_analysis.summary import BAND, MM
 from isf_cell import in_process
 from isf_cell.options import RunOptions
 from isf_core.errors import IsfError
@@ -32,9 +33,6 @@ COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "i
 """Packages whose sources name a row; of isf_cell and isf_analysis only what takes part."""
 
 ALSO = ("isf_cell.in_process", "isf_cell.flat_push", "isf_cell.options", "isf_analysis.deviation")
-
-BAND = 0.3
-"""mm, band of which the share of points is told (Lu 2016, 4.4)."""
 
 REGIONS = ("wall_and_base", "base", "wall", "walls_base")
 """Those of isf_analysis.deviation, and walls with base but without the fillets between them."""
@@ -139,7 +137,7 @@ def measures(deviation: Deviation) -> dict[str, dict[str, float]]:
     masks = {**deviation.masks, "walls_base": deviation.masks["wall"] | deviation.masks["base"]}
     found: dict[str, dict[str, float]] = {}
     for region in REGIONS:
-        error = 1e3 * deviation.error.z[masks[region] & np.isfinite(deviation.error.z)]
+        error = MM * deviation.error.z[masks[region] & np.isfinite(deviation.error.z)]
         if len(error):
             size = np.abs(error)
             values = {
@@ -147,7 +145,7 @@ def measures(deviation: Deviation) -> dict[str, dict[str, float]]:
                 "mean": float(size.mean()),
                 "signed": float(error.mean()),
                 "p95": float(np.percentile(size, 95)),
-                "share": float(np.mean(size <= BAND)),
+                "share": float(np.mean(size <= MM * BAND)),
             }
             found[region] = {name: round(value, 4) for name, value in values.items()}
     return found
