@@ -55,7 +55,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._targets = TargetPair()
         self.lock = threading.RLock()
         self._first_tick = 0
-        self._stamp = 0
+        self._stamp = self._bridged = 0
         self._late = 0
         self._stream = TargetStream(REAL_TIME_TIMEOUT)
         self._privileges = Privileges()
@@ -164,7 +164,7 @@ class MachineNode(CellNode[MachineParameters]):
             worker = machine.plant.worker
             worker.ahead, worker.priority = True, self._privileges.below
             self._thread = PeriodicThread(machine.control_rate, self._on_period)
-            self._begin, self._period = self.get_clock().now().nanoseconds, -1
+            self._begin, self._started, self._period = self.get_clock().now().nanoseconds, time.monotonic(), -1
             self._thread.start()
 
     def stop_thread(self) -> None:
@@ -255,6 +255,8 @@ class MachineNode(CellNode[MachineParameters]):
         if self._parameters.lockstep:
             self._stamp = stamps.tick_nanoseconds(self._tick(), machine.control_rate)
         with self._publishing:
+            if not self._parameters.lockstep:  # a tick that took long ends after the readings that bridged it
+                self._stamp = max(self._stamp, self._bridged)
             if decimated:  # before the wrenches: who answers them knows where the tools are
                 outlet.poses(sample, self._stamp)
                 outlet.state(self._state_message(machine), self._stamp)
@@ -289,9 +291,9 @@ class MachineNode(CellNode[MachineParameters]):
             return
         with self._publishing:
             if time.monotonic() - self._published >= BRIDGE_PERIOD:
-                now = self.get_clock().now().nanoseconds - self._begin
-                period = int(now * machine.control_rate / stamps.NANO)
-                outlet.wrenches(sample, self._stamp_of(period, machine))
+                period = int((time.monotonic() - self._started) * machine.control_rate)
+                self._bridged = self._stamp_of(period, machine)
+                outlet.wrenches(sample, self._bridged)
                 self._published = time.monotonic()
 
     # -- faults ----------------------------------------------------------------------------------

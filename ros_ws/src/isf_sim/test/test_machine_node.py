@@ -114,13 +114,29 @@ class Client:
         return list(self.states[-1].fault_codes) if self.states else []
 
 
+LONG_TICKS = """
+import sys, time
+from isf_sim import machine, node
+hold = machine.SimulatedMachine.hold
+def long_hold(self):
+    time.sleep(0.1)
+    return hold(self)
+machine.SimulatedMachine.hold = long_hold
+sys.exit(node.main())
+"""
+"""A machine whose ticks without targets take 50 periods: the readings in between are repeated ones."""
+
+
 @pytest.fixture
 def machine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Client]:
     parameters = getattr(request, "param", [])
+    program = ["-m", "isf_sim.node"]
+    if "long_ticks" in parameters:
+        program, parameters = ["-c", LONG_TICKS], parameters[1:]
     log = (tmp_path / "machine.log").open("w")
     arguments = [part for item in ["autostart:=true", *parameters] for part in ("-p", item)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "isf_sim.node", "--ros-args", *arguments], stdout=log, stderr=log, env=os.environ
+        [sys.executable, *program, "--ros-args", *arguments], stdout=log, stderr=log, env=os.environ
     )
     rclpy.init()
     client = Client()
@@ -216,6 +232,16 @@ def test_real_time_ticks_by_the_clock(machine: Client) -> None:
     assert machine.wait(followed)
     assert machine.wait(lambda: machine.states[-1].mode == MachineState.IDLE)
     assert machine.fault_codes() == []
+
+
+@pytest.mark.parametrize("machine", [["long_ticks", "lockstep:=false"]], indirect=True)
+def test_a_long_tick_is_not_older_than_the_readings_that_bridged_it(machine: Client) -> None:
+    """Else who reads them takes the step back for a clock that was set."""
+    assert machine.call(Reset, "machine/reset", Reset.Request(new_blank=True, job_text=JOB)).code == 0
+    assert machine.wait(lambda: len(machine.wrenches[0]) > 100)
+    apart = np.diff(list(machine.wrenches[0]))  # in the order of their coming
+    assert apart.min() > 0
+    assert apart.min() < 0.1 * stamps.NANO  # some came between the ticks
 
 
 def test_services_name_what_is_wrong(machine: Client) -> None:
