@@ -10,7 +10,7 @@ root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
 cd "$root" || exit 1
 
 selection=(-m "not slow")
-# The table of files would stand between a failure and who looks for it: `coverage report` in .isf's venv shows it.
+# The table of files would stand between a failure and who looks for it; `coverage report` shows it.
 coverage=(--cov --cov-report=xml:.isf/coverage.xml)
 case ${1:-} in
   --quick) selection=(-m "not graph and not slow") coverage=() && shift ;;

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
+import re
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -30,7 +31,10 @@ from springback import PUSHED, Case, job_of, with_database
 Mask = NDArray[np.bool_]
 
 COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "isf_sim")
-"""Packages whose sources name a row; of isf_cell and isf_analysis only what takes part."""
+"""Packages whose sources name a row, but for their nodes; of isf_cell and isf_analysis only what takes part."""
+
+NODES = re.compile(r"(.+_)?node(_.+)?\.py")
+"""Files of nodes: no part of a row, which is formed in one process without any."""
 
 ALSO = ("isf_cell.in_process", "isf_cell.flat_push", "isf_cell.options", "isf_analysis.deviation")
 
@@ -43,7 +47,7 @@ def sources() -> str:
     text = hashlib.sha256()
     files: list[Path] = []
     for name in COMPUTED_BY:
-        files += sorted(_file(name).parent.rglob("*.py"))
+        files += sorted(path for path in _file(name).parent.rglob("*.py") if not NODES.fullmatch(path.name))
     for path in [*files, *(_file(name) for name in ALSO)]:
         text.update(path.name.encode() + path.read_bytes())
     return text.hexdigest()[:12]

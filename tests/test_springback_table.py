@@ -71,6 +71,25 @@ def test_a_row_is_named_by_job_method_world_and_sources(table: ModuleType) -> No
     assert len({name, *others}) == 5
 
 
+def test_a_row_stays_when_only_a_node_changes(
+    table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A part of a row is formed in one process, without nodes."""
+    rows = table.springback_rows
+    for name in ("__init__", "core", "node", "node_outlet", "load_cell_node", "nodes_of_mesh"):
+        (tmp_path / f"{name}.py").write_text("")
+    monkeypatch.setattr(rows, "_file", lambda _: tmp_path / "__init__.py")
+    before = rows.sources()
+    for name in ("node", "node_outlet", "load_cell_node"):
+        (tmp_path / f"{name}.py").write_text("changed")
+    assert rows.sources() == before
+    found = {before}
+    for name in ("core", "nodes_of_mesh"):
+        (tmp_path / f"{name}.py").write_text("changed")
+        found.add(rows.sources())
+    assert len(found) == 3
+
+
 def test_a_campaign_goes_on_behind_a_row_that_a_stop_cut_off(table: ModuleType, tmp_path: Path) -> None:
     rows, path = table.springback_rows, tmp_path / "rows.jsonl"
     cases = table.cases_of(["ren_cone"], ["none", "analytic"], [0, 1])
