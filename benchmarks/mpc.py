@@ -10,17 +10,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult
-from isf_core.job import JobFile
 from isf_planner import plan
 from isf_springback.method import apply, make_method
 from isf_springback.mpc_problem import horizontal_problem, solve
 from isf_springback.shape_feedback import ShapeFeedback
+from springback import Case, job_of
 
-ROOT = Path(__file__).resolve().parents[1]
 REPEATS = 7
 CONTOUR = 20
 
@@ -48,13 +46,10 @@ def programs() -> list[str]:
 def end_to_end() -> list[str]:
     """Rows for one contour of the demonstration cone, scan included."""
     rows = []
-    text = (ROOT / "examples" / "jobs" / "ren_cone.yaml").read_text(encoding="utf-8")
-    planned = plan(JobFile(text, ROOT / "examples" / "jobs"))
+    planned = plan(job_of(Case("ren_cone", "none", 0))[0])
     grid = planned.target
-    for method in ("mpc_vertical", "mpc_two_directional", "mpc_tpif", "fused"):
-        job = JobFile(
-            text.replace("method: analytic", f"method: {method}\n  scan_every: 1"), ROOT / "examples" / "jobs"
-        )
+    for name in ("mpc_vertical", "mpc_two_directional", "mpc_tpif", "fused(analytic)"):
+        job, method = job_of(Case("ren_cone", name, 0))
         corrector = make_method(method, job)
         assert isinstance(corrector, ShapeFeedback)
         corrector.take_target(grid)
@@ -66,7 +61,7 @@ def end_to_end() -> list[str]:
         points[:, 2] = np.maximum(points[:, 2], level) * 0.95
         looked = least(lambda c=corrector, p=points: c.see(p, CONTOUR - 1))  # type: ignore[misc]
         corrected_in = least(lambda c=corrector: c.correct(planned.contours[CONTOUR]))  # type: ignore[misc]
-        rows.append(f"| {method}: scan, then correction of one contour | {looked:.0f} + {corrected_in:.0f} |")
+        rows.append(f"| {name}: scan, then correction of one contour | {looked:.0f} + {corrected_in:.0f} |")
     return rows
 
 
