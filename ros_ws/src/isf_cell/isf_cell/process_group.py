@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -12,6 +13,9 @@ from types import TracebackType
 from typing import IO
 
 from isf_cell import executables
+
+_LIBC = ctypes.CDLL(None)  # loaded here: what runs between fork and exec does as little as possible
+_PR_SET_PDEATHSIG = 1
 
 
 @dataclass
@@ -56,7 +60,12 @@ class ProcessGroup:
         log = self.log_folder / f"{executable}.log"
         stream = log.open("wb")
         popen = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            preexec_fn=_end_with_owner,
         )
         node = NodeProcess(executable, popen, log, stream)
         self.nodes.append(node)
@@ -90,6 +99,11 @@ class ProcessGroup:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
+
+
+def _end_with_owner() -> None:
+    """In the child: SIGINT when the owner is gone, however it ended."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 def _signal(popen: subprocess.Popen[bytes], number: signal.Signals) -> None:

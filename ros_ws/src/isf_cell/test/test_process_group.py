@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -17,12 +20,22 @@ echo "started with $*"
 while :; do :; done
 """
 
+WAITING = "#!/bin/sh\nexec sleep 1000  # ended by the test\n"
+OWNER = """
+import sys, time
+from pathlib import Path
+from isf_cell.process_group import ProcessGroup
+node = ProcessGroup(Path(sys.argv[1])).start("some_package", "waiting", {})
+print(node.popen.pid, flush=True)
+time.sleep(1000)  # until it is killed
+"""
+
 
 @pytest.fixture
 def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "lib" / "some_package"
     folder.mkdir(parents=True)
-    for name, text in (("stubborn", STUBBORN), ("brief", "#!/bin/sh\necho gone; exit 3\n")):
+    for name, text in (("stubborn", STUBBORN), ("brief", "#!/bin/sh\necho gone; exit 3\n"), ("waiting", WAITING)):
         path = folder / name
         path.write_text(text)
         path.chmod(0o755)
@@ -31,7 +44,7 @@ def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_an_unknown_node_names_what_there_is(prefix: Path) -> None:
-    with pytest.raises(IsfError, match="it offers: brief, stubborn") as caught:
+    with pytest.raises(IsfError, match="it offers: brief, stubborn, waiting") as caught:
         executables.find("some_package", "other")
     assert caught.value.code == ErrorCode.NODE_MISSING
     with pytest.raises(IsfError, match="no package 'no_package'"):
@@ -61,6 +74,29 @@ def test_processes_end_with_their_owner_s_failure(prefix: Path) -> None:
     with pytest.raises(RuntimeError, match="a fault"):
         fail()
     assert all(not node.alive for node in group.nodes)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_processes_end_with_an_owner_that_is_killed(number: signal.Signals, prefix: Path) -> None:
+    owner = subprocess.Popen([sys.executable, "-c", OWNER, str(prefix)], stdout=subprocess.PIPE, text=True)
+    assert owner.stdout is not None
+    node = int(owner.stdout.readline())
+    assert _runs(node)
+    owner.send_signal(number)
+    owner.communicate()
+    deadline = time.monotonic() + 120
+    while _runs(node) and time.monotonic() < deadline:
+        os.sched_yield()
+    assert not _runs(node)
+
+
+def _runs(pid: int) -> bool:
+    """True while there is such a process that has not ended; nobody may wait for one whose owner is gone."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
 
 
 def test_a_process_that_ended_is_reported_with_its_output(prefix: Path) -> None:
