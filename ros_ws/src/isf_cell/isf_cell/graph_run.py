@@ -59,6 +59,7 @@ class CellClient:
     def close(self) -> None:
         """Leave the graph."""
         self._executor.remove_node(self._node)
+        self._action.destroy()  # else it keeps the node in the graph until a garbage collection
         self._node.destroy_node()
         rclpy.try_shutdown()
 

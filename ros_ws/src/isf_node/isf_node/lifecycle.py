@@ -71,6 +71,11 @@ class CellNode(LifecycleNode, Generic[P]):
         """Numbers to show in ``/diagnostics``."""
         return {}
 
+    def destroy_node(self) -> None:
+        """Leave the ROS graph at once: the state machine would keep the node in it until a garbage collection."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     # -- for nodes to call ---------------------------------------------------------------------
 
     @property

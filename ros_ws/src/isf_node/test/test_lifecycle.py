@@ -116,3 +116,32 @@ def test_read_only_parameters_cannot_change_and_others_can(observer: Node) -> No
         results = call(observer, SetParameters, "sample/set_parameters", request).results
         assert [result.successful for result in results] == [True, False]
         assert spin_until(observer, lambda: heard and values(heard[-1])["gain"] == "2.5")
+
+
+CYCLES = """
+import gc, os
+import rclpy
+from lifecycle_node import SampleNode
+gc.disable()
+for _ in range(4):
+    rclpy.init()
+    node = SampleNode()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    print(len(os.listdir("/proc/self/task")))
+"""
+
+
+def test_a_destroyed_node_leaves_nothing_behind() -> None:
+    # DDS participants that pile up in one process until a garbage collection can lock each other for ever.
+    done = subprocess.run(
+        [sys.executable, "-c", CYCLES],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=True,
+    )
+    threads = [int(line) for line in done.stdout.split()]
+    assert len(threads) == 4
+    assert len(set(threads[1:])) == 1, threads
