@@ -63,7 +63,8 @@ def _stay_with(parent: int) -> None:
 
     def watch() -> None:
         while os.getppid() == parent:
-            time.sleep(WATCH)  # nothing tells a process portably that its parent is gone
+            # asks again: the system tells the end of the thread that started a worker, not that of the process
+            time.sleep(WATCH)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

@@ -23,13 +23,18 @@ SMALLEST = [
 
 @pytest.mark.parametrize(("name", "arguments", "row"), SMALLEST, ids=[name for name, *_ in SMALLEST])
 def test_a_benchmark_prints_its_rows(name: str, arguments: str, row: str, tmp_path: Path) -> None:
-    command = [sys.executable, str(ROOT / "benchmarks" / f"{name}.py"), *arguments.split()]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert re.search(row, done.stdout), done.stdout
+    assert_prints(name, arguments, row, tmp_path)
 
 
 @pytest.mark.graph
 def test_the_benchmark_of_real_time_prints_its_row(tmp_path: Path) -> None:
     arguments = "--rates 250 --seconds 2 --load quiet --scheduling ordinary"
-    test_a_benchmark_prints_its_rows("real_time", arguments, r"\| 250 \| quiet \| ordinary \| [\d.]+", tmp_path)
+    assert_prints("real_time", arguments, r"\| 250 \| quiet \| ordinary \| [\d.]+", tmp_path)
+
+
+def assert_prints(name: str, arguments: str, row: str, folder: Path) -> None:
+    """Run a benchmark in ``folder``: it ends well and prints ``row`` (regular expression)."""
+    command = [sys.executable, str(ROOT / "benchmarks" / f"{name}.py"), *arguments.split()]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(row, done.stdout), done.stdout

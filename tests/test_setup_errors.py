@@ -172,6 +172,7 @@ def test_every_root_command_ends_with_the_refusal(repository: Path, command: str
 # -- a finished set-up --------------------------------------------------------------------------------
 
 FINISHED = ROOT / ".isf" / "env.sh"
+# What a finished set-up holds can only be looked at after one; ./test.sh makes one first, bare pytest may not.
 needs_set_up = pytest.mark.skipif(not FINISHED.exists(), reason="the repository is not set up by scripts/setup.sh")
 
 

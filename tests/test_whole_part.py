@@ -155,16 +155,8 @@ def test_an_unknown_correction_is_refused_with_the_names_that_exist(tmp_path: Pa
     assert "analytic" in failure.what
 
 
-TOO_BUSY = (
-    ErrorCode.WRENCH_LATE,
-    ErrorCode.WRENCH_LOST,
-    ErrorCode.TARGET_LOST,
-    ErrorCode.TARGET_JUMP,
-    ErrorCode.NO_TARE,
-)
-"""Codes with which a computer that stands still for tenths of a second ends a part in real time: messages that do not
-come, ticks that are made up for all at once, and a machine so far behind its targets that it presses where the tools
-should be free."""
+TOO_BUSY = (ErrorCode.WRENCH_LATE, ErrorCode.WRENCH_LOST, ErrorCode.TARGET_LOST)
+"""Codes with which a computer that stands still for tenths of a second ends a part in real time."""
 
 
 @contextmanager
@@ -193,8 +185,8 @@ def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:
         result, failure = graph_run.form(quick_cone(), RunOptions(), tmp_path, quiet, lockstep=False)
     if failure is not None:
         assert failure.code in TOO_BUSY, failure
-        # who only waits is let through where the machine, which works, is not: then its late ticks tell it
-        assert worst[0] > 10e-3 or result.late_ticks > 0, failure
+        # Who only waits is let through where the machine, which works, is not: 12 ms at worst beside 38 % late ticks.
+        assert worst[0] > 10e-3 or result.late_ticks > 0.1 * result.ticks, failure
         return
     record = read_bag(tmp_path / "bag")
     assert record.formed == record.planned

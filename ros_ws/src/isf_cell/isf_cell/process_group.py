@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -13,9 +12,7 @@ from types import TracebackType
 from typing import IO
 
 from isf_cell import executables
-
-_LIBC = ctypes.CDLL(None)  # loaded here: what runs between fork and exec does as little as possible
-_PR_SET_PDEATHSIG = 1
+from isf_cell.owned_process import ends_with_owner
 
 
 @dataclass
@@ -41,7 +38,10 @@ class NodeProcess:
 
 
 class ProcessGroup:
-    """Starts nodes in sessions of their own and ends all of them on exit, also after an exception."""
+    """Starts nodes in sessions of their own and ends all of them on exit, also after an exception.
+
+    An owner that is killed ends nothing any more: then every node receives SIGINT from the system.
+    """
 
     def __init__(self, log_folder: Path) -> None:
         self.log_folder = log_folder
@@ -65,7 +65,7 @@ class ProcessGroup:
             stdout=stream,
             stderr=subprocess.STDOUT,
             start_new_session=True,
-            preexec_fn=_end_with_owner,
+            preexec_fn=ends_with_owner(signal.SIGINT),
         )
         node = NodeProcess(executable, popen, log, stream)
         self.nodes.append(node)
@@ -99,11 +99,6 @@ class ProcessGroup:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
-
-
-def _end_with_owner() -> None:
-    """In the child: SIGINT when the owner is gone, however it ended."""
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 def _signal(popen: subprocess.Popen[bytes], number: signal.Signals) -> None:

@@ -6,7 +6,6 @@ ends, and what it left unfinished is removed.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import shutil
 import signal
@@ -18,12 +17,9 @@ from types import TracebackType
 from isf_core.errors import ErrorCode, IsfError
 
 from isf_cell.options import RunOptions
+from isf_cell.owned_process import ends_with_owner
 
 UNCORRECTED = "none"
-
-_LIBC = ctypes.CDLL(None, use_errno=True)
-_PR_SET_PDEATHSIG = 1
-"""Of prctl(2): the signal that a process receives when its parent ends, for whatever reason."""
 
 
 class ReferenceRun:
@@ -36,13 +32,11 @@ class ReferenceRun:
         command += ["--no-compare", "--world", str(options.world), "--seed", str(options.seed), "-o", str(folder)]
         if options.support_force is not None:
             command += ["--support-force", repr(options.support_force)]
-        owner = os.getpid()
+        end_with_owner = ends_with_owner(signal.SIGKILL)
 
         def prepare() -> None:
             os.nice(10)
-            _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-            if os.getppid() != owner:  # ended before the line above
-                os._exit(1)
+            end_with_owner()
 
         with self._log.open("wb") as log:
             self._popen = subprocess.Popen(

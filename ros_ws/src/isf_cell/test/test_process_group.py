@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -22,12 +23,12 @@ while :; do :; done
 
 WAITING = "#!/bin/sh\nexec sleep 1000  # ended by the test\n"
 OWNER = """
-import sys, time
+import signal, sys
 from pathlib import Path
 from isf_cell.process_group import ProcessGroup
 node = ProcessGroup(Path(sys.argv[1])).start("some_package", "waiting", {})
 print(node.popen.pid, flush=True)
-time.sleep(1000)  # until it is killed
+signal.pause()
 """
 
 
@@ -85,9 +86,13 @@ def test_processes_end_with_an_owner_that_is_killed(number: signal.Signals, pref
     owner.send_signal(number)
     owner.communicate()
     deadline = time.monotonic() + 120
-    while _runs(node) and time.monotonic() < deadline:
-        os.sched_yield()
-    assert not _runs(node)
+    try:
+        while _runs(node) and time.monotonic() < deadline:
+            os.sched_yield()
+        assert not _runs(node)
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(node, signal.SIGKILL)
 
 
 def _runs(pid: int) -> bool:

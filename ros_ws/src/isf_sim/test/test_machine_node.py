@@ -119,7 +119,7 @@ import sys, time
 from isf_sim import machine, node
 hold = machine.SimulatedMachine.hold
 def long_hold(self):
-    time.sleep(0.1)
+    time.sleep(0.1)  # the fault itself: a tick that takes 50 periods
     return hold(self)
 machine.SimulatedMachine.hold = long_hold
 sys.exit(node.main())
