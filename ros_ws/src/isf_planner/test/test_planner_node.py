@@ -84,6 +84,7 @@ def cell() -> Iterator[Cell]:
         assert client.get_contour.wait_for_service(LIMIT)
         yield client
     finally:
+        client.plan_part.destroy()
         node.destroy_node()
         rclpy.try_shutdown()
         if process.poll() is None:
