@@ -28,6 +28,10 @@ class HeartbeatMonitor:
             self._heard[name] = self._clock()
             self._text[name] = text
 
+    def not_served(self) -> None:
+        """This process stood still: what came meanwhile has not been heard yet."""
+        self._heard = dict.fromkeys(self._heard, self._clock())
+
     def heard(self, name: str) -> bool:
         """True when the node was heard at least once."""
         return name in self._heard

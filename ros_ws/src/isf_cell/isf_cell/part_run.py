@@ -23,6 +23,7 @@ from isf_msgs.msg import Contour, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
 from isf_node.conversion import contour_from_message
 from isf_node.lifecycle import failure
+from isf_node.watchdog import RegularLook
 from isf_springback.lift_feedback import lift_due
 from isf_springback.method import check_method
 from isf_springback.shape_feedback import scan_due
@@ -84,6 +85,7 @@ class PartRun:
         self._monitor = monitor
         self._outlet = outlet
         self._settings = settings
+        self._look = RegularLook(0.5 * settings.silence_timeout)
         self._news = threading.Condition()
         self._results: dict[int, ContourResult] = {}
         self._corrections: dict[int, ContourCorrection] = {}
@@ -287,6 +289,8 @@ class PartRun:
                 raise IsfError(ErrorCode(correction.code), correction.message, where=where)
 
     def _watch_nodes(self) -> None:
+        if self._look.late():
+            self._monitor.not_served()
         for name in self._monitor.silent():
             words = self._monitor.last_words(name)
             told = f"; its last words: {words}" if words not in ("", "ok") else ""

@@ -16,3 +16,9 @@ def test_only_expected_nodes_that_were_heard_can_be_silent() -> None:
     monitor.hear("machine", "[1401 TARGET_NOT_FINITE] ...")
     assert monitor.silent() == []
     assert monitor.last_words("machine").startswith("[1401")
+    now = 9.0
+    monitor.not_served()
+    assert monitor.silent() == []
+    assert not monitor.heard("planner")
+    now = 12.1
+    assert monitor.silent() == ["machine"]

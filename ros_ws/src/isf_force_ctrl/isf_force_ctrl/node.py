@@ -27,6 +27,7 @@ from isf_msgs.srv import Arm
 from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
 from isf_node.thread_priority import RealTimeSettings
+from isf_node.watchdog import RegularLook
 from rclpy.event_handler import SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
@@ -70,7 +71,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._inlet = WrenchInlet(p.wrench_frame, math.inf if p.lockstep else p.wrench_delay, self._timeout)
         self._pair = self._inlet.pair
         self._ready = Readiness(self._timeout, self._inlet.frames)
-        self._delayed, self._patient_until = False, 0.0
+        self._delayed, self._patient_until, self._look = False, 0.0, RegularLook(0.5 * self._timeout)
         self._ticks = self._late_before = 0
         self._last_mode = Mode.IDLE
 
@@ -243,13 +244,16 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     # -- watchdog and heartbeat ----------------------------------------------------------------
 
     def _on_timer(self) -> None:
+        late = self._look.late()
         with self._lock:
             controller = self._controller
             if controller is not None and (drifted := controller.drift.untold()):
                 self.warn(drifted)
             if controller is None or controller.mode is Mode.IDLE or self._loop is not None:
                 return
-            lost = self._ready.lost()
+            if late:
+                self._patient_until = time.monotonic() + self._timeout
+            lost = self._ready.lost() if time.monotonic() > self._patient_until else []
             if controller.busy and lost:
                 controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost))
                 self._publish_state(controller, self.get_clock().now().nanoseconds)

@@ -88,7 +88,9 @@ class Cell:
         self.stack.enter_context(started(str(here.with_name("standin_machine.py")), remap=remap, **options))
         # as long as a busy computer may hold a process up
         values: dict[str, Any] = {"wrench_timeout": 60.0, **parameters}
-        self.stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, remap=remap, **values))
+        self.process = self.stack.enter_context(
+            started("-m", "isf_force_ctrl.node", autostart=True, remap=remap, **values)
+        )
         assert self._arm.wait_for_service(LIMIT)
 
     def wait(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -62,6 +63,22 @@ def test_wrenches_that_stop_end_the_contour(cell: Cell) -> None:
     result = cell.form(small_ring())
     assert (result.completed, result.code) == (False, ErrorCode.WRENCH_LOST)
     assert "machine" in result.message
+
+
+def test_a_controller_that_stood_still_blames_nobody(cell: Cell) -> None:
+    """Wrenches that came while the process did not run have still to be received: the contour goes on."""
+    cell.start(wrench_timeout=2.0)
+    for _ in range(3):
+        cell.armed()
+        cell.states.clear()
+        cell.results.clear()
+        cell._contours.publish(conversion.contour_to_message(small_ring()))
+        assert cell.wait(lambda: any(state.mode == ForceCtrlState.CONTROL for state in cell.states))
+        cell.process.send_signal(signal.SIGSTOP)
+        cell.wait(lambda: False, timeout=2.5)
+        cell.process.send_signal(signal.SIGCONT)
+        assert cell.wait(lambda: cell.results)
+        assert (cell.results[-1].completed, cell.results[-1].code) == (True, 0)
 
 
 def test_refusals(cell: Cell) -> None:

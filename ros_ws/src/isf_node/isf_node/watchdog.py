@@ -39,3 +39,21 @@ class ReceiveWatchdog:
     def expired(self) -> bool:
         """True when something was received once and nothing since ``timeout``."""
         return self._last is not None and self.age() > self.timeout
+
+
+class RegularLook:
+    """Tells whether this process itself stood still: a look that should be taken often is late.
+
+    What came meanwhile has still to be received, so a silence that such a look finds says nothing of the sender.
+    """
+
+    def __init__(self, longest: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._longest = longest
+        self._clock = clock
+        self._last: float | None = None
+
+    def late(self) -> bool:
+        """To be called at every look: True when the one before is more than ``longest`` s ago."""
+        now = self._clock()
+        before, self._last = self._last, now
+        return before is not None and now - before > self._longest

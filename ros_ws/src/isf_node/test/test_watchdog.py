@@ -2,7 +2,7 @@
 
 import math
 
-from isf_node.watchdog import ReceiveWatchdog
+from isf_node.watchdog import ReceiveWatchdog, RegularLook
 
 
 def test_it_expires_only_after_something_came_and_then_nothing() -> None:
@@ -40,3 +40,14 @@ def test_excused_time_does_not_count_and_is_no_store_for_later() -> None:
     assert watchdog.age() == 0.0
     now = 0.47
     assert watchdog.expired()
+
+
+def test_a_look_is_late_once_after_the_process_stood_still() -> None:
+    now = 0.0
+    look = RegularLook(1.0, clock=lambda: now)
+    assert not look.late()
+    now = 0.9
+    assert not look.late()
+    now = 3.0
+    assert look.late()
+    assert not look.late()

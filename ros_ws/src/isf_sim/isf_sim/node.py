@@ -22,6 +22,7 @@ from isf_msgs.msg import MachineState
 from isf_node import conversion, process, qos, stamps
 from isf_node.lifecycle import CellNode
 from isf_node.thread_priority import Privileges, RealTimeSettings, acquire, release
+from isf_node.watchdog import RegularLook
 from numpy.typing import NDArray
 
 from isf_sim.machine import MachineSample, SimulatedMachine
@@ -39,7 +40,7 @@ BRIDGE_PERIOD = 0.02
 """s of wall time after which a tick in real time that takes long repeats the last wrenches."""
 LONGEST_CATCH_UP = 0.5
 """s, missed ticks beyond this are dropped."""
-LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 2.0, 0.25
+LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 """s of wall time without targets after which a loaded or moving machine stops."""
 
 
@@ -72,7 +73,7 @@ class MachineNode(CellNode[MachineParameters]):
     def configure(self) -> None:
         self._parameters = values = self.values()
         timeout = values.target_timeout or (LOCKSTEP_TIMEOUT if values.lockstep else REAL_TIME_TIMEOUT)
-        self._stream = TargetStream(timeout)
+        self._stream, self._look = TargetStream(timeout), RegularLook(0.5 * timeout)
         if values.job:
             self.clamp(SimulatedMachine(load_job(values.job), world=values.world, seed=values.seed))
         self._outlet = MachineOutlet(self, clock=values.lockstep)
@@ -202,8 +203,7 @@ class MachineNode(CellNode[MachineParameters]):
         due = stamps.tick_nanoseconds(self._tick() + 1, machine.control_rate)
         if stamp > due:
             self._stream.lost += 1
-        tips = self._targets.take_at(due)
-        if tips is not None:
+        if (tips := self._targets.take_at(due)) is not None:
             self._stream.following = True
             self.finish_tick(machine, machine.tick(*tips, self._targets.holder))
             self._stream.heard()  # a tick with a coarse solution is long; targets that wait meanwhile are not lost
@@ -277,6 +277,8 @@ class MachineNode(CellNode[MachineParameters]):
 
     def _wait_in_lockstep(self, machine: SimulatedMachine) -> None:
         """Sign of life, and watch over the stream of targets."""
+        if self._look.late():
+            self._stream.not_served()
         if not machine.faulted:
             self._check_stream(machine)
             if machine.faulted:
@@ -302,10 +304,8 @@ class MachineNode(CellNode[MachineParameters]):
         if not self._stream.ended():
             return
         if machine.loaded or machine.moving:
-            machine.latch(
-                ErrorCode.TARGET_LOST,
-                f"no targets for {self._stream.timeout:g} s while the tools are loaded or moving",
-            )
+            text = f"no targets for {self._stream.timeout:g} s while the tools are loaded or moving"
+            machine.latch(ErrorCode.TARGET_LOST, text)
         else:
             self._stream.following = False
 

@@ -16,7 +16,7 @@ class MachineParameters:
     world: int = parameter(0, "plant for that blank: 0 nominal, others seeded off-nominal plants")
     seed: int = parameter(0, "seed of noise and of the off-nominal plant")
     target_timeout: float = parameter(
-        0.0, "s without targets before contact is released; 0: 2 lockstep, 0.25 real time"
+        0.0, "s without targets before contact is released; 0: 5 lockstep, 0.25 real time"
     )
     real_time_priority: int = parameter(
         0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", least=0, most=98

@@ -42,7 +42,9 @@ PARKED = (np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]))
 
 
 class Client:
-    """Answers wrenches with targets, as force_ctrl does."""
+    """Answers wrenches with targets, as force_ctrl does; ``process`` is the machine's."""
+
+    process: subprocess.Popen[bytes]
 
     def __init__(self) -> None:
         self.node = rclpy.create_node("client")
@@ -140,6 +142,7 @@ def machine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Client]:
     )
     rclpy.init()
     client = Client()
+    client.process = process
     try:
         yield client
     finally:
@@ -208,6 +211,24 @@ def test_lost_targets_release_a_loaded_tool(machine: Client) -> None:
     assert machine.wrenches[0][newest][2] > 20.0
     assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.TARGET_LOST])
     assert machine.wait(lambda: machine.newest() > newest and abs(machine.wrenches[0][machine.newest()][2]) < 10.0)
+
+
+@pytest.mark.parametrize("machine", [["target_timeout:=2.0"]], indirect=True)
+def test_a_machine_that_stood_still_blames_nobody(machine: Client) -> None:
+    """Targets that came while the process did not run have still to be received: no end of the stream."""
+    machine.ready()
+    ticks = press(machine, 4e-3)
+    tips = (np.array([0.0, 0.0, -4e-3]), PARKED[1])
+    for _ in range(3):
+        machine.process.send_signal(signal.SIGSTOP)
+        stopped = time.monotonic()
+        while time.monotonic() < stopped + 2.5:
+            machine.send(stamps.tick_nanoseconds(ticks, RATE), tips)
+            machine.executor.spin_once(timeout_sec=0.05)
+        machine.process.send_signal(signal.SIGCONT)
+        ticks += 1
+        machine.send(stamps.tick_nanoseconds(ticks, RATE), tips)
+        assert machine.ticked_to(stamps.tick_nanoseconds(ticks, RATE)), machine.fault_codes()
 
 
 @pytest.mark.parametrize("machine", [["lockstep:=false"]], indirect=True)
