@@ -3,7 +3,7 @@
 #
 # usage: ./test.sh [--quick | --slow] [pytest arguments]
 #   --quick   only the tests without a node graph, no coverage
-#   --slow    also the tests marked "slow" (long parts)
+#   --slow    also the tests marked "slow" (long parts), and new random examples of the properties
 #   Any pytest argument (a path, -k ...) runs only those tests, without the other gates.
 set -uo pipefail
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
@@ -14,7 +14,7 @@ selection=(-m "not slow")
 coverage=(--cov --cov-report=xml:.isf/coverage.xml)
 case ${1:-} in
   --quick) selection=(-m "not graph and not slow") coverage=() && shift ;;
-  --slow) selection=() && shift ;;
+  --slow) selection=(--hypothesis-profile=random) && shift ;;
   -h | --help) sed -n '2,8s/^# \{0,1\}//p' "$0" && exit 0 ;;
 esac
 [ $# -eq 0 ] || coverage=()
