@@ -9,15 +9,12 @@ set -uo pipefail
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
 cd "$root" || exit 1
 
-selection=(-m "not slow")
-# The table of files would stand between a failure and who looks for it; `coverage report` shows it.
-coverage=(--cov --cov-report=xml:.isf/coverage.xml)
+markers="not slow" random=() quick=
 case ${1:-} in
-  --quick) selection=(-m "not graph and not slow") coverage=() && shift ;;
-  --slow) selection=(--hypothesis-profile=random) && shift ;;
+  --quick) markers="not graph and not slow" quick=yes && shift ;;
+  --slow) markers="" random=(--hypothesis-profile=random) && shift ;;
   -h | --help) sed -n '2,8s/^# \{0,1\}//p' "$0" && exit 0 ;;
 esac
-[ $# -eq 0 ] || coverage=()
 
 "$root/scripts/setup.sh" || exit
 # shellcheck source=/dev/null
@@ -56,14 +53,40 @@ gate() {
   fi
 }
 
-run_tests() {
+# tests NICENESS MARKERS ARGUMENTS...
+tests() {
   # Plugins are named, so that what happens to be installed (launch_testing of an apt ROS) does not take part.
-  PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 python -m pytest -p pytest_cov.plugin -p _hypothesis_pytestplugin \
-    "${selection[@]}" "${coverage[@]}" "$@"
-  local code=$?
-  if ! end_all; then
-    return 1
+  PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 nice -n "$1" python -m pytest -p pytest_cov.plugin -p _hypothesis_pytestplugin \
+    -m "$2" "${random[@]}" "${@:3}"
+}
+
+run_tests() {
+  local code=0
+  tests 0 "$markers" "$@" || code=1
+  end_all || code=1
+  return "$code"
+}
+
+# Tests with a node graph mostly wait for their processes: the others run beside them, at a lower priority.
+run_all() {
+  local and=${markers:+ and $markers} log=.isf/log/tests_without_graph.log code=0
+  local coverage=(--cov --cov-report= --cov-fail-under=0)
+  rm -f .isf/coverage.*
+  COVERAGE_FILE=.isf/coverage.without tests 10 "not graph$and" "${coverage[@]}" >"$log" 2>&1 &
+  local without=$!
+  COVERAGE_FILE=.isf/coverage.with tests 0 "graph$and" "${coverage[@]}" || code=1
+  printf '\nTests without a node graph, run meanwhile (%s):\n' "$log"
+  if wait "$without"; then
+    sed -n '/short test summary info/,$p' "$log"
+  else
+    cat "$log"
+    code=1
   fi
+  end_all || code=1
+  export COVERAGE_FILE=.isf/coverage.all
+  coverage combine --quiet .isf/coverage.with .isf/coverage.without && coverage xml --quiet -o .isf/coverage.xml
+  printf 'coverage: %s %%\n' "$(coverage report --format=total)"
+  coverage report >/dev/null || code=1
   return "$code"
 }
 
@@ -73,7 +96,11 @@ if [ $# -eq 0 ]; then
   gate "types" python -m mypy
   gate "imports" lint-imports
 fi
-gate "tests" run_tests "$@"
+if [ $# -eq 0 ] && [ -z "$quick" ]; then
+  gate "tests" run_all
+else
+  gate "tests" run_tests "$@"
+fi
 
 printf '\n'
 if [ ${#failed[@]} -eq 0 ]; then
