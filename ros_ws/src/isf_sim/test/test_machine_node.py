@@ -79,9 +79,12 @@ class Client:
     def call(self, kind: Any, name: str, request: Any) -> Any:
         client = self.node.create_client(kind, name)
         assert client.wait_for_service(LIMIT), name
-        future = client.call_async(request)
-        assert self.wait(future.done), name
-        return future.result()
+        for _ in range(4):
+            future = client.call_async(request)
+            if self.wait(future.done, 0.25 * LIMIT):
+                return future.result()
+            # the service knew its client too late: on a busy computer the middleware drops such an answer
+        raise AssertionError(name)
 
     def send(self, stamp: int, tips: tuple[Any, Any]) -> None:
         for publisher, tip in zip(self.targets, tips, strict=True):
