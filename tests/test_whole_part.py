@@ -87,14 +87,7 @@ def test_when_a_node_dies_the_machine_holds_and_the_executive_says_why(victim: s
 
         return feedback
 
-    client = graph_run.CellClient()
-    try:
-        with ProcessGroup(tmp_path / "logs") as group:
-            graph_run.start_cell(group, tmp_path / "bag", lockstep=True)
-            client.wait_ready(group)
-            result = client.form(quick_cone(), RunOptions(), kill_after_second_contour(group), group)
-    finally:
-        client.close()
+    result = formed_beside(kill_after_second_contour, tmp_path)
     assert killed == [victim]
     assert result.code == ErrorCode.NODE_DIED
     assert f"'{victim}'" in result.message
@@ -104,6 +97,18 @@ def test_when_a_node_dies_the_machine_holds_and_the_executive_says_why(victim: s
     if victim != "machine":
         assert record.faults, "the machine latched no fault"
     assert_nothing_left(tmp_path)
+
+
+def formed_beside(disturbance: Callable[[ProcessGroup], Callable[[Any], None]], folder: Path) -> Any:
+    """Result of a quick cone in lockstep, formed while the feedback of ``disturbance`` acts on the cell's processes."""
+    client = graph_run.CellClient()
+    try:
+        with ProcessGroup(folder / "logs") as group:
+            graph_run.start_cell(group, folder / "bag", lockstep=True)
+            client.wait_ready(group)
+            return client.form(quick_cone(), RunOptions(), disturbance(group), group)
+    finally:
+        client.close()
 
 
 def assert_nothing_left(folder: Path) -> None:
@@ -195,14 +200,7 @@ def test_a_computer_that_paused_forms_the_part_to_its_end(tmp_path: Path) -> Non
 
         return feedback
 
-    client = graph_run.CellClient()
-    try:
-        with ProcessGroup(tmp_path / "logs") as group:
-            graph_run.start_cell(group, tmp_path / "bag", lockstep=True)
-            client.wait_ready(group)
-            result = client.form(quick_cone(), RunOptions(), pause_in_second_contour(group), group)
-    finally:
-        client.close()
+    result = formed_beside(pause_in_second_contour, tmp_path)
     assert paused
     assert (result.code, result.message) == (0, "")
     record = read_bag(tmp_path / "bag")
