@@ -25,13 +25,13 @@ from typing import Any
 
 import numpy as np
 from force_control import CONTACT, JOBS, ROOT, job_text, measured, sources, write
-from isf_analysis.deviation import Deviation, compare
+from isf_analysis.measures.deviation import Deviation, compare
 from isf_core.contour import Contour
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_force_ctrl import ControlConfig, ForceController
 from isf_force_ctrl.control_state import Mode
 from isf_planner import plan
-from isf_sim.machine import MachineSample, SimulatedMachine
+from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_springback.method import apply, make_method
 from numpy.typing import NDArray
 from scipy.spatial import KDTree

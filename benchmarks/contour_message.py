@@ -16,7 +16,7 @@ import rclpy
 from builtin_interfaces.msg import Time
 from isf_core.contour import Contour, Process
 from isf_msgs.msg import Contour as ContourMessage
-from isf_node import conversion, qos
+from isf_ros import conversion, qos
 from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message, serialize_message
 

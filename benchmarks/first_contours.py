@@ -13,10 +13,10 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from isf_analysis.deviation import compare
+from isf_analysis.measures.deviation import compare
 from isf_cell import in_process
 from isf_cell.options import RunOptions
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_planner import Plan, plan
 from springback import Case, job_of, prepare
 

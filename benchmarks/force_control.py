@@ -27,12 +27,12 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_force_ctrl import ControlConfig, ForceController
 from isf_force_ctrl.control_state import Flag, Mode
 from isf_planner import plan
 from isf_planner.part_library import PARTS, part_mesh
-from isf_sim.machine import SimulatedMachine
+from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_springback.method import apply, make_method
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -44,7 +44,7 @@ path: {{incremental_depth: 1 mm, point_spacing: 0.5 mm, feed: 30 mm/s}}
 def make(folder: Path) -> None:
     """Plan the parts and write the plan files."""
     import trimesh
-    from isf_core.job import JobFile
+    from isf_core.files.job import JobFile
     from isf_planner import plan
     from isf_planner.exports import save_plan
     from isf_planner.part_library import PARTS as LIBRARY

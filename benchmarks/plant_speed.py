@@ -21,17 +21,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from isf_core.job import JobFile
-from isf_core.material import load_material
-from isf_core.rig import load_rig
-from isf_sim.machine import SimulatedMachine
+from isf_core.files.job import JobFile
+from isf_core.files.material import load_material
+from isf_core.files.rig import load_rig
+from isf_core.types import Array
+from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.real_time import PeriodicThread
-from isf_sim.sheet_plant import SheetPlant
+from isf_sim.sheet.sheet_plant import SheetPlant
 from isf_sim.warm_up import warm_up
 from numpy.typing import NDArray
 from plant_validation import FEED, JOB, RATE, drive, spiral
-
-Array = NDArray[np.float64]
 
 
 def form(step: float, share: float) -> tuple[int, float, float, int, Array]:

@@ -19,17 +19,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from isf_core.job import JobFile
-from isf_core.material import load_material
-from isf_core.rig import load_rig
-from isf_sim.machine import SimulatedMachine
+from isf_core.files.job import JobFile
+from isf_core.files.material import load_material
+from isf_core.files.rig import load_rig
+from isf_core.types import Array
+from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.plant_constants import PlantConstants
-from isf_sim.sheet_plant import SheetPlant
-from isf_sim.shell import Elastic, Shell
-from isf_sim.shell_lines import Grading, graded_lines
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_sim.sheet.sheet_plant import SheetPlant
+from isf_sim.shell.shell import Elastic, Shell
+from isf_sim.shell.shell_lines import Grading, graded_lines
 
 JOB = """
 name: validation

@@ -66,8 +66,8 @@ def drive(rate: float, seconds: float) -> None:
     import rclpy
     from geometry_msgs.msg import PoseStamped, WrenchStamped
     from isf_msgs.msg import ForceCtrlState, MachineState
-    from isf_node import conversion, qos, stamps
-    from isf_node.thread_priority import RealTimeSettings, acquire
+    from isf_ros import conversion, qos, stamps
+    from isf_ros.thread_priority import RealTimeSettings, acquire
     from rclpy.clock import Clock, ClockType
     from rclpy.experimental.events_executor import EventsExecutor
 
@@ -174,7 +174,7 @@ class Observer:
         from diagnostic_msgs.msg import DiagnosticArray
         from isf_msgs.msg import Contour, ContourResult
         from isf_msgs.srv import Arm
-        from isf_node import qos
+        from isf_ros import qos
 
         self._rclpy = rclpy
         rclpy.init()
@@ -217,7 +217,7 @@ class Observer:
     def form_until(self, source: subprocess.Popen[bytes], count: int) -> None:
         """Send a ring whenever the one before is done, until the source has measured enough."""
         from force_ctrl_tick import ring
-        from isf_node import conversion
+        from isf_ros import conversion
 
         for index in range(count):
             contour = ring(POINTS, RADIUS, plan_id="ring", index=index, count=count)

@@ -18,13 +18,11 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.contour import Contour, Process
+from isf_core.types import Array
 from isf_springback.shell.formed_sheet import FacetSize, formed_sheet, mesh_of
 from isf_springback.shell.load_path import follow_load
 from isf_springback.shell.plan_mesh import mesh_in_plan
 from isf_springback.shell.sheet_model import EdgeCondition, SheetMesh, ShellModel, held_freedoms, sine_law_thickness
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 YOUNG, POISSON, THICKNESS = 70e9, 0.33, 1e-3
 LOADS = np.array([100.0, 200.0, 400.0, 600.0])

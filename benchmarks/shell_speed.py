@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_planner import plan
 from isf_springback.database_build import control_loops_of, database_tasks
 from isf_springback.elastic_samples import DepthTask, solve_depth

@@ -29,13 +29,12 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 from isf_planner import plan, replan
-from isf_planner.mesh_input import Mesh
-from isf_planner.mesh_slicing import slice_mesh
+from isf_planner.checks.mesh_slicing import slice_mesh
+from isf_planner.part.meshes import Mesh
 from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 FACETS = (10_000, 100_000, 1_000_000)
 LEVELS = 49

@@ -25,13 +25,13 @@ from typing import Any
 
 import isf_springback.elastic  # noqa: F401 - loaded before the processes start, so that all run the same code
 import numpy as np
-from isf_analysis.deviation import compare
-from isf_analysis.summary import BAND
+from isf_analysis.measures.deviation import compare
+from isf_analysis.measures.summary import BAND
 from isf_cell import in_process
 from isf_cell.commands.springback import built, edge_of
 from isf_cell.flat_push import push_flat_sheet
 from isf_cell.options import RunOptions
-from isf_core.job import JobFile, load_job
+from isf_core.files.job import JobFile, load_job
 from isf_planner import plan
 from isf_springback.database import cached_path, database_of
 from isf_springback.database_build import build_database

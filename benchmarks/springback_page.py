@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import springback_rows
-from isf_analysis import style
-from isf_analysis.figures_shape import deviation_pair, map_limit
-from isf_analysis.summary import BAND, MM
+from isf_analysis.figures import style
+from isf_analysis.figures.shape_figures import deviation_pair, map_limit
+from isf_analysis.measures.summary import BAND, MM
 
 COMMAND = "./isf python benchmarks/springback_table.py --worlds 0,1-20 --jobs 2 --page"
 MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)", "fused(elastic)+push")

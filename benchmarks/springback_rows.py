@@ -17,18 +17,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isf_analysis.deviation import Deviation, compare
-from isf_analysis.record import PartRecord
-from isf_analysis.summary import BAND, MM
+from isf_analysis.measures.deviation import Deviation, compare
+from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.summary import BAND, MM
 from isf_cell import in_process
 from isf_cell.options import RunOptions
 from isf_core.errors import IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
 from numpy.typing import NDArray
 from springback import PUSHED, Case, job_of, with_database
-
-Mask = NDArray[np.bool_]
 
 COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "isf_sim")
 """Packages whose sources name a row, but for their nodes; of isf_cell and isf_analysis only what takes part."""
@@ -36,10 +34,10 @@ COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "i
 NODES = re.compile(r"(.+_)?node(_.+)?\.py")
 """Files of nodes: no part of a row, which is formed in one process without any."""
 
-ALSO = ("isf_cell.in_process", "isf_cell.flat_push", "isf_cell.options", "isf_analysis.deviation")
+ALSO = ("isf_cell.in_process", "isf_cell.flat_push", "isf_cell.options", "isf_analysis.measures.deviation")
 
 REGIONS = ("wall_and_base", "base", "wall", "walls_base")
-"""Those of isf_analysis.deviation, and walls with base but without the fillets between them."""
+"""Those of isf_analysis.measures.deviation, and walls with base but without the fillets between them."""
 
 
 def sources() -> str:

@@ -8,22 +8,19 @@ from pathlib import Path
 import numpy as np
 from isf_cell.in_process import form
 from isf_cell.options import RunOptions
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile, load_job
-from isf_core.job_tooling import BackingPlateSpec
-from isf_core.material import load_material
-from isf_core.rig import load_rig
-from isf_sim import adsif
-from isf_sim.control_points import HEIGHT
-from isf_sim.machine_event import event_limits
-from isf_sim.sheet_plant import SheetPlant
-from isf_sim.shell import Elastic, Shell
-from isf_sim.support_surface import plate_heights
-from isf_sim.thickness import thinning_up_the_wall
-from numpy.typing import NDArray
+from isf_core.files.job import BackingPlateSpec, JobFile, load_job
+from isf_core.files.material import load_material
+from isf_core.files.rig import load_rig
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+from isf_sim.machine.events import event_limits
+from isf_sim.sheet import adsif
+from isf_sim.sheet.control_points import HEIGHT
+from isf_sim.sheet.sheet_plant import SheetPlant
+from isf_sim.sheet.support_surface import plate_heights
+from isf_sim.sheet.thickness import thinning_up_the_wall
+from isf_sim.shell.shell import Elastic, Shell
 from plant_validation import SECTIONS, row, tool_circle
-
-Array = NDArray[np.float64]
 
 JOBS = Path(__file__).resolve().parents[1] / "examples" / "jobs"
 

@@ -15,11 +15,11 @@ import tempfile
 from pathlib import Path
 
 import trimesh
-from isf_analysis.events import EventKind, PartEvent
-from isf_analysis.record import PartRecord
+from isf_analysis.measures.events import EventKind, PartEvent
+from isf_analysis.measures.record import PartRecord
 from isf_cell.in_process import form
 from isf_cell.options import RunOptions
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_planner import plan
 from isf_planner.part_library.part_mesh import part_mesh
 from plant_validation import row

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isf_analysis import style
+from isf_analysis.figures import style
+from isf_core.types import Array
 from isf_sim.plant_constants import PlantConstants, provenance
 from isf_sim.world import STANDARD_WORLDS, make_world
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 DATA = Path(__file__).with_name("validation_rows.json")

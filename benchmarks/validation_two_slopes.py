@@ -12,12 +12,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from isf_sim.sheet_plant import SheetPlant
-from numpy.typing import NDArray
+from isf_core.types import Array
+from isf_sim.sheet.sheet_plant import SheetPlant
 from plant_validation import SECTIONS, row, tool_circle
 from validation_cases import backed_plant, rounded_square
-
-Array = NDArray[np.float64]
 
 HALF, CORNER, TOOL, STEP = 75e-3, 22e-3, 5e-3, 1e-3
 UPPER, LOWER = 35e-3, 17.5e-3

@@ -16,12 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from isf_core.types import Array
 from isf_planner.part_library.catalogue import asymmetric_cone, free_form, funnel, pyramid
 from isf_planner.part_library.part import Part as LibraryPart
 from isf_planner.part_library.part_mesh import part_mesh
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 CHORD_ERROR = 0.0095
 """mm, largest distance between a facet and the arc it stands for."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "jobs"
 STEP = {"incremental_depth: 0.5 mm": "incremental_depth: 1 mm"}

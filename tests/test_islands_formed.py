@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isf_analysis.bag_reader import read_bag
-from isf_analysis.record import PartRecord
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.measures.record import PartRecord
 from isf_cell import graph_run, in_process
 from isf_cell.options import RunOptions
-from isf_core.job import JobFile, load_job
+from isf_core.files.job import JobFile, load_job
 
 JOB = Path(__file__).resolve().parents[1] / "examples" / "jobs" / "free_form.yaml"
 

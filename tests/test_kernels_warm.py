@@ -13,7 +13,7 @@ import importlib, pkgutil, sys
 from pathlib import Path
 import isf_sim
 from isf_cell import in_process
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_sim.warm_up import warm_up
 from numba.core.registry import CPUDispatcher
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isf_analysis.bag_reader import read_bag
+from isf_analysis.bag.bag_reader import read_bag
 from isf_cell import graph_run, in_process
 from isf_cell.options import RunOptions
-from isf_node.stamps import from_seconds, to_nanoseconds
-from isf_node.tool_lift_cloud import lift_from_cloud, lift_to_cloud
+from isf_ros.conversion import lift_from_cloud, lift_to_cloud
+from isf_ros.stamps import from_seconds, to_nanoseconds
 from quick_cone import CONTOURS, quick_cone
 
 

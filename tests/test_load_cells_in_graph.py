@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 from isf_cell.commands.calibrate_cell import calibrate_file
-from isf_core.job import load_job
-from isf_force_ctrl.load_cell_file import load_cell_set_up
-from isf_force_ctrl.three_cells import readings_of
+from isf_core.files.job import load_job
+from isf_load_cell.cell_file import load_cell_set_up
+from isf_load_cell.three_cells import readings_of
 from isf_planner import plan
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -85,7 +85,7 @@ def test_the_simulated_machine_is_controlled_through_two_load_cells(tmp_path: Pa
     import rclpy
     from isf_msgs.msg import Contour, ContourResult
     from isf_msgs.srv import Arm, Tare
-    from isf_node import conversion, qos
+    from isf_ros import conversion, qos
     from std_srvs.srv import Trigger
 
     text = (ROOT / "examples" / "jobs" / "mini_cone.yaml").read_text(encoding="utf-8")
@@ -123,7 +123,7 @@ def test_the_simulated_machine_is_controlled_through_two_load_cells(tmp_path: Pa
     def cell(k: int) -> Any:
         names = ("-r", f"__node:=load_cell_{k}", "-r", f"raw:=tool_{k}/raw", "-r", f"wrench:=tool_{k}/wrench")
         values = ("-p", "rig:=ren2018", "-p", f"tool:={k}", "-p", "tare_readings:=1")
-        return started("isf_force_ctrl.load_cell_node", *names, *values)
+        return started("isf_load_cell.node", *names, *values)
 
     try:
         with started("isf_sim.node", "-p", f"job:={job}", *raw), cell(1), cell(2), started("isf_force_ctrl.node"):

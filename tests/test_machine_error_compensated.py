@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from isf_cell import in_process
 from isf_cell.options import RunOptions
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from numpy.typing import NDArray
 
 JOBS = Path(__file__).resolve().parents[1] / "examples" / "jobs"

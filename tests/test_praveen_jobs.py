@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_planner import plan
 
 JOBS = Path(__file__).resolve().parents[1] / "examples" / "jobs"

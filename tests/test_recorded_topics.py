@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from isf_analysis.topics import CELL
+from isf_analysis.bag.topics import CELL
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "architecture.md"
 INSTEAD = {"tool_1/target_twist", "tool_2/target_twist"}

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isf_analysis.bag_reader import read_bag
-from isf_analysis.record import PartRecord
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.measures.record import PartRecord
 from isf_cell import graph_run, in_process
 from isf_cell.commands.learn import learn_record
 from isf_cell.options import RunOptions
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback.method import make_method
 from isf_springback.shape_feedback import ShapeFeedback
 from numpy.typing import NDArray

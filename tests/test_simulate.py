@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isf_analysis.bag_reader import read_bag
+from isf_analysis.bag.bag_reader import read_bag
 from isf_cell import in_process
 from isf_cell.exit_codes import Exit
 from isf_cell.options import RunOptions

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isf_analysis.deviation import compare
+from isf_analysis.measures.deviation import compare
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
 from isf_sim.world import make_world
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"

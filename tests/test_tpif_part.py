@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from isf_analysis.deviation import compare
-from isf_analysis.record import PartRecord
+from isf_analysis.measures.deviation import compare
+from isf_analysis.measures.record import PartRecord
 from isf_cell import in_process
 from isf_cell.options import RunOptions
-from isf_core.job import JobFile
-from isf_core.material import load_material
+from isf_core.files.job import JobFile
+from isf_core.files.material import load_material
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 CARRIED = 0.05

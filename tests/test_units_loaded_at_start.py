@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from isf_core import quantity
+from isf_core.files import quantity
 
 
 @pytest.mark.parametrize("package", ["isf_force_ctrl", "isf_springback"])

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isf_analysis.bag_reader import read_bag
-from isf_analysis.record import PartRecord
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.measures.record import PartRecord
 from isf_cell import graph_run, in_process
 from isf_cell.exit_codes import Exit
 from isf_cell.options import RunOptions
 from isf_cell.process_group import ProcessGroup
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from quick_cone import quick_cone, quick_cone_file
 
 pytestmark = pytest.mark.graph

@@ -21,7 +21,7 @@ setup(
     entry_points={
         "console_scripts": [
             "force_ctrl = isf_force_ctrl.node:main",
-            "load_cell = isf_force_ctrl.load_cell_node:main",
+            "load_cell = isf_load_cell.node:main",
         ],
     },
 )

@@ -16,17 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_node import process, qos
-from isf_node.lifecycle import CellNode
-from isf_node.parameters import parameter
+from isf_ros import process, qos
+from isf_ros.lifecycle import CellNode
+from isf_ros.parameters import parameter
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from isf_analysis.bag_file import check_free
-from isf_analysis.recording import Message, Recording
-from isf_analysis.topics import CELL, Topic
+from isf_analysis.bag.bag_file import check_free
+from isf_analysis.bag.recording import Message, Recording
+from isf_analysis.bag.topics import CELL, Topic
 
 POLL_PERIOD = 0.02
 """s between two looks at the subscriptions."""

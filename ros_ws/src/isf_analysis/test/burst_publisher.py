@@ -17,9 +17,9 @@ from typing import Any
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from isf_analysis.message_types import cell_types, make_message
+from isf_analysis.bag.topics import cell_types, make_message
 from isf_msgs.msg import ContourResult, JobInfo, MachineEvent
-from isf_node import qos
+from isf_ros import qos
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2

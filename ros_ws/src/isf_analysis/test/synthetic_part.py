@@ -9,14 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from isf_analysis.events import EventKind, PartEvent
-from isf_analysis.record import PartRecord
+from isf_analysis.measures.events import EventKind, PartEvent
+from isf_analysis.measures.record import PartRecord
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.errors import ErrorCode
-from isf_core.height_map import HeightMap
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 JOB_TEXT = """\
 name: cone

@@ -17,9 +17,9 @@ import rclpy
 from burst_publisher import SCANS, target_bytes, wrench_bytes
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from isf_analysis import mcap_repair
-from isf_analysis.message_types import cell_types
-from isf_node import qos
+from isf_analysis.bag import bag_file as mcap_repair
+from isf_analysis.bag.topics import cell_types
+from isf_ros import qos
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.node import Node

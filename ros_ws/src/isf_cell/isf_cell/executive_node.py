@@ -11,11 +11,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from isf_core.errors import ErrorCode
 from isf_msgs.action import FormPart
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo, MachineState
-from isf_node import process, qos
-from isf_node.background import in_thread
-from isf_node.conversion import correction_from_message, result_from_message
-from isf_node.lifecycle import CellNode
-from isf_node.parameters import parameter
+from isf_ros import process, qos
+from isf_ros.background import in_thread
+from isf_ros.conversion import correction_from_message, result_from_message
+from isf_ros.lifecycle import CellNode
+from isf_ros.parameters import parameter
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import PointCloud2

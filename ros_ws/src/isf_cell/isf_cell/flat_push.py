@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
-from isf_sim.machine import SimulatedMachine
+from isf_core.files.job import JobFile
+from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_springback.edge_calibration import PushCurve
 from numpy.typing import NDArray
 

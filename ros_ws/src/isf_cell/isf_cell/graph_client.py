@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_node.lifecycle import failure
+from isf_ros.lifecycle import failure
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from datetime import date
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.identification import Finding, finding
-from isf_force_ctrl.identify_piece import rig_reference
-from isf_force_ctrl.identify_settings import IdentifySettings, Property, ToolGeometry
+from isf_force_ctrl.identify.identification import Finding, finding
+from isf_force_ctrl.identify.rig_piece import rig_reference
+from isf_force_ctrl.identify.settings import IdentifySettings, Property, ToolGeometry
 from isf_force_ctrl.measuring_controller import MeasuringController
 from isf_planner import plan
-from isf_sim.machine import MachineSample, SimulatedMachine
+from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
 POSES = 50.0
 """Hz at which poses are reported, as the machine node does."""

@@ -9,17 +9,17 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from isf_analysis.contour_scan import ContourScan, kept_scan
-from isf_analysis.events import event_of
-from isf_analysis.record import PartRecord
+from isf_analysis.measures.contour_scan import ContourScan, kept_scan
+from isf_analysis.measures.events import event_of
+from isf_analysis.measures.record import PartRecord
 from isf_core import __version__
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.measuring_controller import MeasuringController
 from isf_planner import Plan, plan
-from isf_sim.machine import MachineSample, SimulatedMachine
+from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_springback.lift_feedback import LiftFeedback, lift_due, reading_of
 from isf_springback.method import CorrectionMethod, apply, check_method, make_method
 from isf_springback.shape_feedback import ShapeFeedback, scan_due

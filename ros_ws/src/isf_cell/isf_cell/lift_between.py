@@ -9,14 +9,12 @@ from __future__ import annotations
 import numpy as np
 from isf_core.contour import ContourResult
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
+from isf_force_ctrl.measurements.tool_lift import LiftSettings
 from isf_force_ctrl.measuring_controller import MeasuringController
-from isf_force_ctrl.tool_lift import LiftSettings
-from isf_sim.machine import MachineSample, SimulatedMachine
-from numpy.typing import NDArray
+from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
 from isf_cell.ticks import run_ticks
-
-Array = NDArray[np.float64]
 
 SETTINGS = LiftSettings(speed=5e-3, zero_force=5.0, max_lift=12e-3)
 """Slow against the forming feed, threshold of two to three steps of a load cell, more than twice any published

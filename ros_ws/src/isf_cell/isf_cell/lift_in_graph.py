@@ -8,8 +8,8 @@ import numpy as np
 from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.action import LiftTool
-from isf_node import stamps
-from isf_node.tool_lift_cloud import lift_to_cloud
+from isf_ros import stamps
+from isf_ros.conversion import lift_to_cloud
 from sensor_msgs.msg import PointCloud2
 
 from isf_cell.graph_client import GraphClient, Watch

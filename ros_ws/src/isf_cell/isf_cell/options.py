@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
-from isf_core.job_control import LARGEST_SUPPORT_FORCE
+from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile
 
 LARGEST_NUMBER = 2**31 - 1
 """Largest world and seed: what the messages of the node graph carry."""

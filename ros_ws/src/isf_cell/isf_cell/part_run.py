@@ -17,13 +17,13 @@ import numpy as np
 from isf_core import __version__
 from isf_core.contour import ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_msgs.action import FormPart, PlanPart
 from isf_msgs.msg import Contour, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
-from isf_node.conversion import contour_from_message
-from isf_node.lifecycle import failure
-from isf_node.watchdog import RegularLook
+from isf_ros.conversion import contour_from_message
+from isf_ros.lifecycle import failure
+from isf_ros.watchdog import RegularLook
 from isf_springback.lift_feedback import lift_due
 from isf_springback.method import check_method
 from isf_springback.shape_feedback import scan_due

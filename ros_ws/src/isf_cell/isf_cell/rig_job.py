@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from isf_core.job import JobFile
-from isf_core.shared_files import find_named
+from isf_core.files.job import JobFile
+from isf_core.files.yaml_file import find_named
 from isf_planner.part_library import PARTS, part_mesh
 
 _JOB = """\

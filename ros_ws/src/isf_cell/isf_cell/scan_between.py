@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 from isf_core.contour import Contour
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 from isf_force_ctrl.measuring_controller import MeasuringController
-from isf_sim.machine import MachineSample, SimulatedMachine
-from numpy.typing import NDArray
+from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
 from isf_cell.ticks import run_ticks
-
-Array = NDArray[np.float64]
 
 
 def tools_aside(job_file: JobFile, *, closed: bool) -> bool:

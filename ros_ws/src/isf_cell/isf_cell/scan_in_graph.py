@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_msgs.action import MoveAside
 from isf_msgs.srv import Scan
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from isf_analysis import style
-from isf_analysis.deviation import Deviation
-from isf_analysis.record import PartRecord
+from isf_analysis.figures import style
+from isf_analysis.measures.deviation import Deviation
+from isf_analysis.measures.record import PartRecord
 from isf_core.contour import Contour, contour_label
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback.control_points import ControlLoop
 from isf_springback.feature_clusters import k_means, k_medoids
 from isf_springback.loop_features import loop_features

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from isf_force_ctrl.measuring_controller import MeasuringController
-from isf_sim.machine import MachineSample, SimulatedMachine
+from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
 
 def run_ticks(controller: MeasuringController, machine: SimulatedMachine, sample: MachineSample) -> MachineSample:

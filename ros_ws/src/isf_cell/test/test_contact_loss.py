@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_force_ctrl import ControlConfig, ForceController
 from isf_planner import plan
-from isf_sim.machine import SimulatedMachine
+from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_springback.method import apply, make_method
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from isf_cell.commands.springback import edge_of
 from isf_cell.flat_push import push_flat_sheet
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_sim.world import make_world
 from typer.testing import CliRunner
 

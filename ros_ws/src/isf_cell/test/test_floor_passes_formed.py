@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from isf_analysis.deviation import compare
+from isf_analysis.measures.deviation import compare
 from isf_cell import in_process
 from isf_cell.options import RunOptions
 from isf_core.contour import ContourCorrection
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 
 JOBS = Path(__file__).resolve().parents[4] / "examples" / "jobs"
 

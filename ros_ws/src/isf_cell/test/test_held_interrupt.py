@@ -13,7 +13,7 @@ from isf_cell.graph_run import CellClient
 from isf_cell.held_interrupt import ctrl_c_held_back
 from isf_cell.options import RunOptions
 from isf_cell.process_group import ProcessGroup
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 
 JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
 

@@ -12,9 +12,9 @@ from isf_cell.cli import app
 from isf_cell.identify_run import identify
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile, load_job
-from isf_core.rig import load_rig
-from isf_force_ctrl.identify_settings import IdentifySettings, Property
+from isf_core.files.job import JobFile, load_job
+from isf_core.files.rig import load_rig
+from isf_force_ctrl.identify.settings import IdentifySettings, Property
 from typer.testing import CliRunner
 
 JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
@@ -151,7 +151,7 @@ def test_refusals_of_the_command(arguments: tuple[str, ...], code: ErrorCode) ->
 def test_a_fault_of_the_machine_is_told() -> None:
     job_file = load_job(JOB)
     settings = IdentifySettings.of(Property.LOAD_CELL_SIGNS, 1, 1, (0.0, 0.0, 0.0), 200.0)
-    from isf_sim.machine import SimulatedMachine
+    from isf_sim.machine.simulated_machine import SimulatedMachine
 
     machine = SimulatedMachine(job_file)
     machine.tare()

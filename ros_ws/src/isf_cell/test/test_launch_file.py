@@ -182,7 +182,7 @@ def test_config_names_only_parameters_that_the_nodes_declare() -> None:
 
 
 def _declared_parameters(package: str) -> set[str]:
-    """Fields made by ``isf_node.parameters.parameter`` in the package's sources."""
+    """Fields made by ``isf_ros.parameters.parameter`` in the package's sources."""
     names = set()
     for path in (SOURCES / package / package).glob("*.py"):
         for item in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -8,7 +8,7 @@ import pytest
 from isf_cell import in_process, terminal
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback.fusion import MODEL_ALONE
 
 JOB = """\

@@ -11,8 +11,8 @@ from isf_cell.commands import identify, springback_compare
 from isf_cell.commands.calibrate_cell import calibrate_file
 from isf_cell.commands.springback import calibrate_clamp, predict_part
 from isf_core.errors import ErrorCode, IsfError
-from isf_force_ctrl.identification import Finding
-from isf_force_ctrl.identify_settings import IdentifySettings, Property
+from isf_force_ctrl.identify.identification import Finding
+from isf_force_ctrl.identify.settings import IdentifySettings, Property
 
 JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
 

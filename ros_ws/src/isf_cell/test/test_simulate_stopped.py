@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from isf_analysis.bag_reader import read_bag
+from isf_analysis.bag.bag_reader import read_bag
 from isf_cell.exit_codes import Exit
 from isf_cell.options import RunOptions
 from isf_cell.reference_run import ReferenceRun

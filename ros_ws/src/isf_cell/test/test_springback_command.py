@@ -53,7 +53,7 @@ def test_control_points_writes_picture_and_table(tmp_path):
 
 
 def test_database_is_stored_where_the_method_looks(tmp_path):
-    from isf_core.job import load_job
+    from isf_core.files.job import load_job
     from isf_springback.database import database_of
 
     found = isf("database", JOB, "--workers", 0)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from isf_cell.ticks import run_ticks
 from isf_core.errors import ErrorCode
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.measuring_controller import MeasuringController
 from isf_planner import plan
-from isf_sim.machine import SimulatedMachine
+from isf_sim.machine.simulated_machine import SimulatedMachine
 
 JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
 

@@ -8,13 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from numpy.typing import NDArray
 
-from isf_force_ctrl.compliance import ComplianceSettings
-from isf_force_ctrl.contact_force import ContactForceSettings
-from isf_force_ctrl.load_cell_filter import group_delay, low_pass
-from isf_force_ctrl.stability import check_compliance_gain, check_force_gain
+from isf_force_ctrl.laws.force_and_compliance import ComplianceSettings, ContactForceSettings, group_delay, low_pass
+from isf_force_ctrl.laws.stability import check_compliance_gain, check_force_gain
 
 Vector = tuple[float, float, float]
 

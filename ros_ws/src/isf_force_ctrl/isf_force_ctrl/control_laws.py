@@ -1,21 +1,21 @@
-"""The laws that act every tick: force loop of the support tool, compliance compensation, and who is watched.
+"""The laws that act every tick: force loop in all its components, compliance compensation, gain by the estimated stiffness.
 
-Each tool has a force loop and a compliance compensation of its own. By its role one of them controls and the other is
-taken back to zero, through the same limiters: tools change roles without a jump. The direction in a row points from
-tool 1 to tool 2, so it does not turn with the roles; d_n of eq. 2-2 is the same, or its opposite when tool 1 supports.
+On-line estimate of the contact stiffness K_c: Ren 2018 eq. 2-8, gain K_i = loop_gain / K_c. An oscillation lowers the
+gain, and calm lets it rise again. N, m, frame ``sheet``.
 """
 
 from __future__ import annotations
 
-from isf_force_ctrl.compliance import ComplianceCompensation
-from isf_force_ctrl.contact_force import ContactForceLoop
+import math
+from collections import deque
+
+import numpy as np
+from scipy.signal import cont2discrete
+
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Flag, Mode, Targets
-from isf_force_ctrl.force_components import ForceComponents
-from isf_force_ctrl.load_cell_filter import Fir
-from isf_force_ctrl.oscillation import OscillationMonitor
-from isf_force_ctrl.segments import Row
-from isf_force_ctrl.stiffness_estimate import StiffnessEstimate
+from isf_force_ctrl.laws.force_and_compliance import ComplianceCompensation, ContactForceLoop, Fir
+from isf_force_ctrl.motion.segments import Row
 
 NAN = float("nan")
 TRACKING = (Mode.ENGAGE, Mode.CONTROL)
@@ -188,3 +188,233 @@ class ControlLaws:
             (a, b, c), (d, e, f) = self._components[0].offset, self._components[1].offset
             return Targets((x_1 + a, y_1 + b, row[2] + c), (x_2 + d, y_2 + e, row[5] + f), row[12])
         return Targets((x_1, y_1, row[2]), (x_2, y_2, row[5]), row[12])
+
+
+LEAST_FORCE = 20.0
+"""N, smaller set-points of the normal force count as this one in the gains."""
+NEGLIGIBLE = 1e-10
+"""m, offset that is dropped."""
+LEAST_DISTANCE = 0.5e-3
+"""m, smaller horizontal distances of the ball centres count as this one."""
+
+
+class ForceComponents:
+    """Offset of one tool, while it supports, for the vertical and the tangential force; one call per tick.
+
+    ``tool``: 1 or 2. :attr:`offset` is (3,) m in frame ``sheet``.
+    """
+
+    def __init__(self, config: ControlConfig, tool: int) -> None:
+        self._vertical = ContactForceLoop(config.component_force()) if config.vertical else None
+        self._tangential = ContactForceLoop(config.component_force()) if config.tangential else None
+        self._loops = [loop for loop in (self._vertical, self._tangential) if loop is not None]
+        self._config = config
+        self._sign = 1.0 if tool == 2 else -1.0
+        self.offset = (0.0, 0.0, 0.0)
+        """m, present offset."""
+
+    @property
+    def flags(self) -> int:
+        """Limits that were active in the last tick, a sum of Flag."""
+        flags = 0
+        for loop in self._loops:
+            flags |= loop.flags
+        return flags
+
+    @property
+    def at_rest(self) -> bool:
+        """True when nothing is left of the offsets."""
+        return all(abs(loop.offset) < NEGLIGIBLE for loop in self._loops)
+
+    def control(self, row: Row, force: tuple[float, float, float], normal_force: float) -> None:
+        """One tick towards both set-points with the ``force`` of the sheet on the tool, N.
+
+        ``normal_force`` N: set-point of the horizontal normal loop.
+        """
+        config, sign = self._config, self._sign
+        flat, sine, cosine = self._line(row)
+        pressed = max(normal_force, LEAST_FORCE)
+        if self._vertical is not None:
+            wanted = normal_force * cosine / sine if config.vertical_force is None else config.vertical_force
+            self._vertical.set_gain(config.component_gain * flat * sine / pressed)
+            self._vertical.control(wanted + sign * force[2])
+        if self._tangential is not None:
+            self._tangential.set_gain(config.component_gain * flat / pressed)
+            self._tangential.control(config.tangential_force + sign * (row[7] * force[0] - row[6] * force[1]))
+        self._place(row, sine, cosine)
+
+    def freeze(self, row: Row) -> None:
+        """Bring the offsets to rest."""
+        for loop in self._loops:
+            loop.freeze()
+        self._place(row, *self._line(row)[1:])
+
+    def ramp_back(self, row: Row) -> None:
+        """One tick of taking the offsets back to zero."""
+        for loop in self._loops:
+            loop.ramp_back()
+        self._place(row, *self._line(row)[1:])
+
+    def _line(self, row: Row) -> tuple[float, float, float]:
+        """Horizontal distance of the commanded ball centres, m; sine and cosine of the line's angle from the z axis."""
+        flat = max(math.hypot(row[3] - row[0], row[4] - row[1]), LEAST_DISTANCE)
+        height = row[2] - row[5] + self._config.ball_reach
+        apart = math.hypot(flat, height)
+        return flat, flat / apart, height / apart
+
+    def _place(self, row: Row, sine: float, cosine: float) -> None:
+        sign = self._sign
+        out_x, out_y = sign * row[6], sign * row[7]
+        turned = 0.0 if self._vertical is None else self._vertical.offset
+        along = 0.0 if self._tangential is None else self._tangential.offset
+        inward = -cosine * turned
+        self.offset = (inward * out_x - along * out_y, inward * out_y + along * out_x, -sign * sine * turned)
+
+
+WINDOW = 0.04
+"""s over which changes are taken."""
+
+MEMORY = 0.5
+"""s of excited ticks that are remembered."""
+
+LEAST_EXCITATION = 20.0e-6
+"""m, change of the offset over the window (root of the sum of squares) that the start value is worth."""
+
+BOUNDS = (0.3, 3.0)
+"""Bounds of the estimate, as factors on the rig's contact stiffness."""
+
+
+class StiffnessEstimate:
+    """Contact stiffness (N/m); one call per tick. ``nominal`` N/m, ``rate`` and ``bandwidth`` Hz."""
+
+    def __init__(self, nominal: float, rate: float, bandwidth: float, fir: Fir) -> None:
+        corner = 2 * np.pi * bandwidth
+        continuous = ([corner**3], [1.0, 2 * corner, 2 * corner**2, corner**3])
+        numerator, denominator, _ = cont2discrete(continuous, 1.0 / rate, method="foh")
+        self._b: list[float] = np.ravel(numerator).tolist()
+        self._a: list[float] = np.ravel(denominator).tolist()[1:]
+        self._inputs = deque([0.0] * len(self._b), maxlen=len(self._b))
+        self._outputs = deque([0.0] * 3, maxlen=3)
+        self._fir = fir
+        ticks = max(2, round(WINDOW * rate))
+        self._history: deque[tuple[float, float]] = deque(maxlen=ticks + 1)
+        self._forget = 1.0 - 1.0 / (MEMORY * rate)
+        self._nominal = nominal
+        self._low, self._high = BOUNDS[0] * nominal, BOUNDS[1] * nominal
+        self._den = LEAST_EXCITATION**2
+        self._num = nominal * self._den
+        self._still = ticks
+        self._ticks = ticks
+        self.value = nominal
+        """N/m, present estimate."""
+
+    def step(self, offset: float, force: float, *, moving: bool) -> float:
+        """Estimate after one tick with ``offset`` (m, towards the forming tool) and filtered normal ``force`` (N).
+
+        ``moving``: the set-point is being changed, with contact.
+        """
+        self._inputs.appendleft(offset)
+        position = sum(b * u for b, u in zip(self._b, self._inputs, strict=True))
+        position -= sum(a * y for a, y in zip(self._a, self._outputs, strict=True))
+        self._outputs.appendleft(position)
+        self._history.append((self._fir.step(position), force))
+        self._still = 0 if moving else self._still + 1
+        if self._still >= self._ticks or len(self._history) <= self._ticks:
+            return self.value
+        moved = self._history[-1][0] - self._history[0][0]
+        pressed = self._history[-1][1] - self._history[0][1]
+        self._den = self._forget * self._den + moved * moved
+        self._num = self._forget * self._num + moved * pressed
+        if self._den > 0.25 * LEAST_EXCITATION**2:
+            self.value = min(max(self._num / self._den, self._low), self._high)
+        return self.value
+
+
+BACKOFF = 0.6
+"""Factor on the gain each time an oscillation is found."""
+
+LEAST_SCALE = 0.15
+"""Smallest factor on the gain."""
+
+SWINGS = 6
+"""Half periods in a row that make an oscillation."""
+
+LONGEST_PERIOD = 0.2
+"""s, longest period that counts: the loop's own are 0.05-0.1 s."""
+
+QUIET_TIME = 2.0
+"""s without oscillation before the gain rises again."""
+
+CEILING = 0.8
+"""Share of the factor that oscillated up to which the gain rises soon."""
+
+CEILING_TIME = 60.0
+"""s in which that ceiling rises by a factor of e: the contact may have changed."""
+
+RECOVERY_TIME = 2.0
+"""s in which the gain rises by a factor of e."""
+
+
+class OscillationMonitor:
+    """Factor on the gain of one force loop; one call per tick.
+
+    ``swing`` N is the least size of a half period, peak to peak.
+    """
+
+    __slots__ = (
+        "_age",
+        "_ceiling",
+        "_count",
+        "_extreme",
+        "_half",
+        "_quiet",
+        "_rate",
+        "_rising",
+        "_since",
+        "_swing",
+        "found",
+        "scale",
+    )
+
+    def __init__(self, rate: float, swing: float) -> None:
+        self._rate = rate
+        self._swing = swing
+        self._half = 0.5 * LONGEST_PERIOD * rate
+        self._rising = True
+        self._extreme = 0.0
+        self._age = 0
+        self._count = 0
+        self._since = 0
+        self._quiet = QUIET_TIME * rate
+        self._ceiling = 1.0
+        self.scale = 1.0
+        """Factor on the gain, LEAST_SCALE..1."""
+        self.found = 0
+        """Oscillations so far."""
+
+    def step(self, error: float) -> float:
+        """Factor after one tick with the filtered force ``error`` (N)."""
+        self._age += 1
+        beyond = error > self._extreme if self._rising else error < self._extreme
+        if beyond:
+            self._extreme = error
+        elif abs(error - self._extreme) > self._swing:
+            self._turn(error)
+        if self.scale < 1.0:
+            self._since += 1
+            if self._since > self._quiet:
+                self._ceiling = min(1.0, self._ceiling * (1.0 + 1.0 / (CEILING_TIME * self._rate)))
+                self.scale = min(self._ceiling, self.scale * (1.0 + 1.0 / (RECOVERY_TIME * self._rate)))
+        return self.scale
+
+    def _turn(self, error: float) -> None:
+        """A half period is over."""
+        self._count = self._count + 1 if self._age <= self._half else 1
+        self._rising, self._extreme, self._age = not self._rising, error, 0
+        if self._count < SWINGS:
+            return
+        self._count = 0
+        self.found += 1
+        self._ceiling = CEILING * self.scale
+        self._since = 0
+        self.scale = max(LEAST_SCALE, BACKOFF * self.scale)

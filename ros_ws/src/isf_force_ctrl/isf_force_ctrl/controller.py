@@ -1,33 +1,33 @@
 """The force controller: streams targets for both tools, one pair per tick of the load cells.
 
-It moves the tools to a contour, forms it under force or position control, links contour to contour and lifts the
-tools after the last one. Per tick it does plain scalar arithmetic; everything else is computed when a contour
-starts. Offsets and their rates never jump: every change of mode goes through the same limiters.
-
-Frame ``sheet``, SI. The contour tells which tool forms. Wrenches are those of the sheet on the tool.
+Holds what an armed plan allows, when a contour may start, how fast it is travelled, the tick-by-tick log with the
+result made from it, and the feed-forward learned from the contour before. Frame ``sheet``, SI units.
 """
 
 from __future__ import annotations
 
+import math
+from array import array
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from isf_core.contour import Contour, ContourResult
+from isf_core.contour import Contour, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from isf_force_ctrl.armed_plan import ArmedPlan, armed_plan, contour_name, tips_of
-from isf_force_ctrl.contour_log import ContourLog
-from isf_force_ctrl.contour_path import contour_path
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_laws import TRACKING, ControlLaws
 from isf_force_ctrl.control_state import ControlState, Flag, Mode, Targets
-from isf_force_ctrl.drift_watch import DriftWatch
-from isf_force_ctrl.engagement import Engagement, pace
-from isf_force_ctrl.learned_offset import feed_forward
-from isf_force_ctrl.playback import Playback
-from isf_force_ctrl.segments import (
+from isf_force_ctrl.motion.contour_path import contour_path
+from isf_force_ctrl.motion.segments import (
     RESTING,
+    Column,
+    Playback,
     Present,
+    Row,
     Segment,
     braking,
     continues,
@@ -35,9 +35,9 @@ from isf_force_ctrl.segments import (
     lift_segments,
     posture_of,
 )
-from isf_force_ctrl.tool_moves import Tools
-from isf_force_ctrl.trajectory import ToolPath
-from isf_force_ctrl.wrench_check import WrenchWatch
+from isf_force_ctrl.motion.tool_moves import Tools
+from isf_force_ctrl.motion.trajectory import ToolPath
+from isf_force_ctrl.supervision.wrench_watch import DriftWatch, WrenchWatch
 
 NAN = float("nan")
 
@@ -387,3 +387,247 @@ class ForceController:
         if self._playback.moving:
             segment = braking(self.config, self._present(), Mode.HOLD if self._stopping else Mode.FREEZE)
             self._playback.load([segment])
+
+
+@dataclass
+class ArmedPlan:
+    """Contours ``next`` .. ``count`` - 1 of plan ``plan_id`` are accepted, in order; empty plan_id: nothing armed."""
+
+    plan_id: str = ""
+    next: int = 0
+    count: int = 0
+
+    @property
+    def done(self) -> bool:
+        """True when the last contour was accepted."""
+        return self.next >= self.count
+
+    def take(self, contour: Contour) -> None:
+        """``contour`` is formed: the one after it is the next."""
+        self.next = contour.index + 1
+
+    def check(self, contour: Contour, *, busy: bool) -> None:
+        """Raise IsfError CONTOUR_REJECTED unless ``contour`` is the one expected now."""
+        where = contour_name(contour)
+        if contour.plan_id != self.plan_id:
+            raise IsfError(ErrorCode.CONTOUR_REJECTED, f"plan '{self.plan_id}' is armed", where=where)
+        if busy or contour.index != self.next:
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED, f"out of order, {contour_label(self.next)} is expected", where=where
+            )
+
+
+def armed_plan(
+    plan_id: str, first_index: int, count: int, tips: NDArray[np.float64], support_force: float | None
+) -> ArmedPlan:
+    """A plan to be armed with the tools at ``tips`` (2, 3) m and the set-point ``support_force`` N (None: the plan's).
+
+    Raises IsfError NOT_ARMED.
+    """
+    if not plan_id or not 0 <= first_index < count:
+        raise IsfError(ErrorCode.NOT_ARMED, f"no contours to form: plan '{plan_id}', {first_index} of {count}")
+    if tips.shape != (2, 3) or not np.isfinite(tips).all():
+        raise IsfError(ErrorCode.NOT_ARMED, "the positions of the tools are not known")
+    if support_force is not None and not support_force >= 0.0:
+        raise IsfError(ErrorCode.NOT_ARMED, f"support force of {support_force} N is not possible")
+    return ArmedPlan(plan_id, first_index, count)
+
+
+def contour_name(contour: Contour) -> str:
+    """What a contour is called in messages."""
+    return f"{contour_label(contour.index)} of {contour.plan_id or '(no plan)'}"
+
+
+def tips_of(tip_1: Sequence[float], tip_2: Sequence[float]) -> NDArray[np.float64]:
+    """(2, 3) m from both tips."""
+    return np.array([tip_1, tip_2], dtype=float)
+
+
+class Engagement:
+    """Waits at the begin of a contour until the force has settled; one call per tick."""
+
+    def __init__(self, config: ControlConfig) -> None:
+        self._config = config
+        self._waited = self._settled = 0
+
+    def restart(self) -> None:
+        """A new segment begins."""
+        self._waited = self._settled = 0
+
+    def over(self, wanted: float, set_point: float, force: float) -> bool:
+        """True when the contour may start: ``wanted`` set-point, the present one and the filtered ``force``, N."""
+        self._waited += 1
+        config = self._config
+        near = set_point == wanted and abs(wanted - force) <= config.settled_error
+        self._settled = self._settled + 1 if near else 0
+        ramp_ticks = abs(wanted) / config.set_point_rate * config.rate
+        return (
+            self._settled >= config.settled_time * config.rate
+            or self._waited >= ramp_ticks + config.engage_timeout * config.rate
+        )
+
+
+def pace(config: ControlConfig, error: float) -> float:
+    """Share of the planned feed, feed_floor..1, at the filtered force ``error`` (N)."""
+    if config.feed_error == math.inf:
+        return 1.0
+    excess = (abs(error) - config.feed_error) / config.feed_error
+    return max(config.feed_floor, min(1.0, 1.0 - excess))
+
+
+_FORCE_LOOP = int(Flag.SATURATED_ERROR | Flag.SATURATED_RATE | Flag.SATURATED_OFFSET)
+_WIDTH = 21
+"""Numbers per tick."""
+
+_LOOP_MODES = (int(Mode.ENGAGE), int(Mode.CONTROL))
+
+
+class ContourLog:
+    """Ticks since a contour was started.
+
+    A row belongs to the time of a wrench: the wrench, and the targets that were valid at that time.
+    """
+
+    def __init__(self, contour: Contour, forced: bool, backoffs: int = 0) -> None:
+        self.contour = contour
+        self._backoffs_before = backoffs
+        self.forced = forced
+        self.lost_messages = 0
+        # Flat numbers, not tuples: making a table of ten thousand tuples would hold up a tick for 20 ms.
+        self._numbers = array("d")
+        self._measured: tuple[list[tuple[float, ...]], list[tuple[float, ...]]] = ([], [])
+
+    def __len__(self) -> int:
+        return len(self._numbers) // _WIDTH
+
+    def add(
+        self,
+        state: tuple[float, int, int, float, float, float, float],
+        compliance: tuple[float, float],
+        forces: tuple[float, ...],
+        tips: tuple[float, ...],
+    ) -> None:
+        """Keep one tick.
+
+        ``state``: time, mode, flags, set-point, normal force, contour coordinate, force offset. ``forces`` and ``tips``
+        are (6,): tool 1, then tool 2.
+        """
+        self._numbers.extend((*state, *compliance, *forces, *tips))
+
+    def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:
+        """Keep a tip (3,) m reported by the machine."""
+        self._measured[tool - 1].append((time, *tip))
+
+    def result(self, completed: bool, code: int = 0, message: str = "", *, backoffs: int = 0) -> ContourResult:
+        """Everything that happened; values at points that were not reached are NaN.
+
+        ``backoffs``: oscillations found since arming.
+        """
+        table = self._table()
+        time, mode, flags, set_point, normal_force = table[:, :5].T
+        at_points = _point_times(table[:, 5], time, len(self.contour), completed=completed)
+        values = _interpolated(at_points, time, table[:, 6:21])
+        contour = self.contour
+        forming, support = (slice(3, 6), slice(6, 9)) if contour.forming_tool == 1 else (slice(6, 9), slice(3, 6))
+        forming_tip, support_tip = (slice(9, 12), slice(12, 15))
+        if contour.forming_tool == 2:
+            forming_tip, support_tip = support_tip, forming_tip
+        engaged = mode == Mode.CONTROL
+        contact = (flags.astype(int) & Flag.CONTACT_LOST) == 0
+        looped = np.isin(mode, _LOOP_MODES)
+        none3 = np.empty((0, 3))
+        return ContourResult(
+            plan_id=contour.plan_id,
+            index=contour.index,
+            start=float(time[0]) if len(time) else 0.0,
+            end=float(time[-1]) if len(time) else 0.0,
+            completed=completed,
+            forming_force=values[:, forming],
+            support_force=values[:, support] if contour.has_support else none3,
+            forming_target=values[:, forming_tip],
+            support_target=values[:, support_tip] if contour.has_support else none3,
+            force_offset=values[:, 0] if self.forced else np.empty(0),
+            compliance_offset=np.column_stack([values[:, 1:3], np.zeros(len(values))]),
+            tick_time=time,
+            tick_set_point=np.nan_to_num(set_point) if self.forced else np.empty(0),
+            tick_normal_force=normal_force,
+            tick_engaged=engaged,
+            forming_measured=self._measured_at(contour.forming_tool - 1, at_points),
+            support_measured=self._measured_at(2 - contour.forming_tool, at_points) if contour.has_support else none3,
+            contact_fraction=float(contact[engaged].mean()) if engaged.any() else 0.0,
+            saturations=int(np.count_nonzero(looped & ((flags.astype(int) & _FORCE_LOOP) != 0))),
+            backoffs=backoffs - self._backoffs_before,
+            lost_messages=self.lost_messages,
+            code=code,
+            message=message,
+        )
+
+    def profile(self) -> tuple[Array, Array]:
+        """(K, 2) m of the forming tip in the plane and (K,) m offset of the force loop, along the contour."""
+        table = self._table()
+        table = table[table[:, 1] == Mode.CONTROL]
+        if not len(table):
+            return np.empty((0, 2)), np.empty(0)
+        tip = 15 if self.contour.forming_tool == 1 else 18
+        return table[:, tip : tip + 2] - table[:, 7:9], table[:, 6]
+
+    def _table(self) -> Array:
+        """(T, 21), one row per tick."""
+        return np.array(self._numbers, dtype=float).reshape(-1, _WIDTH)
+
+    def _measured_at(self, tool: int, at_points: Array) -> Array:
+        if not self._measured[tool]:
+            return np.empty((0, 3))
+        rows = np.array(self._measured[tool])
+        return _interpolated(at_points, rows[:, 0], rows[:, 1:])
+
+
+def _point_times(coordinate: Array, time: Array, count: int, *, completed: bool) -> Array:
+    """(N,) s, when each contour point was passed; NaN where it was not reached.
+
+    A path that runs on is at its last point in the tick after the last one of the log.
+    """
+    on_path = np.isfinite(coordinate)
+    if not on_path.any():
+        return np.full(count, np.nan)
+    passed = np.maximum.accumulate(coordinate[on_path])
+    points = np.arange(count, dtype=float)
+    times = np.interp(points, passed, time[on_path])
+    return times if completed else np.where(points <= passed[-1] + 1e-6, times, np.nan)
+
+
+def _interpolated(at: Array, time: Array, columns: Array) -> Array:
+    """(N, C), columns interpolated at ``at``; NaN where ``at`` is NaN."""
+    if not len(time):
+        return np.full((len(at), columns.shape[1]), np.nan)
+    known = np.isfinite(at)
+    values = np.full((len(at), columns.shape[1]), np.nan)
+    values[known] = np.column_stack([np.interp(at[known], time, c) for c in columns.T])
+    return values
+
+
+def expected_offset(places: Array, previous_places: Array, previous_offset: Array, width: int) -> Array:
+    """(T,) m, change of the offset expected on the way along ``places`` (T, 2) m; 0 at the first.
+
+    ``previous_places`` (K, 2) m and ``previous_offset`` (K,) m are the profile of the contour before, ``width`` the
+    ticks of each of the two averages that smooth it.
+    """
+    nearest = np.asarray(cKDTree(previous_places).query(places)[1])
+    smooth = _averaged(_averaged(previous_offset[nearest], width), width)
+    return np.asarray(smooth - smooth[0])
+
+
+def feed_forward(rows: list[Row], forming_tool: int, places: Array, offset: Array, width: int) -> None:
+    """Fill the column LEARNED of a contour's ``rows`` from the profile of the contour before; see above."""
+    if not len(offset):
+        return
+    tip = Column.TIP_1 if forming_tool == 1 else Column.TIP_2
+    at = np.array([row[tip : tip + 2] for row in rows])
+    for row, value in zip(rows, expected_offset(at, places, offset, width).tolist(), strict=True):
+        row[Column.LEARNED] = value
+
+
+def _averaged(profile: Array, width: int) -> Array:
+    half = max(width // 2, 1)
+    padded = np.concatenate([np.full(half, profile[0]), profile, np.full(half, profile[-1])])
+    return np.asarray(np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid"))

@@ -1,4 +1,4 @@
-"""The force controller with measurements between contours: see :mod:`isf_force_ctrl.measurement`."""
+"""The force controller with measurements between contours: see :mod:`isf_force_ctrl.measurements.measurement`."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Mode, Targets
 from isf_force_ctrl.controller import ForceController
-from isf_force_ctrl.identification import make_probe
-from isf_force_ctrl.identify_settings import IdentifySettings, ToolGeometry
-from isf_force_ctrl.measurement import Measurement
-from isf_force_ctrl.probe import Probe
-from isf_force_ctrl.segments import lift_segments, posture_of
-from isf_force_ctrl.tool_lift import LiftSettings, ToolLift
-from isf_force_ctrl.wrench_check import fault_of, plausible
+from isf_force_ctrl.identify.identification import make_probe
+from isf_force_ctrl.identify.settings import IdentifySettings, ToolGeometry
+from isf_force_ctrl.measurements.measurement import Measurement, Probe
+from isf_force_ctrl.measurements.tool_lift import LiftSettings, ToolLift
+from isf_force_ctrl.motion.segments import lift_segments, posture_of
+from isf_force_ctrl.supervision.wrench_watch import fault_of, plausible
 
 
 class MeasuringController(ForceController):

@@ -18,31 +18,30 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from isf_core import quantity
 from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files import quantity
+from isf_core.files.job import JobFile
 from isf_msgs import msg as isf
 from isf_msgs.srv import Arm
-from isf_node import conversion, process, qos, stamps
-from isf_node.lifecycle import CellNode
-from isf_node.thread_priority import RealTimeSettings
-from isf_node.watchdog import RegularLook
+from isf_ros import conversion, process, qos, stamps
+from isf_ros.lifecycle import CellNode
+from isf_ros.thread_priority import RealTimeSettings
+from isf_ros.watchdog import RegularLook
 from rclpy.event_handler import SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
-from isf_force_ctrl.chip_force import ChipWatch
 from isf_force_ctrl.control_state import Mode
-from isf_force_ctrl.latency import LatencyMeter
 from isf_force_ctrl.measuring_controller import MeasuringController
-from isf_force_ctrl.node_identify import IdentifyAction
-from isf_force_ctrl.node_measurements import MeasurementActions
-from isf_force_ctrl.node_outlet import ForceCtrlOutlet
-from isf_force_ctrl.node_parameters import ForceCtrlParameters
-from isf_force_ctrl.node_readiness import Readiness, control_config, tools_with_load_cell
-from isf_force_ctrl.offset_limit import offset_warning
-from isf_force_ctrl.real_time import PeriodicLoop
-from isf_force_ctrl.wrench_inlet import Fault, WrenchInlet
+from isf_force_ctrl.ros.control_clock import PeriodicLoop
+from isf_force_ctrl.ros.identify_action import IdentifyAction
+from isf_force_ctrl.ros.measurement_actions import MeasurementActions
+from isf_force_ctrl.ros.parameters import ForceCtrlParameters
+from isf_force_ctrl.ros.publishers import ForceCtrlOutlet
+from isf_force_ctrl.ros.readiness import Readiness, control_config, tools_with_load_cell
+from isf_force_ctrl.supervision.contour_warnings import ChipWatch, offset_warning
+from isf_force_ctrl.supervision.latency import LatencyMeter
+from isf_force_ctrl.supervision.wrench_receiver import Fault, WrenchInlet
 
 HEARTBEAT = 0.2
 """s of wall time after which the last targets are repeated."""

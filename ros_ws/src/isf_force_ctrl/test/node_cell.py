@@ -18,7 +18,7 @@ from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode
 from isf_msgs.msg import Contour, ContourResult, ForceCtrlState
 from isf_msgs.srv import Arm
-from isf_node import conversion, qos
+from isf_ros import conversion, qos
 from rclpy.action import ActionClient
 from rclpy.node import Node
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_force_ctrl import ControlConfig, ForceController
 from isf_planner import Plan, plan
-from isf_sim.machine import MachineSample, SimulatedMachine
+from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
 EXAMPLES = Path(__file__).resolve().parents[4] / "examples" / "jobs"
 

@@ -22,7 +22,7 @@ import rclpy
 from contact_sandbox import Sandbox, planned_distance, ring
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from isf_msgs.msg import MachineState
-from isf_node import conversion, qos, stamps
+from isf_ros import conversion, qos, stamps
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException

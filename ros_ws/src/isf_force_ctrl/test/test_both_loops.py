@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from isf_core.contour import Contour
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_force_ctrl import ControlConfig, ForceController, Mode
 from isf_planner import plan
-from isf_sim.machine import SimulatedMachine
+from isf_sim.machine.simulated_machine import SimulatedMachine
 from plant_cell import EXAMPLES
 
 FIRST, LAST = 4, 6

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_core.contour import Process
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_force_ctrl import ControlConfig, ForceController, Mode
-from isf_force_ctrl.trajectory import Limits, ToolPath, sample
+from isf_force_ctrl.motion.trajectory import Limits, ToolPath, sample
 
 PARK_1, PARK_2 = (0.0, 0.0, 0.03), (0.0, 0.0, -0.03)
 FREE = [0.0] * 6

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from contact_sandbox import make_config, ring
 from isf_force_ctrl import ControlConfig, ForceController
-from isf_force_ctrl.contour_path import contour_path
 from isf_force_ctrl.control_state import Mode
-from isf_force_ctrl.engagement import Engagement, pace
-from isf_force_ctrl.segments import Present, contour_segments
-from isf_force_ctrl.tool_moves import Posture, Tools
+from isf_force_ctrl.controller import Engagement, pace
+from isf_force_ctrl.motion.contour_path import contour_path
+from isf_force_ctrl.motion.segments import Present, contour_segments
+from isf_force_ctrl.motion.tool_moves import Posture, Tools
 from plant_cell import PlantCell
 
 

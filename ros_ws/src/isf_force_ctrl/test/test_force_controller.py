@@ -5,7 +5,7 @@ import pytest
 from contact_sandbox import Run, make_config, ring, run
 from isf_core.contour import Process
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_force_ctrl import ControlConfig, ForceController, Mode
 
 PARK_1, PARK_2 = (0.0, 0.0, 0.03), (0.0, 0.0, -0.03)

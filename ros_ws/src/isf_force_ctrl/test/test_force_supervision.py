@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from contact_sandbox import make_config, ring, run
 from isf_force_ctrl import Mode
+from isf_force_ctrl.control_laws import OscillationMonitor, StiffnessEstimate
 from isf_force_ctrl.control_state import Flag
-from isf_force_ctrl.load_cell_filter import Fir
-from isf_force_ctrl.oscillation import OscillationMonitor
-from isf_force_ctrl.stiffness_estimate import StiffnessEstimate
+from isf_force_ctrl.laws.force_and_compliance import Fir
 
 RATE = 500.0
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from contact_sandbox import Servo, make_config, ring, run
 from isf_force_ctrl import Mode
-from isf_force_ctrl.contact_force import ContactForceLoop
+from isf_force_ctrl.laws.force_and_compliance import ContactForceLoop
 
 STIFFNESS = 0.45e6
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_force_ctrl import ControlConfig, ForceController, Mode
 from isf_planner import plan
-from isf_sim.machine import SimulatedMachine
+from isf_sim.machine.simulated_machine import SimulatedMachine
 from plant_cell import EXAMPLES
 
 RULES = "\n  force_rules: [{facing: [45 deg, 225 deg], force: 200 N}]\nspringback:"

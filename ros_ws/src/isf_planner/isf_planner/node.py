@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_msgs.action import PlanPart
 from isf_msgs.srv import GetContour
-from isf_node import process, qos
-from isf_node.background import in_thread
-from isf_node.conversion import contour_to_message, height_map_to_message, path_to_message
-from isf_node.lifecycle import CellNode
-from isf_node.parameters import parameter
+from isf_ros import process, qos
+from isf_ros.background import in_thread
+from isf_ros.conversion import contour_to_message, height_map_to_message, path_to_message
+from isf_ros.lifecycle import CellNode
+from isf_ros.parameters import parameter
 from nav_msgs.msg import Path as PathMessage
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle

@@ -9,15 +9,13 @@ import matplotlib as mpl
 import numpy as np
 from geometry_msgs.msg import Point
 from isf_core.contour import Contour
-from isf_node.conversion import FRAME
-from numpy.typing import NDArray
+from isf_core.types import Array
+from isf_ros.conversion import FRAME
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from isf_planner.part.warning_places import warning_places
 from isf_planner.planning import Plan
-from isf_planner.warning_places import warning_places
-
-Array = NDArray[np.float64]
 
 MARKER_POINTS = 200
 """Points of a contour in the view for people."""

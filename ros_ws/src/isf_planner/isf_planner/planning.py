@@ -1,4 +1,7 @@
-"""Planning a part: from the job file to contours, tool tips and the target surface."""
+"""Planning a part: from the job file to contours, tool tips and the target surface.
+
+The last step adds forces and limits along the contours, then the compensation that needs no feedback.
+"""
 
 from __future__ import annotations
 
@@ -9,37 +12,50 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 from numpy.typing import NDArray
 
-from isf_planner import (
+from isf_planner import replanning
+from isf_planner.checks import part_checks
+from isf_planner.checks import part_checks as pocket_checks
+from isf_planner.forming import stages
+from isf_planner.forming.sides import UPSIDE_DOWN, HalfPart, Side, merged, parts, swapped
+from isf_planner.loops import sections
+from isf_planner.loops import sections as level_spacing
+from isf_planner.loops.sections import LoopTree
+from isf_planner.part import mesh_checks
+from isf_planner.part import mesh_checks as mesh_repair
+from isf_planner.part import meshes as mesh_input
+from isf_planner.part.meshes import Mesh
+from isf_planner.part.warning_places import in_sheet
+from isf_planner.paths import (
     adsif_path,
-    finishing,
-    floor_passes,
-    formed_thickness,
-    level_spacing,
-    mesh_checks,
-    mesh_input,
-    mesh_repair,
-    part_checks,
-    pocket_checks,
-    replanning,
-    rule_checks,
-    sections,
-    stages,
-    target_surface,
-    tip_surface,
     tool_paths,
     tpif_path,
 )
-from isf_planner.feature_tree import LoopTree
-from isf_planner.mesh_input import Mesh
+from isf_planner.paths import (
+    support_tool as rule_checks,
+)
+from isf_planner.paths import (
+    tool_paths as floor_passes,
+)
+from isf_planner.paths import (
+    tool_paths as formed_thickness,
+)
+from isf_planner.predict.compensation import compensate
+from isf_planner.predict.predictions import with_predictions
 from isf_planner.replanning import PlanBase
-from isf_planner.sides import UPSIDE_DOWN, HalfPart, Side, merged, parts, swapped
-from isf_planner.warning_places import in_sheet
+from isf_planner.surface import target_surface, tip_surface
 
-Array = NDArray[np.float64]
+
+def finish(contours: tuple[Contour, ...], job_file: JobFile) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
+    """Contours with predicted forces and compensated tips, and warnings with their place."""
+    filled, warnings = with_predictions(contours, job_file)
+    moved, told = compensate(filled, job_file)
+    return moved, (*warnings, *told)
+
 
 Progress = Callable[[str, float], None]
 Cancelled = Callable[[], bool]
@@ -137,7 +153,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
         groups = [tool_paths.make_contours(sides, job_file, plan_id) for sides in (*([s] for s in preforms), planned)]
         contours = stages.joined(groups)
     warnings += (*floor_passes.left_out(contours, job), *rule_checks.rule_warnings(contours, planned, job_file))
-    contours, expected = finishing.finish(contours, job_file)
+    contours, expected = finish(contours, job_file)
     warnings += (*formed_thickness.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
     last = tuple(contour for contour in contours if contour.stage == len(preforms))
@@ -169,7 +185,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     plan_id = _identify(job_file)
     made = tool_paths.make_contours(list(sides), job_file, plan_id)
     ruled = rule_checks.rule_warnings(made, sides, job_file)
-    contours, expected = finishing.finish(made, job_file)
+    contours, expected = finish(made, job_file)
     part_checks.check_travel(contours, job_file.rig)
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)

@@ -13,16 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import Job
-from numpy.typing import NDArray
+from isf_core.files.job import Job
 
-from isf_planner import tip_surface
-from isf_planner.mesh_checks import place_text
-from isf_planner.sides import Side, swapped
-from isf_planner.target_surface import TargetSurface
-from isf_planner.tip_loops import GOUGE_TOLERANCE, TipLoop
-
-Array = NDArray[np.float64]
+from isf_planner.forming.sides import Side, swapped
+from isf_planner.loops.tip_loops import GOUGE_TOLERANCE, TipLoop
+from isf_planner.part.mesh_checks import place_text
+from isf_planner.surface import tip_surface
+from isf_planner.surface.target_surface import TargetSurface
 
 FURTHEST = 0.1e-3
 """m, largest correction along the normal; more is a tool that does not fit."""

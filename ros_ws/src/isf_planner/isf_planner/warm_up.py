@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 
 from isf_planner.planning import plan, replan
 

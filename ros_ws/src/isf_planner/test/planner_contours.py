@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.contour import Contour, Process
-from isf_core.tip_geometry import forming_tip, support_tip
+from isf_core.process.thickness_and_tips import forming_tip, support_tip
 
 
 def circle(

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from isf_core.job import JobFile
-from isf_planner.mesh_input import Mesh
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_core.files.job import JobFile
+from isf_core.types import Array
+from isf_planner.part.meshes import Mesh
 
 EXAMPLES = Path(__file__).resolve().parents[4] / "examples"
 

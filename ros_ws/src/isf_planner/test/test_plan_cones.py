@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import trimesh
 from isf_core.contour import Contour, Process
-from isf_core.job import ControlSpec, load_job
-from isf_core.tip_geometry import tool_gap
+from isf_core.files.job import ControlSpec, load_job
+from isf_core.process.thickness_and_tips import tool_gap
 from isf_planner import Plan, plan
-from isf_planner.contours import make_contour
-from isf_planner.tip_loops import TipLoop
+from isf_planner.loops.tip_loops import TipLoop
+from isf_planner.paths.contour_making import make_contour
 from planner_parts import EXAMPLES, Cone, job_for, write
 
 R = 5e-3

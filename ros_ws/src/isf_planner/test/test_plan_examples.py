@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 import trimesh
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_planner import plan
 from planner_parts import EXAMPLES
 from scipy.spatial import cKDTree

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from isf_core.height_map import HeightMap
+from isf_core.geometry.height_map import HeightMap
 from isf_planner import Plan
 from isf_planner.node_markers import TEXT_LENGTH, plan_markers
 from planner_contours import circle

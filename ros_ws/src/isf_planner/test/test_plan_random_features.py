@@ -10,13 +10,12 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
 from isf_planner import Plan, plan
-from isf_planner.mesh_slicing import slice_mesh
-from numpy.typing import NDArray
+from isf_planner.checks.mesh_slicing import slice_mesh
 from planner_parts import grid_mesh, job_for, write
 
 X = np.linspace(-0.08, 0.08, 107)
-Array = NDArray[np.float64]
 GX, GY = np.meshgrid(X, X)
 STEP = 1.5e-3
 

@@ -11,9 +11,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_planner import Plan, plan
-from isf_planner.slicing import levels
+from isf_planner.loops.tip_loops import levels
 from planner_parts import grid_mesh, job_for, write
 from scipy.spatial import KDTree
 

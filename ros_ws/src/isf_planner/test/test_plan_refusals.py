@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_planner import plan
 from planner_parts import Cone, job_for, revolve, write
 

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 import rclpy
 from isf_core.errors import ErrorCode
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_msgs.action import PlanPart
 from isf_msgs.srv import GetContour
-from isf_node import qos
-from isf_node.conversion import contour_from_message, height_map_from_message
 from isf_planner import Plan, plan
+from isf_ros import qos
+from isf_ros.conversion import contour_from_message, height_map_from_message
 from nav_msgs.msg import Path as PathMessage
 from planner_parts import EXAMPLES
 from rclpy.action import ActionClient

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
-from isf_core.tip_geometry import tool_gap
+from isf_core.files.job import JobFile
+from isf_core.process.thickness_and_tips import tool_gap
 from isf_planner import Plan, plan, replan
-from isf_planner.target_surface import fine_surface
-from isf_planner.tip_surface import drop_tool
+from isf_planner.surface.target_surface import fine_surface
+from isf_planner.surface.tip_surface import drop_tool
 from planner_parts import Cone, job_for, write
 
 CONE = Cone()

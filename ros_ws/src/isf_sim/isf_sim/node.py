@@ -1,38 +1,58 @@
 """Node ``machine``: the simulated machine behind the topics and services of a cell.
 
-Topics, services, lockstep and watchdogs: docs/architecture.md. A blank is clamped by the parameter ``job`` or by
-``machine/reset``; without one the node is active but silent.
+Services: tare, scan, stop, reset, save and load.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import load_job
+from isf_core.files.job import JobFile, load_job
+from isf_core.geometry.height_map import HeightMap
 from isf_msgs.msg import MachineState
-from isf_node import conversion, process, qos, stamps
-from isf_node.lifecycle import CellNode
-from isf_node.thread_priority import Privileges, RealTimeSettings, acquire, release
-from isf_node.watchdog import RegularLook
+from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
+from isf_ros import conversion, process, qos, stamps
+from isf_ros.lifecycle import CellNode
+from isf_ros.parameters import parameter
+from isf_ros.thread_priority import Privileges, RealTimeSettings, acquire, release
+from isf_ros.watchdog import RegularLook
 from numpy.typing import NDArray
 
-from isf_sim.machine import MachineSample, SimulatedMachine
-from isf_sim.node_outlet import MachineOutlet, cloud_message, state_message
-from isf_sim.node_parameters import MachineParameters
-from isf_sim.node_services import MachineServices
+from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
+from isf_sim.machine.state import load_machine, save_machine
 from isf_sim.real_time import PeriodicThread
-from isf_sim.target_pair import TargetPair
-from isf_sim.target_stream import TargetStream
+from isf_sim.ros.publishers import MachineOutlet, cloud_message, state_message
+from isf_sim.ros.targets import TargetPair, TargetStream
 from isf_sim.warm_up import warm_up
+
+
+@dataclass(frozen=True)
+class MachineParameters:
+    """Parameters of the node ``machine``."""
+
+    lockstep: bool = parameter(True, "one tick per pair of targets; false: ticks by the wall clock")
+    job: str = parameter("", "job file whose blank is clamped at the start; empty: by machine/reset")
+    world: int = parameter(0, "plant for that blank: 0 nominal, others seeded off-nominal plants")
+    seed: int = parameter(0, "seed of noise and of the off-nominal plant")
+    target_timeout: float = parameter(
+        0.0, "s without targets before contact is released; 0: 5 lockstep, 0.25 real time"
+    )
+    real_time_priority: int = parameter(
+        0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", least=0, most=98
+    )
+    pose_decimation: int = parameter(0, "ticks per pose, clock and state message; 0: 50 messages per second")
+
 
 HEARTBEAT_PERIOD = 0.2
 """s of wall time after which a waiting machine repeats its wrenches."""
@@ -45,7 +65,7 @@ LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 
 
 class MachineNode(CellNode[MachineParameters]):
-    """ROS side of :class:`isf_sim.machine.SimulatedMachine`."""
+    """ROS side of :class:`isf_sim.machine.simulated_machine.SimulatedMachine`."""
 
     def __init__(self) -> None:
         super().__init__("machine", MachineParameters)
@@ -396,3 +416,118 @@ def main(args: list[str] | None = None) -> int:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+class MachineServices:
+    """Answers for a node; every answer owns the machine while it works on it."""
+
+    def __init__(self, node: MachineNode) -> None:
+        self._node = node
+
+    def create(self) -> list[Any]:
+        """Create the services; the node destroys them."""
+        create = self._node.create_service
+        return [
+            create(Tare, "machine/tare", self._on_tare),
+            create(Scan, "machine/scan", self._on_scan),
+            create(Stop, "machine/stop", self._on_stop),
+            create(Reset, "machine/reset", self._on_reset),
+            create(StateFile, "machine/save", self._on_save),
+            create(StateFile, "machine/load", self._on_load),
+        ]
+
+    def _on_tare(self, _: Tare.Request, response: Tare.Response) -> Tare.Response:
+        with self._answering(response):
+            machine = self._node.needed()
+            zero_1, zero_2 = machine.tare()
+            response.tool_1_zero, response.tool_2_zero = zero_1.tolist(), zero_2.tolist()
+            self._tell_in_lockstep(machine)
+        return response
+
+    def _on_scan(self, request: Scan.Request, response: Scan.Response) -> Scan.Response:
+        node = self._node
+        with self._answering(response):
+            machine = node.needed()
+            if request.sensor:
+                # a scanner takes its time; where time is the machine's own and nothing moves, that passes
+                points = machine.measured_cloud(
+                    clamped=request.clamped, duration=node.in_lockstep and not machine.moving
+                )
+                self._tell_in_lockstep(machine)
+                node.publish_cloud(points)
+                response.points = len(points)
+            else:
+                shape = machine.measured_shape()
+                node.publish_scan(shape)
+                response.points = shape.z.size
+            node.targets_not_served()
+        return response
+
+    def _on_stop(self, request: Stop.Request, response: Stop.Response) -> Stop.Response:
+        with self._answering(response):
+            self._node.stop_machine(request.reason or "stop was requested")
+        return response
+
+    def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        node = self._node
+        if request.new_blank:
+            node.stop_thread()  # before the machine is owned: the thread may wait for it
+        with self._answering(response):
+            if request.new_blank:
+                job_file = self._job_of(request)
+                node.clamp(SimulatedMachine(job_file, world=request.world, seed=request.seed))
+            else:
+                node.needed().reset()
+            self._begin_anew()
+        node.start_in_real_time()
+        return response
+
+    def _on_save(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
+        with self._answering(response):
+            path = save_machine(self._node.needed(), self._path_of(request))
+            self._node.targets_not_served()
+            self._node.get_logger().info(f"state saved to {path}")
+        return response
+
+    def _on_load(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
+        node = self._node
+        with self._answering(response):
+            machine = load_machine(self._path_of(request))
+        if response.code == 0:
+            node.stop_thread()
+            with self._answering(response):
+                node.clamp(machine)
+                self._begin_anew()
+            node.start_in_real_time()
+        return response
+
+    def _begin_anew(self) -> None:
+        self._node.forget_targets()
+        self._node.report_ok()
+        self._tell_in_lockstep(self._node.needed())
+
+    def _tell_in_lockstep(self, machine: SimulatedMachine) -> None:
+        node = self._node
+        if node.is_active and node.in_lockstep:
+            node.publish(machine.sample(), decimated=True)
+
+    def _job_of(self, request: Reset.Request) -> JobFile:
+        if request.job_text:
+            return JobFile(request.job_text, Path(request.base_folder), "job")
+        return self._node.needed().job_file
+
+    @staticmethod
+    def _path_of(request: StateFile.Request) -> Path:
+        if not request.path:
+            raise IsfError(ErrorCode.FILE_NOT_FOUND, "no path is given", where="path", advice="name a file")
+        return Path(request.path)
+
+    @contextlib.contextmanager
+    def _answering(self, response: Any) -> Iterator[None]:
+        """Own the machine while a service works on it; an expected failure becomes code and message."""
+        with self._node.lock:
+            try:
+                yield
+            except IsfError as error:
+                response.code, response.message = int(error.code), error.message
+                self._node.get_logger().warning(str(error))

@@ -7,13 +7,13 @@ import time
 from pathlib import Path
 
 import numpy as np
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 
-from isf_sim.die_plant import DiePlant
-from isf_sim.machine import SimulatedMachine
-from isf_sim.sheet_plant import SheetPlant
-from isf_sim.thickness import thinning_up_the_wall
-from isf_sim.turned_sheet import turn_over
+from isf_sim.machine.simulated_machine import SimulatedMachine
+from isf_sim.sheet.die_plant import DiePlant
+from isf_sim.sheet.sheet_plant import SheetPlant
+from isf_sim.sheet.thickness import thinning_up_the_wall
+from isf_sim.sheet.turned_sheet import turn_over
 
 _JOB = """
 name: warm-up

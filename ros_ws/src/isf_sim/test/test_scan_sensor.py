@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from isf_core.height_map import HeightMap
-from isf_sim.scan_sensor import NOISE, TRIM_MARGIN, measured_points
-from isf_sim.surface import Surface, flat_surface
+from isf_core.geometry.height_map import HeightMap
+from isf_sim.scanner import NOISE, TRIM_MARGIN, measured_points
+from isf_sim.sheet.surface import Surface, flat_surface
 from isf_sim.world import STANDARD_WORLDS, World, make_world
 
 AWAY = np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -0.3]])

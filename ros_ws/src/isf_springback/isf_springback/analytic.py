@@ -15,10 +15,11 @@ from typing import Literal
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.forming_force import aerens_axial_force, contact_patch
-from isf_core.job import JobFile
-from isf_core.opening import ClampRadius, Opening
-from isf_core.sheet_deflection import SheetSection, deflection, ring_load_law
+from isf_core.files.job import JobFile
+from isf_core.geometry.opening import ClampRadius, Opening
+from isf_core.process.deflection import SheetSection, deflection, ring_load_law
+from isf_core.process.forming_force import aerens_axial_force, contact_patch
+from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.continuity import Continuity, forming_radius, limits_of
@@ -30,8 +31,6 @@ from isf_springback.loop_path import LoopPath, moving_average, nearest_points
 from isf_springback.measured_load import MeasuredLoad, planned_force, steepest_wall
 from isf_springback.sheet_edge import edge_radius
 from isf_springback.sheet_load import axial_sheet_load, push_sign
-
-Array = NDArray[np.float64]
 
 SheetTerm = Literal["realised", "component", "axial"]
 
@@ -53,7 +52,7 @@ class AnalyticOptions:
         "component": w n_z, the literal reading of Praveen 2020 eq. 19-22 with the local normal; "axial": w.
         The component reading equals the realised one on walls near 50 deg, but tends to the full w on the fillet
         of a floor, where springback does not grow: hence not the default.
-    clamp : radius of a rectangular clamp, see :func:`isf_core.opening.clamp_radius`
+    clamp : radius of a rectangular clamp, see :func:`isf_core.geometry.opening.clamp_radius`
     law : force forecast
     first_contour : "predicted" (by the force that the plan predicts; not corrected where the plan tells none, over a
         die, and in further stages), "zero" (not corrected, as published for block 1) or "estimate" (everywhere, by

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
-
-Array = NDArray[np.float64]
 
 START_DEVIATION = 1.0e-3
 """m, standard deviation of the bias before anything was measured (assumed: a fifth of the springback of an unsupported

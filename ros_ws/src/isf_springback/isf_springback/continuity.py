@@ -11,13 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 
 from isf_springback.correction_limits import CorrectionLimits, LimitedCorrection, limit_correction
 from isf_springback.loop_path import LoopPath, nearest_points
-
-Array = NDArray[np.float64]
 
 GRADIENT = 50e-6 / 1e-3
 """m of correction per m of path (published: Ren 2018, 4.3.1)."""

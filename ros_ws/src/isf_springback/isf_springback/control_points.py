@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour
+from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from isf_springback.feature_clusters import ClusterOptions, Labels, cluster_loop
 from isf_springback.loop_features import loop_features
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

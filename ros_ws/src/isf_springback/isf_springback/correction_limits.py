@@ -11,11 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.loop_path import LoopPath, moving_average
-
-Array = NDArray[np.float64]
 
 _VISIBLE = 1e-6
 """m; a smaller effect of a limit is not reported."""

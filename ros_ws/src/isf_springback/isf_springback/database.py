@@ -17,14 +17,13 @@ from typing import Any
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.control_points import ControlLoop
 from isf_springback.elastic_samples import ENGINE_VERSION
 from isf_springback.load_displacement import CubicLaw, PowerLaw, cubic_law, power_law
-
-Array = NDArray[np.float64]
 
 FORMAT = "isf-springback-database-1"
 

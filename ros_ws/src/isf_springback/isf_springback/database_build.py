@@ -16,18 +16,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, over_floor
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.floor_pass import over_floor
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 
 from isf_springback.control_points import ControlLoop, ControlPointOptions, control_points
 from isf_springback.database import Database, cache_folder, make_database, write_json
 from isf_springback.elastic_samples import DepthTask, depth_task, solve_depth
 from isf_springback.sheet_edge import free_size
-
-Array = NDArray[np.float64]
 
 Progress = Callable[[int, int], None]
 """Called with the depths done and all depths."""

@@ -10,17 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.die_mesh import read_die
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.files.die_mesh import read_die
+from isf_core.files.job import JobFile
+from isf_core.types import Array, Mask
 from scipy.spatial import KDTree
 
 from isf_springback.continuity import GRADIENT
 from isf_springback.correction_limits import below_values
 from isf_springback.loop_path import LoopPath
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SPACING = 0.7e-3
 """m between the points by which the die is known: the distance of a ball of 5 mm from it is then right to 10 um."""

@@ -14,14 +14,12 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from numpy.typing import NDArray
+from isf_core.types import Array
 from scipy.optimize import minimize_scalar
 
 from isf_springback.shell.load_path import follow_load
 from isf_springback.shell.plan_mesh import mesh_in_plan
 from isf_springback.shell.sheet_model import EdgeCondition, SheetMesh, ShellModel
-
-Array = NDArray[np.float64]
 
 CONDITIONS = {
     "clamped, free in plane": EdgeCondition("clamped", 0.0),

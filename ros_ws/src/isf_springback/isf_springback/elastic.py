@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions, Prediction
@@ -28,8 +29,6 @@ from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.measured_load import MeasuredLoad
 from isf_springback.sheet_edge import free_size
 from isf_springback.shell.formed_sheet import FacetSize
-
-Array = NDArray[np.float64]
 
 MODEL_DEVIATION = 0.07
 """Standard deviation of the model as a part of the springback (published: simulated is 6.8, 3.4 and 10.6 % below

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 
 from isf_springback.engine_kratos import kratos_displacement
 from isf_springback.sheet_edge import free_size
@@ -21,8 +21,6 @@ from isf_springback.sheet_load import push_sign
 from isf_springback.shell.formed_sheet import FacetSize, FormedSheet, formed_sheet, mesh_of
 from isf_springback.shell.load_path import follow_loads
 from isf_springback.shell.sheet_model import EdgeCondition, ShellModel, sine_law_thickness
-
-Array = NDArray[np.float64]
 
 ENGINE_VERSION = 1
 """Raised when the shell changes its results, so that caches made before are not used."""

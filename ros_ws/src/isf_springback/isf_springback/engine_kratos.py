@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.standard_output import output_to_stderr
-from numpy.typing import NDArray
+from isf_core.types import Array
 
 from isf_springback.shell.sheet_model import EdgeCondition, SheetMesh, edge_springs, held_freedoms
-
-Array = NDArray[np.float64]
 
 PACKAGES = "KratosMultiphysics KratosStructuralMechanicsApplication"
 ELEMENT = "ShellThinElementCorotational3D3N"

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from isf_core.types import Array
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
 ALIKE = 1e-2

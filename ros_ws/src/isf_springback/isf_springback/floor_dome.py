@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
-from isf_core.opening import SMALLEST_GAP
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.geometry.opening import SMALLEST_GAP
 
 from isf_springback.scan_processing.formed_shape import OPENING_DEPTH
 from isf_springback.sheet_edge import free_size

@@ -9,17 +9,14 @@ floor still stands up, less where it lies too deep. On a further round it is pre
 from __future__ import annotations
 
 import numpy as np
-from isf_core.contour import Contour
-from isf_core.floor_pass import makes_floor, over_floor
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.contour import Contour, makes_floor, over_floor
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 from scipy.ndimage import distance_transform_edt, median_filter
 
 from isf_springback.loop_path import nearest_points
 from isf_springback.scan_processing.sections import heights_at
-
-Array = NDArray[np.float64]
 
 FIRST_SHARE = 0.6
 """Push of the first pass over the push on the wall before it (assumed, on the careful side)."""

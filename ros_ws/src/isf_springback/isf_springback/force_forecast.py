@@ -21,9 +21,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_core.types import Array
 
 ForecastLaw = Literal["hold", "half_step", "linear"]
 

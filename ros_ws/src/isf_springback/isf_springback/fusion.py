@@ -22,9 +22,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
 from isf_springback.bias_field import START_DEVIATION, BiasField, carried, first_field, updated
@@ -40,8 +40,6 @@ from isf_springback.sheet_edge import held_by_plate
 from isf_springback.sheet_load import push_sign
 from isf_springback.step_bounds import largest_rise
 from isf_springback.step_force import StepForce, depth_of, step_remark
-
-Array = NDArray[np.float64]
 
 LARGEST_BIAS = 3e-3
 """m; the shape may ask for that much more than the model and no more, and may take back the model's correction

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 
 from isf_springback.continuity import CHANGE_PER_DEPTH
 from isf_springback.loop_path import nearest_points

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.control_points import ControlLoop
@@ -24,8 +25,6 @@ from isf_springback.offset_memory import horizontal_limits, limit_signed
 from isf_springback.shell.formed_sheet import FacetSize, mesh_of
 from isf_springback.shell.load_path import follow_loads
 from isf_springback.shell.sheet_model import ShellModel, sine_law_thickness
-
-Array = NDArray[np.float64]
 
 LOAD_SHARE = 0.5
 """Largest horizontal load of the samples as a part of the axial one (published: the force is about a third)."""

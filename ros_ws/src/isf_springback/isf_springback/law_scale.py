@@ -11,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from isf_core.types import Array
 
 from isf_springback.lift_feedback import LiftReading
-
-Array = NDArray[np.float64]
 
 COMMON_DEVIATION = 0.20
 """Standard deviation of a, common to the part (assumed: 5 % of thickness alone change bending by 15 %)."""

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 
 from isf_springback import learning_file
 from isf_springback.continuity import MAGNITUDE
@@ -26,8 +26,6 @@ from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.offset_memory import OffsetMemory, limit_signed, push_limits
 from isf_springback.scan_memory import contour_over_die
 from isf_springback.sheet_load import push_sign
-
-Array = NDArray[np.float64]
 
 FEWEST_SAMPLES = 200
 KNOTS = 5

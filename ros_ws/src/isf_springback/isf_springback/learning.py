@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, Process
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from numpy.typing import NDArray
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 from isf_springback.continuity import MAGNITUDE
 from isf_springback.learning_file import Learned
@@ -24,8 +24,6 @@ from isf_springback.scan_memory import contour_over_die, shape_over_die, target_
 from isf_springback.scan_processing import ScanExpectation, process_scan
 from isf_springback.shape_reading import read_errors
 from isf_springback.sheet_load import push_sign
-
-Array = NDArray[np.float64]
 
 GAIN = 0.7
 """Part of an error that is put into the next part (assumed; 1 is the published mirror correction)."""

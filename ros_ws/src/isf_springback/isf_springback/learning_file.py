@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
 from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 FORMAT = 1
 FEATURES = (

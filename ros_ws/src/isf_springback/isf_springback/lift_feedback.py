@@ -16,10 +16,8 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from isf_core.job import JobFile
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 
 USED_FROM = 0.3
 """Part of the force before lifting above which the curve is compared with a law (assumed: below, the contact patch

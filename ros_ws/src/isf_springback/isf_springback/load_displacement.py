@@ -11,10 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from numpy.typing import NDArray
+from isf_core.types import Array
 from scipy.optimize import nnls
-
-Array = NDArray[np.float64]
 
 _BISECTIONS = 48
 

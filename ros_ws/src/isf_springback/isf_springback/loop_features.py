@@ -10,12 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour
-from numpy.typing import NDArray
+from isf_core.types import Array
 from scipy.spatial import cKDTree
 
 from isf_springback.loop_path import LoopPath
-
-Array = NDArray[np.float64]
 
 REFERENCE_ANGLE = np.radians(45.0)
 """rad, the wall angle that counts as one (published)."""

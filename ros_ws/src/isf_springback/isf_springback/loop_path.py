@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour
+from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

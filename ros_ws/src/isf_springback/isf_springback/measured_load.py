@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from isf_core.contour import Contour
-from numpy.typing import NDArray
+from isf_core.types import Array
 
 from isf_springback.loop_path import nearest_points
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

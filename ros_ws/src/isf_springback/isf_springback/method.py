@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 
 from isf_springback.analytic import AnalyticCorrection
 from isf_springback.continuity import Continuity, limits_of

@@ -15,9 +15,9 @@ from typing import Literal
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
-from isf_core.job_springback import MpcSpec
+from isf_core.files.job import JobFile, MpcSpec
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback import mpc_problem, mpc_state
@@ -34,8 +34,6 @@ from isf_springback.scan_processing.sections import contact_reach
 from isf_springback.sheet_load import push_sign
 from isf_springback.step_bounds import largest_rise
 from isf_springback.step_force import StepForce, depth_of, step_remark
-
-Array = NDArray[np.float64]
 
 Strategy = Literal["vertical", "two_directional", "tpif"]
 

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job_springback import MpcSpec
-from numpy.typing import NDArray
+from isf_core.files.job import MpcSpec
+from isf_core.types import Array
 
 from isf_springback.mpc_problem import piqp_dense
-
-Array = NDArray[np.float64]
 
 STEEPER = np.radians(8.0)
 """rad by which the local wall may be steeper than planned (assumed: half of what is left to the usual limit of 65 deg

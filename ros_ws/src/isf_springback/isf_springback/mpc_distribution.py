@@ -10,9 +10,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_core.types import Array
 
 Distribution = Literal["none", "uniform", "interpolated", "dense"]
 

@@ -21,9 +21,8 @@ from typing import Literal
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
 from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 Solver = Literal["scipy", "piqp"]
 

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.loop_path import LoopPath
 from isf_springback.scan_processing import sections
 from isf_springback.scan_processing.sections import STEP, Directions
-
-Array = NDArray[np.float64]
 
 OUTSIDE = 20e-3
 """m of section on the formed side of the contact: as far as a wall of one horizon and its rim."""

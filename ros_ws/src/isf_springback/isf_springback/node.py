@@ -13,21 +13,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from isf_core import quantity
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile, load_job
+from isf_core.files import quantity
+from isf_core.files.job import JobFile, load_job
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo
-from isf_node import process, qos
-from isf_node.conversion import (
+from isf_ros import process, qos
+from isf_ros.conversion import (
     contour_from_message,
     contour_to_message,
     correction_to_message,
     height_map_from_message,
+    lift_from_cloud,
     result_from_message,
 )
-from isf_node.lifecycle import CellNode
-from isf_node.parameters import parameter
-from isf_node.tool_lift_cloud import lift_from_cloud
+from isf_ros.lifecycle import CellNode
+from isf_ros.parameters import parameter
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2

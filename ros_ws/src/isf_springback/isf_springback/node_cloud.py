@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from isf_node import stamps
+from isf_ros import stamps
 from numpy.typing import NDArray
 
 _KINDS = {7: "f4", 8: "f8"}

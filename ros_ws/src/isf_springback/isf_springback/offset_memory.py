@@ -11,14 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.continuity import CHANGE_PER_DEPTH, GRADIENT, MAGNITUDE, forming_radius
 from isf_springback.correction_limits import limit_gradient
 from isf_springback.loop_path import LoopPath, moving_average, nearest_points
-
-Array = NDArray[np.float64]
 
 HORIZONTAL_GRADIENT = 0.2
 """m of horizontal offset per m of path (assumed; the published 0.05 of the push would smear the corners of a

@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 from isf_core.contour import Contour, Process, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 from isf_springback.floor_dome import plausible_dome
 from isf_springback.scan_processing import FormedShape, ScanExpectation, process_scan
 from isf_springback.scan_processing.clamp_edges import ClampEdges
-
-Array = NDArray[np.float64]
 
 
 class ScanMemory:

@@ -15,16 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 from isf_springback.handover import fade_horizontal
 from isf_springback.lift_feedback import LiftFeedback, lift_awaited, reading_of
 from isf_springback.method import CorrectionMethod, NoCorrection, apply, check_method, check_name, make_method
 from isf_springback.shape_feedback import ShapeFeedback, scan_awaited
-
-Array = NDArray[np.float64]
 
 STAMP_TOLERANCE = 1e-6
 """s by which the stamp of a scan may lie before the end of the contour it was made after (rounding)."""

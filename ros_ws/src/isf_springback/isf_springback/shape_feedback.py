@@ -12,12 +12,9 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 
 @runtime_checkable

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.height_map import HeightMap
-from numpy.typing import NDArray
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 from isf_springback.loop_path import LoopPath
 from isf_springback.scan_processing import FormedShape, sections
-
-Array = NDArray[np.float64]
 
 PLACES = 36
 """Places around a contour at which bias is kept (assumed)."""

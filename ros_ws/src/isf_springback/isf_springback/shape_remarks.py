@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.contour import Process
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
-from numpy.typing import NDArray
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 from isf_springback.scan_processing.formed_shape import FormedShape, regions
 from isf_springback.scan_processing.sections import heights_at
-
-Array = NDArray[np.float64]
 
 RIM_SAG = 0.5e-3
 """m below the plan at which the rim is told (the usual tolerance of a formed part is 1 mm, Lu 2016, 1.1)."""

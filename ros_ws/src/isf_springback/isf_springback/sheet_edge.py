@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.job import JobFile
-from isf_core.opening import SMALLEST_GAP, ClampRadius, Opening, clamp_radius
-from numpy.typing import NDArray
+from isf_core.files.job import JobFile
+from isf_core.geometry.opening import SMALLEST_GAP, ClampRadius, Opening, clamp_radius
+from isf_core.types import Array
 
 from isf_springback.continuity import forming_radius
-
-Array = NDArray[np.float64]
 
 CLOSE = 3.0
 """Radii of the forming tool within which a backing plate holds the sheet where it is formed (assumed). On
@@ -33,7 +31,7 @@ def free_size(job_file: JobFile) -> tuple[float, float]:
 
 
 def edge_radius(job_file: JobFile, opening: Opening, points: Array, kind: ClampRadius) -> Array:
-    """(M,) m, radius of the free sheet that belongs to ``points`` (M, 2) m; see :func:`isf_core.opening.clamp_radius`.
+    """(M,) m, radius of the free sheet that belongs to ``points`` (M, 2) m; see :func:`isf_core.geometry.opening.clamp_radius`.
 
     A round plate has its own radius, whatever ``kind``.
     """

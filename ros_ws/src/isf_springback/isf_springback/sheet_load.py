@@ -13,9 +13,7 @@ from __future__ import annotations
 import numpy as np
 from isf_core.contour import Contour, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_core.types import Array
 
 SMALLEST_SQUEEZE_ANGLE = np.radians(10.0)
 """rad; below it cot(phi) says nothing any more: horizontal squeeze control is not used on nearly flat walls."""

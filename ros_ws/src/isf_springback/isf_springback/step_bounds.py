@@ -7,7 +7,7 @@ decided by :mod:`isf_springback.step_force`.
 
 from __future__ import annotations
 
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 
 LARGEST_STEP = 3.0
 """Planned steps between consecutive corrected contours: the planned one and the published change of a correction, two

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 
 from isf_springback.sheet_load import push_sign
 

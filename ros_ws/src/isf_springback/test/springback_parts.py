@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult, Process
-from isf_core.job import JobFile
-from isf_core.thickness import sine_law
-from isf_core.tip_geometry import forming_tip, support_tip
+from isf_core.files.job import JobFile
+from isf_core.process.thickness_and_tips import forming_tip, sine_law, support_tip
 
 JOB_TEXT = """\
 name: cone

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
-from isf_core.opening import Opening
+from isf_core.files.job import JobFile
+from isf_core.geometry.opening import Opening
 from isf_springback.database import cached_path
 from isf_springback.elastic_samples import depth_task, solve_depth
 from isf_springback.method import apply, make_method

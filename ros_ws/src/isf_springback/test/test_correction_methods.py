@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback import METHODS, apply, learning_file, make_method
 from isf_springback.fusion import MODEL_ALONE
 from isf_springback.learning import features

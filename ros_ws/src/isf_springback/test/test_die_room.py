@@ -8,18 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile, load_job
+from isf_core.files.job import JobFile, load_job
 from isf_planner import Plan, plan
 from isf_springback.die_room import BESIDE, DieRoom, die_room, free_of_die, within_room
 from isf_springback.method import make_method
 from isf_springback.mpc import mpc_tpif
 from isf_springback.scan_memory import contour_over_die
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from springback_parts import cone_contour
 from test_scan_over_die import scan, with_die_cut_off
 
-Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[4]
 FACETS = 20e-6
 """m, what faceting of part and die takes of the room on the planned path."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback import make_method
 from isf_springback.continuity import GRADIENT
 from isf_springback.database import Database, DatabaseLevel

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from isf_core.contour import Contour
-from isf_core.floor_pass import over_floor
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
+from isf_core.contour import Contour, over_floor
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
 from isf_springback.floor_feedback import FIRST_SHARE, NEXT_ROUND, FloorFeedback, at_edge
 from springback_parts import JOB_TEXT, cone_contour
 

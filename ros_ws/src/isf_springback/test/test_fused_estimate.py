@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
 from isf_springback.fusion import DEEPER, MADE_BY, FormedStep, FusedCorrection, expected_error
 from isf_springback.method import apply

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback.control_points import control_loop
 from isf_springback.horizontal_springback import HorizontalSpringback, across_level, across_load, outward
 from isf_springback.method import apply, make_method

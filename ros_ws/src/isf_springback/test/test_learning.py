@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
 from isf_springback import learning_file
 from isf_springback.learning import curvature, learn_part
 from isf_springback.method import apply, make_method

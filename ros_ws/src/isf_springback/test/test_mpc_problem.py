@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job_springback import MpcSpec
+from isf_core.files.job import MpcSpec
 from isf_springback.mpc_coupled import solve_coupled
 from isf_springback.mpc_distribution import distribute
 from isf_springback.mpc_problem import (

@@ -17,10 +17,10 @@ rclpy = pytest.importorskip("rclpy")
 pytest.importorskip("isf_msgs.msg")
 
 from isf_core.errors import ErrorCode  # noqa: E402
-from isf_core.height_map import HeightMap  # noqa: E402
+from isf_core.geometry.height_map import HeightMap  # noqa: E402
 from isf_msgs.msg import JobInfo  # noqa: E402
-from isf_node import qos, stamps  # noqa: E402
-from isf_node.conversion import height_map_to_message, result_to_message  # noqa: E402
+from isf_ros import qos, stamps  # noqa: E402
+from isf_ros.conversion import height_map_to_message, result_to_message  # noqa: E402
 from rclpy.duration import Duration  # noqa: E402
 from sensor_msgs.msg import PointCloud2, PointField  # noqa: E402
 from test_shape_feedback import JOB_TEXT, TARGET, Sheet  # noqa: E402

@@ -9,17 +9,16 @@ import pytest
 import trimesh
 from isf_core.contour import ContourCorrection
 from isf_core.errors import ErrorCode
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile, load_job
+from isf_core.files.job import JobFile, load_job
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 from isf_planner import Plan, plan
 from isf_springback import learning_file
 from isf_springback.learning import learn_part
 from isf_springback.method import make_method
 from isf_springback.mpc import mpc_tpif, mpc_vertical
 from isf_springback.scan_memory import shape_over_die, target_over_die
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[4]
 CLAMP = (250e-3, 250e-3)
 

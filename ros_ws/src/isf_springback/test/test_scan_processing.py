@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from isf_core.job import load_job
+from isf_core.files.job import load_job
+from isf_core.geometry.height_map import HeightMap
 from isf_springback.floor_dome import plausible_dome
 from isf_springback.scan_processing import ScanExpectation, process_scan, sections
 from isf_springback.scan_processing.formed_shape import regions

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode
-from isf_core.height_map import HeightMap
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
 from isf_springback.bias_field import COMMON, carried, first_field, updated
 from isf_springback.method import METHODS, apply, make_method
 from isf_springback.session import CorrectionSession

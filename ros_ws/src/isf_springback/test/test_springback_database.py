@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback import database_build
 from isf_springback.database import Database, cached_path, database_of
 from isf_springback.database_build import build_database, database_tasks

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback.method import apply, make_method
 from isf_springback.step_bounds import LARGEST_STEP
 from isf_springback.step_force import force_share

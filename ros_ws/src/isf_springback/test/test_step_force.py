@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback.method import apply, make_method
 from isf_springback.step_force import (
     LARGEST_EXPONENT,

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode
-from isf_core.job import JobFile
-from isf_core.sheet_deflection import SheetSection
+from isf_core.files.job import JobFile
+from isf_core.process.deflection import SheetSection
 from isf_springback.elastic import ElasticCorrection
 from isf_springback.fusion import FusedCorrection
 from isf_springback.law_scale import COMMON_DEVIATION, REGION_DEVIATION, LawScale

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from isf_core.height_map import HeightMap
+from isf_core.geometry.height_map import HeightMap
 from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
 from isf_springback.fusion import FROM_BELOW, FusedCorrection
 from isf_springback.method import NoCorrection, apply

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_force_ctrl.load_cell_calibration import fit_channel, fit_matrix
-from numpy.typing import NDArray
+from isf_core.types import Array
+from isf_load_cell.calibration import fit_channel, fit_matrix
 
 from isf_cell import terminal
-
-Array = NDArray[np.float64]
 
 MOST_GAIN, MOST_CONDITION = 3.0, 1e3
 """A rig's readings are N and N m: gains further from 1 are another unit; a matrix worse than this has no inverse."""

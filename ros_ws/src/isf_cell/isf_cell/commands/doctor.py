@@ -154,7 +154,7 @@ def _middleware() -> list[Check]:
 def _round_trip() -> bool:
     """True when a message from one participant reaches another over the middleware."""
     import rclpy
-    from isf_node import qos
+    from isf_ros import qos
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
     from std_msgs.msg import String

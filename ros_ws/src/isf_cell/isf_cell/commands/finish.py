@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from isf_analysis.bag_reader import read_bag
-from isf_analysis.report import write_report
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.report.page import write_report
 from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 

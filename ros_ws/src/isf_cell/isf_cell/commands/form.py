@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from pathlib import Path
 
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_msgs.action import FormPart
 
 from isf_cell import graph_run, terminal

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile, load_job
-from isf_force_ctrl.identification import Finding
-from isf_force_ctrl.identify_piece import rig_reference
-from isf_force_ctrl.identify_settings import IdentifySettings, Property
+from isf_core.files.job import JobFile, load_job
+from isf_force_ctrl.identify.identification import Finding
+from isf_force_ctrl.identify.rig_piece import rig_reference
+from isf_force_ctrl.identify.settings import IdentifySettings, Property
 
 from isf_cell import terminal
 from isf_cell.commands.identify_dial import identify_dial
@@ -144,7 +144,7 @@ def _written(found: Finding, settings: IdentifySettings, piece: Path, picture: P
         raise IsfError(ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(piece)) from None
     drawn = None
     if found.fit is not None:
-        from isf_force_ctrl.identify_figure import draw_finding
+        from isf_identify.figures import draw_finding
 
         drawn = str(draw_finding(found.fit, picture))
     return {

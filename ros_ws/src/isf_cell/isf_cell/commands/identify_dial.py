@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.rig import load_rig
-from isf_force_ctrl.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial
+from isf_core.files.rig import load_rig
+from isf_identify.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial
 from rich.markup import escape
 
 from isf_cell import terminal

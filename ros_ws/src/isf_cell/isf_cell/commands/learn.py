@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from isf_analysis.bag_reader import read_bag
-from isf_analysis.record import PartRecord
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile
+from isf_core.files.job import JobFile
 from isf_springback import learning_file
 from isf_springback.continuity import forming_radius
 from isf_springback.learning import learn_part

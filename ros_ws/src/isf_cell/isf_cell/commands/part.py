@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from isf_core import quantity
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files import quantity
 from isf_planner.part_library import PARTS, part_mesh
 
 from isf_cell import terminal

@@ -10,9 +10,12 @@ from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile, load_job
-from isf_planner import Plan, exports, mesh_input, plan, plan_view, support_tool
-from isf_planner.plan_figure import draw_plan
+from isf_core.files.job import JobFile, load_job
+from isf_planner import Plan, exports, plan
+from isf_planner.part import meshes as mesh_input
+from isf_planner.paths import support_tool
+from isf_planner.view import plan_view
+from isf_planner.view.plan_figure import draw_plan
 
 from isf_cell import terminal
 from isf_cell.run_folder import make_run_folder

@@ -5,10 +5,10 @@ from __future__ import annotations
 from contextlib import ExitStack
 from pathlib import Path
 
-from isf_analysis.bag_writer import write_bag
-from isf_analysis.record import PartRecord
+from isf_analysis.bag.bag_writer import write_bag
+from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile, load_job
+from isf_core.files.job import JobFile, load_job
 
 from isf_cell import in_process, terminal
 from isf_cell.commands.finish import finish, first_failure

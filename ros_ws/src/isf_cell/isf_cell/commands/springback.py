@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import JobFile, load_job
+from isf_core.files.job import JobFile, load_job
 from isf_planner import plan
 from isf_springback.control_points import ControlLoop
 from isf_springback.database import Database, cached_path

@@ -6,10 +6,10 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from isf_analysis.deviation import Deviation, compare
-from isf_analysis.record import PartRecord
+from isf_analysis.measures.deviation import Deviation, compare
+from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_planner import plan
 from isf_springback.database import cached_path, database_of
 from isf_springback.method import check_name

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import load_job
+from isf_core.files.job import load_job
 from isf_force_ctrl import ControlConfig
 
 from isf_cell import terminal
@@ -29,8 +29,8 @@ def tune_job(
 
     Raises IsfError as the job file does, and for numbers that make no sense.
     """
-    from isf_force_ctrl.tuning import Plant, corner_case, gain_margin, ramp_case, respond, step_case
-    from isf_force_ctrl.tuning_figure import draw_margin, draw_responses
+    from isf_identify.figures import draw_margin, draw_responses
+    from isf_identify.tuning import Plant, corner_case, gain_margin, ramp_case, respond, step_case
 
     job_file = load_job(job)
     config = ControlConfig.from_job(job_file)

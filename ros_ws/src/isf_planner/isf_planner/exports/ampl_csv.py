@@ -11,16 +11,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from isf_core import thickness, tip_geometry
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.job import Job
-from numpy.typing import NDArray
+from isf_core.files.job import Job
+from isf_core.process import thickness_and_tips as thickness
+from isf_core.process import thickness_and_tips as tip_geometry
+from isf_core.types import Array
 from scipy.spatial import KDTree
 
 from isf_planner.planning import Plan
-
-Array = NDArray[np.float64]
 
 COLUMNS = (
     "contactPntX,contactPntY,contactPntZ,normalX,normalY,normalZ,"

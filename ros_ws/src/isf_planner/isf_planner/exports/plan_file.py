@@ -16,12 +16,10 @@ from typing import Any
 import numpy as np
 from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from numpy.typing import NDArray
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 from isf_planner.planning import Plan
-
-Array = NDArray[np.float64]
 
 VERSION = 1
 

@@ -10,9 +10,9 @@ import re
 import string
 from pathlib import Path
 
-from isf_core import yaml_file
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.model_base import FileModel
+from isf_core.files import yaml_file
+from isf_core.files.yaml_file import FileModel
 from pydantic import Field, model_validator
 
 FIELDS = {

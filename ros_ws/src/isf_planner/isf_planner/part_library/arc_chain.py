@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from isf_core.types import Array
 from numpy.typing import ArrayLike, NDArray
-
-Array = NDArray[np.float64]
 
 LARGEST_SWEEP = 1.5 * np.pi
 """rad; a belt that turns farther around one circle crosses itself."""

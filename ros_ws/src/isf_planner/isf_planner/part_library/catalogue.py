@@ -10,13 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isf_planner.part_library.arc_chain import belt, rounded_polygon
 from isf_planner.part_library.part import Feature, ObliqueCircle, OffsetLine, Part
 from isf_planner.part_library.wall_profile import curved_wall, straight_wall, wall
-
-Array = NDArray[np.float64]
 
 FLANGE = 8e-3
 

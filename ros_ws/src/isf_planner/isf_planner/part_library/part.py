@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from isf_core.types import Array
 
 from isf_planner.part_library.arc_chain import ArcChain
 from isf_planner.part_library.wall_profile import WallProfile
-
-Array = NDArray[np.float64]
 
 STRAIGHT_STEP = 4e-3
 """m, longest facet along a straight side."""

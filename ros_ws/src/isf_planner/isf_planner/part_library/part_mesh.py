@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from isf_core.types import Array, Indices
 from scipy.spatial import Delaunay
 
-from isf_planner.mesh_input import Mesh
+from isf_planner.part.meshes import Mesh
 from isf_planner.part_library.part import STRAIGHT_STEP, Feature, Part, segments
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FLAT_STEP = 8e-3
 """m, pitch of the extra nodes in flat faces."""

@@ -10,11 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from isf_core.types import Array
 
 from isf_planner.part_library.arc_chain import ArcChain, chain_of
-
-Array = NDArray[np.float64]
 
 _STEEPEST = np.radians(89.0)
 

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_core.types import Array
 
 BIN = 5e-3
 """m along an edge in which the outermost point counts."""

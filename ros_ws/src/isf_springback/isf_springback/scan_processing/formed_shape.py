@@ -9,15 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from numpy.typing import NDArray
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array, Mask
 from scipy import ndimage
 
 from isf_springback.scan_processing import point_cloud, registration
 from isf_springback.scan_processing.clamp_edges import ClampEdges, find_edges, undone
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 PITCH = 1e-3
 """m, grid of the formed shape."""

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.height_map import HeightMap
-from numpy.typing import NDArray
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 from scipy import ndimage
-
-Array = NDArray[np.float64]
 
 FEWEST_POINTS = 500
 SMALLEST_FINITE = 0.2

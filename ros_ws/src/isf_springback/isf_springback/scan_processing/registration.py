@@ -11,10 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from isf_core.height_map import HeightMap
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 CLAMP_BAND = 12e-3
 """m beside the clamp that counts as undeformed."""

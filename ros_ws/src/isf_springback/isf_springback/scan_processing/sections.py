@@ -11,13 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.height_map import HeightMap
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from isf_springback.loop_path import LoopPath
-
-Array = NDArray[np.float64]
 
 STEP = 0.25e-3
 """m, distance of the samples of a section."""

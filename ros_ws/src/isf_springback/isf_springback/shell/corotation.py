@@ -13,11 +13,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.shell.jit import kernel
-
-Array = NDArray[np.float64]
 
 
 @kernel

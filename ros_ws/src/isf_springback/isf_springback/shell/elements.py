@@ -15,9 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from isf_core.types import Array
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _ALPHA = 1.5

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from numpy.typing import NDArray
+from isf_core.types import Array
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import cKDTree
 
 from isf_springback.shell.plan_mesh import SizeField, mesh_in_plan, place_along
 from isf_springback.shell.sheet_model import SheetMesh
-
-Array = NDArray[np.float64]
 
 _LOOP_SPACING = 2.5e-3
 """m, spacing of the loop points that tell the height: finer than any facet of the wall."""

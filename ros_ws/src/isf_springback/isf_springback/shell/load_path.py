@@ -14,13 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from numpy.typing import NDArray
+from isf_core.types import Array
 from scipy.optimize import minimize_scalar
 
 from isf_springback.shell.sheet_model import Factor, ShellModel
-
-Array = NDArray[np.float64]
-
 
 _RIDGE = 1e-10
 """Part of the diagonal added to the normal equations of the mixing, which may be nearly singular."""

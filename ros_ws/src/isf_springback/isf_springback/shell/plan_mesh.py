@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 SizeField = Callable[[Array], Array]
 

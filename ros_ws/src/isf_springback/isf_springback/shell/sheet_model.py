@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.linalg import SuperLU, splu
@@ -18,7 +19,6 @@ from scipy.sparse.linalg import SuperLU, splu
 from isf_springback.shell.corotation import assemble, turn_nodes
 from isf_springback.shell.elements import facet_frames, make_facets
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LEVER = 1e-3

@@ -1,0 +1,1 @@
+"""Bags: the topics of a cell written to MCAP and read back, without ROS."""

@@ -1,0 +1,343 @@
+"""A part from a bag, without ROS: the message definitions are read from the bag itself.
+
+Reads bags of the recorder, of ``ros2 bag record`` (MCAP or SQLite) and of :mod:`isf_analysis.bag.bag_writer`, in any
+namespace. When a bag holds several parts, the last one is read.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import MISSING, dataclass
+from dataclasses import fields as dataclass_fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from isf_core import __version__
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
+from isf_core.errors import ErrorCode, IsfError
+from isf_ros import fields
+from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from isf_analysis.bag import bag_file as mcap_repair
+from isf_analysis.bag import topics
+from isf_analysis.bag.topics import Topic, cell_types
+from isf_analysis.measures import scan_cloud
+from isf_analysis.measures.contour_scan import ContourScan, kept_scan
+from isf_analysis.measures.events import event_of_message
+from isf_analysis.measures.record import PartRecord
+
+NANO = 1_000_000_000
+STAMP_TOLERANCE = 1e-6
+"""s by which the stamp of a scan may lie before the end of the contour it was made after: rounding of stamps."""
+_RECORD_WITH = "record the run with the cell's recorder: ./isf record, ./isf form"
+
+_FIELDS = {
+    topics.NOMINAL: (fields.CONTOUR, Contour),
+    topics.CORRECTED: (fields.CONTOUR, Contour),
+    topics.CORRECTION: (fields.CORRECTION, ContourCorrection),
+    topics.RESULT: (fields.RESULT, ContourResult),
+}
+"""Fields of a message and the class that is made of them."""
+
+Item = TypeVar("Item", Contour, ContourCorrection, ContourResult)
+
+
+def read_bag(path: Path | str) -> PartRecord:
+    """Record of the (last) part in the bag folder or MCAP file ``path``.
+
+    A bag whose recorder was killed is read as far as it was written; ``notes`` of the record tells so.
+
+    Raises
+    ------
+    IsfError : BAG_UNREADABLE (no such bag, damaged beyond reading),
+        BAG_INCOMPLETE (not a bag of a cell, or nothing was formed; names what is missing)
+    """
+    path = Path(path)
+    with ExitStack() as stack:
+        reader, notes = _open(path, stack)
+        try:
+            return _read_part(_Messages(reader, path, one_by_one=bool(notes)), path, notes)
+        except IsfError:
+            raise
+        except Exception as error:  # a damaged file shows in as many ways as there are bytes
+            raise _unreadable(path, f"is damaged: {error}") from error
+
+
+def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartRecord:
+    jobs = list(messages.of(topics.JOB))
+    if not jobs:
+        raise _incomplete(path, f"holds no job: nothing was received on {topics.JOB.name}")
+    start, job = jobs[-1]
+    # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted
+    part = _Part(messages, job.plan_id, start if len(jobs) > 1 else 0)
+    notes += messages.missing_fields()
+    nominal = part.by_index(topics.NOMINAL, fields.contour_of)
+    corrected = part.by_index(topics.CORRECTED, fields.contour_of)
+    corrections = part.by_index(topics.CORRECTION, fields.correction_of)
+    results = part.by_index(topics.RESULT, fields.result_of)
+    if not nominal and not results:
+        raise _incomplete(path, f"holds the job '{job.job_name}', but no contour: nothing was formed")
+    # the target is latched when the part is planned, before the job is announced; the scan comes after it
+    target_message = _last(messages.of(topics.TARGET))
+    target = None if target_message is None else fields.height_map_of(target_message[1])
+    scans = [item for item in messages.of(topics.SCAN) if item[0] >= start]
+    final = scan_cloud.final_scans(scans, part.times(topics.NOMINAL), part.times(topics.RESULT))
+    last = final[-1:]
+    missing = ([] if target else [topics.TARGET.name]) + ([] if last else [_no_scan(len(scans))])
+    missing += _gaps(nominal, results)
+    states = list(messages.of(topics.MACHINE_STATE))
+    # the state at the start of the part, not the last one: a run of no duration has all its messages at one time
+    before = [state for time, state in states[:-1] if time <= start][-1:] or [state for _, state in states[:1]]
+    after = states[-1:]
+    return PartRecord(
+        job_name=job.job_name,
+        job_text=job.job_text,
+        plan_id=job.plan_id,
+        process=job.process,
+        correction=job.correction,
+        support_force=job.support_force,
+        world=job.world,
+        seed=job.seed,
+        control_rate=job.control_rate,
+        lockstep=job.lockstep,
+        software=job.software,
+        nominal=nominal,
+        corrected=corrected,
+        corrections=corrections,
+        results=results,
+        target=target,
+        scan=scan_cloud.height_map_of(last[0], target) if last else None,
+        ticks=_counted(before, after, "tick"),
+        late_ticks=_counted(before, after, "late_ticks") + sum(result.late_ticks for result in results),
+        lost_messages=_counted(before, after, "targets_lost") + sum(result.lost_messages for result in results),
+        sim_time=_process_time(before, after, results),
+        wall_time=(_end_time(messages, scans if last else [], start) - start) / NANO,
+        faults=_faults(after),
+        notes=notes + _of_version(job.software) + tuple(f"not in the bag: {what}" for what in missing),
+        events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if time >= part.start),
+        scans=_between(scans[: len(scans) - len(final)], results),
+    )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """The messages of one plan that were received from ``start`` (ns since 1970) on."""
+
+    messages: _Messages
+    plan_id: str
+    start: int
+
+    def by_index(self, topic: Topic, convert: Callable[[Any], Item]) -> tuple[Item, ...]:
+        """Items in the order of their contours; of an index that came twice the last counts."""
+        found = {
+            message.index: convert(message)
+            for time, message in self.messages.of(topic)
+            if message.plan_id == self.plan_id and time >= self.start
+        }
+        return tuple(found[index] for index in sorted(found))
+
+    def times(self, topic: Topic) -> list[int]:
+        """Receive times (ns since 1970) of the messages of this plan."""
+        return [time for time, item in self.messages.of(topic) if item.plan_id == self.plan_id and time >= self.start]
+
+
+def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -> tuple[ContourScan, ...]:
+    """Scans made between contours; of a contour the last one. Those before the end of the first one are left out."""
+    found: dict[int, ContourScan] = {}
+    for _, message in scans:
+        stamp = message.header.stamp
+        time = stamp.sec + stamp.nanosec / NANO
+        formed = [result.index for result in results if result.end <= time + STAMP_TOLERANCE]
+        if formed:
+            found[formed[-1]] = kept_scan(formed[-1], time, scan_cloud.points_of(message))
+    return tuple(found[index] for index in sorted(found))
+
+
+def _of_version(software: str) -> tuple[str, ...]:
+    """A note when another version of the software formed the part."""
+    if software in ("", __version__):
+        return ()
+    return (f"the part was formed with version {software} of the software, this report is made with {__version__}",)
+
+
+def _no_scan(between: int) -> str:
+    words = f", only {between} made before the last contour" if between else ""
+    return f"{topics.SCAN.name}{words}"
+
+
+def _gaps(nominal: tuple[Contour, ...], results: tuple[ContourResult, ...]) -> list[str]:
+    """What is missing between the first and the last recorded contour."""
+    planned = {contour.index for contour in nominal}
+    reported = {result.index for result in results}
+    last = max(planned | reported)
+    gaps = []
+    for name, indices in ((topics.NOMINAL.name, planned), (topics.RESULT.name, reported)):
+        lost = sorted(set(range(last)) - indices)
+        if lost:
+            gaps.append(f"{name} of {len(lost)} contour(s), first {contour_label(lost[0])}")
+    return gaps
+
+
+def _counted(before: list[Any], after: list[tuple[int, Any]], name: str) -> int:
+    return max(0, int(getattr(after[0][1], name)) - int(getattr(before[0], name))) if after else 0
+
+
+def _process_time(before: list[Any], after: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -> float:
+    """s from the first to the last state of the machine, or over the contours when it published none."""
+    if after and len({id(before[0]), id(after[0][1])}) == 2:
+        first, last = before[0].header.stamp, after[0][1].header.stamp
+        return float((last.sec - first.sec) + (last.nanosec - first.nanosec) / NANO)
+    return results[-1].end - results[0].start if results else 0.0
+
+
+def _end_time(messages: _Messages, scans: list[tuple[int, Any]], start: int) -> int:
+    """ns since 1970 of the last scan, or of the last result when there is none."""
+    if scans:
+        return scans[-1][0]
+    return max((time for time, _ in messages.of(topics.RESULT)), default=start)
+
+
+def _faults(after: list[tuple[int, Any]]) -> tuple[tuple[int, str], ...]:
+    if not after:
+        return ()
+    state = after[0][1]
+    return tuple((int(code), text) for code, text in zip(state.fault_codes, state.fault_messages, strict=True))
+
+
+def _last(items: Iterator[tuple[int, Any]]) -> tuple[int, Any] | None:
+    found = None
+    for item in items:
+        found = item
+    return found
+
+
+class _Messages:
+    """The messages of an open bag by topic; ``one_by_one``: the file has no index, each topic is scanned for."""
+
+    def __init__(self, reader: Reader, path: Path, *, one_by_one: bool) -> None:
+        self._reader = reader
+        self._path = path
+        self._one_by_one = one_by_one
+        self._types = _types_of(reader.connections)
+        self._namespace = self._find_namespace()
+        self._read: dict[str, list[tuple[int, Any]]] = {}
+
+    def of(self, topic: Topic) -> Iterator[tuple[int, Any]]:
+        """(receive time in ns, message) in the order of receipt."""
+        if topic.name not in self._read:
+            self._read[topic.name] = list(self._load(topic))
+        return iter(self._read[topic.name])
+
+    def _load(self, topic: Topic) -> Iterator[tuple[int, Any]]:
+        name = f"{self._namespace}/{topic.name}"
+        for connection in self._reader.connections:
+            if connection.topic != name:
+                continue
+            if connection.msgtype != topic.type:
+                raise _incomplete(self._path, f"{topic.name} is of type {connection.msgtype}, expected {topic.type}")
+            for _, time, data in self._reader.messages([connection]):
+                yield time, self._types.deserialize_cdr(data, connection.msgtype)
+
+    def missing_fields(self) -> tuple[str, ...]:
+        """Notes on fields that messages of an older version do not have; raises IsfError when one is needed."""
+        notes = []
+        for topic, (names, kind) in _FIELDS.items():
+            name = f"{self._namespace}/{topic.name}"
+            known = next((c.msgtype for c in self._reader.connections if c.topic == name), None)
+            if known != topic.type:
+                continue
+            there = {field for field, _ in self._types.fielddefs[known][1]}
+            needed = {item.name for item in dataclass_fields(kind) if item.default is item.default_factory is MISSING}
+            lacking = [field for field in names if field not in there]
+            if any(field in needed for field in lacking):
+                what = f"{topic.name} has no {', '.join(lacking)}"
+                raise _incomplete(self._path, f"was recorded with another version of the software: {what}")
+            if lacking:
+                notes.append(
+                    f"recorded with an older version of the software: {topic.name} without {', '.join(lacking)}"
+                )
+        return tuple(notes)
+
+    def _find_namespace(self) -> str:
+        """Namespace of the cell, from the topic that carries the job; the first one when there are several."""
+        ending = f"/{topics.JOB.name}"
+        names = [item.topic for item in self._reader.connections if item.topic.endswith(ending)]
+        if not names:
+            known = sorted({item.topic for item in self._reader.connections})
+            listed = ", ".join(known[:6]) + (" ..." if len(known) > 6 else "")
+            raise _incomplete(
+                self._path,
+                f"is not a bag of a forming cell: no topic {topics.JOB.name} (needed with {topics.NOMINAL.name} and "
+                f"{topics.RESULT.name}); it holds {listed or 'nothing'}",
+            )
+        return names[0].removesuffix(ending)
+
+
+def _types_of(connections: list[Connection]) -> Typestore:
+    """Types by the definitions inside the bag; those it lacks are taken from the installed messages."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for connection in connections:
+        text = connection.msgdef.data
+        if connection.msgdef.format == MessageDefinitionFormat.NONE or not text:
+            continue
+        parse = get_types_from_idl if connection.msgdef.format == MessageDefinitionFormat.IDL else None
+        types = parse(text) if parse else get_types_from_msg(text, connection.msgtype)
+        store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
+    if any(connection.msgtype not in store.fielddefs for connection in connections):
+        known = cell_types().fielddefs
+        store.register({name: known[name] for name in known if name not in store.fielddefs})
+    return store
+
+
+def _open(path: Path, stack: ExitStack) -> tuple[Reader, tuple[str, ...]]:
+    """Open reader and notes on what had to be done for it."""
+    if not path.exists():
+        raise _unreadable(path, "no such bag", advice="check the path; it is relative to here")
+    if path.is_file() or (path / "metadata.yaml").is_file():
+        first: Path = path
+    else:
+        files = sorted(path.glob("*.mcap"))
+        if not files:
+            raise _unreadable(path, "holds no bag: neither metadata.yaml nor an .mcap file")
+        first = files[0]
+    try:
+        reader = Reader(first)
+        reader.open()
+    except Exception as error:  # as above: whatever a damaged file causes
+        storage = first if first.is_file() else next(iter(sorted(first.glob("*.mcap"))), None)
+        if storage is None or storage.suffix != ".mcap":
+            raise _unreadable(path, f"cannot be read: {error}") from error
+        return _open_repaired(path, storage, stack), (
+            "the recorder was ended by force; the bag is read as far as it goes",
+        )
+    stack.callback(reader.close)
+    return reader, ()
+
+
+def _open_repaired(path: Path, storage: Path, stack: ExitStack) -> Reader:
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="isf_bag_")))
+    repaired = folder / storage.name
+    try:
+        if not mcap_repair.repair(storage, repaired):
+            raise _unreadable(path, f"{storage.name} is not an MCAP file or is empty")
+        reader = Reader(repaired)
+        reader.open()
+    except IsfError:
+        raise
+    except Exception as error:
+        raise _unreadable(path, f"cannot be read: {error}") from error
+    stack.callback(reader.close)
+    return reader
+
+
+def _unreadable(path: Path, what: str, advice: str = "") -> IsfError:
+    return IsfError(ErrorCode.BAG_UNREADABLE, what, where=str(path), advice=advice or _RECORD_WITH)
+
+
+def _incomplete(path: Path, what: str) -> IsfError:
+    return IsfError(ErrorCode.BAG_INCOMPLETE, what, where=str(path), advice=_RECORD_WITH)

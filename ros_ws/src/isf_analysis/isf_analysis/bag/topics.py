@@ -1,0 +1,134 @@
+"""The topics of a cell: name, type and kind of delivery of each, and the message types to read and write them.
+
+As in docs/architecture.md. Names are relative to the namespace of the cell, except those that begin with a slash. The
+kinds are the names of the profiles in ``isf_ros.qos``; ``DEFAULT`` is the ROS default (reliable, volatile). Types come
+from the ``.msg`` files of ``isf_msgs``, without ROS.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+Delivery = Literal["STREAM", "SENSOR", "LATCHED", "EVENT", "DEFAULT"]
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of a cell: its name, ``package/msg/Type`` and kind of delivery."""
+
+    name: str
+    type: str
+    delivery: Delivery
+
+
+JOB = Topic("part/info", "isf_msgs/msg/JobInfo", "LATCHED")
+TARGET = Topic("part/target", "sensor_msgs/msg/PointCloud2", "LATCHED")
+SCAN = Topic("scan", "sensor_msgs/msg/PointCloud2", "LATCHED")
+NOMINAL = Topic("contour/nominal", "isf_msgs/msg/Contour", "LATCHED")
+CORRECTED = Topic("contour/corrected", "isf_msgs/msg/Contour", "LATCHED")
+CORRECTION = Topic("contour/correction", "isf_msgs/msg/ContourCorrection", "EVENT")
+RESULT = Topic("contour/result", "isf_msgs/msg/ContourResult", "EVENT")
+LIFT = Topic("tool_lift", "sensor_msgs/msg/PointCloud2", "LATCHED")
+EVENT = Topic("machine/event", "isf_msgs/msg/MachineEvent", "EVENT")
+MACHINE_STATE = Topic("machine/state", "isf_msgs/msg/MachineState", "STREAM")
+
+CELL = (
+    Topic("tool_1/wrench", "geometry_msgs/msg/WrenchStamped", "STREAM"),
+    Topic("tool_2/wrench", "geometry_msgs/msg/WrenchStamped", "STREAM"),
+    Topic("tool_1/raw", "geometry_msgs/msg/WrenchStamped", "SENSOR"),
+    Topic("tool_2/raw", "geometry_msgs/msg/WrenchStamped", "SENSOR"),
+    Topic("tool_1/raw_cells", "sensor_msgs/msg/JointState", "SENSOR"),
+    Topic("tool_2/raw_cells", "sensor_msgs/msg/JointState", "SENSOR"),
+    Topic("tool_1/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
+    Topic("tool_2/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
+    Topic("tool_1/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
+    Topic("tool_2/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
+    Topic("tool_1/path", "nav_msgs/msg/Path", "LATCHED"),
+    Topic("tool_2/path", "nav_msgs/msg/Path", "LATCHED"),
+    TARGET,
+    Topic("part/markers", "visualization_msgs/msg/MarkerArray", "LATCHED"),
+    JOB,
+    NOMINAL,
+    CORRECTED,
+    CORRECTION,
+    RESULT,
+    Topic("force_ctrl/state", "isf_msgs/msg/ForceCtrlState", "STREAM"),
+    Topic("holder/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
+    MACHINE_STATE,
+    EVENT,
+    SCAN,
+    LIFT,
+    Topic("/clock", "rosgraph_msgs/msg/Clock", "SENSOR"),
+    Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT"),
+)
+"""All topics of a cell, which the recorder takes unless told otherwise. Those that nobody publishes stay empty: raw
+readings come where nodes ``load_cell`` turn them into wrenches, by whatever delivery their driver has."""
+
+
+PACKAGE = "isf_msgs"
+
+
+@cache
+def cell_types() -> Typestore:
+    """Types of ROS 2 Jazzy and of ``isf_msgs``.
+
+    Raises
+    ------
+    IsfError : FILE_NOT_FOUND when the message definitions are not installed
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for path in sorted(message_folder().glob("*.msg")):
+        store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"{PACKAGE}/msg/{path.stem}"))
+    return store
+
+
+def message_folder() -> Path:
+    """Folder of the ``.msg`` files: ``share/isf_msgs/msg`` of an installed workspace, else the source tree."""
+    prefixes = [Path(item) for item in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if item]
+    folders = [prefix / "share" / PACKAGE / "msg" for prefix in prefixes]
+    folders.append(Path(__file__).resolve().parents[2] / PACKAGE / "msg")
+    for folder in folders:
+        if folder.is_dir():
+            return folder
+    raise IsfError(
+        ErrorCode.FILE_NOT_FOUND,
+        "the message definitions of isf_msgs are not installed",
+        where=str(folders[-1]),
+        advice="build the workspace and source its setup file",
+    )
+
+
+def make_message(name: str, /, **values: Any) -> Any:
+    """Message of type ``name`` ("isf_msgs/msg/Contour") with ``values``; all other fields are zero or empty."""
+    store = cell_types()
+    fields = {field: values.pop(field, None) for field, _ in store.fielddefs[name][1]}
+    if values:
+        raise TypeError(f"{name} has no field {', '.join(values)}")
+    for field, description in store.fielddefs[name][1]:
+        if fields[field] is None:
+            fields[field] = _zero(description)
+    return store.types[name](**fields)
+
+
+def _zero(description: Any) -> Any:
+    kind, detail = description
+    if kind == Nodetype.BASE:
+        name = detail[0]
+        return "" if name == "string" else False if name == "bool" else 0.0 if name.startswith("float") else 0
+    if kind == Nodetype.NAME:
+        return make_message(detail)
+    (inner_kind, inner), length = detail
+    count = length if kind == Nodetype.ARRAY else 0
+    if inner_kind == Nodetype.BASE and inner[0] != "string":
+        return np.zeros(count, dtype={"octet": "uint8", "byte": "uint8", "char": "uint8"}.get(inner[0], inner[0]))
+    return [_zero((inner_kind, inner)) for _ in range(count)]

@@ -1,0 +1,317 @@
+"""Figures of the formed shape: deviation maps, sections, errors by region. Lengths in mm, as people read them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from isf_core.geometry.height_map import HeightMap
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
+from scipy import ndimage
+
+from isf_analysis.figures import style
+from isf_analysis.figures.error_map import draw_errors, draw_opening
+from isf_analysis.measures.deviation import REGIONS, Deviation, directions, flange_level
+from isf_analysis.measures.events import EventKind, PartEvent, kind_name
+
+MM = 1e3
+MARGIN = 25e-3
+"""m of flange shown around the opening."""
+
+REGION_LABELS = {
+    "wall_and_base": "whole part",
+    "wall": "wall",
+    "base": "base",
+    "rim": "rim (10 mm around)",
+    "flange": "flange",
+}
+
+
+_EVENT_MARKS = {
+    int(EventKind.FRACTURE): ("X", "black"),
+    int(EventKind.BUCKLING): ("D", style.UNCORRECTED),
+    int(EventKind.SATURATION): ("s", style.LIMIT),
+    int(EventKind.GALLING): ("^", "#F0E442"),
+    int(EventKind.CONTACT_LOST): ("v", style.SET_POINT),
+    int(EventKind.DIE_CONTACT): (".", "white"),
+}
+"""Shape and fill of an event's mark."""
+
+
+def map_limit(*deviations: Deviation | None) -> float:
+    """mm, half of the colour scale that holds every given part: a round number above the largest |e| shown."""
+    largest = [
+        MM * max(deviation.whole.max_abs, np.nan_to_num(deviation.regions["rim"].max_abs))
+        for deviation in deviations
+        if deviation is not None
+    ]
+    return style.rounded_limit(max(largest, default=0.0))
+
+
+def deviation_map(deviation: Deviation, target: HeightMap, limit: float, events: Sequence[PartEvent] = ()) -> Figure:
+    """Plan view of one part's deviation, with marks where events happened."""
+    x0, x1, y0, y1 = _frame(deviation)
+    wide = y1 - y0 < 0.75 * (x1 - x0)
+    figure = style.new_figure(float(np.clip(1.4 + 6.2 * (y1 - y0) / (x1 - x0), 3.4, 6.0)) if wide else 6.0, maps=True)
+    axes = figure.subplots()
+    image = _draw_map(axes, deviation, target, limit)
+    _colour_bar(figure, image, [axes], horizontal=wide, standing=directions(target)[1])
+    if events:
+        _draw_events(axes, events)
+        figure.legend(loc="outside lower center", ncols=3, handletextpad=0.3)
+    return figure
+
+
+def deviation_pair(
+    before: Deviation, before_target: HeightMap, after: Deviation, target: HeightMap, limit: float, label: str
+) -> Figure:
+    """Plan views of the uncorrected and of the corrected part with the same colours."""
+    figure = style.new_figure(5.0, maps=True)
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    _draw_map(left, before, before_target, limit)
+    image = _draw_map(right, after, target, limit)
+    left.set_title("uncorrected", color=style.UNCORRECTED)
+    right.set_title(label, color=style.PART)
+    right.set_ylabel("")
+    _colour_bar(figure, image, [left, right], horizontal=True, standing=directions(target)[1])
+    return figure
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Where a section goes: file name, words, centre (x, y) m, angle rad from x, half length m."""
+
+    name: str
+    words: str
+    centre: tuple[float, float]
+    angle: float
+    extent: float
+
+
+def cuts(deviation: Deviation) -> tuple[Cut, ...]:
+    """Sections that show the part: along x and at 45 deg, or, of several features, along them and across each.
+
+    They go through the origin when the part is there, else through its middle. Features smaller than a hundredth of
+    the largest, and those after the fourth, get none.
+    """
+    mask = deviation.masks["wall_and_base"]
+    x, y = deviation.error.x, deviation.error.y
+    labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    cells = ndimage.sum_labels(mask, labels, range(1, count + 1))
+    kept = [k for k in range(1, count + 1) if cells[k - 1] >= 0.01 * cells.max()]
+    boxes = ndimage.find_objects(labels)
+    middles, halves = [], []
+    for k in kept:
+        rows, columns = boxes[k - 1]
+        box = (x[columns.start], x[columns.stop - 1], y[rows.start], y[rows.stop - 1])
+        middles.append((0.5 * float(box[0] + box[1]), 0.5 * float(box[2] + box[3])))
+        halves.append(0.5 * float(np.hypot(box[1] - box[0], box[3] - box[2])))
+    if len(kept) == 1:
+        at_origin = bool(mask[np.argmin(np.abs(y)), np.argmin(np.abs(x))])
+        centre = (0.0, 0.0) if at_origin else middles[0]
+        extent = section_extent(deviation) if at_origin else halves[0] + MARGIN
+        return Cut("section_x", "along x", centre, 0.0, extent), Cut("section_45", "at 45°", centre, np.pi / 4, extent)
+    order = np.argsort([-cells[k - 1] for k in kept], kind="stable")[:4]
+    one, other = sorted(middles[k] for k in order[:2])
+    angle = float(np.arctan2(other[1] - one[1], other[0] - one[0]))
+    centre = (0.5 * (one[0] + other[0]), 0.5 * (one[1] + other[1]))
+    extent = 0.5 * float(np.hypot(other[0] - one[0], other[1] - one[1])) + max(halves) + MARGIN
+    along = Cut("section_x", "through the two largest features", centre, angle, extent)
+    across = [
+        Cut(
+            f"section_feature_{n}",
+            f"across the feature at ({_mm(middles[k])}) mm",
+            middles[k],
+            angle + np.pi / 2,
+            halves[k] + MARGIN,
+        )
+        for n, k in enumerate(order)
+    ]
+    return along, *across
+
+
+def section(
+    angle: float,
+    target: HeightMap,
+    part: HeightMap,
+    reference: HeightMap | None,
+    extent: float,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> Figure:
+    """Section through ``centre`` (m) at ``angle`` (rad from x) to ``extent`` (m): profiles to scale, and the error."""
+    s = np.linspace(-extent, extent, 801)
+    points = np.array(centre) + s[:, None] * np.array([np.cos(angle), np.sin(angle)])
+    wanted = MM * target.at(points)
+    formed = MM * part.at(points)
+    before = None if reference is None else MM * reference.at(points)
+    heights = np.concatenate([wanted, formed] + ([] if before is None else [before]))
+    span = float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 1.0
+    profile_height = np.clip(style.WIDTH * 0.85 * (span + 4) / (2 * MM * extent), 0.9, 6.0)
+    figure = style.new_figure(profile_height + 3.3)
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[profile_height, 2.1])
+    top.plot(MM * s, wanted, color=style.TARGET, linestyle=(0, (4, 2)), linewidth=1.5, label="target")
+    if before is not None:
+        top.plot(MM * s, before, color=style.UNCORRECTED, label="uncorrected")
+        bottom.plot(MM * s, before - wanted, color=style.UNCORRECTED)
+    top.plot(MM * s, formed, color=style.PART, label="this part")
+    bottom.plot(MM * s, formed - wanted, color=style.PART)
+    bottom.axhline(0.0, color=style.TARGET, linestyle=(0, (4, 2)), linewidth=1.2)
+    top.set_aspect("equal", adjustable="box")
+    top.set_ylabel("z [mm]")
+    top.yaxis.set_major_locator(MaxNLocator(max(1, int(2.5 * profile_height))))
+    style.legend_above(top, 3)
+    bottom.set_ylabel("error [mm]")
+    bottom.set_xlabel("distance from the centre [mm]" if not any(centre) else f"distance from ({_mm(centre)}) [mm]")
+    bottom.set_xlim(-MM * extent, MM * extent)
+    return figure
+
+
+def section_extent(deviation: Deviation) -> float:
+    """m from the centre that a section should show: the farthest corner of the opening and some flange."""
+    opening = deviation.masks["wall_and_base"]
+    rows, columns = np.nonzero(opening)
+    radius = np.hypot(deviation.error.x[columns], deviation.error.y[rows]).max()
+    half = min(np.abs(deviation.error.x[[0, -1]]).min(), np.abs(deviation.error.y[[0, -1]]).min())
+    return float(min(radius + MARGIN, half))
+
+
+def region_errors(deviation: Deviation, reference: Deviation | None) -> Figure:
+    """Largest and mean error by region, uncorrected and this part."""
+    names = [name for name in REGIONS if deviation.regions[name].cells]
+    figure = style.new_figure(1.5 + 0.62 * len(names))
+    panels = figure.subplots(1, 2, sharey=True)
+    rows = np.arange(len(names))[::-1].astype(float)
+    for axes, attribute, title in zip(panels, ("max_abs", "mean_abs"), ("largest error", "mean error"), strict=True):
+        parts = [(deviation, style.PART, "this part", -0.19 if reference else 0.0)]
+        if reference is not None:
+            parts.append((reference, style.UNCORRECTED, "uncorrected", 0.19))
+        for part, colour, label, shift in reversed(parts):
+            values = np.array([MM * getattr(part.regions[name], attribute) for name in names])
+            axes.barh(rows + shift, values, height=0.36 if reference else 0.55, color=colour, label=label)
+            for row, value in zip(rows, values, strict=True):
+                text = f" {value:.2f}" if np.isfinite(value) else " not measured"
+                axes.text(np.nan_to_num(value), row + shift, text, va="center", fontsize=10.5)
+        axes.set_title(title)
+        axes.set_xlabel("mm")
+        axes.margins(x=0.16)
+        axes.grid(visible=False, axis="y")
+    panels[0].set_yticks(rows, [REGION_LABELS[name] for name in names])
+    if reference is not None:
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _draw_map(axes: Axes, deviation: Deviation, target: HeightMap, limit: float) -> AxesImage:
+    image = draw_errors(axes, deviation.error, limit)
+    _draw_target(axes, target)
+    draw_opening(axes, target)
+    worst_x, worst_y, worst = (MM * value for value in deviation.whole.worst)
+    if np.isfinite(worst):
+        axes.plot(
+            worst_x, worst_y, marker="o", markersize=8, markerfacecolor="none", markeredgecolor=style.INK, zorder=4
+        )
+        right = worst_x > 0.5 * MM * (target.x[0] + target.x[-1])  # the label goes towards the middle of the part
+        axes.annotate(
+            f"{worst:+.2f} mm".replace("-", "\N{MINUS SIGN}"),
+            (worst_x, worst_y),
+            xytext=(-9 if right else 9, 9),
+            horizontalalignment="right" if right else "left",
+            textcoords="offset points",
+            fontsize=11,
+            weight="bold",
+            bbox={"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
+            zorder=5,
+        )
+    _frame_opening(axes, deviation)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("y [mm]")
+    axes.grid(visible=False)
+    return image
+
+
+def _draw_target(axes: Axes, target: HeightMap) -> None:
+    """Height lines of the target, so that the eye sees the part."""
+    height = MM * (target.z - flange_level(target))
+    known = height[np.isfinite(height)]
+    span = float(known.max() - known.min()) if len(known) else 0.0
+    if span <= 0:
+        return
+    step = style.rounded_limit(span / 6)
+    # a line at the height of a flat base is noise
+    below = -np.arange(step, max(0.0, -0.98 * float(known.min())), step)
+    above = np.arange(step, max(0.0, 0.98 * float(known.max())), step)
+    levels = MM * flange_level(target) + np.concatenate([below[::-1], above])
+    if len(levels):
+        axes.contour(
+            MM * target.x,
+            MM * target.y,
+            np.ma.masked_invalid(MM * target.z),
+            levels=levels,
+            colors=style.MUTED,
+            linewidths=0.6,
+            linestyles="solid",
+            zorder=2,
+        )
+
+
+def _frame_opening(axes: Axes, deviation: Deviation) -> None:
+    x0, x1, y0, y1 = _frame(deviation)
+    axes.set_xlim(MM * x0, MM * x1)
+    axes.set_ylim(MM * y0, MM * y1)
+
+
+def _frame(deviation: Deviation) -> tuple[float, float, float, float]:
+    """m, least and largest x and y that a map shows: the opening and some flange."""
+    rows, columns = np.nonzero(deviation.masks["wall_and_base"])
+    x, y = deviation.error.x, deviation.error.y
+    return (
+        float(max(x[0], x[columns.min()] - MARGIN)),
+        float(min(x[-1], x[columns.max()] + MARGIN)),
+        float(max(y[0], y[rows.min()] - MARGIN)),
+        float(min(y[-1], y[rows.max()] + MARGIN)),
+    )
+
+
+def _draw_events(axes: Axes, events: Sequence[PartEvent]) -> None:
+    """A mark where each event happened, the kinds with shapes and fills of their own."""
+    for kind in dict.fromkeys(event.kind for event in events):
+        same = [event for event in events if event.kind == kind]
+        marker, fill = _EVENT_MARKS.get(kind, ("P", "white"))
+        axes.plot(
+            [MM * event.position[0] for event in same],
+            [MM * event.position[1] for event in same],
+            linestyle="none",
+            marker=marker,
+            markersize=9,
+            markerfacecolor=fill,
+            markeredgecolor=style.INK,
+            markeredgewidth=0.9,
+            label=f"{kind_name(kind)} ({len(same)})",
+            zorder=6,
+        )
+
+
+def _mm(place: tuple[float, float]) -> str:
+    return ", ".join(f"{MM * value + 0.0:.0f}".replace("-", "\N{MINUS SIGN}") for value in place)
+
+
+def _colour_bar(
+    figure: Figure, image: AxesImage, axes: list[Axes], *, horizontal: bool = False, standing: bool = False
+) -> None:
+    bar = figure.colorbar(
+        image,
+        ax=axes,
+        location="bottom" if horizontal else "right",
+        shrink=0.75 if horizontal else 0.85,
+        aspect=34 if horizontal else 28,
+        pad=0.03,
+    )
+    label = f"too {'low' if standing else 'deep'}   <   deviation [mm]   >   too high"
+    bar.set_label(label)
+    bar.outline.set_visible(False)

@@ -1,0 +1,1 @@
+"""What is known of one formed part, and its numbers."""

@@ -1,0 +1,121 @@
+"""What the messages of a part tell beyond its shape, as JSON: events, remarks, outlook, force by region.
+
+Units are those people read: mm, N, s; fractions stay fractions. What is unknown is None.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from isf_analysis.measures import events, remarks
+from isf_analysis.measures.force_regions import (
+    REGIONS,
+    ContactLoss,
+    PathForce,
+    RegionForce,
+    contact_losses,
+    path_forces,
+    region_forces,
+)
+from isf_analysis.measures.record import PartRecord
+
+MM = 1e3
+
+
+def findings(record: PartRecord) -> dict[str, Any]:
+    """The keys this adds to the summary of ``record``."""
+    paths = path_forces(record.results, record.corrected)
+    return {
+        "events": [_group(group, record) for group in events.groups(record.events)],
+        "remarks": [
+            {"text": item.text, "contours": list(item.contours), "failed": item.failed}
+            for item in remarks.grouped(record.corrections)
+        ],
+        "outlook": _outlook(record),
+        "force_regions": {name: _region(region) for name, region in region_forces(paths).items()} or None,
+        "contact_losses": _losses(paths),
+        "backoffs": sum(result.backoffs for result in record.results),
+    }
+
+
+def _group(group: events.EventGroup, record: PartRecord) -> dict[str, Any]:
+    first = group.first
+    return {
+        "kind": events.kind_name(group.kind),
+        "count": group.count,
+        "harmless": group.harmless,
+        "first": {
+            "time_s": _number(first.time),
+            "contour": events.contour_at(record.results, first.time),
+            "position_mm": [_number(MM * value) for value in first.position],
+        },
+        "value": _number(group.worst.value),
+        "limit": _number(group.worst.limit),
+        "text": group.worst.text,
+    }
+
+
+def _outlook(record: PartRecord) -> dict[str, Any] | None:
+    """What the correction expected to be wrong with itself: over all points, and of the last contour that told."""
+    residual = [item.residual for item in record.corrections if len(item.residual)]
+    spread = [item.uncertainty for item in record.corrections if len(item.uncertainty)]
+    if not residual and not spread:
+        return None
+    left = np.concatenate(residual) if residual else np.empty(0)
+    doubt = np.concatenate(spread) if spread else np.empty(0)
+    return {
+        "residual_mean_mm": _mean(left),
+        "residual_max_abs_mm": _mean(np.atleast_1d(np.nanmax(np.abs(left)))) if np.isfinite(left).any() else None,
+        "residual_last_mean_mm": _mean(residual[-1]) if residual else None,
+        "uncertainty_mean_mm": _mean(doubt),
+        "uncertainty_max_mm": _mean(np.atleast_1d(np.nanmax(doubt))) if np.isfinite(doubt).any() else None,
+    }
+
+
+def _region(region: RegionForce) -> dict[str, Any]:
+    return {
+        "points": region.points,
+        "share": _number(region.share),
+        "contact_lost_fraction": _number(region.lost_share),
+        "mean_error_N": _number(region.mean_error),
+        "rms_error_N": _number(region.rms_error),
+        "p99_abs_error_N": _number(region.p99_abs_error),
+        "max_abs_error_N": _number(region.max_abs_error),
+        "within_10N_fraction": _number(region.within_band),
+    }
+
+
+def _losses(paths: tuple[PathForce, ...]) -> dict[str, Any] | None:
+    if not paths:
+        return None
+    losses = contact_losses(paths)
+    longest = max(losses, key=lambda loss: loss.length, default=None)
+    return {
+        "count": len(losses),
+        "length_mm": _number(MM * math.fsum(loss.length for loss in losses)),
+        "path_mm": _number(MM * math.fsum(path.length for path in paths)),
+        "begun_in": {name: sum(loss.region == name for loss in losses) for name in REGIONS},
+        "longest": None if longest is None else _loss(longest),
+    }
+
+
+def _loss(loss: ContactLoss) -> dict[str, Any]:
+    return {
+        "contour": loss.contour,
+        "length_mm": _number(MM * loss.length),
+        "start_mm": [_number(MM * value) for value in loss.start],
+        "region": loss.region,
+    }
+
+
+def _mean(values: Any) -> float | None:
+    """mm, mean of lengths in m; None when nothing is known."""
+    known = values[np.isfinite(values)]
+    return float(MM * known.mean()) if len(known) else None
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,93 @@
+"""Everything that is known of one formed part: the job, what was planned, corrected and measured, and the shape.
+
+The in-process cell makes a record directly; :mod:`isf_analysis.bag.bag_reader` makes one from a bag.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
+from isf_core.geometry.height_map import HeightMap
+
+from isf_analysis.measures.contour_scan import ContourScan
+from isf_analysis.measures.events import PartEvent
+
+
+@dataclass(frozen=True)
+class PartRecord:
+    """Record of one part; SI units, frame ``sheet``.
+
+    Attributes
+    ----------
+    job_name, job_text : name and YAML text of the job
+    plan_id : the plan that was formed
+    process : SPIF, TPIF, DSIF or ADSIF
+    correction : springback method in use ("none": nothing was corrected)
+    support_force : N, set-point in use; 0 = position control
+    world, seed : simulated plant; world -1 = a real machine
+    control_rate : Hz
+    lockstep : run in lockstep with a simulated machine
+    software : version of the software that formed the part
+    nominal, corrected, corrections, results : one element per contour that got so far, by index
+    target : shape that was wanted, scan : shape that was measured in the clamp; None when not recorded
+    ticks, late_ticks, lost_messages : counted by force control and machine together
+    sim_time : s, time of the process; wall_time : s
+    faults : (code, message) of every fault the machine latched
+    scans : those made between contours, oldest first; empty too when none was recorded
+    events : what happened to sheet or machine, oldest first; empty too when the machine tells none
+    notes : remarks for people on how complete the record is
+    """
+
+    job_name: str
+    job_text: str
+    plan_id: str
+    process: str
+    correction: str
+    support_force: float
+    world: int
+    seed: int
+    control_rate: float
+    lockstep: bool
+    software: str
+    nominal: tuple[Contour, ...]
+    corrected: tuple[Contour, ...]
+    corrections: tuple[ContourCorrection, ...]
+    results: tuple[ContourResult, ...]
+    target: HeightMap | None
+    scan: HeightMap | None
+    ticks: int
+    late_ticks: int
+    lost_messages: int
+    sim_time: float
+    wall_time: float
+    faults: tuple[tuple[int, str], ...] = ()
+    notes: tuple[str, ...] = ()
+    events: tuple[PartEvent, ...] = ()
+    scans: tuple[ContourScan, ...] = ()
+
+    @property
+    def planned(self) -> int:
+        """Number of contours in the plan; 0 when no contour was recorded."""
+        return self.nominal[0].count if self.nominal else 0
+
+    @property
+    def formed(self) -> int:
+        """Number of contours of which every point was reached."""
+        return sum(result.completed for result in self.results)
+
+    @property
+    def corrects(self) -> bool:
+        """True when a springback method was at work."""
+        return self.correction not in ("", "none")
+
+    def failure(self) -> tuple[int, str] | None:
+        """Code and text of what ended the part early; code 0 when it is unknown; None for a whole part."""
+        for result in self.results:
+            if not result.completed:
+                return int(result.code), f"{contour_label(result.index)}: {result.message or 'not completed'}"
+        if self.faults:
+            return self.faults[0]
+        if self.formed < self.planned or not self.planned:
+            return 0, f"{self.formed} of {self.planned} contours are recorded as formed; the cause is not recorded"
+        return None

@@ -1,0 +1,127 @@
+"""Scans as they are in a bag: which one is of the finished part, and a height map from points in no order.
+
+The simulated machine's exact shape is a grid; a scanner's cloud is unordered, of float32 or float64.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+from isf_ros import fields
+from numpy.typing import NDArray
+from scipy import ndimage
+
+LATENESS = 100_000_000
+"""ns by which a recorder may receive the last result after the scan that was asked for because of it."""
+
+REACH = 2
+"""Cells next to measured ones that are filled from them, so that sparse points leave no holes."""
+
+_KINDS = {7: "f4", 8: "f8"}  # sensor_msgs/PointField
+
+
+def final_scans(scans: Sequence[tuple[int, Any]], nominal: Sequence[int], results: Sequence[int]) -> list[Any]:
+    """The scans after which nothing was formed; a scan between contours is not of the finished part.
+
+    ``scans`` are (receive time ns, message); ``nominal`` and ``results`` are receive times of contours and results.
+    """
+    formed_until = max([*nominal, *(time - LATENESS for time in results)], default=0)
+    return [message for time, message in scans if time >= formed_until]
+
+
+def height_map_of(message: Any, target: HeightMap | None) -> HeightMap:
+    """Height map of a scan; points in no order are read at the cells of ``target``.
+
+    A cell gets the target's height plus the median deviation of its points: where in the cell they lie does not matter
+    on a wall, and a few outliers do not either. Cells without points get the mean deviation of those beside them, up
+    to ``REACH`` cells far; beyond that they are NaN.
+
+    Raises
+    ------
+    IsfError : BAG_INCOMPLETE when the cloud is not of points, or is unordered and there is no target
+    """
+    try:
+        return fields.height_map_of(message)
+    except ValueError:
+        pass
+    points = points_of(message)
+    if target is None:
+        raise _unusable("the scan is not on a grid, and there is no target whose grid could be used")
+    found = on_cells(points, target)
+    if found is None:
+        raise _unusable("no point of the scan lies on the target's grid")
+    return HeightMap(target.x, target.y, target.z + filled(found.z - target.z))
+
+
+def on_cells(points: Array, target: HeightMap) -> HeightMap | None:
+    """Heights on the grid of ``target`` from ``points`` (P, 3) m, NaN in cells without points; None: none is on it.
+
+    A cell gets the target's height plus the median deviation of its points.
+    """
+    columns, rows = (_cells(axis, points[:, k]) for k, axis in enumerate((target.x, target.y)))
+    inside = (columns >= 0) & (columns < len(target.x)) & (rows >= 0) & (rows < len(target.y))
+    cell = rows[inside] * len(target.x) + columns[inside]
+    deviation = points[inside, 2] - target.at(points[inside, :2])
+    known = np.isfinite(deviation)  # beyond the middle of the outermost cells the target ends
+    if not known.any():
+        return None
+    error = np.full(target.z.size, np.nan)
+    seen = np.unique(cell[known])
+    error[seen] = ndimage.median(deviation[known], cell[known], seen)
+    return HeightMap(target.x, target.y, target.z + error.reshape(target.z.shape))
+
+
+def points_of(message: Any) -> Array:
+    """(P, 3) m, the points of which all coordinates are known.
+
+    Raises
+    ------
+    IsfError : BAG_INCOMPLETE when the cloud is not of points
+    """
+    described = {field.name: field for field in message.fields}
+    if any(name not in described or described[name].datatype not in _KINDS for name in "xyz"):
+        raise _unusable(f"the scan has no floating-point x, y, z; it has {', '.join(sorted(described)) or 'nothing'}")
+    order = ">" if message.is_bigendian else "<"
+    kind = np.dtype(
+        {
+            "names": list("xyz"),
+            "formats": [order + _KINDS[described[name].datatype] for name in "xyz"],
+            "offsets": [described[name].offset for name in "xyz"],
+            "itemsize": message.point_step,
+        }
+    )
+    data = bytes(message.data)
+    if len(data) % kind.itemsize or len(data) != message.width * message.height * message.point_step:
+        raise _unusable(f"the scan is cut off: {len(data)} bytes for {message.width} x {message.height} points")
+    table = np.frombuffer(data, dtype=kind)
+    points = np.column_stack([table[name].astype(np.float64) for name in "xyz"])
+    return np.asarray(points[np.isfinite(points).all(axis=1)])
+
+
+def _cells(axis: Array, values: Array) -> NDArray[np.intp]:
+    """Index of the nearest cell of an evenly spaced ``axis``; outside of it an index that does not exist."""
+    return np.rint((values - axis[0]) / (axis[1] - axis[0])).astype(np.intp)
+
+
+def filled(z: Array) -> Array:
+    """(ny, nx), ``z`` with unknown cells (NaN) up to :data:`REACH` beside known ones filled by the mean of those."""
+    for _ in range(REACH):
+        known = np.isfinite(z)
+        if known.all():
+            break
+        count = ndimage.uniform_filter(known.astype(float), 3, mode="constant")
+        total = ndimage.uniform_filter(np.where(known, z, 0.0), 3, mode="constant")
+        with np.errstate(invalid="ignore", divide="ignore"):
+            z = np.where(known | (count < 1e-6), z, total / count)
+    return z
+
+
+def _unusable(what: str) -> IsfError:
+    return IsfError(
+        ErrorCode.BAG_INCOMPLETE, what, where="topic scan", advice="publish points as x, y, z of float32 or float64"
+    )

@@ -1,0 +1,197 @@
+"""The numbers of one part as one JSON object, for scripts, for the ``isf`` command and for the report.
+
+The only place where results change from SI to the units people read: mm, N, s, percent stays a fraction.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_core.contour import contour_label
+
+from isf_analysis.measures.contour_scan import ScanError, left_out, scan_errors
+from isf_analysis.measures.deviation import Deviation, RegionError, compare
+from isf_analysis.measures.findings import findings
+from isf_analysis.measures.force_metrics import ForceMetrics, force_metrics
+from isf_analysis.measures.record import PartRecord
+
+MM = 1e3
+
+BAND = 0.3e-3
+"""m, error of a good point: the band of which Lu 2016, 4.4 tells the share."""
+
+
+def summary(
+    record: PartRecord,
+    reference: PartRecord | None = None,
+    *,
+    bag: Path | str | None = None,
+    report: Path | str | None = None,
+) -> dict[str, Any]:
+    """JSON-serialisable numbers of ``record``; what is unknown is None.
+
+    With a ``reference`` (the uncorrected part) it holds the reference's own numbers under ``reference`` and the
+    factors error(reference) / error(record) under ``improvement``.
+    """
+    return summarise(
+        record,
+        deviation_of(record),
+        reference,
+        deviation_of(reference) if reference else None,
+        scans=scan_errors_of(record),
+        bag=bag,
+        report=report,
+    )
+
+
+def summarise(
+    record: PartRecord,
+    deviation: Deviation | None,
+    reference: PartRecord | None = None,
+    reference_deviation: Deviation | None = None,
+    *,
+    scans: tuple[ScanError, ...] = (),
+    bag: Path | str | None = None,
+    report: Path | str | None = None,
+) -> dict[str, Any]:
+    """As :func:`summary`, from deviations and errors after ``scans`` that are known already."""
+    numbers = _part(record, deviation)
+    numbers["scans"] = [_scan(error) for error in scans]
+    if record.target is not None:
+        numbers["notes"] += left_out(record.scans, scans, record.nominal, record.target)
+    if reference is not None:
+        other = _part(reference, reference_deviation)
+        numbers["reference"] = other
+        numbers["improvement"] = _improvement(numbers["deviation"], other["deviation"])
+    else:
+        numbers["reference"] = None
+        numbers["improvement"] = None
+    numbers["bag"] = None if bag is None else str(bag)
+    numbers["report"] = None if report is None else str(report)
+    return numbers
+
+
+def deviation_of(record: PartRecord) -> Deviation | None:
+    """Deviation of the scanned part, or None when scan or target were not recorded."""
+    if record.scan is None or record.target is None:
+        return None
+    return compare(record.scan, record.target)
+
+
+def scan_errors_of(record: PartRecord) -> tuple[ScanError, ...]:
+    """Errors after the scans between contours; none when the target was not recorded."""
+    return () if record.target is None else scan_errors(record.scans, record.nominal, record.target)
+
+
+def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
+    failure = record.failure()
+    return {
+        "job": record.job_name,
+        "process": record.process,
+        "correction": record.correction,
+        "world": record.world,
+        "seed": record.seed,
+        "software": record.software,
+        "complete": failure is None,
+        "failure": None if failure is None else {"code": failure[0], "message": failure[1]},
+        "contours": record.formed,
+        "contours_planned": record.planned,
+        "deviation": None if deviation is None else _deviation(deviation),
+        "force": _force(force_metrics(record.results, record.control_rate)),
+        "ticks": record.ticks,
+        "late_ticks": record.late_ticks,
+        "lost_messages": record.lost_messages,
+        "saturations": sum(result.saturations for result in record.results),
+        "sim_s": _number(record.sim_time),
+        "wall_s": _number(record.wall_time),
+        "notes": [*record.notes, *_warned(record)],
+        **findings(record),
+    }
+
+
+def _warned(record: PartRecord) -> list[str]:
+    """What force control said of contours that it formed all the same: the first of a kind, and how many there are."""
+    kinds: dict[int, list[str]] = {}
+    for result in record.results:
+        if result.completed and result.code:
+            kinds.setdefault(result.code, []).append(f"{contour_label(result.index)}: {result.message}")
+    return [first + (f"; so on {len(more)} more contour(s)" if more else "") for first, *more in kinds.values()]
+
+
+def _deviation(deviation: Deviation) -> dict[str, Any]:
+    regions = {
+        name: {**_region(region), "within_0_3mm_fraction": _within(deviation, name)}
+        for name, region in deviation.regions.items()
+    }
+    whole = regions["wall_and_base"]
+    return {**{key: whole[key] for key in ("max_mm", "mean_abs_mm", "rms_mm", "mean_mm")}, "regions": regions}
+
+
+def _within(deviation: Deviation, region: str) -> float | None:
+    """Fraction of the measured points of a region that are at most :data:`BAND` off, vertically."""
+    error = deviation.error.z[deviation.masks[region]]
+    error = error[np.isfinite(error)]
+    return float(np.mean(np.abs(error) <= BAND)) if len(error) else None
+
+
+def _region(region: RegionError) -> dict[str, Any]:
+    x, y, e = region.worst
+    return {
+        "max_mm": _number(MM * region.max_abs),
+        "mean_abs_mm": _number(MM * region.mean_abs),
+        "rms_mm": _number(MM * region.rms),
+        "mean_mm": _number(MM * region.mean),
+        "max_normal_mm": _number(MM * region.max_abs_normal),
+        "mean_abs_normal_mm": _number(MM * region.mean_abs_normal),
+        "worst_mm": [_number(MM * x), _number(MM * y), _number(MM * e)],
+        "cells": region.cells,
+        "coverage": _number(region.coverage),
+    }
+
+
+def _scan(error: ScanError) -> dict[str, Any]:
+    return {
+        "contour": error.index,
+        "max_mm": MM * error.max_abs,
+        "mean_abs_mm": MM * error.mean_abs,
+        "mean_mm": MM * error.mean,
+        "coverage": error.coverage,
+    }
+
+
+def _force(metrics: ForceMetrics | None) -> dict[str, Any] | None:
+    if metrics is None:
+        return None
+    return {
+        "set_N": _number(metrics.set_point),
+        "set_min_N": _number(metrics.lowest),
+        "set_max_N": _number(metrics.highest),
+        "mean_error_N": _number(metrics.mean_error),
+        "rms_error_N": _number(metrics.rms_error),
+        "p99_abs_error_N": _number(metrics.p99_abs_error),
+        "p999_abs_error_N": _number(metrics.p999_abs_error),
+        "max_abs_error_N": _number(metrics.max_abs_error),
+        "within_10N_fraction": _number(metrics.within_band),
+        "contact_fraction": _number(metrics.contact_fraction),
+        "engaged_s": _number(metrics.engaged_time),
+        "engaged_fraction": _number(metrics.engaged_fraction),
+    }
+
+
+def _improvement(after: dict[str, Any] | None, before: dict[str, Any] | None) -> dict[str, float | None] | None:
+    """Error of the reference over error of the part; above 1 the part is better."""
+    if after is None or before is None:
+        return None
+    names = {"max": "max_mm", "mean_abs": "mean_abs_mm", "rms": "rms_mm"}
+    return {name: _ratio(before[key], after[key]) for name, key in names.items()}
+
+
+def _ratio(above: float | None, below: float | None) -> float | None:
+    return None if above is None or not below else _number(above / below)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

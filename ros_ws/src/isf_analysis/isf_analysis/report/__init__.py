@@ -1,0 +1,1 @@
+"""The report of one part as an HTML page."""

@@ -1,0 +1,131 @@
+"""Tables of the report on what happened and what could not be done, from the numbers of :mod:`findings`.
+
+Contours are counted from 1 here, from 0 in the numbers.
+"""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+from isf_core.contour import contour_label
+
+from isf_analysis.measures.force_regions import AFTER, BEFORE, CONTACT, CORNER_RADIUS
+from isf_analysis.measures.remarks import spans
+from isf_analysis.report.result_tables import DASH, number, percent, table
+
+Numbers = dict[str, Any]
+
+REGION_WORDS = {
+    "transition": f"transition between contours ({1e3 * BEFORE:g} mm before, {1e3 * AFTER:g} mm after)",
+    "corner": f"corners (tighter than {1e3 * CORNER_RADIUS:g} mm)",
+    "wall": "along the wall",
+    "all": "all points",
+}
+
+MOST_REMARKS = 12
+"""Groups of remarks that are shown; the rest is in summary.json."""
+
+
+def event_table(numbers: Numbers) -> str:
+    """One row per kind of event, most severe first; nothing without events."""
+    rows = []
+    for event in numbers["events"]:
+        first = event["first"]
+        contour = "between contours" if first["contour"] is None else contour_label(first["contour"])
+        place = ", ".join(number(value, 1) for value in first["position_mm"])
+        kind = escape(event["kind"])
+        rows.append(
+            [
+                kind if event["harmless"] else f"<b>{kind}</b>",
+                f"{event['count']}",
+                f"{contour}, {number(first['time_s'], 2)} s",
+                place,
+                escape(event["text"]),
+            ]
+        )
+    head = ["event", "times", "first", "at x, y, z [mm]", "farthest beyond the limit"]
+    return table("What the machine noticed, most severe first", head, rows, text=(2, 4)) if rows else ""
+
+
+def remark_table(numbers: Numbers) -> str:
+    """What the correction cannot do, and why; nothing without remarks."""
+    remarks = numbers["remarks"]
+    if not remarks:
+        return ""
+    total = max(numbers["contours_planned"], 1)
+    rows = [
+        [
+            ("<b>failed</b> " if item["failed"] else "") + escape(item["text"]),
+            escape(f"{spans([index + 1 for index in item['contours']])} ({len(item['contours'])} of {total})"),
+        ]
+        for item in remarks[:MOST_REMARKS]
+    ]
+    caption = "What springback correction says about its limits, most severe first"
+    left = len(remarks) - MOST_REMARKS
+    more = f" ({left} more in summary.json)" if left > 0 else ""
+    return table(caption + more, ["remark, where it is strongest", "contours"], rows, wrap=True)
+
+
+def outlook_table(numbers: Numbers) -> str:
+    """Error and uncertainty that the correction itself expects; nothing when it tells none."""
+    outlook = numbers["outlook"]
+    if outlook is None:
+        return ""
+    rows = [
+        ["error that will remain, mean over all contours", _mm(outlook["residual_mean_mm"])],
+        ["error that will remain, largest", _mm(outlook["residual_max_abs_mm"])],
+        ["error that will remain, mean of the last contour", _mm(outlook["residual_last_mean_mm"])],
+        ["uncertainty of the prediction (1 σ), mean", _mm(outlook["uncertainty_mean_mm"])],
+        ["uncertainty of the prediction (1 σ), largest", _mm(outlook["uncertainty_max_mm"])],
+    ]
+    return table("What the correction expects of itself", ["", ""], [row for row in rows if row[1] != DASH])
+
+
+def force_region_table(numbers: Numbers) -> str:
+    """Support force by region of the path; nothing without a support tool."""
+    regions = numbers["force_regions"]
+    if regions is None:
+        return ""
+    controlled = regions["all"]["rms_error_N"] is not None
+    rows = []
+    for name, words in REGION_WORDS.items():
+        region = regions[name]
+        row = [words, percent(region["share"]), percent(region["contact_lost_fraction"])]
+        if controlled:
+            row += [number(region[f"{key}_error_N"], 1) for key in ("mean", "rms", "p99_abs", "max_abs")]
+            row.append(percent(region["within_10N_fraction"]))
+        rows.append(row)
+    head = ["where", "of the points", f"below {CONTACT:g} N"]
+    if controlled:
+        head += ["mean error [N]", "rms [N]", "99 % below [N]", "largest [N]", "within ± 10 N"]
+    return table("Support force by region, at the contour points", head, rows)
+
+
+def contact_loss_table(numbers: Numbers) -> str:
+    """Where the support tool lost the sheet; nothing without a support tool."""
+    losses = numbers["contact_losses"]
+    if losses is None:
+        return ""
+    share = percent(losses["length_mm"] / losses["path_mm"]) if losses["path_mm"] else DASH
+    rows = [
+        ["stretches without contact", f"{losses['count']}"],
+        ["their length", f"{number(losses['length_mm'], 1)} mm, {share} of the path"],
+    ]
+    if losses["count"]:
+        begun = ", ".join(f"{name} {count}" for name, count in losses["begun_in"].items() if count)
+        longest = losses["longest"]
+        place = ", ".join(number(value, 1) for value in longest["start_mm"])
+        rows += [
+            ["where they begin", begun],
+            [
+                "longest",
+                f"{number(longest['length_mm'], 1)} mm from ({place}) mm on {contour_label(longest['contour'])}",
+            ],
+        ]
+    rows.append(["gain lowered because the loop oscillated", f"{numbers['backoffs']} times"])
+    return table("Contact of the support tool", ["", ""], rows)
+
+
+def _mm(value: float | None) -> str:
+    return DASH if value is None else f"{number(value)} mm"

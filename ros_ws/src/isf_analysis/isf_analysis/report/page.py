@@ -1,0 +1,208 @@
+"""The report of one part: one HTML file that needs nothing else, and its pictures beside it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from isf_core import __version__
+from isf_core.errors import ErrorCode, IsfError
+
+from isf_analysis.figures import report_figures as figures
+from isf_analysis.figures import style
+from isf_analysis.figures.report_figures import Picture
+from isf_analysis.measures.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, directions
+from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.summary import deviation_of, scan_errors_of, summarise
+from isf_analysis.report import finding_tables as report_findings
+from isf_analysis.report import result_tables as report_tables
+
+HTML_NAME = "report.html"
+SUMMARY_NAME = "summary.json"
+
+
+@dataclass(frozen=True)
+class Report:
+    """A written report: the HTML file, the pictures beside it, and the numbers in it (also in summary.json)."""
+
+    html: Path
+    pictures: tuple[Path, ...]
+    numbers: dict[str, Any]
+
+
+def write_report(
+    record: PartRecord,
+    folder: Path | str,
+    *,
+    reference: PartRecord | None = None,
+    bag: Path | str | None = None,
+    failure: IsfError | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Report:
+    """Write report.html, its PNG files and summary.json into ``folder``, which is made when it does not exist.
+
+    ``reference`` is the uncorrected part; ``bag`` is named in the numbers; ``failure`` is what ended the run when the
+    record itself does not tell (a node that died, the operator); ``progress`` hears what is being done.
+
+    Raises
+    ------
+    IsfError : FILE_NOT_WRITABLE ; BAG_INCOMPLETE when scan and target cannot be compared
+    """
+    folder = Path(folder)
+    tell = progress or _silent
+    tell("comparing shapes")
+    deviation = deviation_of(record)
+    reference_deviation = deviation_of(reference) if reference is not None else None
+    html = folder / HTML_NAME
+    scans = scan_errors_of(record)
+    numbers = summarise(record, deviation, reference, reference_deviation, scans=scans, bag=bag, report=html)
+    if failure is not None:
+        numbers["complete"] = False
+        numbers["failure"] = {"code": int(failure.code), "message": failure.message}
+    pictures = figures.draw(record, deviation, reference, reference_deviation, tell, scans)
+    tell("writing the report")
+    page = render(record, numbers, pictures)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = []
+        for picture in pictures:
+            path = folder / f"{picture.name}.png"
+            path.write_bytes(picture.png)
+            paths.append(path)
+        html.write_text(page, encoding="utf-8")
+        text = json.dumps(numbers, indent=2, allow_nan=False)
+        (folder / SUMMARY_NAME).write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(folder), advice="choose a writable folder"
+        ) from error
+    return Report(html, tuple(paths), numbers)
+
+
+def render(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture, ...]) -> str:
+    """The HTML page."""
+    page = Template(resources.files("isf_analysis").joinpath("report_template.html").read_text(encoding="utf-8"))
+    plant = "real machine" if record.world < 0 else "simulated machine"
+    method = f"correction: {record.correction}" if record.corrects else "no springback correction"
+    made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
+    return page.substitute(
+        version=__version__,
+        title=escape(f"Forming report: {record.job_name}"),
+        heading=escape(f"Forming report: {record.job_name}"),
+        subheading=escape(f"{record.process} · {method} · {plant}"),
+        banners=report_tables.banners(numbers, numbers["reference"] is not None),
+        cards=report_tables.cards(numbers),
+        chapters="\n".join(_chapters(record, numbers, pictures)),
+        reading=_reading(record, numbers),
+        footer=escape(f"Made {made} by isf_analysis {__version__}. Bag: {numbers['bag'] or 'none'}"),
+    )
+
+
+def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture, ...]) -> list[str]:
+    parts: list[str] = []
+    if numbers["deviation"] is not None:
+        parts += ["<h2>Shape</h2>", *_figures(pictures, figures.SHAPE), report_tables.region_table(numbers)]
+    happened = report_findings.event_table(numbers)
+    if happened:
+        parts += ["<h2>Events</h2>", happened]
+    correction = [
+        *_figures(pictures, figures.CORRECTION),
+        *filter(None, (report_findings.outlook_table(numbers), report_findings.remark_table(numbers))),
+    ]
+    if correction:
+        parts += ["<h2>Springback correction</h2>", *correction]
+    force = _figures(pictures, figures.FORCE)
+    if force:
+        parts += ["<h2>Forces</h2>", *force]
+    if numbers["force"] is not None:
+        parts.append(report_tables.force_table(numbers["force"]))
+    tables = (report_findings.force_region_table(numbers), report_findings.contact_loss_table(numbers))
+    parts += [text for text in tables if text]
+    parts += ["<h2>Job and constants</h2>", report_tables.job_table(record), report_tables.constants(record)]
+    parts.append(f"<details><summary>Job file</summary><pre>{escape(record.job_text)}</pre></details>")
+    return parts
+
+
+def _figures(pictures: tuple[Picture, ...], chapter: str) -> list[str]:
+    return [_figure(picture) for picture in pictures if picture.chapter == chapter]
+
+
+def _figure(picture: Picture) -> str:
+    data = base64.b64encode(picture.png).decode("ascii")
+    alt = escape(f"{picture.title}. {picture.caption}", quote=True)
+    return (
+        f'<figure id="{picture.name}"><h3>{escape(picture.title)}</h3>'
+        f'<img alt="{alt}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{escape(picture.caption)}</figcaption></figure>"
+    )
+
+
+def _reading(record: PartRecord, numbers: dict[str, Any]) -> str:
+    """What colours, signs and regions mean, and what the numbers do not tell."""
+    base, wall = (round(math.degrees(angle)) for angle in (BASE_SLOPE, WALL_SLOPE))
+    items = [
+        f"<b>Deviation</b> is the measured minus the wanted height. {_sign_words(record)} <i>Normal to the surface</i> "
+        "is the same distance measured square to the wanted surface, smaller on steep walls.",
+        "<b>Regions</b> are those of the target. "
+        f"<i>Whole part</i>: everything more than {1e3 * OPENING_DEPTH:g} mm off the flange, with the fillets. "
+        f"<i>Wall</i>: steeper than {wall}°. <i>Base</i>: flatter than {base}° and farther from the flange than half "
+        "the part. "
+        f"<i>Rim</i>: {1e3 * RIM_WIDTH:g} mm of flange around the opening. "
+        "Largest and mean error on the cards are of the whole part.",
+        "<b>Colours of lines</b>: "
+        + ", ".join(
+            _key(colour, words)
+            for colour, words in (
+                (style.PART, "this part"),
+                (style.UNCORRECTED, "uncorrected"),
+                (style.TARGET, "target"),
+                (style.SET_POINT, "set-point and tolerance"),
+                (style.PREDICTION, "what a model predicted"),
+            )
+        )
+        + ".",
+    ]
+    if numbers["force"] is not None:
+        items.append(
+            "<b>Support force</b> is the raw reading of the load cell with its noise. It is judged only while the "
+            "loop is in full control: ramps, and contours under position control, are left out (grey in the figure)."
+        )
+    limits = [
+        "The shape is measured <b>in the clamp</b> and not aligned to the target. Unclamping and trimming let the part "
+        "spring further; that is not in these numbers.",
+    ]
+    if record.world >= 0:
+        limits.append(
+            "The part was formed by a <b>simulated machine</b>. Its sheet model is an approximation, calibrated on few "
+            "published parts; compare methods with it, and expect other numbers from real sheet."
+        )
+    items.append("<b>Limits</b>: " + " ".join(limits))
+    return "<ul>" + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
+
+
+def _sign_words(record: PartRecord) -> str:
+    down, up = (True, False) if record.target is None else directions(record.target)
+    if not up:
+        return (
+            "Positive (red) is too high: the part sprang back or was not formed deep enough. Negative (blue) is too "
+            "deep."
+        )
+    words = "Positive (red) is too high, negative (blue) is too low, also where the part stands up from the flange"
+    return f"{words}; in what is formed downwards red means not deep enough." if down else f"{words}."
+
+
+def _key(colour: str, words: str) -> str:
+    return f'<span class="nowrap"><span class="key" style="background:{colour}"></span>{words}</span>'
+
+
+def _silent(_: str) -> None:
+    pass

@@ -1,0 +1,280 @@
+"""Words, cards and tables of the report, as HTML, from the numbers of :mod:`isf_analysis.measures.summary`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import yaml
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files import yaml_file
+from isf_core.files.job import JobFile
+from isf_core.files.yaml_file import find_named
+
+from isf_analysis.figures.shape_figures import REGION_LABELS
+from isf_analysis.measures.deviation import REGIONS
+from isf_analysis.measures.events import EventKind, kind_name
+from isf_analysis.measures.force_metrics import by_place, force_metrics
+from isf_analysis.measures.record import PartRecord
+
+DASH = "–"
+_SOURCES = ("", "value", "source")
+Numbers = dict[str, Any]
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """Number as text, a dash for an unknown one."""
+    return DASH if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no -0.00
+
+
+def banners(numbers: Numbers, has_reference: bool) -> str:
+    """What a reader must know first: whole or not, and what the record lacks."""
+    failure = numbers["failure"]
+    count = f"{numbers['contours']} of {numbers['contours_planned']} contours formed"
+    if failure is None:
+        parts = [_banner("good", "Part complete", f"{count}.")]
+    else:
+        where = f"{_code_name(failure['code'])}: {failure['message']}."
+        text = (
+            f"{count}. {where} All numbers below are of what was formed until then, measured against the whole target."
+        )
+        parts = [_banner("bad", "Part not complete", text)]
+    if numbers["deviation"] is None:
+        parts.append(_banner("warn", "No shape to compare", "The record holds no scan or no target."))
+    parts += [_banner("warn", "Note", f"{note}.") for note in numbers["notes"]]
+    parts += [_banner("bad", f"Event: {event['kind']}", f"{event['text']}.") for event in _lost_part(numbers)]
+    other = numbers["reference"]
+    if other is not None and not other["complete"]:
+        parts.append(_banner("warn", "The uncorrected reference is not complete", other["failure"]["message"] + "."))
+    if not has_reference and numbers["correction"] not in ("", "none"):
+        parts.append(
+            _banner(
+                "warn",
+                "No reference",
+                "Without a bag of the uncorrected part the effect of the correction is not shown.",
+            )
+        )
+    return "\n".join(parts)
+
+
+def cards(numbers: Numbers) -> str:
+    """The numbers to remember."""
+    parts = [
+        _error_card("Largest error", numbers, "max_mm", "max"),
+        _error_card("Mean error", numbers, "mean_abs_mm", "mean_abs"),
+        _force_card(numbers["force"]),
+        _card(
+            "Contours formed",
+            f"{numbers['contours']} <small>of {numbers['contours_planned']}</small>",
+            "",
+            numbers["complete"],
+        ),
+        _card("Late control ticks", f"{numbers['late_ticks']}", f"of {numbers['ticks']:,} ticks".replace(",", " ")),
+        _card(
+            "Lost messages",
+            f"{numbers['lost_messages']}",
+            f"{number(numbers['sim_s'], 1)} s of process, {number(numbers['wall_s'], 1)} s of wall time",
+        ),
+    ]
+    return "\n".join(parts)
+
+
+def region_table(numbers: Numbers) -> str:
+    """Deviation by region: of the reference, where there is one, and of this part."""
+    other = numbers["reference"]
+    before = other["deviation"]["regions"] if other and other["deviation"] else None
+    after = numbers["deviation"]["regions"]
+    keys: dict[str, tuple[str, Callable[[float | None], str]]] = {
+        "max_mm": ("largest", number),
+        "mean_abs_mm": ("mean", number),
+        "rms_mm": ("rms", number),
+        "mean_mm": ("signed mean", number),
+        "max_normal_mm": ("largest, normal", number),
+        "within_0_3mm_fraction": ("within ± 0.3 mm", partial(percent, digits=1)),
+    }
+    rows = []
+    for name in REGIONS:
+        cells = [shown(after[name][key]) for key, (_, shown) in keys.items()]
+        if before is not None:
+            old = [shown(before[name][key]) for key, (_, shown) in keys.items()]
+            cells = [f"{was} → <b>{cell}</b>" for was, cell in zip(old, cells, strict=True)]
+        rows.append([REGION_LABELS[name], *cells])
+    caption = "Deviation by region [mm]" + (", uncorrected → <b>this part</b>" if before is not None else "")
+    return table(caption, ["region", *(label for label, _ in keys.values())], rows)
+
+
+def force_table(force: Numbers) -> str:
+    """Accuracy of the support force."""
+    rows = [
+        ["set-point", _set_point(force)],
+        ["within ± 10 N, while in full control", percent(force["within_10N_fraction"])],
+        ["error, 99 % of the time below", f"{number(force['p99_abs_error_N'], 1)} N"],
+        ["error, 99.9 % of the time below", f"{number(force['p999_abs_error_N'], 1)} N"],
+        ["largest error", f"{number(force['max_abs_error_N'], 1)} N"],
+        ["rms error", f"{number(force['rms_error_N'], 2)} N"],
+        ["mean error", f"{number(force['mean_error_N'], 2)} N"],
+        ["in contact, while in full control", percent(force["contact_fraction"])],
+        ["in full control", f"{number(force['engaged_s'], 1)} s, {percent(force['engaged_fraction'])} of the ticks"],
+    ]
+    return table("Support force, raw signal of the load cell", ["", ""], rows)
+
+
+def percent(fraction: float | None, digits: int = 2) -> str:
+    """Fraction as percent; never rounded up to 100 %."""
+    if fraction is None:
+        return DASH
+    return "100 %" if fraction == 1.0 else f"{min(100 * fraction, 100 - 10**-digits):.{digits}f} %"
+
+
+def job_table(record: PartRecord) -> str:
+    """What was formed, how, and with which software."""
+    plant = "real machine" if record.world < 0 else f"simulated, world {record.world}, seed {record.seed}"
+    metrics = force_metrics(record.results, record.control_rate) if record.support_force > 0 else None
+    support = f"{record.support_force:.0f} N" if record.support_force > 0 else "position control or none"
+    if metrics is not None and (places := by_place(metrics.lowest, metrics.highest)):
+        support += f", by place {places}"
+    rows = [
+        ["job", record.job_name],
+        ["process", record.process],
+        ["springback correction", record.correction or "none"],
+        ["support force set-point", support],
+        ["machine", plant],
+        ["control rate", f"{record.control_rate:.0f} Hz{', lockstep' if record.lockstep else ''}"],
+        ["plan", record.plan_id],
+        ["software that formed the part", record.software],
+    ]
+    return table("Job", ["", ""], [[escape(cell) for cell in row] for row in rows])
+
+
+def constants(record: PartRecord) -> str:
+    """Constants of material and rig with where each comes from, by the names in the job; text when they are unknown."""
+    try:
+        job = JobFile(record.job_text, Path()).job
+        parts = [
+            _sources("Material", find_named("materials", job.sheet.material)),
+            _sources("Rig", find_named("rigs", job.rig)),
+        ]
+    except (IsfError, OSError) as error:
+        words = error.message if isinstance(error, IsfError) else str(error)
+        return f"<p>The constants of material and rig are not shown: {escape(words)}</p>"
+    return "\n".join(parts)
+
+
+def _sources(title: str, path: Path) -> str:
+    """Table of one file: values as written there, with their units, and the source of each."""
+    content = yaml.safe_load(yaml_file.read(path))
+    provenance = content.get("provenance", {})
+    rows = [[escape(key), _value_text(content, key), escape(str(text))] for key, text in provenance.items()]
+    return table(f"{title} {escape(str(content.get('name', path.stem)))}: constants and their sources", _SOURCES, rows)
+
+
+def table(
+    caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], *, text: Sequence[int] = (), wrap: bool = False
+) -> str:
+    """HTML table of ready HTML cells; cells that are numbers are aligned right.
+
+    ``text``: columns of words in a table of numbers; ``wrap``: the first column holds sentences.
+    """
+    kind = ' class="wrap"' if wrap else ""
+    lines = [f'<div class="table"><table{kind}><caption>{caption}</caption>']
+    if any(head):
+        lines.append(
+            "<thead><tr>"
+            + "".join(_cell("th", word, k not in text, len(head), k) for k, word in enumerate(head))
+            + "</tr></thead>"
+        )
+    lines.append("<tbody>")
+    for row in rows:
+        lines.append(
+            "<tr>"
+            + f"<th>{row[0]}</th>"
+            + "".join(_cell("td", word, k not in text, len(row), k) for k, word in enumerate(row[1:], 1))
+            + "</tr>"
+        )
+    lines.append("</tbody></table></div>")
+    return "\n".join(lines)
+
+
+def _cell(tag: str, text: str, numeric: bool, columns: int, column: int) -> str:
+    right = numeric and column > 0 and columns > 3
+    return f'<{tag} class="n">{text}</{tag}>' if right else f"<{tag}>{text}</{tag}>"
+
+
+def _banner(kind: str, title: str, text: str) -> str:
+    return f'<div class="banner {kind}"><strong>{escape(title)}</strong>{escape(text)}</div>'
+
+
+def _card(label: str, value: str, note: str, good: bool | None = None) -> str:
+    kind = "" if good is None else " good" if good else " bad"
+    return (
+        f'<div class="card{kind}"><div class="label">{escape(label)}</div>'
+        f'<div class="value">{value}</div><div class="note">{escape(note)}</div></div>'
+    )
+
+
+def _error_card(label: str, numbers: Numbers, key: str, factor: str) -> str:
+    own = numbers["deviation"]
+    value = f"{number(own[key] if own else None)} <small>mm</small>"
+    other = numbers["reference"]
+    if not other or not other["deviation"] or not own:
+        return _card(label, value, "vertical, whole part")
+    before = f'<span class="before">{number(other["deviation"][key])} → </span>'
+    gain = (numbers["improvement"] or {}).get(factor)
+    note = (
+        "against uncorrected"
+        if gain is None
+        else f"{100 * abs(1 - 1 / gain):.0f} % {'less' if gain >= 1 else 'more'} than uncorrected"
+    )
+    return _card(label, before + value, note, None if gain is None else gain >= 1)
+
+
+def _force_card(force: Numbers | None) -> str:
+    if force is None:
+        return _card("Support force", DASH, "no force control in this part")
+    share = force["within_10N_fraction"]
+    places = by_place(force["set_min_N"], force["set_max_N"])
+    value = percent(share).replace(" %", " <small>%</small>")
+    return _card(
+        f"Within ± 10 N of {_set_point(force)}",
+        value,
+        "of the time in full control" + (", by place" if places else ""),
+        None if share is None else share > 0.99,
+    )
+
+
+def _set_point(force: Numbers) -> str:
+    return by_place(force["set_min_N"], force["set_max_N"]) or f"{number(force['set_N'], 0)} N"
+
+
+def _lost_part(numbers: Numbers) -> list[Numbers]:
+    """Events after which the part is scrap."""
+    scrap = {kind_name(EventKind.FRACTURE), kind_name(EventKind.BUCKLING)}
+    return [event for event in numbers["events"] if event["kind"] in scrap]
+
+
+def _code_name(code: int) -> str:
+    if not code:
+        return "Cause"
+    try:
+        return f"{code} {ErrorCode(code).name}"
+    except ValueError:
+        return f"code {code}"
+
+
+def _value_text(values: dict[str, Any], key: str) -> str:
+    """Value of a dotted name; nothing for the name of a group that the file spells differently."""
+    current: Any = values
+    for part in key.split("."):
+        if not isinstance(current, dict) or part not in current:
+            return ""
+        current = current[part]
+    if isinstance(current, dict):
+        return escape(", ".join(f"{name} {_plain(value)}" for name, value in current.items()))
+    return escape(_plain(current))
+
+
+def _plain(value: Any) -> str:
+    return " × ".join(str(item) for item in value) if isinstance(value, list) else str(value)

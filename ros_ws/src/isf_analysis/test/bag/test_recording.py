@@ -1,0 +1,76 @@
+"""The writer thread of a recording: order, loss, failure of the disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from isf_analysis.bag import bag_file as mcap_repair
+from isf_analysis.bag import topics
+from isf_analysis.bag.bag_file import BagFile
+from isf_analysis.bag.recording import Recording
+from isf_analysis.bag.topics import cell_types, make_message
+from isf_core.errors import ErrorCode, IsfError
+from rosbags.rosbag2 import Reader
+
+WRENCH = next(topic for topic in topics.CELL if topic.name == "tool_1/wrench")
+DATA = bytes(cell_types().serialize_cdr(make_message(WRENCH.type), WRENCH.type))
+
+
+def test_every_topic_of_the_cell_has_a_type_the_bags_know() -> None:
+    for topic in topics.CELL:
+        assert topic.type in cell_types().fielddefs, topic.name
+        make_message(topic.type)
+
+
+def test_messages_come_back_in_order_and_are_counted(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bag", [(WRENCH, "/left/tool_1/wrench")])
+    connection = recording.connections[0]
+    for start in range(0, 1000, 10):
+        recording.put([(connection, start + k + 1, DATA) for k in range(10)])
+    recording.close()
+    assert recording.written == 1000
+    assert 10 <= recording.longest_queue <= 1000
+    with Reader(tmp_path / "bag") as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == list(range(1, 1001))
+        assert reader.connections[0].topic == "/left/tool_1/wrench"
+
+
+def test_an_empty_recording_is_a_bag_without_messages(tmp_path: Path) -> None:
+    Recording(tmp_path / "bag", [(WRENCH, "/tool_1/wrench")]).close()
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count == 0
+
+
+def test_a_disk_that_refuses_is_told_on_closing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise IsfError(ErrorCode.BAG_NOT_WRITABLE, "no space left on device")
+
+    monkeypatch.setattr(BagFile, "write", refuse)
+    recording = Recording(tmp_path / "bag", [(WRENCH, "/tool_1/wrench")])
+    recording.put([(recording.connections[0], 1, DATA)])
+    recording.put([(recording.connections[0], 2, DATA)])
+    with pytest.raises(IsfError, match="no space left") as caught:
+        recording.close()
+    assert caught.value.code == ErrorCode.BAG_NOT_WRITABLE
+    assert recording.written == 0
+
+
+def test_a_flushed_bag_survives_without_being_closed(tmp_path: Path) -> None:
+    bag = BagFile(tmp_path / "bag")
+    connection = bag.add(WRENCH)
+    bag.write(connection, 1, DATA)
+    bag.flush()
+    bag.write(connection, 2, DATA)  # still in memory
+    assert mcap_repair.repair(tmp_path / "bag" / "bag.mcap", tmp_path / "repaired.mcap")
+    with Reader(tmp_path / "repaired.mcap") as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == [1]
+    bag.close()
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count == 2
+
+
+def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(IsfError, match="known: none, zstd"):
+        BagFile(tmp_path / "bag", compression="rar")
+    assert not (tmp_path / "bag").exists()

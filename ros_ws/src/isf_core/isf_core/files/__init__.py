@@ -1,0 +1,1 @@
+"""The files people write: jobs, rigs, materials and response surfaces, checked and in SI units."""

@@ -1,0 +1,644 @@
+"""Job files: everything that is chosen for one part, section by section.
+
+Sections: part (which CAD surface, in which unit, which way up and where on the blank); blank, tools and what stands
+under the sheet; path (how the surface is turned into contours); adsif; control (force and compliance); springback (how
+each contour is corrected before it is formed). SI units inside, a number with its unit in the file.
+
+Force rules say where a support force other than the job's holds: by wall, wall angle, corner, depth or place. The
+published test of a pyramid asks for 100 to 200 N, different on adjacent walls (Ren 2018, 2.4). What a rule asks for
+stands in the contours as their set-points, point by point; force control follows it at its own rate, so a rule that
+begins in the middle of a wall needs no ramp.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PrivateAttr, model_validator
+
+from isf_core.contour import Process
+from isf_core.files import yaml_file
+from isf_core.files.material import Material, load_material
+from isf_core.files.quantity import Acceleration, Angle, Force, Frequency, Length, Speed, Stress
+from isf_core.files.rig import Rig, load_rig
+from isf_core.files.yaml_file import FileModel
+from isf_core.process.support_window import SupportWindow, check_window, support_window
+from isf_core.types import Array
+
+MeshUnit = Literal["m", "cm", "mm", "in"]
+METRES: dict[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 25.4e-3}
+"""Length of the units that a mesh may have."""
+
+UNIT_IN_FILE = (".step", ".stp", ".iges", ".igs", ".3mf")
+"""Formats that carry their unit."""
+
+
+class PartSpec(FileModel):
+    """The CAD surface: the upper face of the formed sheet, opening towards +z."""
+
+    mesh: str
+    """Path of the mesh file, relative to the job file."""
+    unit: MeshUnit | None = None
+    """Unit of the mesh coordinates; never guessed. Only formats that carry their unit (STEP, IGES, 3MF) need none."""
+    up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "+z"
+    """Axis of the file that points up, out of the open side of the part."""
+    turn: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    """Turns about x, y and z of the file, one after the other, before ``up`` is set upright."""
+    scale: float = Field(default=1.0, gt=1e-3, lt=1e3)
+    """Factor on all lengths."""
+    place: tuple[Length, Length] | None = None
+    """x and y of the outline's centre on the blank; the centre of the blank when left out."""
+    repair: bool = True
+    """Repair cracks, duplicate and turned facets and holes narrower than the tool; each is told. False: refuse them."""
+
+    @model_validator(mode="after")
+    def _unit_declared(self) -> PartSpec:
+        if self.unit is None and PurePath(self.mesh).suffix.lower() not in UNIT_IN_FILE:
+            raise ValueError(f"unit is missing: '{self.mesh}' carries none; write unit: mm (or m, cm, in)")
+        return self
+
+
+class SheetSpec(FileModel):
+    """The blank."""
+
+    material: str
+    thickness: Length = Field(gt=0.05e-3, lt=10e-3)
+
+
+class ToolSpec(FileModel):
+    """A tool with a hemispherical tip, or a flat tip with a corner radius."""
+
+    radius: Length = Field(gt=0.5e-3, lt=50e-3)
+    """Radius of the hemisphere; of a flat tip: of its whole circle."""
+    corner_radius: Length | None = Field(default=None, gt=0.1e-3, lt=50e-3)
+    """Flat tip: radius of its rounded edge, at most ``radius``; None: hemisphere."""
+    stick_out: Length | None = Field(default=None, gt=1e-3, lt=1.0)
+    """From the chuck to the tip; needed for compensation of the tool's own bending."""
+    shank_radius: Length | None = Field(default=None, gt=0.5e-3, lt=0.2)
+    """Of the shank; None: ``radius``."""
+    young_modulus: Stress = Field(default=210e9, gt=1e9, lt=1e12)
+    """Of the tool; the default is that of steel."""
+
+    @model_validator(mode="after")
+    def _corner(self) -> ToolSpec:
+        if self.corner_radius is not None and self.corner_radius > self.radius:
+            raise ValueError("corner_radius must not exceed radius")
+        return self
+
+    @property
+    def ball_radius(self) -> float:
+        """m, radius of the rounding that touches the wall: of the hemisphere, or of a flat tip's corner."""
+        return self.radius if self.corner_radius is None else self.corner_radius
+
+    @property
+    def flat_radius(self) -> float:
+        """m, radius of the flat of the tip, 0 for a hemisphere."""
+        return self.radius - self.ball_radius
+
+
+class BackingPlateSpec(FileModel):
+    """A rigid plate under the sheet with an opening around the path, centred in the clamp."""
+
+    shape: Literal["circle", "rectangle"]
+    size: tuple[Length, Length]
+    """Opening in x and y: diameters of a circle (equal), sides of a rectangle."""
+    corner_radius: Length = Field(default=0.0, ge=0)
+    """Of a rectangle in plan view."""
+    edge_radius: Length = Field(default=2e-3, ge=0)
+    """Rounding of the plate's upper edge."""
+
+    @model_validator(mode="after")
+    def _opening(self) -> BackingPlateSpec:
+        if min(self.size) <= 0:
+            raise ValueError("size must be positive")
+        if self.shape == "circle" and self.size[0] != self.size[1]:
+            raise ValueError("the two sizes of a circle must be equal")
+        if self.corner_radius > min(self.size) / 2:
+            raise ValueError("corner_radius must not exceed half the smaller side")
+        return self
+
+
+class DieSpec(FileModel):
+    """TPIF: a partial or full die under the sheet, as a surface in frame ``sheet`` with the blank holder at its start.
+
+    The clamped sheet moves down over the die with the blank holder; in frame ``sheet`` the die rises.
+    """
+
+    mesh: str
+    """Path of the mesh of the die's upper surface, relative to the job file."""
+    unit: MeshUnit
+
+
+class PathSpec(FileModel):
+    """How the surface is turned into contours."""
+
+    incremental_depth: Length = Field(gt=0.01e-3, lt=5e-3)
+    point_spacing: Length = Field(gt=0.05e-3, lt=5e-3)
+    feed: Speed = Field(gt=0.1e-3, lt=1.0)
+    squeeze_factor: float = Field(default=1.0, gt=0.3, le=1.2)
+    """Planned tool gap over predicted thickness; 1 = sine-law gap."""
+
+    spacing: Literal["depth", "scallop", "arc"] = "depth"
+    """Levels at constant incremental depth, constant scallop height, or constant distance down the wall."""
+    scallop_height: Length = Field(default=0.01e-3, gt=0.1e-6, lt=1e-3)
+    """Spacing scallop: height of the ridges between neighbouring contours."""
+    arc_step: Length = Field(default=0.5e-3, gt=0.01e-3, lt=10e-3)
+    """Spacing arc: distance of the contacts of neighbouring contours along the wall, at most."""
+    smallest_step: Length = Field(default=0.1e-3, gt=1e-6, lt=5e-3)
+    """Spacing scallop or arc: smallest step in depth, which also holds on floors and at the rim."""
+    largest_step: Length | None = Field(default=None, gt=0.01e-3, lt=10e-3)
+    """Spacing scallop or arc: largest step in depth; None: the incremental depth."""
+
+    style: Literal["contours", "spiral"] = "contours"
+    """Separate contours, or one continuous spiral per feature."""
+    direction: Literal["ccw", "cw", "alternating"] = "ccw"
+    """Sense of travel seen from above; alternating: every other contour the other way round."""
+    transition: Literal["step", "ramp"] = "step"
+    """Style contours: from contour to contour straight down at the seam, or along a ramp within the wall."""
+    ramp_length: Length = Field(default=10e-3, gt=0.5e-3, lt=1.0)
+    """Length of the ramp along the contour; the seam moves on by as much with every contour."""
+    stagger: Length = Field(default=0.0, ge=0.0, lt=1.0)
+    """Transition step: by how much the start of every contour lies further along than that of the one before."""
+    acceleration: Acceleration | None = Field(default=None, gt=1e-3, lt=100.0)
+    """Largest acceleration of the forming tip: it slows down in corners and at both ends; None: feed everywhere."""
+    support: Literal["opposite", "on_blank"] = "opposite"
+    """DSIF: the support tool is opposite the contact, or stays under the blank along the first contour."""
+    islands: Literal["around", "swap"] = "around"
+    """DSIF: what rises from the floor of a pocket is formed around from above, or from below with the tools swapped."""
+    stages: tuple[Angle, ...] = ()
+    """SPIF and DSIF: largest wall angles of the preforms formed before the part itself, ascending; none: one stage."""
+    floor_step: Length | None = Field(default=None, gt=0.2e-3, lt=0.1)
+    """SPIF and DSIF: distance of the rings in which the tool passes over a flat floor after the wall; None: none."""
+    floor_rounds: int = Field(default=3, ge=1, le=10)
+    """How often the floor is passed over, inwards and outwards in turn."""
+    thickness: Literal["sine_law", "overlap"] = "sine_law"
+    """How the formed thickness is predicted that the support tool's gap follows."""
+
+    compensation: tuple[Literal["tool", "sheet", "machine"], ...] = ()
+    """What is compensated in the plan, without feedback: bending of the forming tool, elastic deflection of the sheet,
+    error map of the machine."""
+    sheet_term: Literal["component", "axial"] = "component"
+    """Axial shift for a sheet deflection w: w times the cosine of the wall angle, or the whole w."""
+    sheet_gain: float = Field(default=1.0, gt=0.0, le=2.0)
+    """Factor on the sheet deflection, to be calibrated; assumed 1."""
+    machine_error: str | None = None
+    """CSV beside the job: x, y, z in mm and how much farther apart than commanded the tips are there, in mm."""
+    machine_error_tool: Literal["support", "tool_1", "tool_2"] = "support"
+    """Tool that is moved for it. A gauge between the tips does not tell which tool is off: support keeps the distance
+    of the tools right and leaves the part where the forming tool is; else the tool that is known to be off."""
+
+    @model_validator(mode="after")
+    def _compensation(self) -> PathSpec:
+        if "machine" in self.compensation and self.machine_error is None:
+            raise ValueError("compensation machine needs machine_error, the file with the measured errors")
+        if len(set(self.compensation)) != len(self.compensation):
+            raise ValueError("compensation names something twice")
+        return self
+
+    @model_validator(mode="after")
+    def _stages(self) -> PathSpec:
+        angles = (0.0, *self.stages, 0.5 * math.pi)
+        if any(later <= earlier for earlier, later in itertools.pairwise(angles)):
+            raise ValueError("stages must be ascending wall angles between 0 and 90 deg")
+        return self
+
+    @model_validator(mode="after")
+    def _path_choices(self) -> PathSpec:
+        joined = self.style == "spiral" or self.transition == "ramp"
+        if joined and self.direction == "alternating":
+            raise ValueError("direction alternating needs style contours and transition step: joined paths run one way")
+        if joined and self.stagger > 0:
+            raise ValueError("stagger needs style contours and transition step: joined paths have no seams to spread")
+        if self.style == "spiral" and self.transition == "ramp":
+            raise ValueError("a spiral has no ramps: use style contours with transition ramp, or leave transition out")
+        return self
+
+    @model_validator(mode="after")
+    def _nothing_ignored(self) -> PathSpec:
+        """What is written down has to have an effect."""
+        needs = {
+            "scallop_height": (self.spacing == "scallop", "spacing scallop"),
+            "arc_step": (self.spacing == "arc", "spacing arc"),
+            "smallest_step": (self.spacing != "depth", "spacing scallop or arc"),
+            "largest_step": (self.spacing != "depth", "spacing scallop or arc"),
+            "ramp_length": (self.transition == "ramp", "transition ramp"),
+            "floor_rounds": (self.floor_step is not None, "floor_step"),
+            "sheet_term": ("sheet" in self.compensation, "compensation sheet"),
+            "sheet_gain": ("sheet" in self.compensation, "compensation sheet"),
+            "machine_error": ("machine" in self.compensation, "compensation machine"),
+            "machine_error_tool": ("machine" in self.compensation, "compensation machine"),
+        }
+        for name in sorted(self.model_fields_set & set(needs)):
+            used, need = needs[name]
+            if not used:
+                raise ValueError(f"{name} has no effect without {need}")
+        return self
+
+    def without_effect(self, process: str) -> str | None:
+        """What the ``process`` (SPIF, TPIF, DSIF, ADSIF) makes no use of, as a sentence for people, or None."""
+        if process != "DSIF" and self.support != "opposite":
+            return f"path.support {self.support} needs process DSIF: {process} has no support tool to place"
+        if process != "DSIF" and self.squeeze_factor != 1.0:
+            return f"path.squeeze_factor needs process DSIF: the gap of {process} does not follow it"
+        if process != "DSIF" and self.islands != "around":
+            return f"path.islands {self.islands} needs process DSIF: {process} has no second tool that forms"
+        if process in ("SPIF", "DSIF"):
+            return None
+        if self.stages:
+            return f"path.stages needs process SPIF or DSIF: {process} forms in one stage"
+        if self.floor_step is not None:
+            return f"path.floor_step needs process SPIF or DSIF: {process} forms no floor of its own"
+        if self.thickness != "sine_law":
+            return f"path.thickness {self.thickness} needs process SPIF or DSIF: {process} is planned by the sine law"
+        if {"sheet", "tool"} & set(self.compensation):
+            return f"path.compensation sheet and tool need process SPIF or DSIF: their models do not hold for {process}"
+        if process != "ADSIF":
+            return None
+        if self.transition != "step" or self.stagger > 0 or self.direction == "alternating":
+            return "path.transition, stagger and direction alternating have no effect: ADSIF runs along one spiral"
+        if self.style == "contours" and "style" in self.model_fields_set:
+            return "path.style contours has no effect: ADSIF runs along one spiral"
+        if self.spacing != "depth":
+            return f"path.spacing {self.spacing} has no effect: the turns of ADSIF are adsif.pitch apart"
+        return None
+
+
+class AdsifSpec(FileModel):
+    """How position angle and gap of the tools are chosen (Ren 2018, chapter 3)."""
+
+    surface: str = "AA5754-O_1mm_R5"
+    """Response surface: a name in ``share/isf_core/adsif`` or a path relative to the job file."""
+    pitch: Length = Field(default=0.2e-3, gt=0.01e-3, lt=2e-3)
+    """Horizontal distance between two turns of the spiral."""
+    projection_distance: Length | None = Field(default=None, gt=0.1e-3, lt=10e-3)
+    """Depth of the forming tip below the blank's upper face, constant; None: that of the surface."""
+    policy: Literal["variation", "force", "trade_off", "continuity"] = "trade_off"
+    largest_variation: Angle = Field(default=math.radians(5.0), gt=0.0, lt=1.0)
+    """Policy trade_off: largest angle variation at which the smallest force is looked for."""
+    compensate_compliance: bool = True
+    """Command the gap smaller by what the rig's tools give way under the predicted force (Ren 2018 eq. 3-12)."""
+
+
+RuleForce = Annotated[Force, Field(gt=0.0, le=1500.0)]
+
+
+class ForceRule(FileModel):
+    """One rule; it holds where all of its conditions hold, ends of a range included."""
+
+    force: RuleForce
+    """Set-point of the horizontal normal force there."""
+    facing: tuple[Angle, Angle] | None = None
+    """Direction of the outward normal in the plane, from x towards y, counter-clockwise from one to the other."""
+    wall_angle: tuple[Angle, Angle] | None = None
+    """Angle of the wall from the horizontal."""
+    corner_radius: tuple[Length, Length] | None = None
+    """Radius of the forming tool's path in the plane, not of the part; straight lines are in no range."""
+    depth: tuple[Length, Length] | None = None
+    """Of the forming tip below (or, formed from below, above) the blank."""
+    x: tuple[Length, Length] | None = None
+    """Of the forming tip."""
+    y: tuple[Length, Length] | None = None
+    """Of the forming tip."""
+
+    @model_validator(mode="after")
+    def _says_where(self) -> ForceRule:
+        ranges = {name: getattr(self, name) for name in ("wall_angle", "corner_radius", "depth", "x", "y")}
+        if self.facing is None and not any(ranges.values()):
+            raise ValueError("the rule says nowhere: give facing, wall_angle, corner_radius, depth, x or y")
+        for name, limits in ranges.items():
+            if limits is not None and not limits[0] < limits[1]:
+                raise ValueError(f"{name} must go from a smaller to a larger value")
+            if limits is not None and name in ("wall_angle", "corner_radius", "depth") and limits[0] < 0.0:
+                raise ValueError(f"{name} is never negative: begin at 0")
+        turn = 2.0 * math.pi + 1e-9
+        for name in ("facing", "wall_angle"):
+            limits = getattr(self, name)
+            if limits is not None and max(abs(limits[0]), abs(limits[1])) > turn:
+                raise ValueError(f"{name} must lie within -360 and 360 deg")
+        if self.facing is not None:
+            begin, end = self.facing
+            if math.isclose(begin, end, abs_tol=1e-9):
+                raise ValueError("facing begins where it ends: give a range, or leave it out for all directions")
+        return self
+
+
+@dataclass(frozen=True)
+class WallFacts:
+    """What rules ask about the N points of a contour.
+
+    Attributes
+    ----------
+    facing : (N,) rad, direction of the horizontal outward normal ; wall_angle : (N,) rad ; corner_radius : (N,) m,
+        infinite on straight lines ; depth : (N,) m ; x, y : (N,) m
+    """
+
+    facing: Array
+    wall_angle: Array
+    corner_radius: Array
+    depth: Array
+    x: Array
+    y: Array
+
+
+def ruled_forces(rules: Sequence[ForceRule], force: float, facts: WallFacts) -> Array:
+    """(N,) N: ``force``, and where a rule holds the rule's; of several the last one."""
+    wanted = np.full(len(facts.facing), force)
+    for rule in rules:
+        wanted[holds(rule, facts)] = rule.force
+    return wanted
+
+
+def holds(rule: ForceRule, facts: WallFacts) -> NDArray[np.bool_]:
+    """(N,) where all conditions of ``rule`` hold."""
+    where = np.ones(len(facts.facing), dtype=bool)
+    if rule.facing is not None:
+        begin, end = rule.facing
+        turn = 2.0 * math.pi
+        span = (end - begin) % turn or turn  # from -180 to 180 deg is all round; equal ends are refused
+        where &= np.mod(facts.facing - begin, turn) <= span
+    for name in ("wall_angle", "corner_radius", "depth", "x", "y"):
+        limits = getattr(rule, name)
+        if limits is not None:
+            value = getattr(facts, name)
+            where &= (value >= limits[0]) & (value <= limits[1])
+    return where
+
+
+LARGEST_SUPPORT_FORCE = 1500.0
+"""N, that a job or a run may ask for."""
+SupportForce = Annotated[Force, Field(ge=0.0, le=LARGEST_SUPPORT_FORCE)]
+
+
+class ControlSpec(FileModel):
+    """Force and compliance control."""
+
+    rate: Frequency = Field(default=500.0, ge=100.0, le=2000.0)
+    """Rate f_s of wrenches and targets."""
+    support_force: Literal["auto"] | SupportForce = 0.0
+    """Set-point of the horizontal normal force on the support tool; 0 = position control, ``auto`` = from sheet, tools,
+    rig and wall angle (:mod:`isf_core.process.support_window`)."""
+    force_rules: tuple[ForceRule, ...] = ()
+    """Other set-points on some walls, corners, depths or places (:mod:`isf_core.files.job`); the last rule that holds
+    counts. They need a support_force, which holds elsewhere."""
+    engage_depth: Length = Field(default=0.0, ge=0.0)
+    """Force control acts on contours at least this deep: not on the entry fillet (Ren 2018, 2.4.1)."""
+    engage_wall_angle: Angle = Field(default=math.radians(15.0), ge=0.0, lt=1.5708)
+    """Force control acts on contours at least this steep: on flat sheet the horizontal normal force has no
+    authority (Ren 2018, section 2.4); the default is assumed."""
+    compliance_compensation: float = Field(default=1.0, ge=0.0, le=1.0)
+    """Factor on the compliance compensation of the forming tool."""
+    support_compensation: float | None = Field(default=None, ge=0.0, le=1.0)
+    """Factor on the compliance compensation of the support tool, on contours without force control. None: as much as
+    is stable in ADSIF, where no wall guides the tools (Ren 2018, 3.3.1), nothing in other processes."""
+
+    components: tuple[Literal["normal", "vertical", "tangential"], ...] = ("normal",)
+    """Which components of the force on the support tool are controlled; the horizontal normal one always is. Vertical
+    and tangential turn the line of the ball centres, slowly and within small offsets."""
+    vertical_force: Force | None = Field(default=None, ge=0.0, le=1500.0)
+    """Set-point of the vertical component, positive in compression; None: that of a contact without friction, the
+    normal one times the cotangent of the wall angle."""
+    tangential_force: Force = Field(default=0.0, ge=-500.0, le=500.0)
+    """Set-point of the tangential component, along the outward normal turned by +90 deg about z."""
+
+    @model_validator(mode="after")
+    def _components_with_set_points(self) -> ControlSpec:
+        if "normal" not in self.components:
+            raise ValueError("components must hold normal: the other components turn a force whose size it controls")
+        if "vertical" not in self.components and self.vertical_force is not None:
+            raise ValueError("vertical_force has no effect unless components holds vertical")
+        if "tangential" not in self.components and self.tangential_force != 0.0:
+            raise ValueError("tangential_force has no effect unless components holds tangential")
+        return self
+
+    @model_validator(mode="after")
+    def _rules_with_force(self) -> ControlSpec:
+        if self.force_rules and not self.force_controlled:
+            raise ValueError("force_rules have no effect unless support_force is a force or auto")
+        return self
+
+    @property
+    def force_controlled(self) -> bool:
+        """True when the support tool is to be force-controlled at all."""
+        return self.support_force == "auto" or self.support_force > 0.0
+
+
+class MpcSpec(FileModel):
+    """Model-predictive control from scans; the defaults are those of Lu 2016 (Tables 3-5) unless said otherwise."""
+
+    horizon: int = Field(default=6, ge=0, le=100)
+    """Contours looked ahead; 0: to the end of the part."""
+    vertical_weight: float = Field(default=0.2, ge=0.0, le=100.0)
+    """lambda_z, damps the step depth."""
+    horizontal_weight: float = Field(default=0.7, ge=0.0, le=100.0)
+    """lambda_h, holds the horizontal increment near the planned one."""
+    smallest_step: float = Field(default=0.5, gt=0.0, le=1.0)
+    """Smallest step depth, in planned steps."""
+    largest_step: float = Field(default=2.0, gt=1.0, le=10.0)
+    """Largest step depth, in planned steps; above 1, or a lag could never be made good."""
+    horizontal_change: Length = Field(default=0.5e-3, gt=0.0, lt=5e-3)
+    """Largest departure e of a horizontal increment from the planned one."""
+    largest_offset: Length = Field(default=10e-3, gt=0.0, lt=30e-3)
+    """Largest departure from the planned path in all (assumed)."""
+    reference_angles: tuple[Angle, ...] = (math.radians(45.0),)
+    """Directions whose section is optimised, seen from the middle of the contour; one is published for the pyramid,
+    five (0, 45, 90, 180, 270 deg) for the asymmetric cone."""
+    distribution: Literal["none", "uniform", "interpolated", "dense"] = "interpolated"
+    """Horizontal springback between the reference directions; dense: every direction is measured and optimised."""
+    step: Literal["common", "per_direction"] = "common"
+    """One step depth for the whole contour (published), or one for every direction."""
+    coupled: bool = False
+    """Optimise step depth and horizontal increment in one problem, with slope and offset as constraints."""
+    solver: Literal["scipy", "piqp"] = "scipy"
+
+    @model_validator(mode="after")
+    def _directions(self) -> MpcSpec:
+        if not self.reference_angles:
+            raise ValueError("reference_angles needs one direction or more")
+        return self
+
+
+class ElasticSpec(FileModel):
+    """Method "elastic": shell model of the partly formed sheet at few control points (Ren 2018, 4.2 and 4.3)."""
+
+    database: str | None = None
+    """File made by ``isf springback database``, relative to the job file; without it the user's cache is looked into,
+    and what is not there is computed while forming."""
+    edge_slope: Literal["clamped", "supported"] = "clamped"
+    edge_stiffness: Stress | None = Field(default=None, ge=0.0)
+    """In-plane spring of the clamped edge, force per displacement and length; ``isf springback calibrate`` finds it
+    from a push on the flat sheet. Without it the edge is free or immovable as the rig says."""
+    loop_increment: Length = Field(default=1e-3, gt=0.0)
+    """Depth between control loops (published)."""
+    largest_load: Force = Field(default=1000.0, gt=10.0)
+    """Largest load of the samples; published 600 N, which the forces of deep cones exceed."""
+    engine: Literal["compact", "kratos"] = "compact"
+    """What computes the samples of a database and ``predict``: the shell of this package, or KratosMultiphysics, which
+    is installed by itself, takes some twenty times as long and gives the same. While forming it is the former."""
+    forecast: Literal["hold", "half_step", "linear"] = "hold"
+    """Force forecast; half_step is the published 1.5 F_(i-1) - 0.5 F_(i-2). The more a forecast runs ahead, the more
+    the force that a deeper push raises swings the next push: see docs/springback.md."""
+    block: int = Field(default=1, ge=1)
+    """Contours per force forecast (published: 5)."""
+    horizontal: bool = False
+    """Correct across the wall as well, from the measured horizontal force (left uncorrected in the source); the laws
+    are computed while forming, about a second per ``loop_increment``."""
+
+
+class FusedSpec(FileModel):
+    """Method "fused": prediction of a model and bias from the scanned shape as one estimate."""
+
+    model: Literal["analytic", "elastic"] = "analytic"
+    """What predicts from the force; elastic takes its options from the section ``elastic``."""
+
+
+class SpringbackSpec(FileModel):
+    """Correction of each contour before it is formed."""
+
+    method: str = "none"
+    """Name of a method of isf_springback ("none", "analytic", ...)."""
+    gain: float = Field(default=1.0, ge=0.0, le=2.0)
+    first_contour: Literal["predicted", "zero"] = "predicted"
+    """Contours before which no force was measured: corrected for the force that the plan predicts (methods with a
+    model of the sheet), or not corrected, as published (Ren 2018, 4.3.1)."""
+    scan_every: int = Field(default=0, ge=0)
+    """The shape is measured after every so many contours, for methods that use it; 0: never."""
+    scan_clear: bool = True
+    """Both tools are lifted clear and moved aside before a scan, and approach the sheet again after it; otherwise the
+    scan is made with the tools where the contour ended, and what they hide is a hole in it. Open contours (spirals)
+    are always scanned so: a tool lifted off in the middle of one leaves a mark."""
+    lift_every: int = Field(default=0, ge=0)
+    """The forming tool is lifted after every so many contours and measures springback where it stands, for methods
+    that use it; 0: never."""
+    scan_sensor: bool = False
+    """Simulated machine: scans as a scanner sees the part (noise, holes, registration) instead of exact ones."""
+    open_loop_contours: int = Field(default=3, ge=0)
+    """Contours at the start whose shape is too shallow to be used (published: 3, Lu 2016, 4.2.1)."""
+    mpc: MpcSpec = MpcSpec()
+    elastic: ElasticSpec = ElasticSpec()
+    fused: FusedSpec = FusedSpec()
+    learning: str | None = None
+    """Correction file made by ``isf learn`` from parts formed before, relative to the job file."""
+
+
+class Job(FileModel):
+    """One part to be formed."""
+
+    name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.-]+$")
+    part: PartSpec
+    process: Literal["SPIF", "TPIF", "DSIF", "ADSIF"]
+    rig: str
+    sheet: SheetSpec
+    tool_1: ToolSpec
+    tool_2: ToolSpec | None = None
+    backing_plate: BackingPlateSpec | None = None
+    die: DieSpec | None = None
+    path: PathSpec
+    adsif: AdsifSpec | None = None
+    control: ControlSpec = ControlSpec()
+    springback: SpringbackSpec = SpringbackSpec()
+    wall_angle_limit: Angle | None = Field(default=None, gt=0.0, lt=1.5708)
+    """Overrides the material's largest wall angle."""
+    _support_window: SupportWindow | None = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _tools(self) -> Job:
+        if self.process in ("DSIF", "ADSIF") and self.tool_2 is None:
+            raise ValueError(f"process {self.process} needs tool_2")
+        if self.adsif is not None and self.process != "ADSIF":
+            raise ValueError(f"process {self.process} has no section adsif: use ADSIF, or leave adsif out")
+        if self.process == "TPIF" and self.die is None:
+            raise ValueError("process TPIF needs die (mesh and unit)")
+        if self.die is not None and self.process != "TPIF":
+            raise ValueError(f"process {self.process} has no die: use TPIF, or leave die out")
+        if self.process in ("SPIF", "TPIF") and self.control.force_controlled:
+            raise ValueError(f"process {self.process} has no support tool: control.support_force must be 0 N")
+        return self
+
+    @model_validator(mode="after")
+    def _path_of_process(self) -> Job:
+        if problem := self.path.without_effect(self.process):
+            raise ValueError(problem)
+        if self.path.support == "on_blank" and self.control.force_controlled:
+            raise ValueError("path.support on_blank has no force control: control.support_force must be 0 N")
+        return self
+
+    @model_validator(mode="after")
+    def _compensated_once(self) -> Job:
+        wanted = self.path.compensation
+        if "sheet" in wanted and self.springback.method != "none":
+            raise ValueError(
+                "path.compensation sheet and springback.method correct the same deflection: use one of them"
+            )
+        if "tool" in wanted and self.tool_1.stick_out is None:
+            raise ValueError("path.compensation tool needs tool_1.stick_out")
+        if "tool" in wanted and self.control.compliance_compensation > 0:
+            raise ValueError(
+                "path.compensation tool and control.compliance_compensation correct the same deflection: set the "
+                "latter to 0, or leave tool out"
+            )
+        if "machine" in wanted and self.tool_2 is None:
+            raise ValueError("path.compensation machine needs two tools: it corrects the distance between them")
+        return self
+
+    @property
+    def support_window(self) -> SupportWindow | None:
+        """Limits that ``control.support_force: auto`` is chosen between; None with a given force."""
+        return self._support_window
+
+    def support_force_at(self, wall_angle: float = math.radians(45.0)) -> float:
+        """N, set-point of the support tool on a wall of ``wall_angle`` rad; 0 = position control."""
+        given = self.control.support_force
+        if given != "auto":
+            return given
+        return 0.0 if self._support_window is None else self._support_window.set_point(wall_angle)
+
+    @property
+    def process_type(self) -> Process:
+        """The process as the enumeration used in contours."""
+        return Process[self.process]
+
+
+class JobFile:
+    """A job with the files it names resolved.
+
+    Attributes
+    ----------
+    job : Job ; material : Material ; rig : Rig
+    mesh : absolute path of the mesh
+    text : the YAML text as read, base : folder that relative paths refer to
+    """
+
+    def __init__(self, text: str, base: Path, name: str = "job") -> None:
+        self.text = text
+        self.base = base
+        self.job: Job = yaml_file.parse(text, Job, name)
+        self.material: Material = load_material(self.job.sheet.material, base)
+        self.rig: Rig = load_rig(self.job.rig, base)
+        self.job._support_window = _support_window(self)
+        self.mesh: Path = (base / self.job.part.mesh).resolve()
+
+
+def _support_window(job_file: JobFile) -> SupportWindow | None:
+    """Raises IsfError SUPPORT_FORCE_WINDOW when the support force is to be chosen, but none serves."""
+    job, material, rig = job_file.job, job_file.material, job_file.rig
+    if job.control.support_force != "auto" or job.tool_2 is None:
+        return None
+    radius = min(job.tool_1.ball_radius, job.tool_2.ball_radius)
+    window = support_window(
+        material.tensile_strength, radius, job.sheet.thickness, rig.contact_stiffness, rig.limits.offset
+    )
+    check_window(window, job.wall_angle_limit or material.max_wall_angle, material.name)
+    return window
+
+
+def load_job(path: str | Path) -> JobFile:
+    """Job file with its material and rig; raises IsfError naming file, line and field."""
+    path = Path(path)
+    return JobFile(yaml_file.read(path), path.resolve().parent, str(path))

@@ -1,0 +1,235 @@
+"""The rig: clamp, tools' compliance, servo, load cells and limits of one machine.
+
+A rig file may give only what differs from another one: ``based_on`` names the rig (or file) below it. Fields replace
+those below, mappings are merged field by field, so that an identified ``servo.bandwidth`` leaves ``servo.rate`` as it
+is. What was identified later stands above what was identified before, in as many files as wanted.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import Field, model_validator
+
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files import yaml_file
+from isf_core.files.quantity import Compliance, Force, Frequency, Length, Speed, Stiffness, Time, Torque
+from isf_core.files.yaml_file import FileModel, find_named
+
+BASE = "based_on"
+
+MOST_LAYERS = 20
+
+
+def layered_text(path: Path) -> str:
+    """Text of the rig file at ``path`` with everything it is based on; unchanged when it stands alone.
+
+    Raises IsfError as :func:`isf_core.files.yaml_file.read`, and FILE_FIELD for files that are based on each other.
+    """
+    text = yaml_file.read(path)
+    layers = []
+    here = path
+    while (layer := _mapping(text)) is not None and BASE in layer:
+        layers.append(layer)
+        below = layer.pop(BASE)
+        if not isinstance(below, str) or len(layers) > MOST_LAYERS:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                f"is {below!r}, or one of more than {MOST_LAYERS} files that are based on each other",
+                where=f"{path}: {BASE}",
+                advice="name a rig, or a rig file relative to this one, that does not come back to it",
+            )
+        here = find_named("rigs", below, here.parent)
+        text = yaml_file.read(here)
+    if not layers or layer is None:
+        return text
+    merged = layer
+    for upper in reversed(layers):
+        merged = _merged(merged, upper)
+    for tool in ("tool_1", "tool_2"):
+        part = merged.get(tool)
+        if isinstance(part, dict) and isinstance(part.get("error_map"), str):
+            part["error_map"] = str(_map_path(part["error_map"], tool, here, layer, path))
+    return yaml.safe_dump(merged, sort_keys=False, allow_unicode=True, width=10_000)
+
+
+def _map_path(name: str, tool: str, lowest: Path, below: dict[str, Any], top: Path) -> Path:
+    """A map stands beside the file that names it: the lowest one, unless a layer replaces it."""
+    own = below.get(tool)
+    return (lowest if isinstance(own, dict) and own.get("error_map") == name else top).parent / name
+
+
+def _mapping(text: str) -> dict[str, Any] | None:
+    """The mapping of ``text``, None where it is none: the checks of :mod:`isf_core.files.yaml_file` say why."""
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return None
+    return data if isinstance(data, dict) else None
+
+
+def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    result = dict(below)
+    for key, value in above.items():
+        present = result.get(key)
+        result[key] = _merged(present, value) if isinstance(present, dict) and isinstance(value, dict) else value
+    return result
+
+
+class Clamp(FileModel):
+    """The frame that holds the blank; ``size`` is the free sheet between the clamps (x, y)."""
+
+    size: tuple[Length, Length]
+    edge: Literal["free", "fixed"] = "free"
+    """In-plane condition of the clamped edge (deflection and slope are always held): the
+    result depends on it by 20-40 %, so it is a named property of the rig."""
+
+    @model_validator(mode="after")
+    def _positive(self) -> Clamp:
+        if min(self.size) <= 0:
+            raise ValueError("size must be positive")
+        return self
+
+
+class LoadCell(FileModel):
+    """A six-axis load cell in series with a tool.
+
+    Channels are Fx, Fy, Fz, Mx, My, Mz in axes of frame ``sheet``.
+    """
+
+    force_range: tuple[Force, Force, Force]
+    resolution: Force = Field(ge=0)
+    noise_ratio: float = Field(ge=0, lt=0.5)
+    noise_floor: Force = Field(ge=0)
+    crosstalk: float = Field(ge=0, lt=0.5)
+    """Largest share of one force channel in another, drawn for each cell; without meaning beside ``matrix``."""
+    torque_range: tuple[Torque, Torque, Torque] = (1e3, 1e3, 1e3)
+    torque_noise_floor: Torque = Field(default=0.0, ge=0)
+    matrix: tuple[tuple[float, float, float, float, float, float], ...] | None = None
+    """Six rows of six: reading (N and N m) = matrix times load."""
+    adc_bits: int | None = Field(default=None, ge=6, le=32)
+    """Converter over plus and minus the range of each channel; None: steps of ``resolution``."""
+    drift: Force | None = Field(default=None, ge=0)
+    """Standard deviation of the slow drift of a force channel; None: the plant's default."""
+    drift_time: Time | None = Field(default=None, gt=0)
+    """Correlation time of the drift; None: the plant's default."""
+    zero_offset: Force | None = Field(default=None, ge=0)
+    """Largest reading of the unloaded cell before tare; None: the plant's default."""
+    tip_distance: Length = Field(default=0.0, ge=0)
+    """From the centre of the cell to the tip of the tool, along the tool; 0: torques are not known and read zero."""
+
+    @model_validator(mode="after")
+    def _six_rows(self) -> LoadCell:
+        if self.matrix is not None and len(self.matrix) != 6:
+            raise ValueError("matrix must have six rows")
+        return self
+
+
+class Servo(FileModel):
+    """Position loop of an axis: third order, closed-loop bandwidth at -3 dB, servo rate."""
+
+    bandwidth: Frequency = Field(gt=0.1)
+    rate: Frequency = Field(gt=10)
+    velocity_feedforward: float = Field(default=0.0, ge=0.0, le=1.5)
+    """1: no following error at constant speed."""
+    following_error_limit: Length | None = Field(default=None, gt=0)
+    """The controller's output saturates at this difference of set-point and position; None: it does not."""
+
+
+ErrorTable = tuple[tuple[Length, Length], ...]
+"""Rows of (commanded position, error there): true = commanded + error, linear between rows, constant beyond."""
+
+
+class ToolAxis(FileModel):
+    """One tool with its axes (x, y, z): compliance, and what its encoders do not see."""
+
+    compliance: tuple[Compliance, Compliance, Compliance]
+    error_x: ErrorTable = ()
+    error_y: ErrorTable = ()
+    error_z: ErrorTable = ()
+    error_map: str | None = None
+    """Volumetric error: CSV beside the rig file, columns x, y, z in mm and ex, ey, ez in um on a complete grid."""
+    backlash: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """Play between encoder and tip."""
+    weight: Force = Field(default=0.0, ge=0)
+    """Of the tool on its load cell."""
+
+    @model_validator(mode="after")
+    def _tables(self) -> ToolAxis:
+        for name in ("error_x", "error_y", "error_z"):
+            places = [place for place, _ in getattr(self, name)]
+            if any(b <= a for a, b in pairwise(places)):
+                raise ValueError(f"positions of {name} must rise")
+        if min(self.backlash) < 0:
+            raise ValueError("backlash must not be negative")
+        return self
+
+
+class Limits(FileModel):
+    """Limits that protect the machine; enforced by force_ctrl and again by the machine."""
+
+    travel: tuple[Length, Length, Length]
+    """Largest |x|, |y|, |z| of a tool tip."""
+    speed: Speed = Field(gt=0)
+    force: tuple[Force, Force, Force]
+    """Largest |F| per axis."""
+    offset: Length = Field(gt=0)
+    """Largest offset that force and compliance control may add to a target."""
+
+
+class Rig(FileModel):
+    """One forming machine.
+
+    ``provenance`` tells of every constant whether it is published, calibrated or assumed.
+    """
+
+    name: str
+    clamp: Clamp
+    tool_1: ToolAxis
+    tool_2: ToolAxis
+    contact_stiffness: Stiffness = Field(gt=0)
+    """Overall horizontal contact stiffness K_c (Ren 2018 eq. 2-8)."""
+    kinematics: Literal["gantry_xyz_uvw", "hexapod_spif_a"] = "gantry_xyz_uvw"
+    """How the axes make a pose of the tips: see isf_core.geometry.kinematics."""
+    servo: Servo
+    load_cell: LoadCell
+    limits: Limits
+    park_height: Length = Field(gt=0)
+    """Tools wait at +park_height (tool_1) and -park_height (tool_2)."""
+    scan_place: tuple[Length, Length] | None = None
+    """x and y where the tools wait at park height while the sheet is scanned; without it x = 0 and y = 5 mm less than
+    the travel, behind the sheet for a scanner in front."""
+    provenance: dict[str, str]
+
+    @model_validator(mode="after")
+    def _within_travel(self) -> Rig:
+        for name, value, most in zip("xy", self.scan_place or (), self.limits.travel, strict=False):
+            if not abs(value) <= most - 1e-3:
+                raise ValueError(
+                    f"scan_place must stay 1 mm within limits.travel, in {name} it is {1e3 * value:g} mm of "
+                    f"+-{1e3 * most:g} mm"
+                )
+        return self
+
+    @property
+    def aside(self) -> tuple[float, float]:
+        """x and y, m, where the tools wait during a scan."""
+        return self.scan_place or (0.0, self.limits.travel[1] - 5e-3)
+
+
+def load_rig(name_or_path: str, base: Path | None = None) -> Rig:
+    """Rig by name ("ren2018") or by path relative to ``base``, paths of error maps made absolute; raises IsfError.
+
+    A file may tell only what differs from another rig: see :mod:`isf_core.files.rig`.
+    """
+    path = find_named("rigs", name_or_path, base)
+    rig = yaml_file.parse(layered_text(path), Rig, str(path))
+    tools = {}
+    for name in ("tool_1", "tool_2"):
+        tool: ToolAxis = getattr(rig, name)
+        if tool.error_map is not None:
+            tools[name] = tool.model_copy(update={"error_map": str(path.parent / tool.error_map)})
+    return rig.model_copy(update=tools)

@@ -1,0 +1,232 @@
+"""YAML files checked against a pydantic model: every fault is named with file, line, field and advice.
+
+Models are frozen, strict about unknown fields and carry the provenance of constants. Material and rig files are found
+at a path given by the user, else in the package's share folder.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar, cast, get_args
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.quantity import FROM_FILE, Reading
+
+
+class FileModel(BaseModel):
+    """A part of a YAML file; unknown fields are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read(path: Path) -> str:
+    """Text of a file; IsfError FILE_NOT_FOUND or FILE_SYNTAX when it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path; it is relative to here"
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise IsfError(ErrorCode.FILE_SYNTAX, f"cannot be read as text: {error}", where=str(path)) from error
+
+
+def parse(text: str, model: type[Model], name: str) -> Model:
+    """Model from YAML ``text``; ``name`` is the file named in errors.
+
+    Raises
+    ------
+    IsfError : FILE_SYNTAX (not YAML, not a mapping), FILE_UNIT (missing or wrong unit),
+        FILE_FIELD (unknown, missing or out-of-range field)
+    """
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{name}:{mark.line + 1}" if mark else name
+        problem = getattr(error, "problem", None) or "not valid YAML"
+        advice = "check indentation and colons"
+        raise IsfError(ErrorCode.FILE_SYNTAX, str(problem), where=where, advice=advice) from error
+    if not isinstance(data, dict) or root is None:
+        raise IsfError(
+            ErrorCode.FILE_SYNTAX, "is empty or not a mapping of fields", where=name, advice="start from an example"
+        )
+    try:
+        return model.model_validate(data, context=FROM_FILE)
+    except ValidationError as error:
+        raise _explain(error, model, root, name) from error
+
+
+def load(path: Path, model: type[Model]) -> Model:
+    """Model from the YAML file at ``path``; raises IsfError as :func:`read` and :func:`parse`."""
+    return parse(read(path), model, str(path))
+
+
+def _explain(error: ValidationError, model: type[BaseModel], root: yaml.Node, name: str) -> IsfError:
+    # an unknown field is usually the reason why another one is missing: name it first; of a field that takes a word
+    # or a quantity ("auto" or a force) the quantity tells more
+    rank = {"extra_forbidden": 0, "literal_error": 2}
+    faults = sorted(error.errors(), key=lambda fault: rank.get(fault["type"], 1))
+    first = faults[0]
+    place = first["loc"] if first["type"] == "extra_forbidden" else _without_choice(model, first["loc"])
+    field = ".".join(str(part + 1 if isinstance(part, int) else part) for part in place)  # people count from 1
+    advice = ""
+    code = ErrorCode.FILE_FIELD
+    if first["type"] == "extra_forbidden":
+        what = f"unknown field '{field}'"
+        advice = _meant(str(place[-1]), place[:-1], model)
+    elif first["type"] == "missing":
+        what = f"field '{field}' is missing"
+        advice = "add it; see the examples"
+    else:
+        what = f"{field}: {_bound(first, model) or first['msg']}"
+        if first["type"] == "unit":
+            code = ErrorCode.FILE_UNIT
+            advice = "quantities in files carry their unit"
+        words = [fault for fault in faults[1:] if fault["type"] == "literal_error"]
+        if any(_without_choice(model, fault["loc"]) == place for fault in words):
+            advice = f"{advice}; or {words[0]['ctx']['expected']}".lstrip("; ")
+    more = len({_without_choice(model, fault["loc"]) for fault in faults}) - 1
+    if more > 0:
+        advice = f"{advice}; {more} more fault(s) in this file".lstrip("; ")
+    return IsfError(code, what, where=f"{name}:{_line(root, place)}", advice=advice)
+
+
+def _meant(name: str, place: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    """Advice for the unknown field ``name`` in the section ``place``: a field there, or one of another section."""
+    section = _section(model, place)
+    here = list(section.model_fields) if section is not None else []
+    elsewhere = [path for path in _paths(model) if path.rpartition(".")[2] == name][:2]
+    near = difflib.get_close_matches(name, here, n=1, cutoff=0.75) or elsewhere
+    near = near or difflib.get_close_matches(name, here, n=1)
+    if near:
+        return f"did you mean {' or '.join(repr(item) for item in near)}?"
+    return f"known here: {', '.join(here)}"
+
+
+_BOUNDS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "greater than or equal to"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "less than or equal to"),
+}
+
+
+def _bound(fault: Any, model: type[BaseModel]) -> str:
+    """What is said of a quantity out of its bounds, in the unit people read; empty for any other fault."""
+    key, words = _BOUNDS.get(fault["type"], ("", ""))
+    names = [part for part in _without_choice(model, fault["loc"]) if isinstance(part, str)]
+    section = _section(model, tuple(names[:-1]))
+    info = section.model_fields.get(names[-1]) if section is not None and names else None
+    if not key or info is None:
+        return ""
+    reading = next(_readings([*info.metadata, info.annotation]), None)
+    if reading is None:
+        return ""
+    given = fault["input"]  # as in the file where the field may be left out, else in SI already
+    value = reading.text(given) if isinstance(given, float | int) else str(given)
+    return f"{value} must be {words} {reading.text(float(fault['ctx'][key]))}"
+
+
+def _without_choice(model: type[BaseModel], place: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """``place`` without the name of the choice that pydantic adds for a field of several types."""
+    for k, part in enumerate(place):
+        section = _section(model, place[:k])
+        if isinstance(part, str) and section is not None and part not in section.model_fields:
+            return place[:k]
+        if isinstance(part, str) and section is None:
+            return place[:k]
+    return place
+
+
+def _readings(parts: Iterable[Any]) -> Iterator[Reading]:
+    """Units among the metadata and inside the annotations ``parts``: of ``Length | None``, ``tuple[Angle, ...]``."""
+    for part in parts:
+        if isinstance(part, Reading):
+            yield part
+        yield from _readings([*getattr(part, "__metadata__", ()), *get_args(part)])
+
+
+def _section(model: type[BaseModel], place: tuple[int | str, ...]) -> type[BaseModel] | None:
+    """The model of the section at ``place``; numbers are places in a list of sections."""
+    current: type[BaseModel] | None = model
+    for part in place:
+        if isinstance(part, str):
+            info = current.model_fields.get(part) if current is not None else None
+            current = _model_in(info.annotation) if info else None
+    return current
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The section that a field holds: ``ToolSpec | None`` and ``tuple[ForceRule, ...]`` as well as the model itself."""
+    if hasattr(annotation, "model_fields"):
+        return cast("type[BaseModel]", annotation)
+    return next((found for choice in get_args(annotation) if (found := _model_in(choice)) is not None), None)
+
+
+def _paths(model: type[BaseModel], before: str = "") -> Iterator[str]:
+    """All fields of a file with their sections: "control.support_force"."""
+    for name, info in model.model_fields.items():
+        yield before + name
+        if (section := _model_in(info.annotation)) is not None:
+            yield from _paths(section, f"{before}{name}.")
+
+
+def _line(node: yaml.Node, place: tuple[int | str, ...]) -> int:
+    """Line (1-based) of the deepest node of ``place`` that exists."""
+    line = node.start_mark.line
+    for part in place:
+        if isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                if key.value == str(part):
+                    line, node = key.start_mark.line, value
+                    break
+            else:
+                break
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+            node = node.value[part]
+            line = node.start_mark.line
+        else:
+            break
+    return line + 1
+
+
+def share_directory() -> Path:
+    """``share/isf_core`` of the installed package, else the package's own source tree."""
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        candidate = Path(prefix) / "share" / "isf_core"
+        if (candidate / "materials").is_dir():
+            return candidate
+    return Path(__file__).resolve().parents[1]
+
+
+def find_named(folder: str, name_or_path: str, base: Path | None = None) -> Path:
+    """File for a name in ``share/isf_core/<folder>`` or a path relative to ``base``.
+
+    Raises
+    ------
+    IsfError : FILE_NOT_FOUND, with the names that exist
+    """
+    if name_or_path.endswith((".yaml", ".yml")):
+        path = Path(name_or_path)
+        path = path if path.is_absolute() or base is None else base / path
+        if path.is_file():
+            return path
+    else:
+        path = share_directory() / folder / f"{name_or_path}.yaml"
+        if path.is_file():
+            return path
+    known = ", ".join(sorted(p.stem for p in (share_directory() / folder).glob("*.yaml")))
+    raise IsfError(
+        ErrorCode.FILE_NOT_FOUND, f"no '{name_or_path}' in {folder}", where=str(path), advice=f"known: {known}"
+    )

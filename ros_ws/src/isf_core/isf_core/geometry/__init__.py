@@ -1,0 +1,1 @@
+"""Shapes that several packages share: height maps, openings, kinematics of tools."""

@@ -1,0 +1,1 @@
+"""Published laws of the process: forces, thickness, places of the tools, deflection."""

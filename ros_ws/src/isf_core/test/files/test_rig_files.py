@@ -1,0 +1,117 @@
+"""Rig and material files: every file loads, tells where its constants come from, and carries what was published."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.material import load_material
+from isf_core.files.rig import ToolAxis, load_rig
+
+FOLDER = Path(__file__).resolve().parents[1]
+RIGS = sorted(path.stem for path in (FOLDER / "rigs").glob("*.yaml"))
+MATERIALS = sorted(path.stem for path in (FOLDER / "materials").glob("*.yaml"))
+TAGS = ("published", "calibrated", "assumed")
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_every_rig_loads_and_tells_the_origin_of_its_constants(name: str) -> None:
+    rig = load_rig(str(FOLDER / "rigs" / f"{name}.yaml"))
+    assert rig.name == name
+    assert all(text.startswith(TAGS) for text in rig.provenance.values())
+    told = {key.split(".")[0] for key in rig.provenance}
+    assert {"clamp", "compliance", "contact_stiffness", "servo", "load_cell", "limits", "park_height"} <= told
+
+
+def constants(values: dict[str, object], above: str = "") -> list[str]:
+    """Names of all constants of a rig file, "load_cell.resolution"; those of both tools without the tool."""
+    found: list[str] = []
+    for key, value in values.items():
+        name = f"{above}{key}"
+        if isinstance(value, dict):
+            found += constants(value, "" if key in ("tool_1", "tool_2") else f"{name}.")
+        else:
+            found.append(name)
+    return found
+
+
+def is_told(constant: str, origins: set[str]) -> bool:
+    """An origin stands for a constant, for a part of it (compliance.xy), or for all that begin with it."""
+    return any(
+        constant == origin or constant.startswith((f"{origin}.", f"{origin}_")) or origin.startswith(f"{constant}.")
+        for origin in origins
+    )
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_no_constant_of_a_rig_is_without_an_origin(name: str) -> None:
+    values = yaml.safe_load((FOLDER / "rigs" / f"{name}.yaml").read_text(encoding="utf-8"))
+    origins = set(values.pop("provenance"))
+    names = set(constants(values)) - {"name"}
+    assert {constant for constant in names if not is_told(constant, origins)} == set()
+    assert is_told("load_cell.noise_ratio", {"load_cell.noise"})
+    assert not is_told("load_cell.resolution", {"load_cell.noise"})
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_every_material_loads_and_its_strengths_are_in_order(name: str) -> None:
+    material = load_material(str(FOLDER / "materials" / f"{name}.yaml"))
+    assert material.name == name
+    assert material.yield_strength < material.tensile_strength
+    assert all(text.startswith(TAGS) for text in material.provenance.values())
+
+
+def test_the_five_published_rigs_and_nine_materials_are_there() -> None:
+    assert {"ren2018", "praveen2020", "lu2016", "behera2015", "torrao2013"} <= set(RIGS)
+    named = "AA5754-O AA1100-O AA2024-T3 AA7075-O AA3103 AA1050 Al8011 DC04 AISI-304"
+    assert set(named.split()) <= set(MATERIALS)
+
+
+def test_published_machine_error_is_in_the_map() -> None:
+    """Praveen 2020, 2.4: +0.10 to -0.27 mm over the opening of 610 mm; the fit through all ten is within 0.03 mm."""
+    rig = load_rig(str(FOLDER / "rigs" / "praveen2020.yaml"))
+    assert rig.tool_1.error_map is not None
+    table = np.loadtxt(rig.tool_1.error_map, delimiter=",", skiprows=1)
+    ring = np.hypot(table[:, 0], table[:, 1])
+    near = table[np.abs(ring - 300.0) < 10.0, 5]
+    assert near.max() == pytest.approx(100.0, abs=30.0)
+    assert near.min() == pytest.approx(-270.0, abs=30.0)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"error_x": ((0.0, 1e-6), (0.0, 2e-6))},
+        {"error_z": ((0.01, 0.0), (-0.01, 0.0))},
+        {"backlash": (0.0, -1e-6, 0.0)},
+        {"weight": -1.0},
+    ],
+)
+def test_impossible_axes_are_refused(fields: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=r"rise|negative|greater"):
+        ToolAxis.model_validate({"compliance": (1e-6, 1e-6, 1e-7), **fields})
+
+
+def test_matrix_of_a_load_cell_has_six_rows(tmp_path: Path) -> None:
+    text = (FOLDER / "rigs" / "ren2018.yaml").read_text()
+    path = tmp_path / "rig.yaml"
+    path.write_text(text.replace("  crosstalk: 0.01\n", "  crosstalk: 0.01\n  matrix: [[1, 0, 0, 0, 0, 0]]\n"))
+    with pytest.raises(IsfError) as error:
+        load_rig(str(path))
+    assert error.value.code == ErrorCode.FILE_FIELD
+    assert "six rows" in error.value.message
+
+
+def test_tools_wait_for_a_scan_within_the_travel(tmp_path: Path) -> None:
+    assert load_rig("ren2018").aside == (0.0, pytest.approx(0.12))
+    path = tmp_path / "own.yaml"
+    for place, fits in (("[50 mm, -20 mm]", True), ("[0 mm, 125 mm]", False), ("[nan mm, 0 mm]", False)):
+        path.write_text(f"based_on: ren2018\nscan_place: {place}\n", encoding="utf-8")
+        if fits:
+            assert load_rig(str(path)).aside == pytest.approx((0.05, -0.02))
+        else:
+            with pytest.raises(IsfError, match="scan_place"):
+                load_rig(str(path))

@@ -1,0 +1,1 @@
+"""The loops of force and compliance control with their filter, and their limits of stability."""

@@ -1,0 +1,1 @@
+"""How the tools move: paths, trajectories, moves without forming, segments and their playback."""

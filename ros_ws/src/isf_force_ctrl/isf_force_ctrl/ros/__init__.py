@@ -1,0 +1,1 @@
+"""ROS side of node ``force_ctrl``."""

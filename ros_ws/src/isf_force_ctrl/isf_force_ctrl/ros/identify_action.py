@@ -1,0 +1,98 @@
+"""Action ``identify`` of node ``force_ctrl``: properties of the machine, measured with its own tools."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from datetime import date
+from typing import Any
+
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
+from isf_msgs.action import Identify
+from isf_ros.background import in_thread
+from isf_ros.lifecycle import CellNode
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+
+from isf_force_ctrl.identify.identification import finding
+from isf_force_ctrl.identify.rig_piece import rig_reference
+from isf_force_ctrl.identify.settings import IdentifySettings, ToolGeometry
+from isf_force_ctrl.measurements.measurement import Probe
+from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.ros.measurement_actions import follow
+from isf_force_ctrl.ros.readiness import Readiness
+
+
+class IdentifyAction:
+    """Serves the action for ``node``.
+
+    ``armed`` gives the present controller and its job (None: nothing was armed), ``begun`` is called with the lock held
+    when the measurement begins, so that the first targets go out.
+    """
+
+    def __init__(
+        self,
+        node: CellNode[Any],
+        lock: threading.RLock,
+        ready: Readiness,
+        armed: Callable[[], tuple[MeasuringController, JobFile] | None],
+        begun: Callable[[], None],
+    ) -> None:
+        self._node, self._lock, self._ready, self._armed, self._begun = node, lock, ready, armed, begun
+        self._server = ActionServer(
+            node,
+            Identify,
+            "identify",
+            self._identify,
+            goal_callback=lambda _: GoalResponse.ACCEPT if node.is_active else GoalResponse.REJECT,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    def close(self) -> None:
+        """Destroy the action server."""
+        self._server.destroy()
+
+    async def _identify(self, handle: ServerGoalHandle) -> Identify.Result:
+        try:
+            controller, job_file, probe = self._start(handle.request)
+        except IsfError as error:
+            self._node.report(error)
+            handle.abort()
+            return Identify.Result(code=int(error.code), message=error.message)
+
+        def tell() -> None:
+            handle.publish_feedback(Identify.Feedback(phase=probe.phase, progress=float(probe.progress)))
+
+        def measure() -> Identify.Result:
+            follow(handle, lambda: controller.measuring, controller.cancel, self._lock, tell)
+            if not probe.ended and probe.code is ErrorCode.OK:  # the controller was put away
+                probe.give_up(ErrorCode.STOPPED, "the measurement was ended from outside", stay=True)
+            found = finding(probe, controller.config, job_file.rig, rig_reference(job_file), date.today().isoformat())
+            result = Identify.Result(code=int(found.code), message=found.message, file_text=found.piece)
+            result.value, result.uncertainty = found.value.tolist(), found.uncertainty.tolist()
+            if found.notes:
+                result.file_text = "".join(f"# {note}\n" for note in found.notes) + found.piece
+            return result
+
+        result = await in_thread(measure, self._node.executor)
+        if result.code == ErrorCode.OK:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            self._node.report(IsfError(ErrorCode(result.code), result.message, where="identify"))
+            handle.abort()
+        return result
+
+    def _start(self, goal: Identify.Goal) -> tuple[MeasuringController, JobFile, Probe]:
+        armed = self._armed()
+        if armed is None:
+            raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where="identify", advice="arm the plan first")
+        settings = IdentifySettings.of(goal.property, goal.tool, goal.repeats, goal.places, goal.max_force)
+        self._ready.check()
+        controller, job_file = armed
+        with self._lock:
+            probe = controller.identify(settings, ToolGeometry.from_job(job_file))
+            self._begun()
+        return controller, job_file, probe

@@ -1,0 +1,184 @@
+"""What force_ctrl publishes: targets (poses or twists) every tick, the blank holder, states and results.
+
+Targets as twists are for drivers that follow a velocity: what the trajectory does, and a pull back onto it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from isf_core.contour import ContourResult
+from isf_msgs import msg as isf
+from isf_ros import conversion, qos, stamps
+from isf_ros.lifecycle import CellNode
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.publisher import Publisher
+
+from isf_force_ctrl.control_state import ControlState, Targets, Vector
+
+RESTING = 10
+"""Twists of zero that are sent when the tools are to stand."""
+
+
+class ForceCtrlOutlet:
+    """The node's publishers and the messages of its streams, which are filled anew for every tick.
+
+    ``twist``: targets go out as TwistStamped on ``tool_k/target_twist`` instead of poses on ``tool_k/target``.
+    """
+
+    def __init__(self, node: CellNode[Any], *, twist: bool = False) -> None:
+        self._node = node
+        kind, topic = (TwistStamped, "target_twist") if twist else (PoseStamped, "target")
+        self._targets = [self._publisher(kind, f"tool_{k}/{topic}", qos.STREAM_SOURCE) for k in (1, 2)]
+        self._twists: list[TargetTwist] | None = None
+        self._twist_messages = (TwistStamped(), TwistStamped()) if twist else None
+        for message in self._twist_messages or ():
+            message.header.frame_id = conversion.FRAME
+        self._zeros = 0
+        self._holder = self._publisher(PoseStamped, "holder/target", qos.STREAM_SOURCE)
+        self._states = self._publisher(isf.ForceCtrlState, "force_ctrl/state", qos.STREAM_SOURCE)
+        self._results = self._publisher(isf.ContourResult, "contour/result", qos.EVENT)
+        self._messages = (conversion.make_pose(), conversion.make_pose())
+        self._holder_message = conversion.make_pose()
+        self.with_holder = False
+        """The machine has a blank holder that moves: its target goes out with every pair of targets."""
+        self.has_targets = False
+        self.last_publish = 0.0
+        """s, monotonic time of the last targets."""
+
+    def close(self) -> None:
+        """Destroy the publishers."""
+        for publisher in (*self._targets, self._holder, self._states, self._results):
+            self._node.destroy_publisher(publisher)
+
+    def start(self, tip_1: Vector, tip_2: Vector, rate: float) -> None:
+        """Targets follow, ``rate`` per second; the tools are at ``tip_1``, ``tip_2`` m."""
+        self.has_targets = False
+        self._twists = [TargetTwist(tip, rate) for tip in (tip_1, tip_2)]
+
+    def measured(self, tool: int, tip: Vector) -> None:
+        """The tip (3,) m of ``tool`` (1, 2) that the machine reported."""
+        if self._twists is not None:
+            self._twists[tool - 1].measured = tip
+
+    def rest(self, *, last: bool = False) -> None:
+        """The tools are to stand: a driver that follows twists must be told. ``last``: nothing is sent after this."""
+        while self._twist_messages is not None and self._zeros > 0:
+            self._zeros -= 1
+            self._send_twists(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), None)
+            if not last:
+                break
+
+    def targets(self, targets: Targets, stamp: int) -> None:
+        """Both targets, valid at ``stamp`` ns."""
+        seconds, rest = divmod(stamp, stamps.NANO)
+        if self._twist_messages is not None and self._twists is not None:
+            self._zeros = RESTING
+            velocities = [law.step(tip) for law, tip in zip(self._twists, targets[:2], strict=True)]
+            self._send_twists(velocities, (seconds, rest))
+        else:
+            for message, tip, publisher in zip(self._messages, targets[:2], self._targets, strict=True):
+                message.header.stamp.sec, message.header.stamp.nanosec = seconds, rest
+                position = message.pose.position
+                position.x, position.y, position.z = tip
+                publisher.publish(message)
+        if self.with_holder:
+            holder = self._holder_message
+            holder.header.stamp.sec, holder.header.stamp.nanosec = seconds, rest
+            holder.pose.position.z = targets.holder_height
+            self._holder.publish(holder)
+        self.has_targets = True
+        self.last_publish = time.monotonic()
+
+    def repeat(self, stamp: int | None = None) -> None:
+        """The last targets once more: a sign of life; with their own stamp, or with ``stamp`` ns.
+
+        Only while the tools rest: as twists these are none.
+        """
+        if self._twist_messages is not None:
+            self._send_twists(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), None if stamp is None else divmod(stamp, stamps.NANO))
+            return
+        for message, publisher in zip(self._messages, self._targets, strict=True):
+            if stamp is not None:
+                message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, stamps.NANO)
+            publisher.publish(message)
+        if self.with_holder:
+            self._holder.publish(self._holder_message)
+        self.last_publish = time.monotonic()
+
+    def _send_twists(self, velocities: Sequence[Vector], stamp: tuple[int, int] | None) -> None:
+        for message, velocity, publisher in zip(self._twist_messages or (), velocities, self._targets, strict=True):
+            if stamp is not None:
+                message.header.stamp.sec, message.header.stamp.nanosec = stamp
+            linear = message.twist.linear
+            linear.x, linear.y, linear.z = velocity
+            publisher.publish(message)
+
+    def state(self, state: ControlState, stamp: int, latency: float) -> None:
+        """The controller's state at ``stamp`` ns; ``latency`` s from wrench to targets."""
+        message = isf.ForceCtrlState()
+        message.header.frame_id = conversion.FRAME
+        message.header.stamp = stamps.to_stamp(stamp)
+        message.latency = latency
+        for item in fields(state):
+            value = getattr(state, item.name)
+            if item.name in ("forming_offset", "support_offset"):
+                vector = getattr(message, item.name)
+                vector.x, vector.y, vector.z = value
+            else:
+                setattr(message, item.name, int(value) if item.name == "mode" else value)
+        self._states.publish(message)
+
+    def result(self, result: ContourResult) -> None:
+        """What happened to a contour."""
+        self._results.publish(conversion.result_to_message(result, self._node.get_clock().now().to_msg()))
+
+    def refusal(self, contour: isf.Contour, code: int, text: str) -> None:
+        """A result that says why a contour was refused, so that nobody waits for it."""
+        result = isf.ContourResult(plan_id=contour.plan_id, index=contour.index, code=code)
+        result.message = text
+        result.header.frame_id = conversion.FRAME
+        result.header.stamp = self._node.get_clock().now().to_msg()
+        self._results.publish(result)
+
+    def _publisher(self, kind: Any, topic: str, profile: Any) -> Publisher[Any]:
+        # Each event handler is one more entity in every wait of the executor: a third of the time of a tick.
+        callbacks = PublisherEventCallbacks(use_default_callbacks=False)
+        return self._node.create_publisher(kind, topic, profile, event_callbacks=callbacks)
+
+
+Vector = tuple[float, float, float]
+
+PULL = 5.0
+"""1/s. Assumed: slow against a servo of 30 Hz, so that its lag is no oscillation, and fast against drift."""
+
+MOST_PULL = 0.01
+"""m/s, most that the pull adds."""
+
+
+class TargetTwist:
+    """Velocity (3,) m/s of one tool from its targets (3,) m, one per period of 1 / ``rate`` s, and its measured tip."""
+
+    def __init__(self, start: Vector, rate: float) -> None:
+        """``start``: where the tool is, m."""
+        self._last, self._rate = start, rate
+        self.measured: Sequence[float] = start
+        """(3,) m, newest measured tip."""
+
+    def step(self, target: Vector) -> Vector:
+        """Velocity to be at ``target`` at the end of this period."""
+        last, measured, rate = self._last, self.measured, self._rate
+        x, y, z = (PULL * (last[k] - measured[k]) for k in range(3))
+        size = math.sqrt(x * x + y * y + z * z)
+        share = MOST_PULL / size if size > MOST_PULL else 1.0
+        self._last = target
+        return (
+            rate * (target[0] - last[0]) + share * x,
+            rate * (target[1] - last[1]) + share * y,
+            rate * (target[2] - last[2]) + share * z,
+        )

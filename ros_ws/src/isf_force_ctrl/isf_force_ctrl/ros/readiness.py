@@ -1,0 +1,100 @@
+"""What node ``force_ctrl`` has heard of the machine, and whether that is enough to move the tools."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import Job, JobFile
+from isf_msgs import msg as isf
+from isf_ros.watchdog import ReceiveWatchdog
+
+from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.control_state import Vector
+from isf_force_ctrl.ros.parameters import ForceCtrlParameters
+from isf_force_ctrl.supervision.wrench_receiver import WrenchFrames
+
+FRESH = 1.0
+"""s, age up to which wrenches and poses count as present when arming."""
+
+
+class Readiness:
+    """Ages of wrenches and poses, state of the machine, and whose wrench is ``needed`` (1, 2)."""
+
+    def __init__(self, timeout: float, frames: WrenchFrames) -> None:
+        """``timeout`` s without a wrench after which it counts as lost."""
+        self.timeout, self._frames = timeout, frames
+        self.needed: list[int] = [1, 2]
+        self.machine: isf.MachineState | None = None
+        self._watchdogs = (ReceiveWatchdog(timeout), ReceiveWatchdog(timeout))
+        self._poses: list[tuple[float, Vector] | None] = [None, None]
+
+    def wrench(self, tool: int) -> None:
+        """A wrench of ``tool`` has come."""
+        self._watchdogs[tool - 1].feed()
+
+    def pose(self, tool: int, tip: Vector) -> None:
+        """A pose of ``tool`` has come."""
+        self._poses[tool - 1] = (time.monotonic(), tip)
+
+    def lost(self) -> list[int]:
+        """Needed tools whose wrench has stopped coming."""
+        return [k for k in self.needed if self._watchdogs[k - 1].age() > self.timeout]
+
+    def lost_text(self, tools: Sequence[int]) -> str:
+        """What to say of the ``tools`` that are lost."""
+        names = " and ".join(f"tool_{k}/wrench" for k in tools)
+        return f"nothing on {names} for {self.timeout:g} s (is the machine node alive?)"
+
+    def pose_lost_text(self) -> str:
+        """What to say of needed tools whose pose has stopped coming; empty: none. Twists need the poses."""
+        now, poses = time.monotonic(), self._poses
+        lost = [k for k in self.needed if (pose := poses[k - 1]) is None or now - pose[0] > self.timeout]
+        names = " and ".join(f"tool_{k}/pose" for k in lost)
+        return f"nothing on {names} for {self.timeout:g} s: twists would drift away from the path" if lost else ""
+
+    def check(self, *, with_pose: bool = False) -> None:
+        """Raise IsfError WRENCH_LOST, POSE_LOST, WRENCH_FRAME or NO_TARE when the tools must not move."""
+        stale = [k for k in self.needed if self._watchdogs[k - 1].age() > FRESH]
+        if stale:
+            names = " and ".join(f"tool_{k}/wrench" for k in stale)
+            raise IsfError(
+                ErrorCode.WRENCH_LOST, f"nothing on {names} in the last {FRESH:g} s", advice="is the machine active?"
+            )
+        if with_pose and (text := self.pose_lost_text()):
+            raise IsfError(ErrorCode.POSE_LOST, text, advice="the driver has to publish its poses")
+        self._frames.check(self.needed)
+        if self.machine is None or not self.machine.tared:
+            raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="call machine/tare")
+
+    def check_forming(self, forming_tool: int) -> None:
+        """The forming tool may change from contour to contour; its load cell is needed from here on.
+
+        Raises IsfError WRENCH_LOST.
+        """
+        if forming_tool in self.needed or forming_tool not in (1, 2):
+            return
+        if self._watchdogs[forming_tool - 1].age() > FRESH:
+            raise IsfError(ErrorCode.WRENCH_LOST, f"nothing on tool_{forming_tool}/wrench, which forms this contour")
+        self.needed = [1, 2]
+
+    def tip(self, tool: int, parked: Vector) -> Vector:
+        """Where a tool is: its fresh pose, else ``parked`` (a machine that is elsewhere faults on the jump)."""
+        pose = self._poses[tool - 1]
+        return pose[1] if pose is not None and time.monotonic() - pose[0] <= FRESH else parked
+
+
+def tools_with_load_cell(job: Job) -> list[int]:
+    """Tools whose wrench is needed."""
+    return [1, 2] if job.process in ("DSIF", "ADSIF") else [1]
+
+
+def control_config(job_file: JobFile, parameters: ForceCtrlParameters) -> ControlConfig:
+    """Configuration of the job with the node's parameters; raises IsfError for values that cannot be."""
+    names = {item.name for item in fields(ControlConfig)}
+    tuned = {item.name: getattr(parameters, item.name) for item in fields(ForceCtrlParameters) if item.name in names}
+    config = replace(ControlConfig.from_job(job_file), **tuned, runs_on=parameters.lockstep)
+    config.check()
+    return config

@@ -1,0 +1,1 @@
+"""Watch over wrenches, forces and the timing of ticks."""

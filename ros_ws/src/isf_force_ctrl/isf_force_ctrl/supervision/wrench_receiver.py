@@ -1,0 +1,193 @@
+"""Receives the wrenches of both tools: their frame, the order and age of their stamps, and the pair that a tick uses.
+
+Forces in other axes than ``sheet`` would be pushed against in the wrong direction, so another frame is refused. s.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+from isf_core.errors import ErrorCode, IsfError
+
+Fault = tuple[ErrorCode, str]
+
+
+class WrenchInlet:
+    """``frame`` is the one that wrenches must come in; ``most_delay`` (lockstep: inf) and ``late_for`` s as for
+    :class:`StampWatch`."""
+
+    def __init__(self, frame: str, most_delay: float, late_for: float) -> None:
+        self.frames = WrenchFrames(frame)
+        self.pair = WrenchPair()
+        self._watches = tuple(StampWatch(tool, most_delay, late_for) for tool in (1, 2))
+        self._by_clock = math.isfinite(most_delay)
+
+    def restart(self) -> None:
+        """Forget everything: the machine may have started anew with earlier stamps."""
+        self.pair.restart()
+        for watch in self._watches:
+            watch.restart()
+
+    def put(self, tool: int, frame: str, stamp: int, wrench: Sequence[float]) -> tuple[bool, Fault | None]:
+        """Take the wrench (6,) of ``tool`` (1, 2) with ``stamp`` ns.
+
+        Returns whether it is a sign of life (an old one is none) and code and text of what is wrong with it. By the
+        clock, a driver that leaves its stamps at zero is taken at its word: now.
+        """
+        if not self.frames.right(tool, frame):
+            return True, (ErrorCode.WRENCH_FRAME, self.frames.text(tool))
+        now = time.monotonic()
+        if stamp == 0 and self._by_clock:
+            stamp = int(now * 1e9)
+        else:
+            use, fault = self._watches[tool - 1].look(stamp, now)
+            if not use:
+                return fault is not None, fault
+            if fault:
+                return True, fault
+        self.pair.put(tool, stamp, wrench)
+        return True, None
+
+    def values(self) -> dict[str, object]:
+        """For ``/diagnostics``: messages since the node was configured."""
+        return {
+            "old_wrenches": sum(watch.old for watch in self._watches),
+            "late_wrenches": sum(watch.late for watch in self._watches),
+        }
+
+
+JUMP = 0.5
+"""s by which a stamp and the clock of the receiver must disagree to be a jump of the sender's clock."""
+
+DRIFT = 1e-3
+"""s/s that two clocks may drift apart."""
+
+_NANO = 1e-9
+
+
+class StampWatch:
+    """Looks at one stamp after the other.
+
+    ``most_delay`` s beyond the fastest message; infinite: delays are not looked at, and a stamp may stand still and go
+    on any time (lockstep, where time waits for the targets). ``late_for`` s of nothing but late wrenches are a fault.
+    """
+
+    def __init__(self, tool: int, most_delay: float, late_for: float) -> None:
+        self._name, self._most, self._late_for = f"tool_{tool}/wrench", most_delay, late_for
+        self.old = self.late = 0
+        """Wrenches with a stamp before the newest one; wrenches that came too late."""
+        self.restart()
+
+    def restart(self) -> None:
+        """The sender may have started anew."""
+        self._stamp: int | None = None
+        self._received = self._fastest = 0.0
+        self._late_since: float | None = None
+
+    def look(self, stamp: int, now: float) -> tuple[bool, tuple[ErrorCode, str] | None]:
+        """Is the wrench of ``stamp`` ns, received at ``now`` s (monotonic), to be used; and code and text of a fault.
+
+        A wrench of the newest stamp itself is used: it repeats what is known.
+        """
+        last = self._stamp
+        if last is None:
+            self._stamp, self._received, self._fastest = stamp, now, now - stamp * _NANO
+            return True, None
+        step = (stamp - last) * _NANO
+        passed = now - self._received if self._most < float("inf") else 0.0
+        # Waiting messages may come all at once, so time that passed here excuses a step forwards, never one backwards.
+        if step < -JUMP or step - passed > JUMP:
+            return False, (
+                ErrorCode.WRENCH_CLOCK,
+                f"the stamps of {self._name} jumped by {step - passed:+.2f} s (clock set, or the driver started anew)",
+            )
+        if step < 0.0:
+            self.old += 1
+            return False, None
+        self._stamp, self._received = stamp, now
+        return True, self._delay_fault(now - stamp * _NANO, now, passed)
+
+    def _delay_fault(self, delay: float, now: float, passed: float) -> tuple[ErrorCode, str] | None:
+        self._fastest = min(delay, self._fastest + DRIFT * passed)
+        over = delay - self._fastest
+        if over <= self._most:
+            self._late_since = None
+            return None
+        self.late += 1
+        if self._late_since is None:
+            self._late_since = now
+        if now - self._late_since < self._late_for:
+            return None
+        return ErrorCode.WRENCH_LATE, (
+            f"{self._name} comes {1e3 * over:.0f} ms later than at first, {1e3 * self._most:.0f} ms are allowed "
+            "(check the network, and the load of this computer)"
+        )
+
+
+_NONE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class WrenchPair:
+    """Collects wrenches (6,) of both tools by their stamps in ns."""
+
+    def __init__(self) -> None:
+        self.wrench: list[Sequence[float]] = [_NONE, _NONE]
+        """Newest wrench of tool 1 and 2."""
+        self._stamp = [-1, -1]
+        self._fresh = [False, False]
+        self._handled = -1
+
+    def put(self, tool: int, stamp: int, wrench: Sequence[float]) -> None:
+        """Keep the wrench of ``tool`` (1, 2) with ``stamp`` ns, if it is not older than the one kept."""
+        if stamp >= self._stamp[tool - 1]:
+            self._fresh[tool - 1] |= stamp > self._stamp[tool - 1]
+            self._stamp[tool - 1] = stamp
+            self.wrench[tool - 1] = wrench
+
+    def take(self) -> int | None:
+        """Stamp (ns) of a complete pair that was not taken before, else None (lockstep)."""
+        first, second = self._stamp
+        if first != second or first <= self._handled:
+            return None
+        self._handled = first
+        return first
+
+    def fresh(self, tools: Sequence[int]) -> bool:
+        """True when each of ``tools`` has a newer wrench than at the last :meth:`use` (real time)."""
+        return all(self._fresh[tool - 1] for tool in tools)
+
+    def use(self) -> None:
+        """The newest wrenches are used, whatever their stamps."""
+        self._fresh = [False, False]
+
+    def restart(self) -> None:
+        """Forget everything: the machine may have started anew with earlier stamps."""
+        self._stamp, self._handled, self._fresh = [-1, -1], -1, [False, False]
+
+
+class WrenchFrames:
+    """Frames of the newest wrenches of both tools; ``frame`` is the one that is right."""
+
+    def __init__(self, frame: str) -> None:
+        self._frame = frame
+        self._seen = [frame, frame]
+
+    def right(self, tool: int, frame: str) -> bool:
+        """Take note of the ``frame`` of a wrench of ``tool`` (1, 2)."""
+        self._seen[tool - 1] = frame
+        return frame == self._frame
+
+    def text(self, tool: int) -> str:
+        """What is wrong with the wrenches of ``tool``."""
+        return (
+            f"tool_{tool}/wrench comes in frame '{self._seen[tool - 1]}', not '{self._frame}' (rotate it into axes of "
+            "the sheet, or set the parameter wrench_frame where only the name differs)"
+        )
+
+    def check(self, tools: Sequence[int]) -> None:
+        """Raise IsfError WRENCH_FRAME when the newest wrench of one of ``tools`` came in another frame."""
+        for tool in tools:
+            if self._seen[tool - 1] != self._frame:
+                raise IsfError(ErrorCode.WRENCH_FRAME, self.text(tool))

@@ -1,0 +1,225 @@
+"""Node force_ctrl in its own process against a stand-in machine in another, over real DDS."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from isf_core.contour import Process
+from isf_core.errors import ErrorCode
+from isf_msgs.msg import ForceCtrlState
+from isf_ros import conversion, qos
+from node_cell import JOB, LIMIT, Cell, small_ring, watched
+from std_srvs.srv import Trigger
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture
+def cell() -> Iterator[Cell]:
+    with watched(Cell) as found:
+        yield found
+
+
+def test_forms_a_part_in_lockstep(cell: Cell) -> None:
+    cell.start()
+    cell.armed(count=2)
+    for index in range(2):
+        result = conversion.result_from_message(cell.form(small_ring(index, 2)))
+        assert (result.completed, result.code, result.index) == (True, 0, index)
+        force = result.tick_normal_force[result.tick_engaged]
+        # The sandbox's force is constant but for noise of 1.2 N and steps of 1 N.
+        assert np.mean(np.abs(force - 120.0) <= 10.0) >= 0.99
+        assert result.lost_messages == 0
+        assert np.diff(result.tick_time) == pytest.approx(0.002, abs=1e-6)
+    assert cell.rests_in(ForceCtrlState.IDLE)
+    modes = {state.mode for state in cell.states}
+    assert {ForceCtrlState.ENGAGE, ForceCtrlState.CONTROL, ForceCtrlState.LIFT} <= modes
+    # Parked: nothing is streamed any more, not even repeated.
+    cell.wait(lambda: False, 0.5)
+    before = cell.targets
+    cell.wait(lambda: False, 0.7)
+    assert cell.targets == before
+
+
+def test_nan_wrench_holds_with_its_code(cell: Cell) -> None:
+    cell.start({"nan_at": 1000})
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.WRENCH_NOT_FINITE)
+    assert cell.rests_in(ForceCtrlState.HOLD)
+    before = cell.targets
+    assert cell.wait(lambda: cell.targets > before + 2)  # still alive: the last targets are repeated
+
+
+def test_wrenches_that_stop_end_the_contour(cell: Cell) -> None:
+    cell.start({"silent_at": 1000}, wrench_timeout=1.0)
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.WRENCH_LOST)
+    assert "machine" in result.message
+
+
+def test_a_controller_that_stood_still_blames_nobody(cell: Cell) -> None:
+    """Wrenches that came while the process did not run have still to be received: the contour goes on."""
+    cell.start(wrench_timeout=2.0)
+    for _ in range(3):
+        cell.armed()
+        cell.states.clear()
+        cell.results.clear()
+        cell._contours.publish(conversion.contour_to_message(small_ring()))
+        assert cell.wait(lambda: any(state.mode == ForceCtrlState.CONTROL for state in cell.states))
+        cell.process.send_signal(signal.SIGSTOP)
+        cell.wait(lambda: False, timeout=2.5)
+        cell.process.send_signal(signal.SIGCONT)
+        assert cell.wait(lambda: cell.results)
+        assert (cell.results[-1].completed, cell.results[-1].code) == (True, 0)
+
+
+def test_refusals(cell: Cell) -> None:
+    cell.start({"tared": False})
+    cell._contours.publish(conversion.contour_to_message(small_ring()))
+    response = cell.arm()
+    deadline = time.monotonic() + LIMIT
+    assert response.code == ErrorCode.NO_TARE
+    while "not tared" not in response.message and time.monotonic() < deadline:
+        response = cell.arm()
+    assert cell.targets == 0  # the contour came before anything was armed
+    assert cell.results == []
+    disarmed = cell.arm(plan_id="")
+    assert disarmed.code == 0
+
+
+def test_contours_out_of_order_are_answered(cell: Cell) -> None:
+    cell.start()
+    cell.armed(count=3)
+    result = cell.form(small_ring(1, 3))
+    assert (result.completed, result.code, result.index) == (False, ErrorCode.CONTOUR_REJECTED, 1)
+    assert cell.targets == 0
+
+
+def test_stop_and_disarm(cell: Cell) -> None:
+    cell.start()
+    cell.armed()
+    client = cell.node.create_client(Trigger, "force_ctrl/stop")
+    assert client.wait_for_service(LIMIT)
+    cell._contours.publish(conversion.contour_to_message(small_ring()))
+    assert cell.wait(lambda: any(state.mode == ForceCtrlState.APPROACH for state in cell.states))
+    assert cell.wait(client.call_async(Trigger.Request()).done)
+    assert cell.wait(lambda: cell.results)
+    assert cell.results[-1].code == ErrorCode.STOPPED
+    assert cell.arm(plan_id="").code == 0
+    assert cell.rests_in(ForceCtrlState.IDLE)
+
+
+def test_real_time_forms_a_contour(cell: Cell) -> None:
+    cell.start({"lockstep": False}, lockstep=False)
+    cell.armed()
+    result = conversion.result_from_message(cell.form(small_ring()))
+    # Timing depends on the machine the test runs on; forming and counting must work on any.
+    assert (result.completed, result.code) == (True, 0)
+    assert result.contact_fraction > 0.9
+    assert len(result.tick_time) > 500
+
+
+def test_a_driver_with_other_topic_names(cell: Cell) -> None:
+    # docs/other_cells.md: the node alone against a driver that follows a stream of poses under names of its own
+    names = {
+        "tool_1/target": "left/target_frame",
+        "tool_1/wrench": "left/ft_sensor_wrench",
+        "tool_2/target": "right/target_frame",
+        "tool_2/wrench": "right/ft_sensor_wrench",
+    }
+    cell.start(remap=names)
+    frames: list[PoseStamped] = []
+    cell.node.create_subscription(PoseStamped, "left/target_frame", frames.append, qos.STREAM)
+    cell.armed()
+    result = conversion.result_from_message(cell.form(small_ring()))
+    assert (result.completed, result.code) == (True, 0)
+    assert cell.targets == 0
+    assert {frame.header.frame_id for frame in frames} == {"sheet"}
+
+
+def test_latency_is_measured(cell: Cell) -> None:
+    cell.start()
+    cell.armed()
+    cell.form(small_ring())
+    latency = np.array([state.latency for state in cell.states if state.mode == ForceCtrlState.CONTROL])
+    assert latency.size
+    assert np.isfinite(latency).all()
+    assert (latency > 0.0).all()
+
+
+def test_saturated_cell_holds_with_its_code(cell: Cell) -> None:
+    cell.start({"saturated_at": 1000})
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.WRENCH_OUT_OF_RANGE)
+    assert "tool_2" in result.message or "tool_1" in result.message
+
+
+def test_a_fifth_of_the_wrenches_may_be_lost_in_real_time(cell: Cell) -> None:
+    cell.start({"lockstep": False, "lost_share": 0.2}, lockstep=False)
+    cell.armed()
+    result = conversion.result_from_message(cell.form(small_ring()))
+    assert (result.completed, result.code) == (True, 0)
+    assert result.contact_fraction > 0.9
+
+
+def test_contour_for_one_tool_is_answered(cell: Cell) -> None:
+    cell.start()
+    cell.armed()
+    contour = replace(small_ring(), support_tip=np.empty((0, 3)), support_force=np.empty(0))
+    result = cell.form(contour)
+    assert (result.completed, result.code) == (False, ErrorCode.CONTOUR_REJECTED)
+    assert "one tool only" in result.message
+    assert cell.targets == 0
+
+
+def test_blank_holder_has_targets_in_tpif(cell: Cell) -> None:
+    cell.start()
+    heights: list[float] = []
+    cell.node.create_subscription(
+        PoseStamped, "holder/target", lambda message: heights.append(message.pose.position.z), qos.STREAM
+    )
+    job = JOB.replace("DSIF", "TPIF").replace("support_force: 120 N, ", "") + "die: {mesh: die.stl, unit: mm}\n"
+    cell.armed(job=job)
+    nothing = np.empty((0, 3))
+    contour = replace(
+        small_ring(), process=Process.TPIF, support_tip=nothing, support_force=np.empty(0), holder_height=1e-3
+    )
+    result = cell.form(contour)
+    assert (result.completed, result.code) == (True, 0)
+    assert cell.wait(lambda: heights and max(heights) > 0.0 and heights[-1] == 0.0)
+    assert max(heights) == pytest.approx(1e-3)  # and down again when parked
+
+
+def test_wrenches_in_another_frame_are_refused(cell: Cell) -> None:
+    cell.start({"frame": "tool0"})
+    response = cell.arm()
+    deadline = time.monotonic() + LIMIT
+    while response.code == ErrorCode.NO_TARE and time.monotonic() < deadline:
+        response = cell.arm()
+    assert response.code == ErrorCode.WRENCH_FRAME
+    assert "'tool0', not 'sheet'" in response.message
+    assert cell.targets == 0
+
+
+def test_a_frozen_wrench_holds_with_its_code(cell: Cell) -> None:
+    cell.start({"frozen_at": 1500})
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.WRENCH_FROZEN)
+    assert cell.rests_in(ForceCtrlState.HOLD)
+
+
+def test_a_cell_with_the_wrong_sign_holds_with_its_code(cell: Cell) -> None:
+    cell.start({"sign": -1.0})
+    cell.armed()
+    result = cell.form(small_ring())
+    assert (result.completed, result.code) == (False, ErrorCode.LOAD_CELL_SIGN)

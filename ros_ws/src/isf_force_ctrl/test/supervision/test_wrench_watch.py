@@ -1,0 +1,120 @@
+"""Signals that lie: frozen, in other axes, of the wrong sign; and contours that do not join."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contact_sandbox import make_config, ring, run, spiral
+from isf_core.errors import ErrorCode, IsfError
+from isf_force_ctrl import ForceController, Mode
+from isf_force_ctrl.supervision.wrench_receiver import WrenchFrames
+from isf_force_ctrl.supervision.wrench_watch import WrenchWatch
+
+
+@pytest.mark.parametrize("tool", [1, 2])
+def test_a_frozen_wrench_holds(tool):
+    kept = {}
+
+    def freeze(tick, controller, wrench_1, wrench_2):
+        wrenches = [wrench_1, wrench_2]
+        if controller.mode is Mode.CONTROL:
+            kept.setdefault("wrench", list(wrenches[tool - 1]))
+            kept.setdefault("tick", tick)
+        if kept:
+            wrenches[tool - 1] = list(kept["wrench"])
+        return wrenches
+
+    outcome = run([ring(0, 1, radius=25e-3)], make_config(), on_tick=freeze)
+    result = outcome.results[-1]
+    assert (result.completed, result.code) == (False, ErrorCode.WRENCH_FROZEN)
+    assert f"tool_{tool}/wrench" in result.message
+    assert outcome.controller.mode is Mode.HOLD
+    # found within 0.3 s, and braked
+    assert result.end <= kept["tick"] / 500.0 + 0.3 + 0.2
+
+
+def test_noise_and_unloaded_cells_are_not_frozen():
+    watch = WrenchWatch(make_config())
+    random = np.random.default_rng(0)
+    still = [0.0] * 6
+    for _ in range(5000):
+        loaded = [*np.round(120.0 + 1.2 * random.standard_normal(3)), 0.0, 0.0, 0.0]
+        assert watch.look(loaded, still, 1, Mode.CONTROL, 120.0) is None
+
+
+def test_a_reading_that_is_used_again_is_not_frozen():
+    # by the clock, while no new message comes: that is a lost signal, and told as one
+    watch, kept = WrenchWatch(make_config()), [(0.0, 0.0, 100.0, 0.0, 0.0, 0.0)] * 2
+    assert all(watch.look(*kept, 1, Mode.CONTROL, 120.0) is None for _ in range(1000))
+    found = [watch.look([0.0, 0.0, 100.0, 0.0, 0.0, 0.0], kept[1], 1, Mode.CONTROL, 120.0) for _ in range(200)]
+    assert found[-1][0] is ErrorCode.WRENCH_FROZEN
+
+
+def test_a_normal_force_of_the_wrong_sign_holds():
+    def turned(_, controller, wrench_1, wrench_2):
+        return wrench_1, [-value for value in wrench_2]
+
+    outcome = run([ring(0, 1)], make_config(), on_tick=turned)
+    result = outcome.results[-1]
+    assert (result.completed, result.code) == (False, ErrorCode.LOAD_CELL_SIGN)
+    assert "support tool_2" in result.message
+    # the loop pushes while it is not noticed: far less than to the offset limit
+    assert outcome.force.max() < 250.0
+
+
+@pytest.mark.parametrize(("forming", "wrong"), [(1, -1.0), (2, 1.0)])
+def test_an_axial_force_of_the_wrong_sign_holds(forming, wrong):
+    def turned(_, controller, wrench_1, wrench_2):
+        wrenches = [wrench_1, wrench_2]
+        if controller.mode is Mode.POSITION:
+            wrenches[forming - 1][2] = wrong * (300.0 + np.random.default_rng().standard_normal())
+        return wrenches
+
+    contour = ring(0, 1, force=None)
+    if forming == 2:
+        from contact_sandbox import mirrored
+
+        contour = mirrored(contour)
+    result = run([contour], make_config(), on_tick=turned, forming_tool=forming).results[-1]
+    assert (result.completed, result.code) == (False, ErrorCode.LOAD_CELL_SIGN)
+    assert f"forming tool_{forming}" in result.message
+
+
+def test_short_tension_is_no_wrong_sign():
+    watch = WrenchWatch(make_config())
+    for tick in range(400):
+        fz = -60.0 - tick % 3 if tick % 50 < 40 else 5.0  # 80 ms at a time
+        assert watch.look([0, 0, fz, 0, 0, 0], [0] * 6, 1, Mode.POSITION, 0.0) is None
+
+
+def test_frames():
+    frames = WrenchFrames("sheet")
+    frames.check([1, 2])
+    assert frames.right(1, "sheet")
+    assert not frames.right(2, "tool0")
+    frames.check([1])
+    with pytest.raises(IsfError, match="tool0") as caught:
+        frames.check([1, 2])
+    assert caught.value.code == ErrorCode.WRENCH_FRAME
+    assert frames.right(2, "sheet")
+    frames.check([1, 2])
+
+
+def test_an_open_contour_that_does_not_join_is_refused():
+    turns = spiral(3)
+    controller = ForceController(make_config())
+    outcome = run(turns[:1], make_config())
+    controller = outcome.controller
+    shift = np.array([0.0, 8e-3, 0.0])
+    far = replace(
+        turns[1],
+        contact=turns[1].contact + shift,
+        forming_tip=turns[1].forming_tip + shift,
+        support_tip=turns[1].support_tip + shift,
+    )
+    with pytest.raises(IsfError, match=r"8\.\d mm from the end") as caught:
+        controller.start(far)
+    assert caught.value.code == ErrorCode.CONTOUR_NOT_JOINED
+    # lifted on purpose it is formed, and so is the one that joins
+    controller.start(replace(far, retract=True))
+    assert controller.busy

@@ -1,0 +1,1 @@
+"""Identification and tuning tools: dial indicator, tuning sandbox, pictures."""

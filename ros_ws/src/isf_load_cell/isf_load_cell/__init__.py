@@ -1,0 +1,1 @@
+"""Load cells: calibration, readings to wrenches, and node ``load_cell``."""

@@ -1,0 +1,106 @@
+"""Readings of a load cell in, wrenches out: when a wrench may be published, and what is told otherwise.
+
+A fault of the cell (not a number, saturated, frozen) ends the stream until the next tare: force control holds on a
+stream that stops, and a cell that was overloaded may have shifted, so it must not come back by itself.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Protocol
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
+
+
+class Reading(Protocol):
+    """One cell or an arrangement of cells: load_cell_reading.CellReading, three_cell_reading.ThreeCellReading."""
+
+    def tare(self, readings: Array, rotation: Array | None = None) -> None:
+        """Zero from readings (n, C) without contact."""
+
+    def wrench(self, reading: Array, rotation: Array | None = None) -> Array:
+        """(6,) N and N m in axes of frame sheet from a reading (C,)."""
+        ...
+
+    def watch_drift(self, readings: Array, rotation: Array | None = None) -> float:
+        """N, change of the unloaded force since the tare."""
+        ...
+
+    def warning(self) -> IsfError | None:
+        """What a person should look at though the wrench is right."""
+
+
+class CellStream:
+    """``reading`` turns readings into wrenches; zero and drift come from the last ``tare_readings`` of them."""
+
+    def __init__(self, reading: Reading, tare_readings: int) -> None:
+        self._reading, self._needed = reading, tare_readings
+        self._recent: deque[Array] = deque(maxlen=tare_readings)
+        self._rotation: Array | None = None
+        self._stamp = 0
+        self._wrench: Array | None = None
+        self._drift: IsfError | None = None
+        self.fault: IsfError | None = IsfError(
+            ErrorCode.NO_TARE, "the load cell was not tared", advice="tare it with the tools free"
+        )
+        """Why no wrenches are given out; None when they are."""
+        self.faults = 0
+        """Faults since the start."""
+
+    def put(self, stamp: int, reading: Array, rotation: Array | None = None) -> Array | None:
+        """(6,) wrench of ``reading`` (C,) with ``stamp`` ns, None when none is to be published; sets :attr:`fault`.
+
+        ``rotation`` (3, 3) from axes of the cell to frame sheet, where it changes. A stamp that repeats is a sign of
+        life of a machine that waits (docs/architecture.md, lockstep): no new reading, the same wrench again.
+        """
+        again = bool(stamp) and stamp == self._stamp
+        if again and self._wrench is not None:
+            return self._wrench
+        self._stamp, self._rotation, self._wrench = stamp, rotation, None
+        if not again:
+            self._recent.append(reading)
+        if self.fault is None:
+            try:
+                self._wrench = self._reading.wrench(reading, rotation)
+            except IsfError as error:
+                self.fault = error
+                self.faults += 1
+        return self._wrench
+
+    def tare(self) -> int:
+        """Zero from the last readings, and an end of every fault; returns how many. Raises IsfError as the cell."""
+        readings = self._last_readings()
+        self._reading.tare(readings, self._rotation)
+        self.fault = self._drift = self._wrench = None
+        return len(readings)
+
+    def check_drift(self) -> float:
+        """N, change of the unloaded force since the tare; beyond the limit it stays a warning until the next tare.
+
+        Raises IsfError NO_TARE (beyond the limit, too few readings), or the present fault.
+        """
+        if self.fault is not None:
+            raise self.fault
+        readings = self._last_readings()
+        try:
+            drift = self._reading.watch_drift(readings, self._rotation)
+        except IsfError as error:
+            self._drift = error
+            raise
+        self._drift = None
+        return drift
+
+    def warning(self) -> IsfError | None:
+        """What a person should look at though wrenches are given out."""
+        return self._reading.warning() or self._drift
+
+    def _last_readings(self) -> Array:
+        if len(self._recent) < self._needed:
+            raise IsfError(
+                ErrorCode.NO_TARE,
+                f"{len(self._recent)} readings so far, {self._needed} are needed",
+                advice="ask again, or lower tare_readings",
+            )
+        return np.array(self._recent)

@@ -1,0 +1,317 @@
+"""The cell's file, torques, three cells reading by reading, and when wrenches are given out: without ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isf_core.errors import ErrorCode, IsfError
+from isf_load_cell.cell_file import load_cell_set_up
+from isf_load_cell.reading import CellReading, CellSettings
+from isf_load_cell.stream import CellStream
+from isf_load_cell.three_cells import ThreeCellReading, ThreeCellSettings, readings_of
+from scipy.spatial.transform import Rotation
+
+MATRIX = "calibration_matrix: [[2, 0.1, 0], [0, -3, 0], [0, 0.2, 4]]\nrange: 1000\n"
+NINE = "".join(f"  c{k}{axis}: 2456.7\n" for k in (1, 2, 3) for axis in "xyz")
+THREE = f"calibration_gains:\n{NINE}three_cells: {{height: 280 mm}}\nrange: 9.5\n"
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / "cell.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+# -- the file ------------------------------------------------------------------------------------
+
+
+def test_a_matrix_for_forces_passes_torques_on(tmp_path: Path) -> None:
+    found = load_cell_set_up(written(tmp_path, MATRIX + "rotation: [0 deg, 0 deg, 90 deg]\n"), "", 1)
+    assert found.channels is None
+    found.reading.tare(np.zeros((3, 6)))
+    wrench = found.reading.wrench(np.array([10.0, 20.0, 30.0, 1.0, 2.0, 3.0]))
+    # Load in axes of the cell (22, -60, 124), turned by 90 degrees about z: (60, 22, 124); torques (1, 2, 3) likewise.
+    assert wrench == pytest.approx([60.0, 22.0, 124.0, -2.0, 1.0, 3.0])
+
+
+def test_the_piece_for_a_rig_is_inverted_and_the_rig_tells_the_rest(tmp_path: Path) -> None:
+    response = np.eye(6)
+    response[0, 1], response[2, 2] = 0.02, 1.1
+    text = "load_cell:\n  matrix:\n" + "".join(f"    - {row.tolist()}\n" for row in response)
+    with pytest.raises(IsfError, match="no range"):
+        load_cell_set_up(written(tmp_path, text), "", 1)
+    reading = load_cell_set_up(written(tmp_path, text), "ren2018", 1).reading
+    reading.tare(np.zeros((3, 6)))
+    load = np.array([100.0, -50.0, 300.0, 1.0, 2.0, 3.0])
+    assert reading.wrench(response @ load) == pytest.approx(load)
+    with pytest.raises(IsfError) as caught:  # 2000 N by the rig file
+        reading.wrench(np.array([0.0, 0.0, 1999.0, 0.0, 0.0, 0.0]))
+    assert caught.value.code is ErrorCode.WRENCH_OUT_OF_RANGE
+
+
+def test_the_rig_alone_is_enough_and_tells_the_weight(tmp_path: Path) -> None:
+    upper = load_cell_set_up("", "torrao2013", 1).reading
+    assert isinstance(upper, CellReading)
+    assert upper.settings.mass * 9.80665 == pytest.approx(300.0)
+    assert upper.settings.matrix == pytest.approx(np.eye(6))
+    lower = load_cell_set_up("", "torrao2013", 2).reading
+    assert isinstance(lower, CellReading)
+    assert lower.settings.mass == 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "what"),
+    [
+        ("range: 5\n", ErrorCode.FILE_FIELD, "no calibration"),
+        (MATRIX + "weight: 20\n", ErrorCode.FILE_UNIT, "no unit"),
+        (MATRIX + "cutoff: 300 Hz\n", ErrorCode.FILE_FIELD, "half the rate"),
+        (MATRIX + "drift_limit: -1 N\n", ErrorCode.FILE_FIELD, "drift_limit"),
+        (MATRIX + "frozen_after: 1\n", ErrorCode.FILE_FIELD, "frozen_after"),
+        (MATRIX + "channels: [a, b]\n", ErrorCode.FILE_FIELD, "3 readings"),
+        (MATRIX.replace("1000", "[1, 2]"), ErrorCode.FILE_FIELD, "range"),
+        (MATRIX.replace("1000", "0"), ErrorCode.FILE_FIELD, "range"),
+        (MATRIX.replace("4]]", ".nan]]"), ErrorCode.FILE_FIELD, "finite"),
+        (MATRIX.replace("[0, 0.2, 4]", "[2, 0.1, 0]"), ErrorCode.FILE_FIELD, "some direction"),
+        (MATRIX.replace("4]]", "4, 1]]"), ErrorCode.FILE_FIELD, "same length"),
+        ("calibration_gains: {a: 1, b: 0, c: 1}\nrange: 5\n", ErrorCode.FILE_FIELD, "not zero"),
+        (MATRIX + "calibration_gains: {a: 1, b: 1, c: 1}\n", ErrorCode.FILE_FIELD, "more than one"),
+        ("calibration_gains: {a: 1, b: 1, c: 1, d: 1}\nrange: 5\n", ErrorCode.FILE_FIELD, "as a wrench"),
+        (THREE.replace("  c1x: 2456.7\n", ""), ErrorCode.FILE_FIELD, "nine"),
+        (THREE.replace("280 mm", "0 mm"), ErrorCode.FILE_FIELD, "height"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, text: str, code: ErrorCode, what: str) -> None:
+    with pytest.raises(IsfError, match=what) as caught:
+        load_cell_set_up(written(tmp_path, text), "", 1)
+    assert caught.value.code is code
+
+
+def test_something_has_to_be_named(tmp_path: Path) -> None:
+    with pytest.raises(IsfError, match="no load cell is named"):
+        load_cell_set_up("", "", 1)
+    with pytest.raises(IsfError) as caught:
+        load_cell_set_up(str(tmp_path / "none.yaml"), "", 1)
+    assert caught.value.code is ErrorCode.FILE_NOT_FOUND
+
+
+# -- torques and weight --------------------------------------------------------------------------
+
+
+@given(angles=st.tuples(*[st.floats(-1.2, 1.2)] * 3))
+@settings(max_examples=20, deadline=None)
+def test_weight_is_gone_at_any_orientation(angles: tuple[float, float, float]) -> None:
+    mass, centre, zero = 3.0, np.array([0.01, -0.02, -0.12]), np.arange(6.0)
+    cell = CellReading(
+        CellSettings(
+            rate=500.0,
+            matrix=np.eye(6),
+            rotation=np.eye(3),
+            range=np.full(6, 1e4),
+            cutoff=0.0,
+            mass=mass,
+            centre=centre,
+        )
+    )
+    load = np.array([5.0, -8.0, 90.0, 0.3, 0.1, -0.2])
+
+    def read(turn: np.ndarray, load: np.ndarray) -> np.ndarray:
+        pull = turn.T @ [0.0, 0.0, -mass * 9.80665]
+        torque = np.cross(centre, pull)  # r x F, as a cell feels what hangs on it
+        return zero + np.concatenate([turn.T @ load[:3] + pull, turn.T @ load[3:] + torque])
+
+    upright, turned = np.eye(3), Rotation.from_euler("xyz", angles).as_matrix()
+    cell.tare(np.tile(read(upright, np.zeros(6)), (5, 1)), upright)
+    assert cell.wrench(read(turned, load), turned) == pytest.approx(load, abs=1e-9)
+
+
+# -- three cells ---------------------------------------------------------------------------------
+
+HEIGHT, GAIN = 0.28, 2456.7
+
+
+def three(**changes: object) -> ThreeCellReading:
+    values = {
+        "gains": np.full((3, 3), GAIN),
+        "range": np.full((3, 3), 9.5),
+        "height": HEIGHT,
+        "rotation": np.eye(3),
+        "frozen_after": 5,
+    }
+    reading = ThreeCellReading(ThreeCellSettings(**{**values, **changes}))  # type: ignore[arg-type]
+    reading.tare(np.zeros((5, 9)))
+    return reading
+
+
+def volts(force: list[float]) -> np.ndarray:
+    return readings_of(np.array(force), HEIGHT).ravel() / GAIN
+
+
+@pytest.mark.parametrize("cell", [1, 2, 3])
+@pytest.mark.parametrize("how", ["no number", "saturated", "frozen"])
+def test_one_of_three_cells_may_fail_in_any_way(cell: int, how: str) -> None:
+    reading = three()
+    found = np.zeros(6)
+    for k in range(8):
+        force = [100.0 + k, 50.0 - k, 900.0 + k]
+        values = volts(force)
+        own = slice(3 * (cell - 1), 3 * cell)
+        values[own] = {"no number": np.nan, "saturated": 9.45, "frozen": volts([100.0, 50.0, 900.0])[own]}[how]
+        found = reading.wrench(values)
+    assert found[:3] == pytest.approx(force, abs=0.1)  # the fall-back is exact in the model
+    warning = reading.warning()
+    assert warning is not None
+    codes = {"no number": 1201, "saturated": 1203, "frozen": 1210}
+    assert warning.code == codes[how]
+    assert f"load cell {cell} " in warning.what
+    # Well again, it stays out until the next tare; then it counts.
+    reading.wrench(volts([1.0, 2.0, 3.0]))
+    assert list(reading.lost) == [cell]
+    reading.tare(np.tile(volts([0.0, 0.0, 0.0]), (3, 1)))
+    assert reading.warning() is None
+
+
+def test_two_lost_cells_are_a_fault() -> None:
+    reading = three()
+    values = volts([100.0, 50.0, 900.0])
+    values[0] = np.nan
+    reading.wrench(values)
+    values[4] = 9.5
+    with pytest.raises(IsfError, match=r"cell 1 gives no reading; load cell 2 is at the end") as caught:
+        reading.wrench(values)
+    assert caught.value.code is ErrorCode.WRENCH_OUT_OF_RANGE
+
+
+def test_a_cell_may_be_missing_when_it_is_tared() -> None:
+    reading = three()
+    zero = np.array([0.1] * 3 + [np.nan] * 3 + [-0.2] * 3)
+    reading.tare(np.tile(zero, (4, 1)))
+    assert reading.wrench(volts([100.0, 50.0, 900.0]) + zero)[:3] == pytest.approx([100.0, 50.0, 900.0], abs=0.1)
+    with pytest.raises(IsfError, match="1 gives no reading; load cell 2"):
+        reading.tare(np.tile([np.nan] * 6 + [0.0] * 3, (4, 1)))
+
+
+def test_disagreement_of_axial_and_shear_is_told() -> None:
+    reading = three(inconsistency_limit=100.0)
+    values = volts([100.0, 50.0, 900.0])
+    reading.wrench(values)
+    assert reading.warning() is None
+    values[0] += 150.0 / GAIN
+    reading.wrench(values)
+    assert reading.inconsistency == pytest.approx(150.0)
+    assert reading.warning() is not None
+
+
+def test_three_cells_drift_and_weight() -> None:
+    reading = three(mass=300.0 / 9.80665, mass_height=0.15)
+    weight = np.array([0.0, 0.0, -300.0])
+
+    def free(turn: np.ndarray) -> np.ndarray:
+        return readings_of(turn.T @ weight, 0.15).ravel() / GAIN
+
+    reading.tare(np.tile(free(np.eye(3)), (4, 1)), np.eye(3))
+    tilted = Rotation.from_euler("xyz", [0.2, -0.3, 0.0]).as_matrix()
+    assert reading.wrench(free(tilted), tilted) == pytest.approx(0.0, abs=1e-6)
+    assert reading.watch_drift(np.tile(free(tilted), (4, 1)), tilted) == pytest.approx(0.0, abs=1e-6)
+    with pytest.raises(IsfError, match="drifted by 12"):
+        reading.watch_drift([free(np.eye(3)) + volts([0.0, 0.0, 12.0])], np.eye(3))
+
+
+# -- the stream ----------------------------------------------------------------------------------
+
+
+def stream(readings: int = 3, **changes: object) -> CellStream:
+    values = {"rate": 500.0, "matrix": np.eye(6), "rotation": np.eye(3), "range": np.full(6, 2e3), "cutoff": 0.0}
+    return CellStream(CellReading(CellSettings(**{**values, **changes})), readings)  # type: ignore[arg-type]
+
+
+def reading(value: float) -> np.ndarray:
+    return np.array([0.0, 0.0, value, 0.0, 0.0, 0.0])
+
+
+def test_nothing_is_given_out_before_the_tare() -> None:
+    cell = stream()
+    assert [cell.put(k, reading(7.0)) for k in (1, 2)] == [None, None]
+    with pytest.raises(IsfError, match="2 readings so far, 3 are needed"):
+        cell.tare()
+    cell.put(3, reading(7.0))
+    assert cell.tare() == 3
+    wrench = cell.put(4, reading(107.0))
+    assert wrench is not None
+    assert wrench[2] == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(("bad", "code"), [(np.nan, 1201), (1990.0, 1203)])
+def test_a_fault_lasts_until_the_next_tare(bad: float, code: int) -> None:
+    cell = stream()
+    for k in range(1, 4):
+        cell.put(k, reading(0.0))
+    cell.tare()
+    assert cell.put(4, reading(bad)) is None
+    assert cell.put(5, reading(1.0)) is None
+    assert cell.fault is not None
+    assert (cell.fault.code, cell.faults) == (code, 1)
+    with pytest.raises(IsfError) as caught:  # the bad reading is among the last ones
+        cell.tare()
+    assert caught.value.code in (ErrorCode.WRENCH_NOT_FINITE, ErrorCode.NO_TARE)
+    for k in range(6, 8):
+        cell.put(k, reading(1.0))
+    cell.tare()
+    assert cell.put(8, reading(2.0)) is not None
+
+
+def test_a_repeated_stamp_is_a_sign_of_life_and_no_reading() -> None:
+    cell = stream(readings=1, frozen_after=5)
+    cell.put(10, reading(7.0))
+    cell.tare()
+    first = cell.put(10, reading(7.0))  # time stands still in lockstep: the tare has to be answered all the same
+    assert first is not None
+    for _ in range(20):  # more than a frozen signal would be allowed
+        again = cell.put(10, reading(7.0))
+        assert again is not None
+        assert again == pytest.approx(first)
+    assert all(cell.put(k, reading(8.0)) is not None for k in range(11, 16))
+    assert cell.put(16, reading(8.0)) is None
+    assert cell.fault is not None
+    assert cell.fault.code is ErrorCode.WRENCH_FROZEN
+
+
+def test_stamps_left_at_zero_are_readings() -> None:
+    cell = stream(readings=2)
+    cell.put(0, reading(0.0))
+    cell.put(0, reading(0.0))
+    cell.tare()
+    found = [cell.put(0, reading(value)) for value in (1.0, 2.0)]
+    assert [wrench[2] for wrench in found if wrench is not None] == [1.0, 2.0]
+
+
+def test_a_frozen_signal_is_not_tared() -> None:
+    cell = stream(readings=60)
+    for k in range(1, 61):
+        cell.put(k, reading(3.0))
+    with pytest.raises(IsfError) as caught:
+        cell.tare()
+    assert caught.value.code is ErrorCode.WRENCH_FROZEN
+
+
+def test_drift_is_told_until_the_next_tare() -> None:
+    cell = stream(readings=2)
+    for k in (1, 2):
+        cell.put(k, reading(0.0))
+    cell.tare()
+    for k in (3, 4):
+        cell.put(k, reading(4.0))
+    assert cell.check_drift() == pytest.approx(4.0)
+    for k in (5, 6):
+        cell.put(k, reading(25.0))
+    with pytest.raises(IsfError, match="drifted by 25"):
+        cell.check_drift()
+    warning = cell.warning()
+    assert warning is not None
+    assert warning.code is ErrorCode.NO_TARE
+    assert cell.fault is None  # the part goes on
+    cell.tare()
+    assert cell.warning() is None

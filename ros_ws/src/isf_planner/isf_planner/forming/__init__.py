@@ -1,0 +1,1 @@
+"""Which tool forms what, from which side and in how many stages."""

@@ -1,0 +1,1 @@
+"""Closed loops of the tool tip at every level, and the feature each belongs to."""

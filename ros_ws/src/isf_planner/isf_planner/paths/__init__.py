@@ -1,0 +1,1 @@
+"""From loops to contours: paths of both tools for SPIF, DSIF, ADSIF and TPIF."""

@@ -1,0 +1,1 @@
+"""What a plan will do to sheet and machine, and compensation without feedback."""

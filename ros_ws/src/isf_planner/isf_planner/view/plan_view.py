@@ -1,0 +1,303 @@
+"""A plan in three dimensions: surface, paths of both tools coloured by what is predicted, warnings highlighted.
+
+HTML is one file with everything in it, to be turned and zoomed in a browser (plotly); PNG is for documents
+(matplotlib). Lengths are shown in mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from scipy.spatial import KDTree
+
+from isf_planner.part.warning_places import warning_places
+from isf_planner.planning import Plan
+
+MM = 1e3
+WARNING = "#c1121f"
+SHEET = "#b4bec8"
+UPPER, LOWER = "#0072B2", "#D55E00"
+MOST_POINTS = 20_000
+"""Points of a path in an HTML view; longer paths are thinned out."""
+
+MOST_NODES = 250
+"""Nodes of the surface along one side."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What colours a path: name for people, and the values of a contour."""
+
+    title: str
+    of: Callable[[Contour], Array]
+
+
+QUANTITIES = {
+    "wall_angle": Quantity("wall angle in deg", lambda contour: np.degrees(contour.wall_angle)),
+    "thickness": Quantity("thickness in mm", lambda contour: contour.thickness * MM),
+    "force": Quantity("axial force in N", lambda contour: contour.predicted_force),
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that is drawn, mm.
+
+    Attributes
+    ----------
+    x, y : (nx,), (ny,) ; z : (ny, nx), surface ; colour : (ny, nx), NaN where nothing is formed
+    forming, support : tips (N, 3) with rows of NaN between contours; support (0, 3) with one tool; over a die where
+        the tip meets the finished part
+    values : (N,) of ``forming``
+    forming_tools : which tools form, 1 (upper) and 2 (lower)
+    warnings : place (3,) mm and text
+    title : of the quantity
+    """
+
+    x: Array
+    y: Array
+    z: Array
+    colour: Array
+    forming: Array
+    support: Array
+    values: Array
+    forming_tools: tuple[int, ...]
+    warnings: list[tuple[Array, str]]
+    title: str
+
+
+def show(plan: Plan, path: Path, colour: str = "wall_angle") -> Path:
+    """Write the view of ``plan`` to ``path`` (.html or .png) and return it.
+
+    Raises
+    ------
+    IsfError : EXPORT_FORMAT_UNKNOWN (ending, colour, or plotly is not installed), FILE_NOT_WRITABLE
+    """
+    if colour not in QUANTITIES:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"a plan cannot be coloured by '{colour}'",
+            advice=f"known: {', '.join(QUANTITIES)}",
+        )
+    writers = {".html": _write_html, ".png": _write_png}
+    writer = writers.get(path.suffix.lower())
+    if writer is None:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"'{path.suffix}' is not a format of pictures",
+            where=str(path),
+            advice="use .html or .png",
+        )
+    scene = make_scene(plan, QUANTITIES[colour])
+    try:
+        writer(scene, _heading(plan), path)
+    except OSError as error:
+        what = f"the picture cannot be written: {error.strerror}"
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(path)) from error
+    return path
+
+
+def flange_rise(plan: Plan) -> float:
+    """m, what tips gain besides ``Contour.holder_height`` to be seen on the finished part: its height over a die."""
+    return -min(contour.holder_height for contour in plan.contours)
+
+
+def part_size(plan: Plan) -> str:
+    """Depth and height of the part from its flange, for people."""
+    z = plan.mesh[0][:, 2] * MM
+    sizes = [f"{-z.min():.1f} mm deep"] if z.min() < -0.05 else []
+    sizes += [f"{z.max():.1f} mm high"] if z.max() > 0.05 else []
+    return " and ".join(sizes)
+
+
+def make_scene(plan: Plan, quantity: Quantity) -> Scene:
+    """What is drawn of a plan."""
+    contours = [c for c in plan.contours if len(quantity.of(c)) == len(c)]
+    values = [quantity.of(contour) for contour in contours]
+    contacts = np.vstack([contour.contact for contour in contours])
+    target = plan.target
+    low, high = contacts[:, :2].min(axis=0) - 10e-3, contacts[:, :2].max(axis=0) + 10e-3
+    columns = np.flatnonzero((target.x >= low[0]) & (target.x <= high[0]))
+    rows = np.flatnonzero((target.y >= low[1]) & (target.y <= high[1]))
+    columns = columns[:: max(1, len(columns) // MOST_NODES + 1)]
+    rows = rows[:: max(1, len(rows) // MOST_NODES + 1)]
+    x, y, z = target.x[columns], target.y[rows], target.z[np.ix_(rows, columns)]
+    nodes = np.column_stack([a.ravel() for a in (*np.meshgrid(x, y), z)])
+    # seen from above: in accumulative forming contacts are made higher up than they end
+    distance, nearest = KDTree(contacts[:, :2]).query(nodes[:, :2])
+    pitch = 3.0 * float(np.median(np.linalg.norm(np.diff(contours[0].contact, axis=0), axis=1))) + 1.5e-3
+    colour = np.where(distance < pitch, np.concatenate(values)[nearest], np.nan).reshape(z.shape)
+    lift = [np.array([0.0, 0.0, c.holder_height + flange_rise(plan)]) for c in contours]
+    support = [(c.support_tip + up) * MM for c, up in zip(contours, lift, strict=True)]
+    stride = max(1, sum(len(contour) for contour in contours) // MOST_POINTS)
+    return Scene(
+        x=x * MM,
+        y=y * MM,
+        z=z * MM,
+        colour=colour,
+        forming=_broken([(c.forming_tip + up) * MM for c, up in zip(contours, lift, strict=True)], contours, stride),
+        support=_broken(support, contours, stride) if any(map(len, support)) else np.empty((0, 3)),
+        values=_broken([value[:, None] for value in values], contours, stride)[:, 0],
+        forming_tools=tuple(sorted({contour.forming_tool for contour in contours})),
+        warnings=[(place * MM, text) for place, text in warning_places(plan.warnings)],
+        title=quantity.title,
+    )
+
+
+def _broken(arrays: list[Array], contours: list[Contour], stride: int) -> Array:
+    """Rows of all contours, closed ones closed, with a row of NaN after each so that no line joins them."""
+    pieces = []
+    for array, contour in zip(arrays, contours, strict=True):
+        thinned = array[::stride]
+        pieces += [thinned, thinned[:1] if contour.closed else array[-1:], np.full((1, array.shape[1]), np.nan)]
+    return np.vstack(pieces)
+
+
+def _heading(plan: Plan) -> str:
+    warned = "1 warning" if len(plan.warnings) == 1 else f"{len(plan.warnings)} warnings"
+    return f"{plan.plan_id}: {len(plan.contours)} contours, part {part_size(plan)}, {warned}"
+
+
+def _write_html(scene: Scene, heading: str, path: Path) -> None:
+    try:
+        import plotly.graph_objects as go  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            "views in HTML need the package plotly",
+            where=str(path),
+            advice="pip install plotly, or use --show plan.png",
+        ) from error
+    limits = {"cmin": float(np.nanmin(scene.values)), "cmax": float(np.nanmax(scene.values))}
+    figure = go.Figure()
+    plain = beside_formed(scene.colour)
+    figure.add_surface(
+        x=scene.x,
+        y=scene.y,
+        z=np.where(plain, scene.z, np.nan),
+        surfacecolor=np.zeros_like(scene.z),
+        colorscale=[[0.0, SHEET], [1.0, SHEET]],
+        opacity=0.8,
+        showscale=False,
+        name="sheet",
+        hoverinfo="skip",
+    )
+    figure.add_surface(
+        x=scene.x,
+        y=scene.y,
+        z=np.where(np.isnan(scene.colour), np.nan, scene.z),
+        surfacecolor=scene.colour,
+        colorscale="Viridis",
+        opacity=0.6,
+        colorbar={"title": {"text": scene.title, "side": "right"}, "thickness": 14, "len": 0.7},
+        name="formed surface",
+        showlegend=True,
+        **limits,
+    )
+    forms, supports, other = _tool_names(scene)
+    line: dict[str, Any] = {"color": scene.values, "colorscale": "Viridis", "width": 3, **limits}
+    figure.add_scatter3d(**_axes(scene.forming), mode="lines", line=line, name=forms)
+    if len(scene.support):
+        figure.add_scatter3d(**_axes(scene.support), mode="lines", line={"color": other, "width": 2}, name=supports)
+    if scene.warnings:
+        places = np.array([place for place, _ in scene.warnings])
+        figure.add_scatter3d(
+            **_axes(places),
+            mode="markers",
+            marker={"color": WARNING, "size": 7, "symbol": "diamond"},
+            text=[_wrapped(text) for _, text in scene.warnings],
+            hoverinfo="text",
+            name="warnings",
+        )
+    figure.update_layout(
+        title=heading,
+        scene={"aspectmode": "data", **{f"{axis}axis": {"title": {"text": f"{axis} in mm"}} for axis in "xyz"}},
+        legend={"x": 0.01, "y": 0.98},
+        margin={"l": 0, "r": 0, "t": 40, "b": 0},
+    )
+    figure.write_html(str(path), include_plotlyjs=True, full_html=True, default_height="97vh")
+
+
+def beside_formed(colour: Array) -> NDArray[np.bool_]:
+    """Nodes of the plain surface beside the coloured one, ``colour`` (ny, nx) with NaN where nothing is formed.
+
+    A cell is drawn where all its four nodes are. So the plain surface reaches to every neighbour of a node without a
+    colour, the diagonal ones too: each cell belongs to one of the surfaces, and no gap is left between them.
+    """
+    return np.asarray(binary_dilation(np.isnan(colour), structure=np.ones((3, 3), dtype=np.bool_)))
+
+
+def _tool_names(scene: Scene) -> tuple[str, str, str]:
+    """Names of the forming and of the support tool, and the colour of the latter."""
+    if scene.forming_tools == (1,):
+        return "upper tool (forms)", "lower tool (supports)", LOWER
+    if scene.forming_tools == (2,):
+        return "lower tool (forms)", "upper tool (supports)", UPPER
+    return "forming tool (upper or lower)", "support tool (the other)", LOWER
+
+
+def _axes(points: Array) -> dict[str, Array]:
+    return dict(zip("xyz", points.T, strict=True))
+
+
+def _wrapped(text: str, width: int = 60) -> str:
+    lines = [""]
+    for word in text.split():
+        if len(lines[-1]) + len(word) > width:
+            lines.append("")
+        lines[-1] += f"{word} "
+    return "<br>".join(line.strip() for line in lines)
+
+
+def _write_png(scene: Scene, heading: str, path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13.0, 6.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    solid: Any = figure.add_subplot(1, 2, 1, projection="3d")
+    above = figure.add_subplot(1, 2, 2)
+    scale = Normalize(float(np.nanmin(scene.values)), float(np.nanmax(scene.values)))
+    gx, gy = np.meshgrid(scene.x, scene.y)
+    solid.plot_surface(gx, gy, scene.z, color="#dde3e8", alpha=0.35, rcount=60, ccount=60, lw=0)
+    segments = np.stack([scene.forming[:-1], scene.forming[1:]], axis=1)
+    whole = np.isfinite(segments).all(axis=(1, 2))
+    segments, values = segments[whole], scene.values[:-1][whole]
+    middle = segments.mean(axis=1)
+    solid.scatter(*middle.T, c=values, cmap="viridis", norm=scale, s=0.7, lw=0, depthshade=False)
+    if len(scene.support):
+        _, supports, other = _tool_names(scene)
+        solid.plot(*scene.support.T, color=other, lw=0.4, alpha=0.6, label=supports)
+        solid.legend(loc="upper left", frameon=False)
+    # to scale in plan, depth stretched where the part is flat
+    size = [float(np.ptp(scene.x)), float(np.ptp(scene.y)), float(np.ptp(scene.z))]
+    solid.set_box_aspect((size[0], size[1], max(size[2], 0.25 * max(size[:2]))), zoom=0.8)
+    solid.set(xlabel="x in mm", ylabel="y in mm", zlabel="z in mm")
+    solid.view_init(elev=38, azim=-60)
+    flat = LineCollection(list(segments[:, :, :2]), array=values, cmap="viridis", norm=scale, lw=1.0)
+    above.add_collection(flat)
+    above.set(aspect="equal", xlabel="x in mm", ylabel="y in mm", title="from above")
+    above.set_xlim(scene.x[0], scene.x[-1])
+    above.set_ylim(scene.y[0], scene.y[-1])
+    for number, (place, _) in enumerate(scene.warnings, start=1):
+        solid.scatter(*place, color=WARNING, marker="D", s=36, depthshade=False)
+        above.plot(*place[:2], "D", color=WARNING, ms=7)
+        above.annotate(f"{number}", place[:2], textcoords="offset points", xytext=(7, 5), color=WARNING, weight="bold")
+    figure.colorbar(ScalarMappable(scale, "viridis"), ax=above, label=scene.title, shrink=0.8)
+    figure.suptitle(heading, x=0.01, ha="left", fontsize=11)
+    if scene.warnings:
+        lines = [f"{k}  {text}" for k, (_, text) in enumerate(scene.warnings, start=1)]
+        figure.supxlabel("\n".join(lines[:4]), x=0.01, ha="left", fontsize=8, color=WARNING, wrap=True)
+    figure.savefig(path, dpi=120, metadata={"Software": "isf_planner"})

@@ -1,0 +1,83 @@
+"""Over a die: levels by spacing, place on the blank, and dies that stand where they must not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile, load_job
+from isf_planner import Plan, plan
+from isf_planner.checks import die_checks
+from isf_planner.predict.predictions import step_depths
+from planner_parts import EXAMPLES
+
+JOB = load_job(EXAMPLES / "jobs" / "tpif_cone.yaml")
+DIE = EXAMPLES / "parts" / "tpif_cone_die.stl"
+
+
+def changed(folder: Path, *, path: str = "", place: str = "", move: tuple[float, ...] = (0.0, 0.0, 0.0)) -> JobFile:
+    """The example with more of the path and part sections, and a die moved by ``move`` mm."""
+    trimesh.load_mesh(DIE, process=False).apply_translation(move).export(folder / "die.stl")
+    text = JOB.text.replace("../parts/tpif_cone.stl", str(EXAMPLES / "parts" / "tpif_cone.stl"))
+    text = text.replace("../parts/tpif_cone_die.stl", "die.stl").replace("  feed:", f"{path}  feed:")
+    return JobFile(text.replace("  unit: mm\nprocess", f"  unit: mm\n{place}process"), folder)
+
+
+@pytest.fixture(scope="module")
+def made() -> Plan:
+    return plan(JOB)
+
+
+def test_levels_follow_the_spacing(tmp_path: Path) -> None:
+    """On the straight wall of 40 deg contours 0.8 mm apart along the wall are 0.8 sin 40 deg deep."""
+    options = "  spacing: arc\n  arc_step: 0.8 mm\n  largest_step: 1 mm\n"
+    contours = plan(changed(tmp_path, path=options)).contours
+    holders = np.array([contour.holder_height for contour in contours])
+    assert holders[-1] == pytest.approx(-6e-3, abs=1e-9)
+    wall = [abs(np.degrees(np.median(contour.wall_angle)) - 40.0) < 0.3 for contour in contours]
+    steps = -np.diff(holders)[np.array(wall[1:]) & np.array(wall[:-1])]
+    assert len(steps) > 3
+    wanted = 0.8e-3 * np.sin(np.radians(40.0))
+    # all are shortened alike so that the last one ends at the full height, by less than one part in their number
+    assert steps.max() < 1.02 * wanted
+    assert steps.min() > (0.98 - 1.0 / len(contours)) * wanted
+
+
+def test_part_and_die_stand_where_the_part_is_placed(made: Plan, tmp_path: Path) -> None:
+    moved = plan(changed(tmp_path, place="  place: [7 mm, -4 mm]\n", move=(7.0, -4.0, 0.0)))
+    for one, other in zip(made.contours, moved.contours, strict=True):
+        np.testing.assert_allclose(other.forming_tip.mean(axis=0)[:2], [7e-3, -4e-3], atol=0.1e-3)
+        assert other.holder_height == one.holder_height
+
+
+@pytest.mark.parametrize("move", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)])
+def test_a_die_one_millimetre_off_is_refused(move: tuple[float, ...], tmp_path: Path) -> None:
+    with pytest.raises(IsfError) as caught:
+        plan(changed(tmp_path, move=move))
+    assert caught.value.code is ErrorCode.DIE_COLLISION
+    assert "die at x" in caught.value.where
+    assert caught.value.advice
+
+
+@pytest.mark.parametrize("move", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_no_room_between_tool_and_die(move: tuple[float, ...], made: Plan) -> None:
+    """The second check alone, on the planned contours: the sheet would be squeezed between tool and die."""
+    points = die_checks.load_die(JOB)
+    die_checks.check_tool(made.contours, JOB.job, points)
+    with pytest.raises(IsfError) as caught:
+        die_checks.check_tool(made.contours, JOB.job, points + 1e-3 * np.array(move))
+    assert caught.value.code is ErrorCode.DIE_COLLISION
+    assert caught.value.where.startswith("contour ")
+    assert "x = " in caught.value.where
+    if move[0]:  # on the side that the die has come closer to
+        assert float(caught.value.where.split("x = ")[1].split(",")[0]) > 0
+
+
+def test_the_holder_counts_as_depth_of_a_step(made: Plan) -> None:
+    """Predicted forces take the step from contour to contour, which over a die is the holder's."""
+    coarse = [replace(contour, holder_height=2.0 * contour.holder_height) for contour in made.contours]
+    np.testing.assert_allclose(step_depths(coarse, 9.0)[1:], 1e-3, atol=1e-9)

@@ -1,0 +1,190 @@
+"""Core dataclasses to ROS messages and back; the only place where the two meet.
+
+A tool lift travels as ``sensor_msgs/PointCloud2``: tip positions x, y, z (m, frame ``sheet``) with the axial force (N).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+from isf_msgs import msg as isf
+from nav_msgs.msg import Path
+from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+
+from isf_ros import fields, stamps
+
+FRAME = "sheet"
+
+contour_from_message = fields.contour_of
+correction_from_message = fields.correction_of
+result_from_message = fields.result_of
+
+
+def contour_to_message(contour: Contour, stamp: Time | None = None) -> isf.Contour:
+    """Message of a contour; ``stamp`` defaults to zero."""
+    message = isf.Contour()
+    _fill(message, contour, fields.CONTOUR, stamp)
+    message.process = int(contour.process)
+    return message
+
+
+def correction_to_message(correction: ContourCorrection, stamp: Time | None = None) -> isf.ContourCorrection:
+    """Message of a correction."""
+    message = isf.ContourCorrection()
+    _fill(message, correction, fields.CORRECTION, stamp)
+    return message
+
+
+def result_to_message(result: ContourResult, stamp: Time | None = None) -> isf.ContourResult:
+    """Message of a result."""
+    message = isf.ContourResult()
+    _fill(message, result, fields.RESULT, stamp)
+    return message
+
+
+def wrench_array(message: WrenchStamped) -> tuple[float, float, float, float, float, float]:
+    """(6,) N and N m: force of the sheet on the tool, then torque."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
+
+
+def set_wrench(message: WrenchStamped, wrench: Sequence[float] | NDArray[np.float64]) -> None:
+    """Write (6,) N and N m into a message."""
+    force, torque = message.wrench.force, message.wrench.torque
+    force.x, force.y, force.z, torque.x, torque.y, torque.z = (float(value) for value in wrench)
+
+
+def tip_of(message: PoseStamped) -> tuple[float, float, float]:
+    """(3,) m, tool tip of a pose."""
+    position = message.pose.position
+    return (position.x, position.y, position.z)
+
+
+def set_tip(message: PoseStamped, tip: Sequence[float] | NDArray[np.float64]) -> None:
+    """Write a tool tip (3,) m into a pose."""
+    position = message.pose.position
+    position.x, position.y, position.z = (float(value) for value in tip)
+
+
+def make_pose() -> PoseStamped:
+    """Pose in frame ``sheet`` without rotation, to be filled by :func:`set_tip`."""
+    message = PoseStamped()
+    message.header.frame_id = FRAME
+    message.pose.orientation.w = 1.0
+    return message
+
+
+def make_wrench() -> WrenchStamped:
+    """Wrench in axes of frame ``sheet``, to be filled by :func:`set_wrench`."""
+    message = WrenchStamped()
+    message.header.frame_id = FRAME
+    return message
+
+
+def path_to_message(tips: NDArray[np.float64], stamp: Time, most: int = 2000) -> Path:
+    """``nav_msgs/Path`` of tips (N, 3) m, decimated to at most ``most`` poses: a view for people, not a command."""
+    path = Path()
+    path.header.frame_id = FRAME
+    path.header.stamp = stamp
+    step = max(1, -(-len(tips) // most))
+    for tip in tips[::step]:
+        pose = make_pose()
+        set_tip(pose, tip)
+        path.poses.append(pose)
+    return path
+
+
+def height_map_to_message(height_map: HeightMap, stamp: Time) -> PointCloud2:
+    """Grid points x, y, z (float64) as a PointCloud2 of ny rows and nx columns."""
+    points = np.ascontiguousarray(height_map.points(), dtype="<f8")
+    cloud = PointCloud2()
+    cloud.header.frame_id = FRAME
+    cloud.header.stamp = stamp
+    cloud.height, cloud.width = height_map.z.shape
+    cloud.fields = [
+        PointField(name=name, offset=8 * k, datatype=PointField.FLOAT64, count=1) for k, name in enumerate("xyz")
+    ]
+    cloud.is_bigendian = False
+    cloud.point_step = 24
+    cloud.row_step = 24 * cloud.width
+    cloud.is_dense = bool(np.isfinite(points).all())
+    cloud.data = points.tobytes()
+    return cloud
+
+
+def height_map_from_message(message: Any) -> HeightMap:
+    """Height map of a PointCloud2 (rclpy or bag) as written by :func:`height_map_to_message`; ValueError otherwise."""
+    return fields.height_map_of(message)
+
+
+def _fill(message: Any, source: Any, table: dict[str, str], stamp: Time | None) -> None:
+    message.header.frame_id = FRAME
+    if stamp is not None:
+        message.header.stamp = stamp
+    for name, kind in table.items():
+        value = getattr(source, name)
+        if kind in (fields.N, fields.N3):
+            value = fields.to_flat(value)
+        elif kind == fields.FLAGS:
+            value = fields.to_flag_bytes(value)
+        elif kind == fields.TEXTS:
+            value = list(value)
+        elif kind == fields.TIME:
+            value = stamps.from_seconds(value)
+        elif isinstance(value, np.generic):
+            value = value.item()
+        setattr(message, name, value)
+
+
+NAMES = ("x", "y", "z", "force")
+_SIZE = 8
+
+
+def lift_to_cloud(rows: Array, stamp: Time) -> PointCloud2:
+    """The message of ``rows`` (K, 4): x, y, z in m, force in N."""
+    table = np.ascontiguousarray(np.asarray(rows, dtype="<f8").reshape(-1, len(NAMES)))
+    fields = [
+        PointField(name=name, offset=_SIZE * k, datatype=PointField.FLOAT64, count=1) for k, name in enumerate(NAMES)
+    ]
+    step = _SIZE * len(NAMES)
+    return PointCloud2(
+        header=Header(stamp=stamp, frame_id="sheet"),
+        height=1,
+        width=len(table),
+        fields=fields,
+        is_bigendian=False,
+        point_step=step,
+        row_step=step * len(table),
+        data=table.tobytes(),
+        is_dense=True,
+    )
+
+
+def lift_from_cloud(message: PointCloud2) -> Array:
+    """(K, 4) m, N; ValueError when a field is missing, not float64, or the data is cut off."""
+    offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT64}
+    if not set(NAMES) <= set(offsets):
+        raise ValueError(f"needs float64 fields {', '.join(NAMES)}; this cloud has {sorted(offsets)}")
+    data = bytes(message.data)
+    if len(data) != message.width * message.height * message.point_step:
+        raise ValueError(f"{len(data)} bytes are not {message.width} x {message.height} points")
+    order = ">" if message.is_bigendian else "<"
+    kind = np.dtype(
+        {
+            "names": NAMES,
+            "formats": [order + "f8"] * len(NAMES),
+            "offsets": [offsets[name] for name in NAMES],
+            "itemsize": max(int(message.point_step), _SIZE),
+        }
+    )
+    table = np.frombuffer(data, dtype=kind)
+    return np.column_stack([table[name].astype(np.float64) for name in NAMES])

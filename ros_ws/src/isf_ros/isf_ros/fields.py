@@ -1,0 +1,157 @@
+"""Which fields the core dataclasses and the messages of the same name share, and how they convert.
+
+This table is the one place that knows both sides. It needs no ROS: it serves rclpy messages
+(:mod:`isf_ros.conversion`) as well as messages read from a bag.
+"""
+
+from __future__ import annotations
+
+import array
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
+from isf_core.geometry.height_map import HeightMap
+from numpy.typing import NDArray
+
+SCALAR, TIME, N, N3, FLAGS, TEXTS = "scalar", "time", "(N,)", "(N, 3)", "(N,) bool", "(K,) str"
+
+CONTOUR = {
+    "plan_id": SCALAR,
+    "index": SCALAR,
+    "count": SCALAR,
+    "feature": SCALAR,
+    "stage": SCALAR,
+    "process": SCALAR,
+    "forming_tool": SCALAR,
+    "closed": SCALAR,
+    "retract": SCALAR,
+    "holder_height": SCALAR,
+    "feed": SCALAR,
+    "contact": N3,
+    "normal": N3,
+    "wall_angle": N,
+    "thickness": N,
+    "forming_tip": N3,
+    "support_tip": N3,
+    "support_force": N,
+    "speed": N,
+    "predicted_force": N,
+}
+
+CORRECTION = {
+    "plan_id": SCALAR,
+    "index": SCALAR,
+    "method": SCALAR,
+    "offset": N3,
+    "springback": N,
+    "control_point": N3,
+    "control_point_springback": N,
+    "control_point_force": N,
+    "saturated": FLAGS,
+    "uncertainty": N,
+    "residual": N,
+    "remarks": TEXTS,
+    "code": SCALAR,
+    "message": SCALAR,
+    "solve_time": SCALAR,
+}
+
+RESULT = {
+    "plan_id": SCALAR,
+    "index": SCALAR,
+    "start": TIME,
+    "end": TIME,
+    "completed": SCALAR,
+    "code": SCALAR,
+    "message": SCALAR,
+    "forming_force": N3,
+    "support_force": N3,
+    "forming_target": N3,
+    "support_target": N3,
+    "forming_measured": N3,
+    "support_measured": N3,
+    "force_offset": N,
+    "compliance_offset": N3,
+    "contact_fraction": SCALAR,
+    "saturations": SCALAR,
+    "backoffs": SCALAR,
+    "late_ticks": SCALAR,
+    "lost_messages": SCALAR,
+    "tick_time": N,
+    "tick_set_point": N,
+    "tick_normal_force": N,
+    "tick_engaged": FLAGS,
+}
+
+
+def to_flat(value: Any) -> array.array[float]:
+    """One copy of an array of any shape as ``array.array('d')``, which rclpy takes without checking each element."""
+    flat = array.array("d")
+    flat.frombytes(np.ascontiguousarray(value, dtype=np.float64).reshape(-1).view(np.uint8).data)
+    return flat
+
+
+def to_flag_bytes(value: Any) -> array.array[int]:
+    """Booleans as ``array.array('B')`` of 0 and 1."""
+    flat = array.array("B")
+    flat.frombytes(np.ascontiguousarray(value, dtype=np.uint8).reshape(-1).data)
+    return flat
+
+
+def from_flat(value: Any, columns: int = 1) -> NDArray[np.float64]:
+    """View (no copy) of a message array as (N,) or (N, columns); raises ValueError when it does not divide."""
+    flat = np.asarray(value, dtype=np.float64)
+    return flat if columns == 1 else flat.reshape(-1, columns)
+
+
+def values_of(message: Any, table: dict[str, str], to_seconds: Callable[[Any], float]) -> dict[str, Any]:
+    """Constructor arguments of a core dataclass from a message; arrays are views of the message's memory."""
+    values: dict[str, Any] = {}
+    for name, kind in table.items():
+        if not hasattr(message, name):
+            continue  # a bag of an older version: the default of the dataclass
+        value = getattr(message, name)
+        if kind == N3:
+            value = from_flat(value, 3)
+        elif kind == N:
+            value = from_flat(value)
+        elif kind == FLAGS:
+            value = np.asarray(value, dtype=np.uint8).astype(bool)
+        elif kind == TEXTS:
+            value = tuple(str(text) for text in value)
+        elif kind == TIME:
+            value = to_seconds(value)
+        values[name] = value
+    return values
+
+
+def contour_of(message: Any) -> Contour:
+    """Core contour of an ``isf_msgs/Contour`` from rclpy or from a bag."""
+    values = values_of(message, CONTOUR, _no_time)
+    values["process"] = Process(values["process"])
+    return Contour(**values)
+
+
+def correction_of(message: Any) -> ContourCorrection:
+    """Core correction of an ``isf_msgs/ContourCorrection``."""
+    return ContourCorrection(**values_of(message, CORRECTION, _no_time))
+
+
+def result_of(message: Any) -> ContourResult:
+    """Core result of an ``isf_msgs/ContourResult``."""
+    return ContourResult(**values_of(message, RESULT, lambda stamp: int(stamp.sec) + int(stamp.nanosec) * 1e-9))
+
+
+def height_map_of(message: Any) -> HeightMap:
+    """Height map of a grid-shaped ``sensor_msgs/PointCloud2`` with FLOAT64 x, y, z; ValueError otherwise."""
+    names = [f.name for f in message.fields]
+    if names[:3] != ["x", "y", "z"] or message.point_step != 24:
+        raise ValueError(f"expected a cloud of float64 x, y, z; this one has fields {names}")
+    points = np.frombuffer(bytes(message.data), dtype="<f8").reshape(-1, 3)
+    return HeightMap.from_points(points)
+
+
+def _no_time(_: Any) -> float:
+    raise TypeError("this message has no time fields")

@@ -1,0 +1,71 @@
+"""How every node's process runs: start, spin until SIGINT or SIGTERM, end with a meaningful exit code."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from isf_core.errors import IsfError
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from isf_ros.lifecycle import CellNode
+
+EXIT_OK, EXIT_ERROR = 0, 2
+
+
+def spin(node: Node, ended: Callable[[], bool], *, streams: bool = False) -> None:
+    """Serve ``node`` until ``ended()``.
+
+    Not by the MultiThreadedExecutor of rclpy 7.1, which loses messages of nodes with subscriptions. Nodes with
+    ``streams`` at the control rate are served by the EventsExecutor where rclpy has it: it needs half the processor
+    time for a message.
+    """
+    executor = _events_executor() if streams else None
+    if executor is None:
+        executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not ended() and rclpy.ok():
+            # spin() without a time limit never returns from the EventsExecutor of rclpy 7.1.6
+            executor.spin_once(timeout_sec=0.1)
+    finally:
+        executor.remove_node(node)
+
+
+def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *, streams: bool = False) -> int:
+    """Run one node in this process; returns the exit code. ``streams``: see :func:`spin`.
+
+    SIGINT and SIGTERM end the loop between two callbacks, so that a node closes while it can still communicate.
+    """
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _: signals.append(received))
+    node: CellNode[Any] | None = None
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = make_node()
+        spin(node, lambda: bool(signals), streams=streams)
+    except ExternalShutdownException:
+        pass
+    except IsfError as error:
+        print(error, file=sys.stderr)
+        return EXIT_ERROR
+    finally:
+        if node is not None:
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return EXIT_OK
+
+
+def _events_executor() -> Executor | None:
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return None
+    return EventsExecutor()

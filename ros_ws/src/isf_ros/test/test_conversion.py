@@ -1,0 +1,205 @@
+"""Conversion between core dataclasses and messages: exact, without copies on reading, through real DDS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import fields as dataclass_fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
+from isf_core.geometry.height_map import HeightMap
+from isf_msgs.msg import Contour as ContourMessage
+from isf_msgs.msg import ContourCorrection as CorrectionMessage
+from isf_msgs.msg import ContourResult as ResultMessage
+from isf_ros import conversion, fields, qos, stamps
+
+RANDOM = np.random.default_rng(1)
+
+
+def contour(n: int = 2000, *, support: bool = True) -> Contour:
+    def xyz() -> np.ndarray:
+        return RANDOM.normal(size=(n, 3))
+
+    return Contour(
+        plan_id="cone-é",
+        index=3,
+        count=42,
+        process=Process.DSIF,
+        feed=0.03,
+        contact=xyz(),
+        normal=xyz(),
+        wall_angle=RANDOM.random(n),
+        thickness=RANDOM.random(n),
+        forming_tip=xyz(),
+        support_tip=xyz() if support else np.empty((0, 3)),
+        support_force=np.full(n, 120.0) if support else np.empty(0),
+        forming_tool=2,
+        closed=False,
+        feature=5,
+        stage=1,
+    )
+
+
+def correction(n: int = 50) -> ContourCorrection:
+    return ContourCorrection(
+        plan_id="cone",
+        index=3,
+        method="analytic",
+        offset=RANDOM.normal(size=(n, 3)),
+        springback=RANDOM.random(n),
+        control_point=RANDOM.random((4, 3)),
+        control_point_springback=RANDOM.random(4),
+        control_point_force=RANDOM.random(4),
+        saturated=RANDOM.random(n) > 0.5,
+        code=1303,
+        message="limited",
+        solve_time=0.002,
+    )
+
+
+def result(n: int = 50, ticks: int = 321) -> ContourResult:
+    def xyz() -> np.ndarray:
+        return RANDOM.normal(size=(n, 3))
+
+    return ContourResult(
+        plan_id="cone",
+        index=3,
+        start=12.5,
+        end=13.142,
+        completed=True,
+        forming_force=xyz(),
+        support_force=xyz(),
+        forming_target=xyz(),
+        support_target=xyz(),
+        force_offset=RANDOM.random(n),
+        compliance_offset=xyz(),
+        tick_time=np.arange(ticks) / 500,
+        tick_set_point=np.full(ticks, 120.0),
+        tick_normal_force=RANDOM.random(ticks),
+        tick_engaged=np.arange(ticks) > 20,
+        contact_fraction=0.99,
+        saturations=7,
+        late_ticks=1,
+        lost_messages=2,
+    )
+
+
+SAMPLES = [contour(), contour(support=False), correction(), result()]
+
+
+def assert_same(first: Any, second: Any) -> None:
+    assert type(first) is type(second)
+    for item in dataclass_fields(first):
+        a, b = getattr(first, item.name), getattr(second, item.name)
+        if isinstance(a, np.ndarray):
+            assert a.shape == b.shape, item.name
+            assert a.dtype == b.dtype, item.name
+            np.testing.assert_array_equal(a, b, err_msg=item.name)
+        elif item.name in ("start", "end"):
+            assert abs(a - b) < 1e-9  # stamps are whole nanoseconds
+        else:
+            assert a == b, item.name
+
+
+TO_MESSAGE = {
+    Contour: conversion.contour_to_message,
+    ContourCorrection: conversion.correction_to_message,
+    ContourResult: conversion.result_to_message,
+}
+FROM_MESSAGE = {
+    Contour: conversion.contour_from_message,
+    ContourCorrection: conversion.correction_from_message,
+    ContourResult: conversion.result_from_message,
+}
+
+
+@pytest.mark.parametrize("sample", SAMPLES, ids=lambda sample: type(sample).__name__)
+def test_there_and_back_is_exact(sample: Any) -> None:
+    kind = type(sample)
+    assert_same(sample, FROM_MESSAGE[kind](TO_MESSAGE[kind](sample)))
+
+
+@pytest.mark.parametrize(
+    ("table", "core", "message", "by_design"),
+    [
+        (fields.CONTOUR, Contour, ContourMessage, set()),
+        (fields.CORRECTION, ContourCorrection, CorrectionMessage, {"inputs", "horizon"}),
+        (fields.RESULT, ContourResult, ResultMessage, set()),
+    ],
+)
+def test_the_table_names_every_field_of_both_sides(
+    table: dict[str, str], core: type, message: Any, by_design: set[str]
+) -> None:
+    assert set(table) == {item.name for item in dataclass_fields(core)}
+    assert set(table) == set(message.get_fields_and_field_types()) - {"header"} - by_design
+
+
+def test_reading_a_message_does_not_copy_its_arrays() -> None:
+    message = conversion.contour_to_message(contour())
+    read = conversion.contour_from_message(message)
+    for name in ("contact", "wall_angle", "support_force"):
+        assert np.shares_memory(getattr(read, name), np.asarray(getattr(message, name))), name
+
+
+def test_a_height_map_goes_through_a_point_cloud() -> None:
+    x, y = np.linspace(-0.1, 0.1, 7), np.linspace(-0.2, 0.2, 5)
+    shape = HeightMap(x, y, RANDOM.normal(size=(5, 7)))
+    cloud = conversion.height_map_to_message(shape, stamps.to_stamp(5))
+    assert (cloud.height, cloud.width) == (5, 7)
+    back = conversion.height_map_from_message(cloud)
+    np.testing.assert_array_equal(back.z, shape.z)
+    cloud.point_step = 12
+    with pytest.raises(ValueError, match="float64"):
+        conversion.height_map_from_message(cloud)
+
+
+def test_tick_stamps_do_not_drift() -> None:
+    for rate in (250.0, 440.0, 500.0, 1000.0):
+        for tick in (0, 1, 3, 10**7):
+            stamp = stamps.to_stamp(stamps.tick_nanoseconds(tick, rate))
+            assert stamps.to_nanoseconds(stamp) == stamps.tick_nanoseconds(tick, rate)
+            assert abs(stamps.to_seconds(stamp) - tick / rate) <= 0.5e-9 + 1e-16 * tick
+
+
+@pytest.fixture
+def echo_process() -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen([sys.executable, str(Path(__file__).with_name("echo_node.py"))], start_new_session=True)
+    yield process
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.wait(120) == 0
+
+
+@pytest.mark.graph
+def test_messages_survive_a_round_trip_through_another_process(echo_process: subprocess.Popen[bytes]) -> None:
+    rclpy.init()
+    node = rclpy.create_node("round_trip")
+    received: dict[type, Any] = {}
+    samples = {Contour: contour(), ContourCorrection: correction(), ContourResult: result()}
+    names = {Contour: "contour", ContourCorrection: "correction", ContourResult: "result"}
+    messages = {Contour: ContourMessage, ContourCorrection: CorrectionMessage, ContourResult: ResultMessage}
+    try:
+        for kind, sample in samples.items():
+
+            def keep(message: Any, kind: type = kind) -> None:
+                received[kind] = FROM_MESSAGE[kind](message)
+
+            node.create_subscription(messages[kind], f"{names[kind]}_back", keep, qos.LATCHED)
+            node.create_publisher(messages[kind], names[kind], qos.LATCHED).publish(TO_MESSAGE[kind](sample))
+        deadline = time.monotonic() + 120
+        while len(received) < 3 and time.monotonic() < deadline:
+            rclpy.spin_once(node, timeout_sec=0.1)
+        assert set(received) == set(samples)
+        for kind, sample in samples.items():
+            assert_same(sample, received[kind])
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

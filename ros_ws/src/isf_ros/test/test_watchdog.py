@@ -1,0 +1,53 @@
+"""Receive watchdog on a clock that the test moves."""
+
+import math
+
+from isf_ros.watchdog import ReceiveWatchdog, RegularLook
+
+
+def test_it_expires_only_after_something_came_and_then_nothing() -> None:
+    now = 0.0
+    watchdog = ReceiveWatchdog(0.1, clock=lambda: now)
+    assert not watchdog.fed
+    assert watchdog.age() == math.inf
+    now = 5.0
+    assert not watchdog.expired()
+    watchdog.feed()
+    now = 5.09
+    assert not watchdog.expired()
+    now = 5.11
+    assert watchdog.expired()
+    watchdog.feed()
+    assert not watchdog.expired()
+    now = 9.0
+    watchdog.clear()
+    assert not watchdog.expired()
+
+
+def test_excused_time_does_not_count_and_is_no_store_for_later() -> None:
+    now = 0.0
+    watchdog = ReceiveWatchdog(0.1, clock=lambda: now)
+    watchdog.excuse(1.0)  # nothing was received yet
+    assert not watchdog.fed
+    watchdog.feed()
+    now = 0.3
+    watchdog.excuse(0.25)
+    assert not watchdog.expired()
+    now = 0.36
+    assert watchdog.expired()
+    watchdog.feed()
+    watchdog.excuse(5.0)
+    assert watchdog.age() == 0.0
+    now = 0.47
+    assert watchdog.expired()
+
+
+def test_a_look_is_late_once_after_the_process_stood_still() -> None:
+    now = 0.0
+    look = RegularLook(1.0, clock=lambda: now)
+    assert not look.late()
+    now = 0.9
+    assert not look.late()
+    now = 3.0
+    assert look.late()
+    assert not look.late()

@@ -1,0 +1,557 @@
+"""The simulated two-tool machine: one blank, two tools on servo axes, two load cells, protective limits.
+
+With what it tells after a tick (:class:`MachineSample`), the limits that protect it, the facts of a tick that events are
+found in, and the release of contact after a fault. Frame ``sheet``, SI units.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.geometry.kinematics import Gantry, Kinematics, make_kinematics
+from isf_core.types import Array
+
+from isf_sim.machine import tick as mt
+from isf_sim.machine.build import make_parts
+from isf_sim.machine.event_conditions import NEVER, TOUCHING, event_bounds, settled
+from isf_sim.machine.events import EventWatch, MachineEvent, TickFacts
+from isf_sim.machine.kernel_bundle import UNCHECKED, TickParts
+from isf_sim.machine.load_cells import BLOCK, DRAWS, take_zero
+from isf_sim.machine.tick import Axes
+from isf_sim.plant_constants import PlantConstants
+from isf_sim.scanner import SCAN_TIME, measured_points
+from isf_sim.sheet import adsif
+from isf_sim.sheet.die_plant import DiePlant
+from isf_sim.sheet.role import NEEDS_TURN
+from isf_sim.sheet.sheet_plant import SheetPlant
+from isf_sim.sheet.sheet_point import DONE, TRAVELLED
+from isf_sim.sheet.squeeze import Squeeze, no_squeeze
+from isf_sim.sheet.thickness import thinning_up_the_wall
+from isf_sim.sheet.turned_sheet import pressing_tip, turn_over
+from isf_sim.world import World, make_world
+
+__all__ = ["LIMIT_FORCE", "LIMIT_SPEED", "LIMIT_TRAVEL", "MachineSample", "SimulatedMachine"]
+
+TARE_READINGS = 200
+LARGEST_TARE_FORCE = 20.0
+"""N, true force above which a tool is not free."""
+LARGEST_CLIPPED = 5
+"""Readings in a row at the end of a load cell's range, after which it is no measurement any more."""
+HOLDER_STEP = 0.1e-3
+"""m of blank holder after which the sheet is brought over the die anew."""
+MOST_EVENTS = 1000
+
+
+class SimulatedMachine:
+    """A machine with a fresh blank for ``job_file``, tools parked; deterministic for (job, world, seed).
+
+    Attributes
+    ----------
+    control_rate : Hz ; tick_count : ticks since the blank was clamped ; world : World
+    faults : latched faults (code, text), oldest first ; limits : flags of limits hit since the last reset
+    events : what happened to the part, oldest first ; tared : True after :meth:`tare`
+    holder_height : m, blank holder over its start (TPIF: negative as the sheet comes down over the die)
+    """
+
+    def __init__(
+        self, job_file: JobFile, *, world: int = 0, seed: int = 0, constants: PlantConstants | None = None
+    ) -> None:
+        job, rig = job_file.job, job_file.rig
+        self.job_file = job_file
+        self.world_number, self.seed = world, seed
+        self.world: World = make_world(world, seed)
+        self.plant_constants = constants = constants or PlantConstants()
+        self.control_rate = job.control.rate
+        self.tick_count = 0
+        self.faults: list[tuple[ErrorCode, str]] = []
+        self.events: list[MachineEvent] = []
+        self.limits = 0
+        self.tared = False
+        self.holder_height = 0.0
+        park_1, park_2 = np.array([0.0, 0.0, rig.park_height]), np.array([0.0, 0.0, -rig.park_height])
+        self._generator = np.random.default_rng([seed % 2**63, world])
+        self._more_generator = np.random.default_rng([seed % 2**63, world, 1])
+        parts = make_parts(job_file, self.world, constants, park_1, self._generator)
+        self.plant: SheetPlant = parts.plant
+        self._support = parts.support
+        self._constants, self._turned_constants = parts.constants
+        self._cell_1, self._cell_2 = parts.cells
+        self._ring = parts.adsif
+        self._adsif = adsif.no_ring(self.plant.surface) if parts.adsif else None
+        self._axes = mt.parked_axes(park_1, park_2, self._constants.errors)
+        self._squeeze = no_squeeze()
+        self._parts = TickParts()
+        self._kinematics = make_kinematics(rig.kinematics)
+        self._linear = all(isinstance(item, Gantry) for item in self._kinematics)
+        radius_2 = job.tool_2.radius if job.tool_2 else 0.0
+        self._watch = EventWatch(parts.event_limits)
+        self._settled = NEVER
+        self._travel = np.array(rig.limits.travel)
+        speed_step = rig.limits.speed / self.control_rate
+        self._balls = (job.tool_1.radius, radius_2)
+        self._radii = np.array(self._balls)
+        # force and compliance offsets may both drive the balls towards each other
+        overlap = 2.0 * rig.limits.offset
+        jump_step = constants.jump_margin * speed_step
+        self._target_limits = mt.TargetLimits(self._travel, jump_step, speed_step, *self._balls, overlap)
+        self._bounds = event_bounds(parts.event_limits, self._balls, self.plant.thickness)
+        # the tick looks at targets of its own accord, where no cylinder has to be asked
+        self._check_in_tick = self._linear and self._adsif is None
+        self._target = np.empty(6)
+        self._draws = np.empty((0, 2 * DRAWS + 6))
+        self._holder_asked = 0.0
+        for cell in parts.cells:
+            cell.reading[:] = np.round(cell.offset)  # first reading, unloaded and without noise
+
+    # -- ticking -------------------------------------------------------------------------------------
+
+    @property
+    def solve_time(self) -> float:
+        """s of wall time spent in sheet mechanics."""
+        return self.plant.solve_time
+
+    @property
+    def faulted(self) -> bool:
+        """True while a fault is latched: targets are ignored and the position is held."""
+        return bool(self.faults)
+
+    def tick(
+        self,
+        target_1: Sequence[float] | Array,
+        target_2: Sequence[float] | Array,
+        holder_height: float = 0.0,
+        *,
+        waited: int = 0,
+    ) -> MachineSample:
+        """One control tick towards tip targets (3,), (3,) m and a blank holder height m; never raises: see ``faults``.
+
+        ``waited``: periods between these targets and the last ones, less one (real time only, where messages may
+        be late): the step may be larger by as many ticks.
+        """
+        target = self._target
+        target[:3], target[3:] = target_1, target_2
+        if self.faults:
+            target[:] = self._axes.target
+        elif self._check_in_tick and holder_height == self.holder_height == self._holder_asked:
+            return self._advance(target, waited)
+        else:
+            self._check(target, waited)
+            self._move_holder(holder_height)
+        return self._advance(target)
+
+    def catch_up(
+        self,
+        target_1: Sequence[float] | Array,
+        target_2: Sequence[float] | Array,
+        ticks: int,
+        holder_height: float = 0.0,
+        *,
+        waited: int = 0,
+    ) -> MachineSample:
+        """``ticks`` control ticks straight from the last targets to these, after a time without ticks."""
+        start = self._axes.target.copy()
+        way = np.concatenate([target_1, target_2]) - start
+        for k in range(1, ticks):
+            point = start + (k / ticks) * way
+            self.tick(point[:3], point[3:], holder_height, waited=waited)
+        return self.tick(target_1, target_2, holder_height, waited=waited)
+
+    def between_ticks(self) -> None:
+        """What need not be done before the readings of a tick are out; the next tick does it otherwise."""
+        self.plant.worker.start()
+
+    def hold(self) -> MachineSample:
+        """One control tick with the last targets."""
+        self._target[:] = self._axes.target
+        return self._advance(self._target)
+
+    def sample(self) -> MachineSample:
+        """The present readings and tips."""
+        axes = self._axes
+        tips = axes.state[:, 0].copy()
+        return MachineSample(
+            self.tick_count,
+            self.tick_count / self.control_rate,
+            self._cell_1.reading.copy(),
+            self._cell_2.reading.copy(),
+            tips[:3],
+            tips[3:],
+            axes.force_1.copy(),
+            axes.force_2.copy(),
+        )
+
+    # -- load cells, shape -----------------------------------------------------------------------------
+
+    def tare(self) -> tuple[Array, Array]:
+        """Take the mean of TARE_READINGS readings as zero; returns both zeros (6,), (6,) N and N m.
+
+        Raises
+        ------
+        IsfError : MACHINE_FAULTED, FORCE_LIMIT (a tool is loaded)
+        """
+        if self.faults:
+            raise IsfError(ErrorCode.MACHINE_FAULTED, "the load cells cannot be tared", advice="call machine/reset")
+        if self.loaded:
+            raise IsfError(ErrorCode.FORCE_LIMIT, "a tool is loaded", advice="lift the tools clear before tare")
+        zero_1 = take_zero(self._constants.cell_1, self._cell_1, TARE_READINGS, self._generator)
+        zero_2 = take_zero(self._constants.cell_2, self._cell_2, TARE_READINGS, self._generator)
+        self.tared = True
+        return zero_1, zero_2
+
+    @property
+    def loaded(self) -> bool:
+        """True when the sheet pushes on a tool with more than LARGEST_TARE_FORCE."""
+        axes = self._axes
+        return bool(max(np.abs(axes.force_1).max(), np.abs(axes.force_2).max()) > LARGEST_TARE_FORCE)
+
+    @property
+    def moving(self) -> bool:
+        """True when an axis is faster than 1 mm/s."""
+        return bool(np.abs(self._axes.state[:, 1]).max() > 1.0e-3)
+
+    def measured_shape(self) -> HeightMap:
+        """Unloaded upper surface without errors of a sensor, 1 mm grid."""
+        if self._adsif is not None:
+            return adsif.measured_shape(self._adsif, self.plant.surface)
+        return self.plant.measured_shape()
+
+    def measured_cloud(self, *, clamped: bool = True, duration: bool = True) -> Array:
+        """(N, 3) m, unordered, as a scanner sees the sheet; see :mod:`isf_sim.scanner`.
+
+        ``duration``: the machine waits for the 2.5 s that a scan takes, ticks at rest. Not ``clamped``: after release
+        and trimming.
+        """
+        tips = self._axes.tips.copy()
+        points = measured_points(
+            self.measured_shape(), self.plant.surface, tips, self._radii, self.world, self._more_generator, clamped
+        )
+        if duration:
+            for _ in range(round(SCAN_TIME * self.control_rate)):
+                self.hold()
+        return points
+
+    # -- faults --------------------------------------------------------------------------------------
+
+    def latch(self, code: ErrorCode, text: str) -> None:
+        """Latch a fault (once per code): from now on targets are ignored and the position is held."""
+        if all(code != known for known, _ in self.faults):
+            self.faults.append((code, text))
+
+    def release(self) -> MachineSample:
+        """Move the tools clear over internal ticks: forming tool off the sheet, support tool away along its force."""
+        for _ in self.release_steps():
+            pass
+        return self.sample()
+
+    def release_steps(self) -> Iterator[MachineSample]:
+        """The ticks of :meth:`release`, one by one."""
+        yield from release_steps(self._axes, self._travel, self.control_rate, self._advance, self.plant.pressing)
+
+    def reset(self) -> None:
+        """Clear latched faults and limit flags; the tools stay where they are."""
+        self.faults.clear()
+        self.limits = 0
+
+    # -- state ---------------------------------------------------------------------------------------
+
+    def changing(self) -> dict[str, Any]:
+        """Everything that changes, by name; not copied."""
+        self.plant.settle()
+        return {name: value for name, value in self.__dict__.items() if name not in _UNCHANGING}
+
+    def state_copy(self) -> dict[str, Any]:
+        """Everything that changes, for :meth:`restore`."""
+        return copy.deepcopy(self.changing())
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a state from :meth:`state_copy` of this machine."""
+        self.__dict__.update(copy.deepcopy(state))
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    def _check(self, target: Array, waited: int) -> None:
+        bits = mt.check_target(target, self._axes.target, waited, self._target_limits)
+        if bits:
+            self._judge_target(bits, target, waited)
+        elif not self._linear and (finding := reach_fault(self._kinematics, target)) is not None:
+            self.limits |= LIMIT_TRAVEL
+            self.latch(*finding)
+            target[:] = self._axes.target
+
+    def _advance(self, target: Array, waited: int = UNCHECKED) -> MachineSample:
+        if self.plant.worker.waiting:
+            self.between_ticks()
+        row = self.tick_count % BLOCK
+        if row == 0 or len(self._draws) == 0:
+            own, more = self._generator, self._more_generator
+            self._draws = np.hstack([own.standard_normal((BLOCK, 2 * DRAWS)), more.standard_normal((BLOCK, 6))])
+        if self._adsif is not None and self._ring is not None:
+            draws, axes, surface = self._draws[row], self._axes, self.plant.surface
+            outcome = mt.advance_adsif_tick(
+                target, draws, axes, surface, self._adsif, self._ring, self._cell_1, self._cell_2, self._constants
+            )
+            self.tick_count += 1
+            self._look(outcome)
+            return self.sample()
+        conditions = self._advance_sheet(target, self._draws[row], waited)
+        self.tick_count += 1
+        if conditions != self._settled:
+            self._look(adsif.STABLE)
+            self._settled = conditions if settled(self._watch, conditions) else NEVER
+        return self.sample()
+
+    def _advance_sheet(self, target: Array, draws: Array, waited: int) -> int:
+        """The kernels of one tick; returns the conditions of events after it."""
+        plant = self.plant
+        while True:
+            of_tool = self._constants if plant.pressing == 1 else self._turned_constants
+            sheet = plant.surface, plant.track, plant.points, plant.contact
+            tools = self._squeeze, plant.role, self._cell_1, self._cell_2, of_tool
+            parts = self._axes, *sheet, *tools, self._target_limits, self._bounds
+            request, answer = self._parts.advance(target, draws, waited, parts)
+            if request == DONE:
+                if isinstance(plant, DiePlant):
+                    plant.note()
+                return answer
+            if request == mt.NEEDS_JUDGEMENT:
+                self._judge_target(answer, target, waited)
+                waited = UNCHECKED
+            elif request == NEEDS_TURN:
+                self._squeeze.force[:] = 0.0
+                turn_over(plant, pressing_tip(self._axes.tips, 3 - plant.pressing, plant.thickness))
+            else:
+                plant.serve(request, pressing_tip(self._axes.tips, plant.pressing, plant.thickness))
+
+    def _look(self, outcome: int) -> None:
+        """Limits that were hit, and events; ``outcome`` of accumulative forming, STABLE for the other processes."""
+        axes = self._axes
+        if axes.flags[0]:
+            flags, found = force_faults(int(axes.flags[0]), axes.force_1, axes.force_2, self._constants.force_limit)
+            self.limits |= flags
+            for finding in found:
+                self.latch(*finding)
+        self._look_for_events(outcome)
+
+    def _look_for_events(self, outcome: int) -> None:
+        clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
+        unstable = self._adsif is not None and outcome == adsif.BUCKLES
+        facts = tick_facts(
+            self.tick_count,
+            self._axes,
+            self.plant,
+            self._squeeze,
+            self._balls,
+            buckles=float(self._adsif.local[1]) if self._adsif is not None and unstable else math.nan,
+            clipped=clipped,
+        )
+        found = self._watch.look(facts)
+        if len(self.events) < MOST_EVENTS:
+            self.events += found
+        if clipped >= LARGEST_CLIPPED and not self.faults:
+            self.latch(
+                ErrorCode.LOAD_CELL_RANGE, f"a load cell has been at the end of its range for {clipped} readings"
+            )
+
+    def _move_holder(self, height: float) -> None:
+        """Bring the sheet over the die in steps, and exactly to where the holder stops."""
+        stopped = height == self._holder_asked
+        self._holder_asked = height
+        if not math.isfinite(height):
+            self.latch(ErrorCode.TARGET_NOT_FINITE, f"blank holder height {height} is no height")
+        elif height != self.holder_height and (stopped or abs(height - self.holder_height) >= HOLDER_STEP):
+            self.holder_height = height
+            if self._support is not None and isinstance(self.plant, DiePlant):
+                self.plant.rise(self._support, -height)
+
+    def _judge_target(self, bits: int, target: Array, waited: int) -> None:
+        """Latch what is wrong with a target, and put the held target in its place."""
+        allowed = self._target_limits.jump * (1 + waited)
+        flags, found = target_faults(bits, target, self._axes.target, allowed, self._travel)
+        self.limits |= flags
+        for finding in found:
+            self.latch(*finding)
+        if bits != mt.FAST:
+            target[:] = self._axes.target
+
+
+_UNCHANGING = {
+    *("job_file", "world", "plant_constants", "control_rate", "_constants", "_turned_constants", "_ring", "_support"),
+    *("_kinematics", "_travel", "_balls", "_radii", "_target_limits", "_bounds"),
+}
+
+
+class MachineSample(NamedTuple):
+    """What the machine tells after a tick.
+
+    Attributes
+    ----------
+    tick, time : number of the tick and its time, s
+    wrench_1, wrench_2 : (6,) N and N m, load cells after tare
+    tip_1, tip_2 : (3,) m, tips by the encoders
+    true_force_1, true_force_2 : (3,) N, force of the sheet on each tool without errors of the cells
+    """
+
+    tick: int
+    time: float
+    wrench_1: Array
+    wrench_2: Array
+    tip_1: Array
+    tip_2: Array
+    true_force_1: Array
+    true_force_2: Array
+
+
+Finding = tuple[ErrorCode, str]
+
+LIMIT_TRAVEL, LIMIT_SPEED, LIMIT_FORCE = 1, 2, 4
+"""Flags of limits that were hit, as in isf_msgs/msg/MachineState."""
+
+
+def target_faults(bits: int, target: Array, held: Array, allowed: float, travel: Array) -> tuple[int, list[Finding]]:
+    """Limit flags and faults for the ``bits`` of machine_tick.check_target.
+
+    ``target``, ``held`` (6,) m ; ``allowed`` m in one tick ; ``travel`` (3,) m
+    """
+    flags, faults = 0, []
+    if bits & mt.FAST:
+        flags |= LIMIT_SPEED
+    if bits & mt.NOT_FINITE:
+        faults.append((ErrorCode.TARGET_NOT_FINITE, f"target {millimetres(target)} is not a position"))
+    if bits & mt.JUMP:
+        flags |= LIMIT_SPEED
+        steps = np.linalg.norm((target - held).reshape(2, 3), axis=1)
+        faults.append(
+            (
+                ErrorCode.TARGET_JUMP,
+                f"target of tool {1 + int(np.argmax(steps))} jumps by {1e3 * steps.max():.3f} mm in one tick, "
+                f"{1e3 * allowed:.3f} mm allowed",
+            )
+        )
+    if bits & mt.OUTSIDE:
+        flags |= LIMIT_TRAVEL
+        faults.append(
+            (
+                ErrorCode.TARGET_OUT_OF_WORKSPACE,
+                f"target {millimetres(target)} is outside the travel of +-{millimetres(travel)}",
+            )
+        )
+    if bits & mt.OVERLAP:
+        faults.append((ErrorCode.TOOL_COLLISION, f"the tools would run into each other at {millimetres(target)}"))
+    return flags, faults
+
+
+def reach_fault(kinematics: tuple[Kinematics, Kinematics], target: Array) -> Finding | None:
+    """TARGET_OUT_OF_WORKSPACE when an axis cannot make the tip of ``target`` (6,) m, else None."""
+    try:
+        kinematics[0].positions(target[:3])
+        kinematics[1].positions(target[3:])
+    except IsfError as error:
+        return error.code, f"target {millimetres(target)}: {error.what}"
+    return None
+
+
+def force_faults(flags: int, force_1: Array, force_2: Array, limit: Array) -> tuple[int, list[Finding]]:
+    """Limit flags and faults for the flags of a tick; forces and limit (3,) N."""
+    limits, faults = 0, []
+    if flags & mt.FORCE_EXCEEDED:
+        limits |= LIMIT_FORCE
+        faults.append(
+            (
+                ErrorCode.FORCE_LIMIT,
+                f"force on tool 1 {np.round(force_1)} N, on tool 2 {np.round(force_2)} N; limit {limit} N per axis",
+            )
+        )
+    if flags & mt.TOOLS_TOUCH:
+        faults.append((ErrorCode.TOOL_COLLISION, "the tools press through the sheet"))
+    return limits, faults
+
+
+def millimetres(position: Array) -> str:
+    """Text "(x, y, z) mm" of a position in m."""
+    return "(" + ", ".join(f"{1e3 * value:.3f}" for value in position) + ") mm"
+
+
+def tick_facts(
+    tick: int,
+    axes: Axes,
+    plant: SheetPlant,
+    squeeze: Squeeze,
+    radii: tuple[float, float],
+    *,
+    buckles: float,
+    clipped: int,
+) -> TickFacts:
+    """Facts after tick number ``tick``; ``radii`` m of both balls (0: no second tool)."""
+    contact = plant.contact
+    upper, lower = axes.tips.tolist()
+    turned = plant.pressing == 2
+    forming, support = (lower, upper) if turned else (upper, lower)
+    on_forming, on_support = (axes.force_2, axes.force_1) if turned else (axes.force_1, axes.force_2)
+    fx, fy, fz = on_support.tolist()
+    gap = math.inf
+    if radii[1] > 0.0:
+        apart = math.dist(upper[:2], lower[:2])
+        gap = math.hypot(apart, lower[2] - radii[1] - upper[2] - radii[0]) - radii[0] - radii[1]
+    strain, place = 0.0, np.zeros(3)
+    if contact.axial[0] > 0.0:
+        tip = contact.formed_tip
+        strain = float(thinning_up_the_wall(plant.surface, tip[0], tip[1], contact.wall, plant.radius, place))
+        if fz != 0.0:  # what the support tool has squeezed thin comes on top
+            slope = float(contact.wall[0])
+            formed = plant.thickness / math.sqrt(1.0 + slope * slope)
+            strain += max(math.log(formed / float(squeeze.thickness[0])), 0.0)
+    return TickFacts(
+        tick=tick,
+        forming=tuple(forming),
+        support=tuple(support),
+        axial=-float(on_forming[2]) if turned else float(on_forming[2]),
+        support_force=math.sqrt(fx * fx + fy * fy + fz * fz),
+        gap=gap,
+        strain=strain,
+        thinnest=(float(place[0]), float(place[1]), -float(place[2]) if turned else float(place[2])),
+        travelled=float(contact.path[TRAVELLED]),
+        buckles=buckles,
+        on_support=bool(contact.on_die[0] > TOUCHING),
+        clipped=clipped,
+        saturated=bool(axes.saturated[0]),
+    )
+
+
+RELEASE_SPEED = 20.0e-3
+"""m/s, at which tools are moved clear."""
+RELEASE_CLEARANCE = 3.0e-3
+"""m, way beyond the loss of contact."""
+LARGEST_RELEASE = 25.0e-3
+"""m, a release ends here at the latest."""
+AT_REST = 1.0e-3
+"""m/s"""
+
+
+def release_steps(
+    axes: Axes, travel: Array, control_rate: float, advance: Callable[[Array], MachineSample], pressing: int = 1
+) -> Iterator[MachineSample]:
+    """The ticks of a release one by one, within ``travel`` (3,) m; ``advance`` makes a tick towards (6,) m.
+
+    ``pressing``: the forming tool, 1 upper, 2 lower.
+    """
+    push = axes.force_2.copy() if pressing == 1 else axes.force_1.copy()
+    clear = np.array([0.0, 0.0, 1.0 if pressing == 1 else -1.0])
+    size = float(np.linalg.norm(push))
+    away = push / size if size > 1.0 else -clear
+    step = RELEASE_SPEED / control_rate * np.concatenate([clear, away] if pressing == 1 else [away, clear])
+    limit = np.tile(travel, 2)
+    free_way = moved = 0.0
+    while free_way < RELEASE_CLEARANCE and moved < LARGEST_RELEASE:
+        yield advance(np.clip(axes.target + step, -limit, limit))
+        touching = np.abs(axes.force_1).max() > 0.0 or np.abs(axes.force_2).max() > 0.0
+        free_way = 0.0 if touching else free_way + RELEASE_SPEED / control_rate
+        moved += RELEASE_SPEED / control_rate
+    while np.abs(axes.state[:, 1]).max() > AT_REST:
+        yield advance(axes.target.copy())

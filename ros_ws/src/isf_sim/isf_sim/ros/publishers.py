@@ -1,0 +1,116 @@
+"""What the machine publishes: wrenches every tick; poses, state and clock decimated."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_msgs.msg import MachineEvent as EventMessage
+from isf_msgs.msg import MachineState
+from isf_ros import conversion, qos, stamps
+from isf_ros.lifecycle import CellNode
+from numpy.typing import NDArray
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import PointCloud2, PointField
+
+from isf_sim.machine.events import MachineEvent
+from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
+
+SCAN_PATIENCE = 5.0
+"""s of wall time for the subscribers of a scan to take it."""
+
+
+class MachineOutlet:
+    """The node's publishers and their messages, which are filled anew for every tick."""
+
+    def __init__(self, node: CellNode[Any], *, clock: bool) -> None:
+        self._node = node
+        self._wrenches = [self._publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM_SOURCE) for k in (1, 2)]
+        self._poses = [self._publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
+        self._state = self._publisher(MachineState, "machine/state", qos.STREAM_SOURCE)
+        self._event = self._publisher(EventMessage, "machine/event", qos.EVENT)
+        self._scan = self._publisher(PointCloud2, "scan", qos.LATCHED)
+        self._clock = self._publisher(Clock, "/clock", qos.SENSOR) if clock else None
+        self._wrench_messages = [conversion.make_wrench() for _ in (1, 2)]
+        self._pose_messages = [conversion.make_pose() for _ in (1, 2)]
+
+    def close(self) -> None:
+        """Destroy the publishers."""
+        publishers = [*self._wrenches, *self._poses, self._state, self._event, self._scan]
+        for publisher in [*publishers, self._clock] if self._clock else publishers:
+            self._node.destroy_publisher(publisher)
+
+    def wrenches(self, sample: MachineSample, nanoseconds: int) -> None:
+        """Both wrenches with the stamp ``nanoseconds``."""
+        stamp = stamps.to_stamp(nanoseconds)
+        readings = (sample.wrench_1, sample.wrench_2)
+        for publisher, message, reading in zip(self._wrenches, self._wrench_messages, readings, strict=True):
+            message.header.stamp = stamp
+            conversion.set_wrench(message, reading)
+            publisher.publish(message)
+
+    def poses(self, sample: MachineSample, nanoseconds: int) -> None:
+        """Both tips by the encoders, and the clock in lockstep."""
+        stamp = stamps.to_stamp(nanoseconds)
+        for publisher, message, tip in zip(self._poses, self._pose_messages, (sample.tip_1, sample.tip_2), strict=True):
+            message.header.stamp = stamp
+            conversion.set_tip(message, tip)
+            publisher.publish(message)
+        if self._clock is not None:
+            self._clock.publish(Clock(clock=stamp))
+
+    def state(self, message: MachineState, nanoseconds: int) -> None:
+        """The machine's state."""
+        message.header.frame_id = conversion.FRAME
+        message.header.stamp = stamps.to_stamp(nanoseconds)
+        self._state.publish(message)
+
+    def event(self, event: MachineEvent, nanoseconds: int) -> None:
+        """One event of the part."""
+        message = EventMessage(kind=int(event.kind), value=event.value, limit=event.limit, text=event.text)
+        message.header.frame_id = conversion.FRAME
+        message.header.stamp = stamps.to_stamp(nanoseconds)
+        message.position.x, message.position.y, message.position.z = event.position
+        self._event.publish(message)
+
+    def scan(self, cloud: PointCloud2) -> None:
+        """A measured shape; returns when every reliable subscriber has it, so that the cell may be ended then."""
+        self._scan.publish(cloud)
+        self._scan.wait_for_all_acked(Duration(seconds=SCAN_PATIENCE))
+
+    def _publisher(self, kind: Any, topic: str, profile: Any) -> Publisher[Any]:
+        return self._node.create_publisher(kind, topic, profile)
+
+
+def state_message(
+    machine: SimulatedMachine, *, mode: int, tick: int, received: int, lost: int, late: int, lockstep: bool
+) -> MachineState:
+    """State of ``machine`` with what the node counts: ticks, pairs of targets received and lost, late ticks."""
+    return MachineState(
+        mode=mode,
+        fault_codes=[int(code) for code, _ in machine.faults],
+        fault_messages=[text for _, text in machine.faults],
+        limits=machine.limits,
+        tick=tick,
+        targets_received=received,
+        targets_lost=lost,
+        late_ticks=late,
+        lockstep=lockstep,
+        tared=machine.tared,
+        holder_height=machine.holder_height,
+        solve_time=machine.solve_time,
+    )
+
+
+def cloud_message(points: NDArray[np.float64], nanoseconds: int) -> PointCloud2:
+    """Unordered points (N, 3) m as a cloud of one row, x, y, z as float64."""
+    data = np.ascontiguousarray(points, dtype="<f8")
+    cloud = PointCloud2(height=1, width=len(data), point_step=24, row_step=24 * len(data), is_dense=True)
+    cloud.header.frame_id = conversion.FRAME
+    cloud.header.stamp = stamps.to_stamp(nanoseconds)
+    cloud.fields = [PointField(name=n, offset=8 * k, datatype=PointField.FLOAT64, count=1) for k, n in enumerate("xyz")]
+    cloud.data = data.tobytes()
+    return cloud

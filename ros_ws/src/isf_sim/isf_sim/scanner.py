@@ -1,0 +1,141 @@
+"""A shape scanner over the clamp: what it sees of a sheet, and what is wrong with what it sees.
+
+Light-stripe triangulation from above (Lu 2016, 3.5.2: within +-0.05 mm, about 2.5 s per scan). Points are unordered and
+in the frame in which the scanner believes the sheet to be. Left out are points on walls that it sees too flatly, in
+the shadow of a tool, and in patches of shine. All sizes other than noise and duration are assumed.
+
+After release and trimming: everything further from the formed region than the trimming margin is cut off, and the part
+is levelled on its rim. The change of shape by the release itself is left out: no more than 0.03 mm on walls (Praveen
+2020, 3.1), practically none in the formed region (Lu 2016, 4.3.3); the flange, which moves, is cut.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+from numpy.typing import NDArray
+from scipy.ndimage import binary_fill_holes, distance_transform_edt
+
+from isf_sim.sheet.surface import Surface
+from isf_sim.world import World
+
+SCAN_TIME = 2.5
+"""s, published."""
+NOISE = 0.05e-3
+"""m, published bound of the error of a point; a third of it is the standard deviation."""
+SPACING = 1.0e-3
+"""m between points, with as much disorder."""
+FLATTEST_VIEW = np.radians(75.0)
+"""Between a surface normal and the line of sight."""
+VIEW = np.array([0.0, -np.sin(np.radians(15.0)), np.cos(np.radians(15.0))])
+"""Towards the scanner."""
+SHINE_PATCHES, SHINE_RADIUS = 6, 4.0e-3
+REPEATED_SHIFT, REPEATED_TURN = 0.02e-3, 2.0e-4
+"""m and rad, registration that differs from scan to scan (standard deviation)."""
+TRIM_MARGIN = 8.0e-3
+"""m, rim that trimming leaves around the formed region."""
+
+
+def measured_points(
+    shape: HeightMap,
+    surface: Surface,
+    tips: Array,
+    radii: Array,
+    world: World,
+    generator: np.random.Generator,
+    clamped: bool,
+) -> Array:
+    """(N, 3) m, unordered points of ``shape`` as the scanner reports them.
+
+    ``surface`` tells what was formed; ``tips`` (2, 3) m and ``radii`` (2,) m of the tools; ``world`` the registration.
+    """
+    margin = 0.5 * SPACING
+    gx, gy = np.meshgrid(_middles(shape.x), _middles(shape.y))
+    plan = np.column_stack([gx.ravel(), gy.ravel()]) + generator.uniform(-margin, margin, (gx.size, 2))
+    dz_dx, dz_dy = shape.gradient()
+    slopes = np.column_stack([HeightMap(shape.x, shape.y, g).at(plan) for g in (dz_dx, dz_dy)])
+    points = np.column_stack([plan, shape.at(plan)])
+    seen = np.isfinite(points).all(axis=1) & _facing(slopes)
+    if clamped:
+        seen &= ~_behind_tool(points, tips[0], float(radii[0]))
+    else:
+        seen &= _kept_by_trimming(plan, surface)
+    seen &= ~_shining(points, slopes, generator)
+    points, slopes = points[seen], slopes[seen]
+    if not clamped:
+        points = _levelled(points, slopes)
+    points = points + np.clip(generator.normal(0.0, NOISE / 3.0, points.shape), -NOISE, NOISE)
+    points = _registered(points, world, generator)
+    return np.asarray(generator.permutation(points, axis=0))
+
+
+def _middles(line: Array) -> Array:
+    """(K,) m, middles of cells of SPACING from the first to the last of ``line`` m, evenly over what is left."""
+    count = int((line[-1] - line[0]) / SPACING + 1e-6)
+    return np.asarray(0.5 * (line[0] + line[-1]) + SPACING * (np.arange(count) - 0.5 * (count - 1)))
+
+
+def _facing(slopes: Array) -> NDArray[np.bool_]:
+    """Surface seen steeply enough; normals are (-dz/dx, -dz/dy, 1)."""
+    cosine = (VIEW[2] - slopes @ VIEW[:2]) / np.sqrt(1.0 + (slopes**2).sum(axis=1))
+    return np.asarray(cosine > np.cos(FLATTEST_VIEW))
+
+
+def _behind_tool(points: Array, tip: Array, radius: float) -> NDArray[np.bool_]:
+    """Points whose line of sight passes the upper tool, a cylinder from its ball upwards."""
+    # from the height of the tip on the line of sight goes on in front of the tool, or into it
+    rise = np.maximum(tip[2] - points[:, 2], 0.0) / VIEW[2]
+    at = points[:, :2] + rise[:, None] * VIEW[:2]
+    chord = np.sqrt(np.maximum(radius**2 - (at[:, 0] - tip[0]) ** 2, 0.0))
+    return np.asarray((chord > 0.0) & (at[:, 1] > tip[1] - chord))
+
+
+def _shining(points: Array, slopes: Array, generator: np.random.Generator) -> NDArray[np.bool_]:
+    """Patches that mirror the light past the sensor, more likely where the surface is steep."""
+    if len(points) == 0:
+        return np.zeros(0, dtype=bool)
+    steep = (slopes**2).sum(axis=1)
+    weight = np.where(np.isfinite(steep), steep, 0.0) + 0.01
+    centres = generator.choice(len(points), SHINE_PATCHES, p=weight / weight.sum())
+    radii = generator.uniform(0.3, 1.0, SHINE_PATCHES) * SHINE_RADIUS
+    hit = np.zeros(len(points), dtype=bool)
+    for centre, radius in zip(centres, radii, strict=True):
+        hit |= np.hypot(points[:, 0] - points[centre, 0], points[:, 1] - points[centre, 1]) < radius
+    return hit
+
+
+def _kept_by_trimming(plan: Array, surface: Surface) -> NDArray[np.bool_]:
+    """Points in the formed region, what it encloses, and a rim around it."""
+    formed = surface.formed != 0
+    if not formed.any():
+        return np.ones(len(plan), dtype=bool)
+    distance = distance_transform_edt(~binary_fill_holes(formed)) * surface.h
+    i = np.clip(np.round((plan[:, 0] - surface.x0) / surface.h).astype(int), 0, formed.shape[1] - 1)
+    j = np.clip(np.round((plan[:, 1] - surface.y0) / surface.h).astype(int), 0, formed.shape[0] - 1)
+    return np.asarray(distance[j, i] <= TRIM_MARGIN)
+
+
+def _levelled(points: Array, slopes: Array) -> Array:
+    """Shifted and tilted so that the nearly flat rim lies on z = 0, as a trimmed part lies on a table."""
+    if len(points) == 0:
+        return points
+    top = points[:, 2] > np.quantile(points[:, 2], 0.9) - 0.5e-3
+    rim = points[top & ((slopes**2).sum(axis=1) < 0.1)]
+    if len(rim) < 30:
+        return points
+    design = np.column_stack([np.ones(len(rim)), rim[:, :2]])
+    plane = np.linalg.lstsq(design, rim[:, 2], rcond=None)[0]
+    out = points.copy()
+    out[:, 2] -= plane[0] + points[:, :2] @ plane[1:]
+    return out
+
+
+def _registered(points: Array, world: World, generator: np.random.Generator) -> Array:
+    """Turned about z and shifted by the world's registration and by what differs from scan to scan."""
+    turn = world.registration_turn + generator.normal(0.0, REPEATED_TURN)
+    shift = np.array([world.registration_x, world.registration_y, world.registration_z])
+    shift = shift + generator.normal(0.0, REPEATED_SHIFT, 3)
+    c, s = np.cos(turn), np.sin(turn)
+    turned = points[:, :2] @ np.array([[c, s], [-s, c]])
+    return np.column_stack([turned, points[:, 2]]) + shift

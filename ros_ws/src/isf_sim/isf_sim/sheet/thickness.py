@@ -1,0 +1,91 @@
+"""Thickness of the formed sheet by volume constancy, with the material's real motion.
+
+Under the tool the sheet moves along its present normal, so on a wall the material moves sideways as well as down
+(the kinematics of the overlap method, Praveen 2020, 2.1). The surface carries for every node where its material lay
+on the flat blank; the thickness follows from the area there over the area of the surface now:
+t = t0 det(dX/dx) / sqrt(1 + |grad z|^2). A single pass gives the sine law t0 cos(alpha) in the developed wall, later
+passes stretch what is there instead of starting from the blank again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from isf_core.types import Array
+from scipy.ndimage import gaussian_filter
+
+from isf_sim.jit import kernel
+from isf_sim.sheet.surface import Surface, bilinear
+
+SMOOTHING = 1.5
+"""Blank thicknesses: waves of the surface shorter than the sheet is thick do not thin it."""
+THINNEST = 0.05
+"""Smallest thickness over the blank's that is told; a sheet has broken long before."""
+WALL_NEAR, WALL_FAR, WALL_PLACES = 0.6, 2.2, 9
+"""Tool radii up the wall between which its thinnest place is looked for, and places there."""
+REACH_CELLS = 3.0
+"""Cells of the fine grid to either side, over which differences are taken."""
+
+
+def thickness_map(surface: Surface, blank: float) -> Array:
+    """(ny, nx) m, thickness normal to the surface on the nodes of ``surface``; ``blank`` m before forming."""
+    sigma = SMOOTHING * blank / surface.h
+    zy, zx = np.gradient(gaussian_filter(surface.height, sigma), surface.h)
+    area = _origin_area(gaussian_filter(surface.origin, (sigma, sigma, 0.0)), surface.h, surface.h)
+    return np.asarray(blank * np.maximum(area / np.sqrt(1.0 + zx**2 + zy**2), THINNEST))
+
+
+@kernel
+def thinning_up_the_wall(surface: Surface, x: float, y: float, wall: Array, radius: float, place: Array) -> float:
+    """Largest ln(t0 / t) of the wall beside a tool of ``radius`` m at (x, y) m, and its ``place`` (3,) m.
+
+    ``wall`` (4,): as in Contact, the wall's direction in 1 and 2; without one the answer is 0.
+    """
+    worst = 0.0
+    place[0], place[1], place[2] = x, y, bilinear(surface.height, surface.x0, surface.y0, surface.h, x, y)
+    if wall[1] == 0.0 and wall[2] == 0.0:
+        return worst
+    reach = REACH_CELLS * surface.h
+    slope, origin_x, origin_y = np.empty(2), np.empty(2), np.empty(2)
+    for n in range(WALL_PLACES):
+        distance = radius * (WALL_NEAR + (WALL_FAR - WALL_NEAR) * n / (WALL_PLACES - 1.0))
+        px, py = x + distance * wall[1], y + distance * wall[2]
+        for axis in range(2):
+            ax, ay = (reach, 0.0) if axis == 0 else (0.0, reach)
+            slope[axis] = _difference(surface.height, surface, px, py, ax, ay)
+            origin_x[axis] = _difference(surface.origin[:, :, 0], surface, px, py, ax, ay)
+            origin_y[axis] = _difference(surface.origin[:, :, 1], surface, px, py, ax, ay)
+        area = (1.0 + origin_x[0]) * (1.0 + origin_y[1]) - origin_x[1] * origin_y[0]
+        left = max(area / np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2), THINNEST)
+        if -np.log(left) > worst:
+            worst = -np.log(left)
+            place[0], place[1] = px, py
+            place[2] = bilinear(surface.height, surface.x0, surface.y0, surface.h, px, py)
+    return worst
+
+
+@kernel
+def _difference(values: Array, surface: Surface, x: float, y: float, ax: float, ay: float) -> float:
+    """Slope of ``values`` on the fine grid between (x - ax, y - ay) and (x + ax, y + ay) m."""
+    ahead = bilinear(values, surface.x0, surface.y0, surface.h, x + ax, y + ay)
+    behind = bilinear(values, surface.x0, surface.y0, surface.h, x - ax, y - ay)
+    return (ahead - behind) / (2.0 * (ax + ay))
+
+
+def coarse_area(origin: Array, x: Array, y: Array) -> Array:
+    """(len(y), len(x)) area on the blank over plan area now, from ``origin`` (len(y), len(x), 2) m on the lines m."""
+    return _origin_area(origin, y, x)
+
+
+def limit_margin(thickness: Array, blank: float, max_wall_angle: float) -> Array:
+    """ln(1 / cos(a_max)) - ln(t0 / t): thinning that is left before the forming limit, negative beyond it.
+
+    The limit is that of one pass at the material's largest wall angle (rad), where the sine law holds.
+    """
+    return np.asarray(-np.log(np.cos(max_wall_angle)) - np.log(blank / thickness))
+
+
+def _origin_area(origin: Array, y: Array | float, x: Array | float) -> Array:
+    """Area on the blank over plan area; ``y``, ``x``: lines m or their spacing."""
+    xy, xx = np.gradient(origin[..., 0], y, x)
+    yy, yx = np.gradient(origin[..., 1], y, x)
+    return np.asarray((1.0 + xx) * (1.0 + yy) - xy * yx)

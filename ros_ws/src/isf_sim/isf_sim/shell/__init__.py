@@ -1,0 +1,1 @@
+"""The coarse nonlinear shell: elastic response of the formed sheet."""

@@ -1,0 +1,330 @@
+"""Node ``machine`` in a process of its own, driven over DDS by a small client."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_core.errors import ErrorCode
+from isf_msgs.msg import MachineEvent, MachineState
+from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
+from isf_ros import conversion, qos, stamps
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import PointCloud2
+
+pytestmark = pytest.mark.graph
+
+RATE = 500.0
+LIMIT = 120.0
+"""s; only to end a test that hangs: a process may take long to start."""
+JOB = """
+name: node-test
+part: {mesh: none.stl, unit: mm}
+process: DSIF
+rig: ren2018
+sheet: {material: AA5754-O, thickness: 1 mm}
+tool_1: {radius: 5 mm}
+tool_2: {radius: 5 mm}
+path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
+control: {rate: 500 Hz}
+"""
+PARKED = (np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]))
+
+
+class Client:
+    """Answers wrenches with targets, as force_ctrl does; ``process`` is the machine's."""
+
+    process: subprocess.Popen[bytes]
+
+    def __init__(self) -> None:
+        self.node = rclpy.create_node("client")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.wrenches: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
+        self.received = 0
+        self.states: list[MachineState] = []
+        self.scans: list[PointCloud2] = []
+        self.events: list[MachineEvent] = []
+        for k in (0, 1):
+            self.node.create_subscription(
+                WrenchStamped, f"tool_{k + 1}/wrench", lambda m, k=k: self._on_wrench(k, m), qos.STREAM
+            )
+        self.node.create_subscription(MachineState, "machine/state", self.states.append, qos.STREAM)
+        self.node.create_subscription(MachineEvent, "machine/event", self.events.append, qos.EVENT)
+        self.node.create_subscription(PointCloud2, "scan", self.scans.append, qos.LATCHED)
+        self.targets = [self.node.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM) for k in (1, 2)]
+
+    def _on_wrench(self, tool: int, message: WrenchStamped) -> None:
+        self.received += 1
+        self.wrenches[tool][stamps.to_nanoseconds(message.header.stamp)] = conversion.wrench_array(message)
+
+    def wait(self, condition: Callable[[], bool], timeout: float = LIMIT) -> bool:
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.05)
+        return True
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(LIMIT), name
+        for _ in range(4):
+            future = client.call_async(request)
+            if self.wait(future.done, 0.25 * LIMIT):
+                return future.result()
+            # the service knew its client too late: on a busy computer the middleware drops such an answer
+        raise AssertionError(name)
+
+    def send(self, stamp: int, tips: tuple[Any, Any]) -> None:
+        for publisher, tip in zip(self.targets, tips, strict=True):
+            message = conversion.make_pose()
+            message.header.stamp = stamps.to_stamp(stamp)
+            conversion.set_tip(message, tip)
+            publisher.publish(message)
+
+    def tick(self, number: int, tips: tuple[Any, Any]) -> bool:
+        """Send the targets of tick ``number``; True when both wrenches of its stamp have come."""
+        stamp = stamps.tick_nanoseconds(number, RATE)
+        self.send(stamp, tips)
+        return self.wait(lambda: stamp in self.wrenches[0] and stamp in self.wrenches[1])
+
+    def newest(self) -> int:
+        return max(self.wrenches[0], default=-1)
+
+    def ready(self) -> None:
+        """Fresh blank, tare, first wrenches, and the machine listens to the targets."""
+        request = Reset.Request(new_blank=True, job_text=JOB, seed=3)
+        assert self.call(Reset, "machine/reset", request).code == 0
+        assert self.call(Tare, "machine/tare", Tare.Request()).code == 0
+        assert self.wait(lambda: all(p.get_subscription_count() == 1 for p in self.targets))
+        assert self.wait(lambda: 0 in self.wrenches[0] and 0 in self.wrenches[1])
+
+    def ticked_to(self, stamp: int) -> bool:
+        """Wait for the wrenches of ``stamp``; False when the machine latches a fault before."""
+        assert self.wait(lambda: self.newest() >= stamp or bool(self.fault_codes()))
+        return not self.fault_codes()
+
+    def fault_codes(self) -> list[int]:
+        return list(self.states[-1].fault_codes) if self.states else []
+
+
+LONG_TICKS = """
+import sys, time
+from isf_sim import machine, node
+hold = machine.SimulatedMachine.hold
+def long_hold(self):
+    time.sleep(0.1)  # the fault itself: a tick that takes 50 periods
+    return hold(self)
+machine.SimulatedMachine.hold = long_hold
+sys.exit(node.main())
+"""
+"""A machine whose ticks without targets take 50 periods: the readings in between are repeated ones."""
+
+
+@pytest.fixture
+def machine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Client]:
+    parameters = getattr(request, "param", [])
+    program = ["-m", "isf_sim.node"]
+    if "long_ticks" in parameters:
+        program, parameters = ["-c", LONG_TICKS], parameters[1:]
+    log = (tmp_path / "machine.log").open("w")
+    arguments = [part for item in ["autostart:=true", *parameters] for part in ("-p", item)]
+    process = subprocess.Popen(
+        [sys.executable, *program, "--ros-args", *arguments], stdout=log, stderr=log, env=os.environ
+    )
+    rclpy.init()
+    client = Client()
+    client.process = process
+    try:
+        yield client
+    finally:
+        client.executor.shutdown()
+        client.node.destroy_node()
+        rclpy.try_shutdown()
+        process.send_signal(signal.SIGINT)
+        code = process.wait(LIMIT)
+        log.close()
+        print((tmp_path / "machine.log").read_text())
+        assert code == 0
+
+
+def press(client: Client, depth: float) -> int:
+    """Bring the tool from its park position to ``depth`` m below the sheet at the speed limit; last tick."""
+    ticks = int(np.ceil((0.1 + depth) / 0.0002))
+    for number in range(1, ticks + 1):
+        z = max(0.1 - 0.0002 * number, -depth)
+        assert client.tick(number, (np.array([0.0, 0.0, z]), PARKED[1]))
+    return ticks
+
+
+def test_ticks_in_lockstep_and_stops_on_faults(machine: Client) -> None:
+    """200 ticks with exact stamps; a NaN target latches 1401 and holds; stop, reset and scan answer."""
+    machine.ready()
+    for number in range(1, 201):
+        assert machine.tick(number, PARKED)
+    assert sorted(machine.wrenches[0]) == [stamps.tick_nanoseconds(k, RATE) for k in range(201)]
+    # an unloaded, tared cell: noise floor 0.5 N, steps of 1 N, drift of 2 N over 300 s
+    assert np.abs(list(machine.wrenches[0].values())).max() < 10.0
+
+    # a stamp handled before is a sign of life only
+    machine.send(stamps.tick_nanoseconds(200, RATE), PARKED)
+    before = machine.received
+    assert machine.wait(lambda: machine.received >= before + 4)  # the repeated wrenches
+    assert machine.newest() == stamps.tick_nanoseconds(200, RATE)
+
+    machine.send(stamps.tick_nanoseconds(201, RATE), (np.array([np.nan, 0.0, 0.1]), PARKED[1]))
+    assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.TARGET_NOT_FINITE])
+    assert machine.states[-1].mode == MachineState.PROTECTIVE_STOP
+    held = machine.wait(lambda: machine.newest() > stamps.tick_nanoseconds(201, RATE))
+    assert held  # the release ticked on its own
+    newest = machine.newest()
+    machine.send(newest + stamps.tick_nanoseconds(1, RATE), PARKED)
+    before = machine.received
+    assert machine.wait(lambda: machine.received >= before + 4)
+    assert machine.newest() == newest  # targets are ignored while the fault is latched
+    assert machine.call(Tare, "machine/tare", Tare.Request()).code == ErrorCode.MACHINE_FAULTED
+
+    assert machine.call(Reset, "machine/reset", Reset.Request()).code == 0
+    assert machine.wait(lambda: machine.fault_codes() == [])
+    assert machine.call(Stop, "machine/stop", Stop.Request(reason="test")).code == 0
+    assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.STOP_REQUESTED])
+    response = machine.call(Scan, "machine/scan", Scan.Request(clamped=True))
+    assert (response.code, response.points) == (0, 251 * 251)
+    assert machine.wait(lambda: len(machine.scans) == 1)
+    assert conversion.height_map_from_message(machine.scans[0]).z == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("machine", [["target_timeout:=1.5"]], indirect=True)
+def test_lost_targets_release_a_loaded_tool(machine: Client) -> None:
+    """A stream that ends while the tool presses latches 1404 and the tool is lifted until the sheet is free."""
+    machine.ready()
+    press(machine, 4e-3)
+    newest = machine.newest()
+    assert machine.wrenches[0][newest][2] > 20.0
+    assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.TARGET_LOST])
+    assert machine.wait(lambda: machine.newest() > newest and abs(machine.wrenches[0][machine.newest()][2]) < 10.0)
+
+
+@pytest.mark.parametrize("machine", [["target_timeout:=2.0"]], indirect=True)
+def test_a_machine_that_stood_still_blames_nobody(machine: Client) -> None:
+    """Targets that came while the process did not run have still to be received: no end of the stream."""
+    machine.ready()
+    ticks = press(machine, 4e-3)
+    tips = (np.array([0.0, 0.0, -4e-3]), PARKED[1])
+    for _ in range(3):
+        machine.process.send_signal(signal.SIGSTOP)
+        stopped = time.monotonic()
+        while time.monotonic() < stopped + 2.5:
+            machine.send(stamps.tick_nanoseconds(ticks, RATE), tips)
+            machine.executor.spin_once(timeout_sec=0.05)
+        machine.process.send_signal(signal.SIGCONT)
+        ticks += 1
+        resumed, due = time.monotonic(), stamps.tick_nanoseconds(ticks, RATE)
+        while machine.newest() < due and not machine.fault_codes() and time.monotonic() < resumed + LIMIT:
+            machine.send(due, tips)  # repeated, as force_ctrl does
+            machine.executor.spin_once(timeout_sec=0.05)
+        assert (machine.newest(), machine.fault_codes()) == (due, [])
+
+
+@pytest.mark.parametrize("machine", [["lockstep:=false"]], indirect=True)
+def test_real_time_ticks_by_the_clock(machine: Client) -> None:
+    """Wrenches come without targets at the control rate; at rest the end of a stream is no fault."""
+    request = Reset.Request(new_blank=True, job_text=JOB)
+    assert machine.call(Reset, "machine/reset", request).code == 0
+    assert machine.call(Tare, "machine/tare", Tare.Request()).code == 0
+    assert machine.wait(lambda: len(machine.wrenches[0]) > 300)
+    times = np.array(sorted(machine.wrenches[0]))
+    period = stamps.NANO / RATE
+    # every stamp lies on the grid of periods, whatever was missed
+    assert np.abs(np.diff(times) / period - np.round(np.diff(times) / period)).max() < 1e-6
+    sent = [0]
+
+    def followed() -> bool:
+        """A stream, not one message: what the machine does for a moment only, it may not tell on a busy computer."""
+        sent[0] += 1
+        machine.send(sent[0], PARKED)
+        return any(s.mode == MachineState.FOLLOWING for s in machine.states)
+
+    assert machine.wait(followed)
+    assert machine.wait(lambda: machine.states[-1].mode == MachineState.IDLE)
+    assert machine.fault_codes() == []
+
+
+@pytest.mark.parametrize("machine", [["long_ticks", "lockstep:=false"]], indirect=True)
+def test_a_long_tick_is_not_older_than_the_readings_that_bridged_it(machine: Client) -> None:
+    """Else who reads them takes the step back for a clock that was set."""
+    assert machine.call(Reset, "machine/reset", Reset.Request(new_blank=True, job_text=JOB)).code == 0
+    assert machine.wait(lambda: len(machine.wrenches[0]) > 100)
+    apart = np.diff(list(machine.wrenches[0]))  # in the order of their coming
+    assert apart.min() > 0
+    assert apart.min() < 0.1 * stamps.NANO  # some came between the ticks
+
+
+def test_services_name_what_is_wrong(machine: Client) -> None:
+    """Without a blank every service answers with its code; a job that cannot be read is told with its place."""
+    assert machine.call(Tare, "machine/tare", Tare.Request()).code == ErrorCode.NO_BLANK
+    assert machine.call(Scan, "machine/scan", Scan.Request()).code == ErrorCode.NO_BLANK
+    assert machine.call(Reset, "machine/reset", Reset.Request()).code == ErrorCode.NO_BLANK
+    wrong = Reset.Request(new_blank=True, job_text=JOB.replace("1 mm}", "1}"))
+    response = machine.call(Reset, "machine/reset", wrong)
+    assert response.code == ErrorCode.FILE_UNIT
+    assert "job:6" in response.message
+    assert machine.call(Stop, "machine/stop", Stop.Request()).code == 0
+
+
+def test_state_is_saved_and_taken_up(machine: Client, tmp_path: Path) -> None:
+    """What was pressed stays after a fresh blank and a load; the clock goes on; a foreign file is refused."""
+    machine.ready()
+    held = (np.array([0.0, 0.0, -4e-3]), PARKED[1])
+    last = press(machine, 4e-3) + 60
+    for number in range(last - 59, last + 1):  # the servo comes to rest
+        assert machine.tick(number, held)
+    pressed = machine.wrenches[0][machine.newest()][2]
+    path = str(tmp_path / "state.npz")
+    assert machine.call(StateFile, "machine/save", StateFile.Request(path=path)).code == 0
+    assert machine.call(Reset, "machine/reset", Reset.Request(new_blank=True)).code == 0
+    assert machine.call(StateFile, "machine/load", StateFile.Request(path=path)).code == 0
+    assert machine.tick(last + 1, held)
+    again = machine.wrenches[0][stamps.tick_nanoseconds(last + 1, RATE)][2]
+    assert again == pytest.approx(pressed, rel=0.05)
+    foreign = tmp_path / "foreign.npz"
+    foreign.write_text("no machine")
+    assert machine.call(StateFile, "machine/load", StateFile.Request(path=str(foreign))).code == ErrorCode.FILE_SYNTAX
+    assert machine.call(StateFile, "machine/load", StateFile.Request()).code == ErrorCode.FILE_NOT_FOUND
+    nowhere = StateFile.Request(path=str(tmp_path / "no" / "folder.npz"))
+    assert machine.call(StateFile, "machine/save", nowhere).code == ErrorCode.FILE_NOT_WRITABLE
+
+
+def test_sensor_scan_takes_its_time_and_force_limit_is_an_event(machine: Client) -> None:
+    """2.5 s of machine time; points in no order, with noise; pressing too hard saturates the cell first."""
+    machine.ready()
+    assert machine.tick(1, PARKED)
+    response = machine.call(Scan, "machine/scan", Scan.Request(clamped=True, sensor=True))
+    assert response.code == 0
+    assert machine.wait(lambda: len(machine.scans) == 1)
+    cloud = machine.scans[0]
+    assert (cloud.height, cloud.width) == (1, response.points)
+    points = np.frombuffer(bytes(cloud.data), dtype="<f8").reshape(-1, 3)
+    assert 1e-6 < np.abs(points[:, 2]).max() < 0.2e-3
+    after = stamps.tick_nanoseconds(1 + 1250, RATE)
+    assert machine.wait(lambda: machine.newest() == after)
+    for number in range(1252, 1252 + 800):
+        tip = np.array([0.0, 0.0, 0.1 - 0.0002 * (number - 1251)])
+        stamp = stamps.tick_nanoseconds(number, RATE)
+        machine.send(stamp, (tip, PARKED[1]))
+        if not machine.ticked_to(stamp):
+            break
+    assert machine.fault_codes()
+    assert machine.fault_codes()[0] in (ErrorCode.FORCE_LIMIT, ErrorCode.LOAD_CELL_RANGE)
+    assert machine.wait(lambda: MachineEvent.SATURATION in [event.kind for event in machine.events])
