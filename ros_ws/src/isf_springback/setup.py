@@ -22,5 +22,17 @@ setup(
         "console_scripts": [
             "springback = isf_springback.node:main",
         ],
+        # springback methods by name; packages beside this one add their own (see CONTRIBUTING.md)
+        "isf.springback_methods": [
+            "none = isf_springback.estimators.estimator:NoCorrection",
+            "analytic = isf_springback.estimators.analytic:AnalyticModel",
+            "elastic = isf_springback.estimators.elastic:ElasticModel",
+            "fused = isf_springback.estimators.fused:FusedEstimator",
+            "learned = isf_springback.estimators.learned:learned",
+            "learned_map = isf_springback.estimators.learned:learned_map",
+            "mpc_vertical = isf_springback.estimators.mpc:MpcVertical",
+            "mpc_two_directional = isf_springback.estimators.mpc:MpcTwoDirectional",
+            "mpc_tpif = isf_springback.estimators.mpc:MpcTpif",
+        ],
     },
 )

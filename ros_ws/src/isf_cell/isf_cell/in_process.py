@@ -20,9 +20,10 @@ from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.measuring_controller import MeasuringController
 from isf_planner import Plan, plan
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
-from isf_springback.lift_feedback import LiftFeedback, lift_due, reading_of
-from isf_springback.method import CorrectionMethod, apply, check_method, make_method
-from isf_springback.shape_feedback import ShapeFeedback, scan_due
+from isf_springback.corrector import Corrector, apply
+from isf_springback.lift_feedback import lift_due, reading_of
+from isf_springback.methods import check_method, make_corrector
+from isf_springback.shape_feedback import scan_due
 
 from isf_cell.lift_between import lift_in_process
 from isf_cell.options import RunOptions
@@ -64,16 +65,15 @@ def form(
     part_plan = part_plan or plan(job_file)
     machine = SimulatedMachine(job_file, world=options.world, seed=options.seed)
     machine.tare()
-    method = make_method(options.method(job_file), job_file)
-    if isinstance(method, ShapeFeedback):
-        method.take_target(part_plan.target)
+    corrector = make_corrector(options.method(job_file), job_file)
+    corrector.set_target(part_plan.target)
     controller = MeasuringController(ControlConfig.from_job(job_file, support_force=options.support_force))
     sample = machine.sample()
     controller.arm(part_plan.plan_id, 0, len(part_plan.contours), sample.tip_1.tolist(), sample.tip_2.tolist())
 
     history = _History()
     for nominal in part_plan.contours:
-        sample = _form_contour(nominal, method, controller, machine, sample, history)
+        sample = _form_contour(nominal, corrector, controller, machine, sample, history)
         result = history.results[-1]
         if progress:
             progress(PartStep.of(nominal, history.corrections[-1], result))
@@ -83,12 +83,10 @@ def form(
             break
         if lift_due(job_file, nominal.index, nominal.count):
             rows, sample = lift_in_process(controller, machine, sample, result)
-            if isinstance(method, LiftFeedback):
-                method.feel(reading_of(rows), nominal.index)
+            corrector.add_lift(reading_of(rows), nominal.index)
         if scan_due(job_file, nominal.index, nominal.count):
             points, sample = scan_in_process(job_file, nominal, controller, machine, sample)
-            if isinstance(method, ShapeFeedback):
-                method.see(points, nominal.index)
+            corrector.add_scan(points, nominal.index)
             history.scans.append(kept_scan(nominal.index, sample.time, points))
         if controller.fault is not None:  # between two contours: told by the one before
             code, text = controller.fault
@@ -125,13 +123,13 @@ def form(
 
 def _form_contour(
     nominal: Contour,
-    method: CorrectionMethod,
+    corrector: Corrector,
     controller: MeasuringController,
     machine: SimulatedMachine,
     sample: MachineSample,
     history: _History,
 ) -> MachineSample:
-    correction = method.correct(nominal)
+    correction = corrector.correct(nominal)
     corrected = apply(nominal, correction)
     controller.start(corrected)
     sample = run_ticks(controller, machine, sample)
@@ -142,7 +140,7 @@ def _form_contour(
             "the force controller ended without a result",
             where=contour_label(nominal.index),
         )
-    method.learn(corrected, result)
+    corrector.add_result(corrected, result)
     history.nominal.append(nominal)
     history.corrected.append(corrected)
     history.corrections.append(correction)

@@ -25,7 +25,7 @@ from isf_ros.conversion import contour_from_message
 from isf_ros.lifecycle import failure
 from isf_ros.watchdog import RegularLook
 from isf_springback.lift_feedback import lift_due
-from isf_springback.method import check_method
+from isf_springback.methods import check_method
 from isf_springback.shape_feedback import scan_due
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger

@@ -154,7 +154,7 @@ def _warnings(summary: Mapping[str, Any]) -> list[str]:
     """What the numbers of a part lack, and that a method that looks at the part saw nothing of it."""
     remarks = [str(remark["text"]) for remark in summary.get("remarks") or ()]
     if remarks:
-        from isf_springback.fusion import MODEL_ALONE  # late: takes a second to load
+        from isf_springback.estimators.fused import MODEL_ALONE  # late: takes a second to load
 
         remarks = [text for text in remarks if text == MODEL_ALONE]
     return [*map(str, summary.get("notes") or ()), *remarks]

@@ -15,8 +15,7 @@ from isf_core.files.job import JobFile
 from isf_core.types import Array, Mask
 from scipy.spatial import KDTree
 
-from isf_springback.continuity import GRADIENT
-from isf_springback.correction_limits import below_values
+from isf_springback.limits import PUSH_SLOPE, below_values
 from isf_springback.loop_path import LoopPath
 
 SPACING = 0.7e-3
@@ -83,5 +82,5 @@ def within_room(room: DieRoom, contour: Contour, offset: Array) -> tuple[Array, 
         low, high = np.where(good, middle, low), np.where(good, high, middle)
     share = np.where(pressed, low, 1.0)
     size = max(float(np.linalg.norm(offset, axis=1).max()), 1e-9)
-    share = np.asarray(below_values(LoopPath.of(contour), share, GRADIENT / size))
+    share = np.asarray(below_values(LoopPath.of(contour), share, PUSH_SLOPE / size))
     return share[:, None] * offset, share < 1.0

@@ -52,7 +52,7 @@ class FloorFeedback:
         known = self._pending
         return known is not None and (known[0].plan_id, known[0].index) == (contour.plan_id, contour.index)
 
-    def see(self, surface: HeightMap, target: HeightMap) -> None:
+    def update(self, surface: HeightMap, target: HeightMap) -> None:
         """The shape after the last contour."""
         places = np.stack(np.meshgrid(target.x, target.y), axis=-1)
         error = heights_at(surface, places) - target.z
@@ -80,7 +80,7 @@ class FloorFeedback:
         left = np.where(again & (left > 0.0), NEXT_ROUND * left, left)
         return np.maximum(self._push[near] + left, 0.0)
 
-    def remember(self, contour: Contour, push: Array) -> None:
+    def add(self, contour: Contour, push: Array) -> None:
         """The pass ``contour`` is formed with ``push`` (N,) m."""
         self._pending = contour, push
 

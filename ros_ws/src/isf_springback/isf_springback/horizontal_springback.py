@@ -21,7 +21,6 @@ from isf_springback.control_points import ControlLoop
 from isf_springback.elastic_samples import depth_task, load_levels
 from isf_springback.load_displacement import CubicLaw, cubic_law
 from isf_springback.loop_path import LoopPath, moving_average, nearest_points
-from isf_springback.offset_memory import horizontal_limits, limit_signed
 from isf_springback.shell.formed_sheet import FacetSize, mesh_of
 from isf_springback.shell.load_path import follow_loads
 from isf_springback.shell.sheet_model import ShellModel, sine_law_thickness
@@ -109,72 +108,39 @@ def across_level(
 
 
 class HorizontalSpringback:
-    """State: the newest laws, the newest load, and the outward offset of the last contour and of the one in work."""
+    """State: the newest laws (``level``) and the newest load."""
 
     def __init__(self, job_file: JobFile) -> None:
         self._job_file = job_file
-        self._level: AcrossLevel | None = None
+        self.level: AcrossLevel | None = None
         self._load: AcrossLoad | None = None
-        self._base: tuple[Contour, Array] | None = None
-        self._pending: tuple[Contour, Array] | None = None
+
+    def begin(self, contour: Contour) -> None:
+        """Prepare for ``contour``; another plan or feature begins without laws."""
+        if self.level is not None and self.level.feature != contour.feature:
+            self.level = None
+        if self._load is not None and self._load.plan_id != contour.plan_id:
+            self._load = self.level = None
 
     def due(self, contour: Contour) -> bool:
         """True when ``contour`` is a loop increment deeper than the laws at hand, and walls have begun."""
         if not outward(contour).any():
             return False
-        level, depth = self._level, float(contour.contact[:, 2].mean())
+        level, depth = self.level, float(contour.contact[:, 2].mean())
         step = self._job_file.job.springback.elastic.loop_increment - 1e-6
         return level is None or level.feature != contour.feature or abs(depth - level.depth) >= step
 
-    def take(self, level: AcrossLevel) -> None:
-        """Laws for the coming contours."""
-        self._level = level
-
-    def advance(self, contour: Contour) -> None:
-        """Prepare for ``contour``; another plan, feature or forming tool begins at the planned path."""
-        if self._pending is None or self._pending[0].index != contour.index:
-            self._base = self._pending
-        before = self._base
-        if before is None or _wall(before[0]) != _wall(contour):
-            self._base = None
-            if self._level is not None and self._level.feature != contour.feature:
-                self._level = None
-        if self._load is not None and self._load.plan_id != contour.plan_id:
-            self._load = self._level = None
-
-    def learn(self, contour: Contour, result: ContourResult) -> None:
+    def add_result(self, contour: Contour, result: ContourResult) -> None:
         """The load measured on ``contour``; without one the last offset is kept."""
         self._load = across_load(contour, result) if result.completed else None
 
-    def follow(self, contour: Contour, offset: Array) -> None:
-        """Another method formed ``contour`` with ``offset`` (N, 3) m."""
-        self.advance(contour)
-        self._pending = contour, (np.asarray(offset)[:, :2] * outward(contour)).sum(axis=1)
-
-    def offset(self, contour: Contour) -> tuple[Array, NDArray[np.bool_]]:
-        """(N, 2) m, outward offset of ``contour``, and where a limit changed it (N,).
-
-        The limits are those of other horizontal offsets (slope along the path, change per contour, magnitude).
-        """
-        path, direction = LoopPath.of(contour), outward(contour)
-        previous = self._previous(contour)
-        wanted = self._wanted(contour, path)
-        limits = horizontal_limits(self._job_file, contour.forming_tool)
-        value, limited = limit_signed(previous if wanted is None else wanted, path, limits, previous)
-        self._pending = contour, value
-        return value[:, None] * direction, limited
-
-    def _previous(self, contour: Contour) -> Array:
-        if self._base is None:
-            return np.zeros(len(contour))
-        last, value = self._base
-        return np.asarray(value[nearest_points(contour.forming_tip[:, :2], last.forming_tip[:, :2])])
-
-    def _wanted(self, contour: Contour, path: LoopPath) -> Array | None:
-        """(N,) m, springback across the wall under the load of the contour before; None: not known."""
-        load, level = self._load, self._level
+    def wanted(self, contour: Contour) -> Array | None:
+        """(N,) m, outward offset against the springback across the wall under the load of the contour before; None:
+        not known."""
+        load, level = self._load, self.level
         if load is None or level is None or load.index != contour.index - 1:
             return None
+        path = LoopPath.of(contour)
         place = nearest_points(level.places, contour.contact[:, :2])
         order = np.argsort(path.position[place], kind="stable")
         place = place[order]
@@ -183,7 +149,3 @@ class HorizontalSpringback:
         period = path.length if path.closed else None
         along = np.interp(path.position, path.position[place], springback, period=period)
         return np.asarray(self._job_file.job.springback.gain * along)
-
-
-def _wall(contour: Contour) -> tuple[str, int, int, int]:
-    return contour.plan_id, contour.feature, contour.stage, contour.forming_tool

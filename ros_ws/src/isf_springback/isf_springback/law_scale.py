@@ -64,7 +64,7 @@ class LawScale:
         """A new part begins."""
         self._readings = []
 
-    def take(self, place: Array, reading: LiftReading, law: Array) -> None:
+    def add(self, place: Array, reading: LiftReading, law: Array) -> None:
         """Compare ``reading`` with ``law`` (K,) m, the displacements that the unscaled law gives for its forces at the
         contact ``place`` (3,) m."""
         usable = np.isfinite(law) & (law > 0.0)

@@ -17,8 +17,8 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
-from isf_springback.continuity import MAGNITUDE
 from isf_springback.learning_file import Learned
+from isf_springback.limits import LARGEST_CORRECTION
 from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.scan_memory import contour_over_die, shape_over_die, target_over_die
 from isf_springback.scan_processing import ScanExpectation, process_scan
@@ -146,7 +146,7 @@ def _adjusted(now: Learned, before: Learned | None) -> Learned:
         # overshoot: the error changed its sign and more than the change asked for
         gain = np.where(moved & np.isfinite(response) & (response > 1.4), 0.7 * gain, gain)
     step = np.clip(gain * np.nan_to_num(now.error), -LARGEST_CHANGE, LARGEST_CHANGE)
-    push = np.clip(push_before + step, -1e-3, MAGNITUDE)
+    push = np.clip(push_before + step, -1e-3, LARGEST_CORRECTION)
     known = now.error[np.isfinite(now.error) & (now.feature[:, 2] > 3e-3)]
     row = [float(np.abs(known).mean()), float(np.abs(known).max())] if len(known) else [np.nan, np.nan]
     history = np.vstack([before.history, [row]]) if before is not None else np.array([row])

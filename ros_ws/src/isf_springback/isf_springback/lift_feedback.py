@@ -1,19 +1,12 @@
 """Tool lifting between contours: when one is due, what it tells, and which methods learn from it.
 
 The forming tool lifts off the sheet while height and force are recorded; the way until the force vanishes is the
-springback at that place (Ren 2018, 4.2.2). A method that uses lifts has the three functions of
-:class:`isf_springback.method.CorrectionMethod` and that of :class:`LiftFeedback`. Per contour the order is::
-
-    method.learn(corrected, result)     # forces of contour k
-    method.feel(reading, k)             # lift after contour k, when one is due
-    method.see(points, k)               # scan after contour k, when one is due
-    method.correct(contour k + 1)
+springback at that place (Ren 2018, 4.2.2).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from isf_core.files.job import JobFile
@@ -65,15 +58,6 @@ def reading_of(rows: Array) -> LiftReading | None:
         return None
     kept = np.flatnonzero(used)[np.unique(np.linspace(0, used.sum() - 1, _KEPT).round().astype(np.int64))]
     return LiftReading(table[0, :3].copy(), force[kept], np.maximum(displacement[kept], 1e-6))
-
-
-@runtime_checkable
-class LiftFeedback(Protocol):
-    """A correction method that learns from tool lifts."""
-
-    def feel(self, reading: LiftReading | None, index: int) -> None:
-        """What the lift after contour ``index`` told, None when it failed; never raises."""
-        ...
 
 
 def lift_due(job_file: JobFile, index: int, count: int) -> bool:

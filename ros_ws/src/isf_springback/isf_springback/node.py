@@ -32,12 +32,12 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
 
-from isf_springback.method import METHODS, check_name
+from isf_springback.methods import check_name, method_names
 from isf_springback.node_cloud import cloud_points, stamp_seconds
 from isf_springback.session import CorrectionSession
 
-LOOK_PERIOD = 0.1
-"""s of wall time between two looks at a contour that waits."""
+WAITING_PERIOD = 0.1
+"""s of wall time between two attempts at a contour that waits."""
 
 T = TypeVar("T")
 
@@ -48,7 +48,7 @@ class SpringbackParameters:
 
     method: str = parameter(
         "",
-        f"correction method from the next contour on ({', '.join(sorted(METHODS))}); empty: the job's",
+        f"correction method from the next contour on ({', '.join(method_names())}); empty: the job's",
         read_only=False,
     )
     job: str = parameter("", "job file, for a cell whose executive does not publish part/info")
@@ -78,7 +78,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         self._session = CorrectionSession(values.result_timeout)
         self._session.choose(values.method)
         if values.job:
-            self._session.take_job(load_job(values.job))
+            self._session.set_job(load_job(values.job))
         self._correction = self.create_publisher(ContourCorrection, "contour/correction", qos.EVENT)
         self._corrected = self.create_publisher(Contour, "contour/corrected", qos.LATCHED)
         subscriptions = [
@@ -89,7 +89,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self.create_subscription(PointCloud2, "tool_lift", self._on_lift, qos.LATCHED),
             self.create_subscription(PointCloud2, "scan", self._on_scan, qos.LATCHED),
         ]
-        timer = self.create_timer(LOOK_PERIOD, self._work, clock=self.steady_clock)
+        timer = self.create_timer(WAITING_PERIOD, self._advance, clock=self.steady_clock)
         self._entities = [
             lambda: self.destroy_publisher(self._correction),
             lambda: self.destroy_publisher(self._corrected),
@@ -130,26 +130,26 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         except IsfError as error:
             self.report(error)
             return
-        self._session.take_job(job_file, message.plan_id, message.correction)
-        self._work()
+        self._session.set_job(job_file, message.plan_id, message.correction)
+        self._advance()
 
     def _on_nominal(self, message: Contour) -> None:
         if not self.is_active:
             return
         contour = self._convert(contour_from_message, message)
         if contour is not None:
-            self._session.take_contour(contour)
-            self._work()
+            self._session.add_contour(contour)
+            self._advance()
 
     def _on_result(self, message: ContourResult) -> None:
         result = self._convert(result_from_message, message)
         if result is not None:
-            self._session.take_result(result)
-            self._work()
+            self._session.add_result(result)
+            self._advance()
 
     def _on_target(self, message: PointCloud2) -> None:
         try:
-            self._session.take_target(height_map_from_message(message))
+            self._session.set_target(height_map_from_message(message))
         except ValueError as error:
             self.report(IsfError(ErrorCode.CORRECTION_FAILED, f"the target is not a height map: {error}"))
 
@@ -159,8 +159,8 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         except ValueError as error:
             self.report(IsfError(ErrorCode.LIFT_MISSING, f"not a tool lift: {error}", where="topic tool_lift"))
             return
-        self._session.take_lift(rows, stamp_seconds(message))
-        self._work()
+        self._session.add_lift(rows, stamp_seconds(message))
+        self._advance()
 
     def _on_scan(self, message: PointCloud2) -> None:
         try:
@@ -168,8 +168,8 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         except ValueError as error:
             self.report(IsfError(ErrorCode.SCAN_INCOMPLETE, f"not a cloud of points: {error}", where="topic scan"))
             return
-        self._session.take_scan(points, stamp_seconds(message))
-        self._work()
+        self._session.add_scan(points, stamp_seconds(message))
+        self._advance()
 
     def _convert(self, convert: Callable[[Any], T], message: Any) -> T | None:
         """Core object of a message; a malformed one is reported and dropped."""
@@ -180,10 +180,10 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self.report(IsfError(ErrorCode.CONTOUR_REJECTED, f"malformed message: {error}", where=where))
             return None
 
-    def _work(self) -> None:
+    def _advance(self) -> None:
         if not self.is_active:
             return
-        outcome = self._session.work()
+        outcome = self._session.advance()
         if outcome is None:
             return
         stamp = self.get_clock().now().to_msg()

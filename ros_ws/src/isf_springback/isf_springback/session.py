@@ -3,7 +3,7 @@ any order.
 
 A contour is corrected when its job is known, the result of the contour before it is there, and the lift and the scan
 made in between when they are due; or when waiting for them took too long. A change of method takes effect at the next
-contour: the new method is told all that happened so far, so that it continues without a jump.
+contour: the new method is given all that happened so far, so that it continues without a jump.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
-from isf_springback.handover import fade_horizontal
-from isf_springback.lift_feedback import LiftFeedback, lift_awaited, reading_of
-from isf_springback.method import CorrectionMethod, NoCorrection, apply, check_method, check_name, make_method
-from isf_springback.shape_feedback import ShapeFeedback, scan_awaited
+from isf_springback.corrector import Corrector, apply
+from isf_springback.estimators.estimator import NoCorrection
+from isf_springback.lift_feedback import lift_awaited, reading_of
+from isf_springback.methods import check_method, check_name, make_corrector
+from isf_springback.shape_feedback import scan_awaited
 
 STAMP_TOLERANCE = 1e-6
 """s by which the stamp of a scan may lie before the end of the contour it was made after (rounding)."""
@@ -59,7 +60,7 @@ class CorrectionSession:
         self._waiting: Contour | None = None
         self._since = 0.0
         self._history: list[_Formed] = []
-        self._method: CorrectionMethod | None = None
+        self._corrector: Corrector | None = None
         self._declined: IsfError | None = None
         self._target: HeightMap | None = None
         self._lift: tuple[float, Array] | None = None
@@ -79,45 +80,45 @@ class CorrectionSession:
             check_name(name)
         self._choice = name
 
-    def take_job(self, job_file: JobFile, plan_id: str = "", method: str = "") -> None:
+    def set_job(self, job_file: JobFile, plan_id: str = "", method: str = "") -> None:
         """The job of plan ``plan_id`` ("": of any plan), with the method of the run when it is not the job's."""
         self._job = job_file
         self._job_plan = plan_id
         self._job_method = method or job_file.job.springback.method
 
-    def take_contour(self, contour: Contour) -> None:
+    def add_contour(self, contour: Contour) -> None:
         """A contour to be corrected; replaces one that still waits."""
         self._waiting = contour
         self._since = self._clock()
 
-    def take_result(self, result: ContourResult) -> None:
+    def add_result(self, result: ContourResult) -> None:
         """What happened to a corrected contour."""
         for formed in reversed(self._history):
             if (formed.correction.plan_id, formed.correction.index) == (result.plan_id, result.index):
-                if formed.result is None and self._method is not None:
-                    self._method.learn(formed.corrected, result)
+                if formed.result is None and self._corrector is not None:
+                    self._corrector.add_result(formed.corrected, result)
                 formed.result = result
-                self._place_lift()
-                self._place_scan()
+                self._assign_lift()
+                self._assign_scan()
                 return
 
-    def take_target(self, target: HeightMap) -> None:
+    def set_target(self, target: HeightMap) -> None:
         """The shape that is wanted."""
         self._target = target
-        if isinstance(self._method, ShapeFeedback):
-            self._method.take_target(target)
+        if self._corrector is not None:
+            self._corrector.set_target(target)
 
-    def take_lift(self, rows: Array, time_stamp: float) -> None:
+    def add_lift(self, rows: Array, time_stamp: float) -> None:
         """Rows (K, 4) of a tool lift, see :func:`isf_springback.lift_feedback.reading_of`, stamped as scans are."""
         self._lift = (time_stamp, rows)
-        self._place_lift()
+        self._assign_lift()
 
-    def take_scan(self, points: Array, time_stamp: float) -> None:
+    def add_scan(self, points: Array, time_stamp: float) -> None:
         """Points (P, 3) m of the formed sheet, measured at ``time_stamp`` s of the clock of the results."""
         self._scan = (time_stamp, points)
-        self._place_scan()
+        self._assign_scan()
 
-    def _place_lift(self) -> None:
+    def _assign_lift(self) -> None:
         """Hand the newest lift to the contour it was made after."""
         if self._lift is None or not self._history:
             return
@@ -125,10 +126,10 @@ class CorrectionSession:
         if last.result is None or last.lift is not None or self._lift[0] < last.result.end - STAMP_TOLERANCE:
             return
         last.lift, self._lift = self._lift[1], None
-        if isinstance(self._method, LiftFeedback):
-            self._method.feel(reading_of(last.lift), last.nominal.index)
+        if self._corrector is not None:
+            self._corrector.add_lift(reading_of(last.lift), last.nominal.index)
 
-    def _place_scan(self) -> None:
+    def _assign_scan(self) -> None:
         """Hand the newest scan to the contour it was made after; an older one (latched, another part) waits in vain."""
         if self._scan is None or not self._history:
             return
@@ -136,14 +137,14 @@ class CorrectionSession:
         if last.result is None or last.scan is not None or self._scan[0] < last.result.end - STAMP_TOLERANCE:
             return
         last.scan, self._scan = self._scan[1], None
-        if isinstance(self._method, ShapeFeedback):
-            self._method.see(last.scan, last.nominal.index)
+        if self._corrector is not None:
+            self._corrector.add_scan(last.scan, last.nominal.index)
 
     def drop(self) -> None:
         """Forget a contour that waits."""
         self._waiting = None
 
-    def work(self) -> Outcome | None:
+    def advance(self) -> Outcome | None:
         """Correct the waiting contour when its time has come."""
         contour = self._waiting
         if contour is None:
@@ -162,8 +163,8 @@ class CorrectionSession:
                     where=contour_label(contour.index),
                     advice="the executive publishes part/info before the first contour; or set the parameter 'job'",
                 )
-            method = self._method_for(contour)
-            correction = self._without_jump(contour, self._told(contour, method.correct(contour)))
+            corrector = self._corrector_for(contour)
+            correction = self._with_missing(contour, corrector.correct(contour))
             corrected = apply(contour, correction)
         except IsfError as error:
             return Outcome(_refusal(contour, self.method_name, error), None)
@@ -182,7 +183,7 @@ class CorrectionSession:
         """True unless a scan was announced by the job for this contour and the method would use it."""
         if self._job is None or not self._history or not self._follows(contour):
             return True
-        wanted = scan_awaited(self._job, contour.index) and isinstance(self._method, ShapeFeedback)
+        wanted = scan_awaited(self._job, contour.index) and self._corrector is not None and self._corrector.uses_scans
         last = self._history[-1]
         return not wanted or last.nominal.index != contour.index - 1 or last.scan is not None
 
@@ -190,11 +191,11 @@ class CorrectionSession:
         """True unless a tool lift was announced by the job for this contour and the method would use it."""
         if self._job is None or not self._history or not self._follows(contour):
             return True
-        wanted = lift_awaited(self._job, contour.index) and isinstance(self._method, LiftFeedback)
+        wanted = lift_awaited(self._job, contour.index) and self._corrector is not None and self._corrector.uses_lifts
         last = self._history[-1]
         return not wanted or last.nominal.index != contour.index - 1 or last.lift is not None
 
-    def _told(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:
+    def _with_missing(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:
         """The correction with LIFT_MISSING or SCAN_MISSING when its lift or scan never came, or why a change of method
         was declined."""
         if correction.code:
@@ -218,51 +219,41 @@ class CorrectionSession:
             "check the scanner, or set springback.scan_every to 0",
         )
 
-    def _without_jump(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:
-        """Hand over horizontal offsets of another method gradually: methods know only their own directions."""
-        if self._job is None or not self._history or not self._follows(contour):
-            return correction
-        last = [f for f in self._history if f.nominal.index < contour.index][-1:]
-        return (
-            fade_horizontal(contour, correction, last[0].nominal, last[0].correction, self._job) if last else correction
-        )
-
     def _follows(self, contour: Contour) -> bool:
         """True when ``contour`` belongs to the part in hand; contour 0 is a new part unless it is asked for again."""
         last = self._history[-1].nominal
         return last.plan_id == contour.plan_id and (contour.index > 0 or last.index == 0)
 
-    def _method_for(self, contour: Contour) -> CorrectionMethod:
+    def _corrector_for(self, contour: Contour) -> Corrector:
         assert self._job is not None  # checked by the caller
         if self._history and not self._follows(contour):
             self._history = []
-            self._method = None
+            self._corrector = None
         if not self._history:
-            self._method = None
+            self._corrector = None
             self._lift = self._scan = None  # of an earlier part
         self._declined = None
-        if self._method is None or self._method.name != self.method_name:
+        if self._corrector is None or self._corrector.name != self.method_name:
             try:
                 check_method(self.method_name, self._job)
             except IsfError as error:
-                if self._method is None:
+                if self._corrector is None:
                     raise
                 self._declined = error  # half a part is formed: it goes on with the method it has
-                return self._method
-            method = make_method(self.method_name, self._job)
-            looks = method if isinstance(method, ShapeFeedback) else None
-            if looks and self._target is not None:
-                looks.take_target(self._target)
+                return self._corrector
+            corrector = make_corrector(self.method_name, self._job)
+            if self._target is not None:
+                corrector.set_target(self._target)
             for formed in self._history:
-                method.follow(formed.nominal, formed.correction)
+                corrector.follow(formed.nominal, formed.correction)
                 if formed.result is not None:
-                    method.learn(formed.corrected, formed.result)
-                if formed.lift is not None and isinstance(method, LiftFeedback):
-                    method.feel(reading_of(formed.lift), formed.nominal.index)
-                if looks and formed.scan is not None:
-                    looks.see(formed.scan, formed.nominal.index)
-            self._method = method
-        return self._method
+                    corrector.add_result(formed.corrected, formed.result)
+                if formed.lift is not None:
+                    corrector.add_lift(reading_of(formed.lift), formed.nominal.index)
+                if formed.scan is not None:
+                    corrector.add_scan(formed.scan, formed.nominal.index)
+            self._corrector = corrector
+        return self._corrector
 
 
 def _with(correction: ContourCorrection, code: ErrorCode, what: str, advice: str) -> ContourCorrection:

@@ -66,7 +66,7 @@ class StepForce:
         self._steps: list[FormedStep] = []
         self._of: tuple[str, int, int, int] | None = None
 
-    def take(self, contour: Contour, result: ContourResult) -> None:
+    def add(self, contour: Contour, result: ContourResult) -> None:
         """What was measured while ``contour``, as corrected, was formed; a result without forces is left out."""
         of = (contour.plan_id, contour.feature, contour.stage, contour.forming_tool)
         if of != self._of:

@@ -10,9 +10,9 @@ from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_springback import learning_file
-from isf_springback.continuity import forming_radius
 from isf_springback.learning import learn_part
 from isf_springback.learning_file import Learned
+from isf_springback.limits import forming_radius
 
 from isf_cell import terminal
 from isf_cell.run_folder import bag_of

@@ -1,19 +1,18 @@
 """Methods "mpc_vertical", "mpc_two_directional" and "mpc_tpif": contours corrected from scans (Lu 2016, chapter 3).
 
 After every scan the step depth and the horizontal increments of the coming contours are optimised over a horizon, and
-the first move is applied. A correction is told as the offset of the planned contour: offsets accumulate (trap H2 of
-the source: without memory no correction would ever exceed one increment). The first contours run open loop; between
+the first move is applied. A correction is the offset of the planned contour, and offsets accumulate: without
+memory no correction would ever exceed one increment. The first contours run open loop; between
 scans, and when a scan cannot be used, the last good offset is kept.
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
+from isf_core.contour import Contour, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, MpcSpec
 from isf_core.geometry.height_map import HeightMap
@@ -21,19 +20,16 @@ from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback import mpc_problem, mpc_state
-from isf_springback.continuity import forming_radius
-from isf_springback.die_room import die_room, free_of_die, within_room
-from isf_springback.floor_feedback import FloorFeedback
-from isf_springback.loop_path import LoopPath
+from isf_springback.die_room import die_room, free_of_die
+from isf_springback.estimators.estimator import Bounds, Estimator, Horizontal, Prediction
+from isf_springback.history import History
+from isf_springback.limits import forming_radius
 from isf_springback.mpc_coupled import solve_coupled
 from isf_springback.mpc_distribution import distribute
 from isf_springback.mpc_state import PolarContour, Sections
-from isf_springback.offset_memory import OffsetMemory, horizontal_limits, limit_signed, push_limits
-from isf_springback.scan_memory import ScanMemory, contour_over_die, target_over_die
+from isf_springback.scan_memory import contour_over_die, target_over_die
 from isf_springback.scan_processing.sections import contact_reach
 from isf_springback.sheet_load import push_sign
-from isf_springback.step_bounds import largest_rise
-from isf_springback.step_force import StepForce, depth_of, step_remark
 
 Strategy = Literal["vertical", "two_directional", "tpif"]
 
@@ -41,9 +37,13 @@ DENSE = 360
 """Directions of a dense horizontal state (published: one per degree)."""
 PER_DIRECTION = 36
 """Directions with a step depth of their own (assumed: a change of 50 um per mm of path needs no more)."""
-DIE_REMARK = "the die leaves no room for more correction where the contour works over it"
 CONTACT_TOLERANCE = 2e-3
 """m between the planned and the detected contact; beyond, the planned one is used."""
+NEARBY = np.radians([0.0, *np.outer([3.0, 6.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0], [-1.0, 1.0]).ravel()])
+"""Where the one bottom point is looked for when the scan has a hole in the reference direction, or the die holds the
+sheet there (assumed)."""
+OUT_OF_DIE = 30e-3
+"""m of section beyond the contact over a die."""
 
 
 @dataclass(frozen=True)
@@ -67,136 +67,73 @@ class Move:
     unseen: float
 
 
-class ModelPredictiveCorrection:
-    """Corrects contour after contour from scans. State: the last offsets, the newest shape."""
+class ModelPredictiveEstimator(Estimator):
+    """Moves the offset of the contour before by what the newest shape asks for; see the module text."""
 
-    def __init__(self, job_file: JobFile, strategy: Strategy) -> None:
-        self.name = f"mpc_{strategy}"
-        self._strategy = strategy
-        self._job_file = job_file
+    needs_scans = True
+    uses_scans = True
+    strategy: ClassVar[Strategy]
+
+    def __init__(self, job_file: JobFile) -> None:
+        super().__init__(job_file)
         self._options: MpcSpec = job_file.job.springback.mpc
-        self._memory = OffsetMemory()
-        self._scans = ScanMemory(job_file, over_die=strategy == "tpif")
-        self._die = die_room(job_file) if strategy == "tpif" else None
+        self._die = die_room(job_file) if self.strategy == "tpif" else None
         self._fault: IsfError | None = None
-        self._step_force = StepForce(job_file)
-        self._floor = FloorFeedback()
 
-    def take_target(self, target: HeightMap) -> None:
-        """The shape that is wanted."""
-        self._scans.target = target
+    def begin(self, contour: Contour, history: History) -> None:
+        """As the base class."""
+        if history.current is None:
+            self._fault = None
 
-    def see(self, points: Array, index: int) -> None:
-        """The shape after contour ``index``; what is wrong with it is told by the next correction."""
-        pending = self._memory.pending
-        shape = self._scans.take(points, None if pending is None else pending.contour, index)
-        if shape is not None and self._scans.target is not None:
-            self._floor.see(shape.surface, self._scans.target)
-
-    def learn(self, contour: Contour, result: ContourResult) -> None:
-        """Forces only bound the step; a contour that was not completed leaves no shape to steer by."""
+    def add_result(self, contour: Contour, result: ContourResult, history: History) -> None:
+        """A contour that was not completed leaves no shape to steer by."""
         self._fault = None
-        self._step_force.take(contour, result)
         if not result.completed:
             self._fault = IsfError(ErrorCode.CORRECTION_FAILED, "was not completed", where=contour_label(result.index))
 
-    def follow(self, contour: Contour, correction: ContourCorrection) -> None:
-        """Take note that another method corrected ``contour``."""
-        self._advance(contour)
-        self._memory.remember(contour, np.asarray(correction.offset))
+    def bounds(self, contour: Contour, history: History) -> Bounds:
+        """Bounds of the job's section springback.mpc."""
+        options = self._options
+        rise = (options.largest_step - 1.0) * self.job_file.job.path.incremental_depth
+        return Bounds(
+            pulls_back=True, largest=options.largest_offset, rise=rise, by_force=True, at_floor=False, die=self._die
+        )
 
-    def correct(self, contour: Contour) -> ContourCorrection:
-        """Correction of the next contour; keeps the last good one, with a code, when the shape is not known.
+    def estimate(self, contour: Contour, history: History) -> Prediction:
+        """As the base class.
 
         Raises
         ------
-        IsfError : CONTOUR_REJECTED, the contour itself is malformed
+        IsfError : CORRECTION_FAILED, SCAN_INCOMPLETE, QP_INFEASIBLE: the shape cannot be used; the last good offset is
+            kept
         """
-        started = time.perf_counter()
-        contour.validate()
-        fault = self._advance(contour) or self._fault or self._scans.fault_before(contour)
-        memory, options = self._memory, self._options
-        before = memory.last(contour)
-        remarks: list[str] = []
-        move: Move | None = None
-        tool, sign = contour.forming_tool, push_sign(contour)
-        base = memory.base
-        passed = self._floor.push(contour, None if base is None else base.contour, sign * before[:, 2])
-        if passed is None and fault is None and contour.index >= self._job_file.job.springback.open_loop_contours:
-            try:
-                move = self._move(contour)
-            except IsfError as error:
-                fault = error
-        path = LoopPath.of(contour)
-        radial, known = _radial(contour)
-        old = np.sum(before[:, :2] * radial, axis=1)
-        wanted = before[:, 2] if move is None else before[:, 2] + move.vertical
-        wide = old if move is None else old + move.radial
-        wanted = wanted if passed is None else sign * passed
-        admitted = sign * self._borne(contour, sign * before[:, 2], sign * wanted, remarks)
-        free = None if passed is None else options.largest_offset  # a floor may need far less push than the wall
-        limits = push_limits(self._job_file, tool, max(options.largest_offset, float((-sign * admitted).max())), free)
-        vertical, bound = limit_signed(admitted, path, limits, before[:, 2])
-        limits = horizontal_limits(self._job_file, tool, options.largest_offset)
-        horizontal, bound_h = limit_signed(wide, path, limits, old) if known else (old, np.zeros(len(old), bool))
-        offset = np.column_stack([horizontal[:, None] * radial if known else before[:, :2], vertical])
-        if self._die is not None:
-            offset, pressed = within_room(self._die, contour_over_die(contour), offset)
-            bound |= pressed
-            if pressed.any():
-                remarks.append(DIE_REMARK)
-        memory.remember(contour, offset)
-        if passed is not None:
-            self._floor.remember(contour, sign * offset[:, 2])
-        if fault is None and max(np.abs(wanted).max(), np.abs(wide).max()) > options.largest_offset:
-            fault = IsfError(
-                ErrorCode.CORRECTION_LIMITED,
-                f"more than {1e3 * options.largest_offset:.1f} mm were asked for",
-                where=contour_label(contour.index),
-                advice="check clamp, sheet and registration of the scanner",
-            )
-        if move is not None and move.bounded:
-            remarks.append("the step depth is at its bound: the lag is made good over several contours")
-        shape = self._scans.fresh(contour)
-        return ContourCorrection(
-            plan_id=contour.plan_id,
-            index=contour.index,
-            method=self.name,
-            offset=offset,
-            springback=np.empty(0),
-            saturated=bound | bound_h,
-            code=0 if fault is None else int(fault.code),
-            message="" if fault is None else fault.message,
-            solve_time=time.perf_counter() - started,
-            residual=np.empty(0) if move is None else move.residual,
-            remarks=(*remarks, *(shape.remarks if shape is not None else ())),
+        fault = self._fault or history.scans.fault_before(contour)
+        if fault is not None:
+            raise fault
+        last = history.last_offset(contour)
+        push = push_sign(contour) * last[:, 2]
+        move = None
+        if contour.index >= self.job_file.job.springback.open_loop_contours:
+            move = self._move(contour, history)
+        shape = history.scans.fresh(contour)
+        remarks: tuple[str, ...] = () if shape is None else shape.remarks
+        radial = _radial(contour)
+        if move is None:
+            return Prediction(np.empty(0), push=push, horizontal=Horizontal(radial, None), remarks=remarks)
+        if move.bounded:
+            remarks = ("the step depth is at its bound: the lag is made good over several contours", *remarks)
+        return Prediction(
+            np.empty(0),
+            push=push + push_sign(contour) * move.vertical,
+            horizontal=Horizontal(radial, np.sum(last[:, :2] * radial, axis=1) + move.radial),
+            expected_error=move.residual,
+            remarks=remarks,
         )
 
     # -- inside --------------------------------------------------------------------------------------
 
-    def _borne(self, contour: Contour, before: Array, push: Array, remarks: list[str]) -> Array:
-        """(N,) m, as much of ``push`` (N,) m as step and force allow after the push ``before`` (N,) m."""
-        planned = self._job_file.job.path.incremental_depth
-        room = self._step_force.deepest(contour) - depth_of(contour) - float(before.mean())
-        rise = largest_rise(self._job_file, self._options.largest_step)
-        most = np.minimum(np.maximum(before, 0.0) + rise, before + room)
-        borne = np.minimum(np.minimum(push, self._options.largest_offset), most)
-        if (before + room < push).any():
-            remarks.append(step_remark(planned + room, planned, -float(borne.mean())))
-        return borne
-
-    def _advance(self, contour: Contour) -> IsfError | None:
-        pending = self._memory.pending
-        if pending is not None and pending.contour.plan_id != contour.plan_id:
-            self._scans.clear()
-            self._fault = None
-        return self._memory.advance(contour)
-
-    def _move(self, contour: Contour) -> Move | None:
+    def _move(self, contour: Contour, history: History) -> Move | None:
         """First move of the optimised horizon; None between scans. Raises CORRECTION_FAILED, QP_INFEASIBLE."""
-        shape, base, target = self._scans.fresh(contour), self._memory.base, self._scans.target
-        if shape is None or base is None or target is None:
-            return None
         if contour.forming_tool != 1:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,
@@ -204,23 +141,26 @@ class ModelPredictiveCorrection:
                 where=contour_label(contour.index),
                 advice="use the method analytic for features formed from below",
             )
+        shape, base, target = history.scans.fresh(contour), history.base, history.scans.target
+        if shape is None or base is None or target is None:
+            return None
         options, formed = self._options, base.contour
-        if self._strategy == "tpif":
+        if self.strategy == "tpif":
             # the blank holder moves from contour to contour: only in the frame of the die do their levels descend
             formed, contour, target = contour_over_die(formed), contour_over_die(contour), target_over_die(target)
         polar = PolarContour.of(contour)
         references = np.asarray(options.reference_angles)
-        dense = self._strategy == "tpif" or options.distribution == "dense"
-        inside = min(float(polar.radius.max()), 40e-3) if self._strategy != "tpif" else OUT_OF_DIE
-        radius = forming_radius(self._job_file, contour.forming_tool)
-        horizontal = self._strategy != "vertical" and options.distribution != "none"
+        dense = self.strategy == "tpif" or options.distribution == "dense"
+        inside = min(float(polar.radius.max()), 40e-3) if self.strategy != "tpif" else OUT_OF_DIE
+        radius = forming_radius(self.job_file, contour.forming_tool)
+        horizontal = self.strategy != "vertical" and options.distribution != "none"
         angles = references
         if options.step == "per_direction":
             angles = np.concatenate([references, 2 * np.pi * np.arange(PER_DIRECTION) / PER_DIRECTION])
         cut = mpc_state.radial_sections(formed, angles, shape.surface, target, radius, inside)
         level = self._levels(formed, contour, target)
         error = mpc_state.bottom_error(cut, float(level[0]))
-        if self._strategy == "tpif":
+        if self.strategy == "tpif":
             near = (references[:, None] + NEARBY).ravel()
             free = self._free(formed, near)
             if not free.any():
@@ -279,33 +219,33 @@ class ModelPredictiveCorrection:
         """(H + 1,) m, tip levels of the contour formed last, the coming one and those after it.
 
         Parts formed inwards end at the floor: the horizon shrinks there. Over a die the ramp of the target goes on
-        beyond the last contour (trap H4: a frozen target leaves the last contours behind).
+        beyond the last contour (a target frozen there would leave the last contours behind).
         """
         first = float(np.mean(formed.forming_tip[:, 2]))
         second = float(np.mean(contour.forming_tip[:, 2]))
         left = contour.count - contour.index
         horizon = self._options.horizon or left
-        if self._strategy == "tpif":
+        if self.strategy == "tpif":
             horizon = max(horizon, 1)
         else:
             horizon = max(1, min(horizon, left))
-        step = self._job_file.job.path.incremental_depth
+        step = self.job_file.job.path.incremental_depth
         level = np.concatenate([[first], second - step * np.arange(horizon)])
-        if self._strategy == "tpif":
+        if self.strategy == "tpif":
             return level
         floor = min(float(np.nanmin(target.z)), second)
         return np.asarray(np.maximum(level, floor))
 
     def _bounds(self, level: Array) -> tuple[float, float]:
         """m, bounds of the signed step depth; in planned steps, so that a lag can be made good."""
-        step = max(float(level[0] - level[1]), 0.2 * self._job_file.job.path.incremental_depth)
+        step = max(float(level[0] - level[1]), 0.2 * self.job_file.job.path.incremental_depth)
         return -self._options.largest_step * step, -self._options.smallest_step * step
 
     def _vertical(self, cut: Sections, level: Array, error: Array) -> Array:
         """(M, H) m, step depths per section."""
         options = self._options
         lower, upper = self._bounds(level)
-        if self._strategy == "tpif":
+        if self.strategy == "tpif":
             measured = level[0] + np.where(np.isfinite(error), error, 0.0)
             targets = np.tile(level[1:], (len(measured), 1))
             problem = mpc_problem.scalar_vertical_problem(measured, targets, options.vertical_weight, lower, upper)
@@ -361,31 +301,31 @@ class ModelPredictiveCorrection:
         return np.asarray(-cut.progress * spread), float(1.0 - seen.mean())
 
 
-NEARBY = np.radians([0.0, *np.outer([3.0, 6.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0], [-1.0, 1.0]).ravel()])
-"""Where the one bottom point is looked for when the scan has a hole in the reference direction, or the die holds the
-sheet there (assumed)."""
-OUT_OF_DIE = 30e-3
-"""m of section beyond the contact over a die."""
-
-
-def _radial(contour: Contour) -> tuple[Array, bool]:
-    """(N, 2) unit radial directions, and False when the contour has none."""
+def _radial(contour: Contour) -> Array:
+    """(N, 2) unit radial directions; zero where the contour has none."""
     try:
-        return PolarContour.of(contour).radial, True
+        return PolarContour.of(contour).radial
     except IsfError:
-        return np.zeros((len(contour), 2)), False
+        return np.zeros((len(contour), 2))
 
 
-def mpc_vertical(job_file: JobFile) -> ModelPredictiveCorrection:
+class MpcVertical(ModelPredictiveEstimator):
     """Step depth from a section of the shape (Lu 2016, 3.2)."""
-    return ModelPredictiveCorrection(job_file, "vertical")
+
+    name = "mpc_vertical"
+    strategy = "vertical"
 
 
-def mpc_two_directional(job_file: JobFile) -> ModelPredictiveCorrection:
+class MpcTwoDirectional(ModelPredictiveEstimator):
     """Step depth and horizontal increments (Lu 2016, 3.3)."""
-    return ModelPredictiveCorrection(job_file, "two_directional")
+
+    name = "mpc_two_directional"
+    strategy = "two_directional"
 
 
-def mpc_tpif(job_file: JobFile) -> ModelPredictiveCorrection:
+class MpcTpif(ModelPredictiveEstimator):
     """Over a partial die: bottom point and 360 directions (Lu 2016, 3.4)."""
-    return ModelPredictiveCorrection(job_file, "tpif")
+
+    name = "mpc_tpif"
+    strategy = "tpif"
+    over_die = True

@@ -7,26 +7,26 @@ computed here, at few points on a coarse mesh, which takes up to a second once p
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
+from isf_core.contour import Contour, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
 from numpy.typing import NDArray
 
-from isf_springback.analytic import AnalyticCorrection, AnalyticOptions, Prediction
-from isf_springback.continuity import forming_radius
 from isf_springback.control_points import ControlLoop, ControlPointOptions, control_loop, part_symmetries
 from isf_springback.database import Database, DatabaseLevel, database_of
 from isf_springback.elastic_samples import depth_task, load_levels, solve_depth
-from isf_springback.force_forecast import ForecastLaw, forecast
-from isf_springback.horizontal_springback import HorizontalSpringback, across_level
+from isf_springback.estimators.axial_force import AxialForce, ForecastLaw
+from isf_springback.estimators.estimator import Horizontal, Prediction
+from isf_springback.estimators.sheet_model import SheetModel
+from isf_springback.history import History
+from isf_springback.horizontal_springback import HorizontalSpringback, across_level, outward
+from isf_springback.limits import forming_radius
 from isf_springback.load_displacement import CubicLaw
 from isf_springback.loop_path import LoopPath, nearest_points
-from isf_springback.measured_load import MeasuredLoad
 from isf_springback.sheet_edge import free_size
 from isf_springback.shell.formed_sheet import FacetSize
 
@@ -38,7 +38,7 @@ FORCE_DEVIATION = 30.0
 """N, standard deviation of the force forecast (measured on the simulated plant, see docs/springback.md)."""
 
 BEYOND_SAMPLES = 1.25
-"""A force this many times the largest sample is told."""
+"""A force this many times the largest sample is reported."""
 
 _POINTS_ONLINE = 4
 _LEVELS_ONLINE = 4
@@ -59,8 +59,8 @@ class _Laws:
     largest: float
 
 
-class ElasticCorrection(AnalyticCorrection):
-    """Corrects contour after contour; see the module text. State beyond its base: contours so far, laws."""
+class ElasticModel(SheetModel):
+    """See the module text. State beyond the base class: contours so far, laws."""
 
     name = "elastic"
 
@@ -75,16 +75,15 @@ class ElasticCorrection(AnalyticCorrection):
         """``database`` in place of the one that the job names or the cache holds; ``law`` in place of its forecast;
         ``axial_only``: z alone, whatever the job says.
 
-        A named database that cannot be used is told by every correction (DATABASE_UNUSABLE, FILE_NOT_FOUND); the
+        A named database that cannot be used is reported by every estimate (DATABASE_UNUSABLE, FILE_NOT_FOUND); the
         contours then pass with the last good correction.
         """
-        elastic = job_file.job.springback.elastic
-        self._law: ForecastLaw = law or elastic.forecast
-        super().__init__(job_file, AnalyticOptions.of(job_file, self._law))
-        self._elastic = elastic
-        self._across = HorizontalSpringback(job_file) if elastic.horizontal and not axial_only else None
+        spec = job_file.job.springback
+        force = AxialForce(job_file, law or spec.elastic.forecast, spec.first_contour, block=spec.elastic.block)
+        super().__init__(job_file, force)
+        self._elastic = spec.elastic
+        self._across = HorizontalSpringback(job_file) if spec.elastic.horizontal and not axial_only else None
         self._seen: list[Contour] = []
-        self._blocks: list[list[MeasuredLoad]] = [[]]
         self._unusable: IsfError | None = None
         self._remark = ""
         self._levels: list[_Laws] = []
@@ -96,66 +95,44 @@ class ElasticCorrection(AnalyticCorrection):
         if found is not None:
             self._levels = [_laws_of(level, found.loads) for level in found.levels]
 
-    def correct(self, contour: Contour) -> ContourCorrection:
-        """As the base class; across the wall too when the job asks for it."""
-        correction = super().correct(contour)
-        if self._across is None:
-            return correction
-        started = time.perf_counter()
-        remarks = correction.remarks
-        self._across.advance(contour)
-        try:
-            if not correction.code and self._across.due(contour):
-                loop = self._control_loop(contour)
-                points, served, row = _few(loop)
-                kept = replace(loop, points=loop.points[served])
-                self._across.take(across_level(self._seen, kept, points, row, self._job_file))
-        except IsfError as error:
-            remarks += (f"{contour_label(contour.index)}: not corrected across the wall: {error.message}",)
-        offset = correction.offset.copy()
-        offset[:, :2], limited = self._across.offset(contour)
-        spent = correction.solve_time + time.perf_counter() - started
-        saturated = np.asarray(correction.saturated) | limited
-        return replace(correction, offset=offset, saturated=saturated, solve_time=spent, remarks=remarks)
-
-    def follow(self, contour: Contour, correction: ContourCorrection) -> None:
+    def begin(self, contour: Contour, history: History) -> None:
         """As the base class."""
-        super().follow(contour, correction)
-        if self._across is not None:
-            self._across.follow(contour, np.asarray(correction.offset))
-
-    def learn(self, contour: Contour, result: ContourResult) -> None:
-        """Take the forces measured on the contour last corrected, block by block."""
-        if self._across is not None:
-            self._across.learn(contour, result)
-        before = self._loads[-1] if self._loads else None
-        super().learn(contour, result)
-        if self._loads and self._loads[-1] is not before:
-            self._blocks[-1].append(self._loads[-1])
-            if len(self._blocks[-1]) >= self._elastic.block:
-                self._blocks = [*self._blocks[-2:], []]
-
-    def _advance(self, contour: Contour) -> IsfError | None:
-        pending = self._continuity.pending
-        if pending is not None and pending.plan_id != contour.plan_id:
+        super().begin(contour, history)
+        if self._seen and self._seen[-1].plan_id != contour.plan_id:
             self._seen = []
             if not self._from_database:
                 self._levels = []
-        feature = self._feature
-        fault = super()._advance(contour)
-        if self._feature != feature or not self._loads:
-            self._blocks = [[]]
         self._seen = [known for known in self._seen if known.index < contour.index]
         self._seen.append(contour)
-        return fault
+        if self._across is not None:
+            self._across.begin(contour)
 
-    def _predict(self, contour: Contour) -> Prediction:
-        """Springback of ``contour``.
+    def estimate(self, contour: Contour, history: History) -> Prediction:
+        """As the base class; across the wall too when the job asks for it."""
+        prediction = super().estimate(contour, history)
+        if self._across is None:
+            return prediction
+        remarks = prediction.remarks
+        try:
+            if self._across.due(contour):
+                loop = self._control_loop(contour)
+                points, served, row = _few(loop)
+                kept = replace(loop, points=loop.points[served])
+                self._across.level = across_level(self._seen, kept, points, row, self.job_file)
+        except IsfError as error:
+            remarks += (f"{contour_label(contour.index)}: not corrected across the wall: {error.message}",)
+        across = Horizontal(outward(contour), self._across.wanted(contour))
+        return replace(prediction, horizontal=across, remarks=remarks)
 
-        Raises
-        ------
-        IsfError : NO_FORCE_HISTORY; SHEET_MESH_FAILED, SHELL_NOT_SOLVED (computed here); DATABASE_UNUSABLE
-        """
+    def add_result(self, contour: Contour, result: ContourResult, history: History) -> None:
+        """As the base class."""
+        super().add_result(contour, result, history)
+        if self._across is not None:
+            self._across.add_result(contour, result)
+
+    def predict(self, contour: Contour) -> Prediction:
+        """As the base class; raises NO_FORCE_HISTORY; SHEET_MESH_FAILED, SHELL_NOT_SOLVED (computed here);
+        DATABASE_UNUSABLE."""
         if self._unusable is not None:
             raise self._unusable
         path = LoopPath.of(contour)
@@ -167,7 +144,7 @@ class ElasticCorrection(AnalyticCorrection):
         nearer = second if share > 0.5 else first
         return replace(
             nearer,
-            along=(1.0 - share) * first.along + share * second.along,
+            springback=(1.0 - share) * first.springback + share * second.springback,
             deviation=(1.0 - share) * first.deviation + share * second.deviation,
         )
 
@@ -176,27 +153,34 @@ class ElasticCorrection(AnalyticCorrection):
         place = nearest_points(laws.points[:, :2], contour.contact[:, :2])
         order = np.argsort(path.position[place], kind="stable")
         place, cubic = place[order], CubicLaw(laws.cubic.k[order])
-        force = _around(path, self._forecast(contour, contour.forming_tip[:, :2], contour.wall_angle), place)
+        force = _around(path, self.force.at(contour, contour.forming_tip[:, :2], contour.wall_angle), place)
         springback = cubic.displacement(force)
         stiffness = np.maximum(cubic.stiffness(springback), 1.0)
-        scale = self._scale.at(contour.contact[place], force)
+        scale = self.scale.at(contour.contact[place], force)
         springback = scale.factor * springback
-        part = scale.deviation if len(self._scale) else MODEL_DEVIATION
+        part = scale.deviation if len(self.scale) else MODEL_DEVIATION
         deviation = np.hypot(part * springback, np.where(force > 0.0, scale.factor * FORCE_DEVIATION / stiffness, 0.0))
         period = path.length if path.closed else None
         along, spread = (
             np.interp(path.position, path.position[place], values, period=period) for values in (springback, deviation)
         )
-        remarks = ((self._remark,) if self._remark else ()) + self._lift_remarks()
+        remarks = ((self._remark,) if self._remark else ()) + self.lift_remarks()
         if float(force.max()) > BEYOND_SAMPLES * laws.largest:
             remarks += (
                 f"{contour_label(contour.index)}: force {float(force.max()):.0f} N is beyond the computed loads "
                 f"(up to {laws.largest:.0f} N); raise springback.elastic.largest_load",
             )
-        return Prediction(contour.contact[place], springback, force, along, spread, remarks)
+        return Prediction(
+            along,
+            deviation=spread,
+            control_point=contour.contact[place],
+            control_point_springback=springback,
+            control_point_force=force,
+            remarks=remarks,
+        )
 
-    def _law_at(self, contour: Contour, point: int, force: Array) -> Array:
-        """As the base class, from the laws of the control points; raises what :meth:`_predict` raises."""
+    def springback_under(self, contour: Contour, point: int, force: Array) -> Array:
+        """As the base class, from the laws of the control points."""
         if self._unusable is not None:
             raise self._unusable
         path = LoopPath.of(contour)
@@ -211,19 +195,6 @@ class ElasticCorrection(AnalyticCorrection):
             return np.array([float(np.interp(here, position, values, period=period)) for values in each])
 
         return on_level(low) if share == 0.0 else (1.0 - share) * on_level(low) + share * on_level(high)
-
-    def _forecast(self, contour: Contour, tip: Array, angle: Array) -> Array:
-        """(M,) N; with blocks of several contours from the means of the last two whole blocks."""
-        formed = bool(self._loads) and self._loads[-1].index == contour.index
-        if self._elastic.block == 1 or formed:
-            return super()._forecast(contour, tip, angle)
-        whole = [block for block in self._blocks if len(block) >= self._elastic.block]
-        if not whole:
-            if contour.index - self._first_index > self._elastic.block:
-                return super()._forecast(contour, tip, angle)  # tells what is missing
-            return np.zeros(len(tip))
-        means = [np.mean([known.load_at(tip) for known in block], axis=0) for block in whole[-2:]]
-        return forecast(means[-1], means[0] if len(means) == 2 else None, self._law)
 
     def _levels_around(self, contour: Contour) -> tuple[_Laws, _Laws, float]:
         """Levels before and after ``contour`` and the share of the second one."""
@@ -265,15 +236,15 @@ class ElasticCorrection(AnalyticCorrection):
         loop = self._control_loop(contour)
         points, served, row = _few(loop)
         loads = load_levels(self._elastic.largest_load, _LEVELS_ONLINE)
-        task = depth_task(self._seen, points, self._job_file, size=FacetSize.coarse(), loads=loads)
+        task = depth_task(self._seen, points, self.job_file, size=FacetSize.coarse(), loads=loads)
         samples = solve_depth(task)[row]
         level = DatabaseLevel(contour.index, contour.feature, depth, loop.points[served], loop.central[served], samples)
         self._levels.append(_laws_of(level, loads))
 
     def _control_loop(self, contour: Contour) -> ControlLoop:
-        radius = forming_radius(self._job_file, contour.forming_tool)
+        radius = forming_radius(self.job_file, contour.forming_tool)
         options = ControlPointOptions(loop_increment=self._elastic.loop_increment)
-        symmetries = part_symmetries([contour], free_size(self._job_file), options.symmetry_tolerance)
+        symmetries = part_symmetries([contour], free_size(self.job_file), options.symmetry_tolerance)
         return control_loop(contour, radius, options, symmetries)
 
 

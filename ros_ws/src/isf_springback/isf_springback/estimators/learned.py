@@ -8,24 +8,23 @@ with the edge of it, and says so.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
 
 from isf_springback import learning_file
-from isf_springback.continuity import MAGNITUDE
+from isf_springback.estimators.estimator import Bounds, Estimator, Prediction
+from isf_springback.history import History
 from isf_springback.learning import features
 from isf_springback.learning_file import FEATURES, Learned
+from isf_springback.limits import LARGEST_CORRECTION
 from isf_springback.loop_path import LoopPath, nearest_points
-from isf_springback.offset_memory import OffsetMemory, limit_signed, push_limits
 from isf_springback.scan_memory import contour_over_die
-from isf_springback.sheet_load import push_sign
 
 FEWEST_SAMPLES = 200
 KNOTS = 5
@@ -36,62 +35,25 @@ RIDGES = tuple(10.0**k for k in range(-2, 4))
 Predict = Callable[[Contour, list[str]], Array]
 
 
-class LearnedCorrection:
-    """Corrects contour after contour by what ``predict`` says. State: the last correction."""
+class LearnedEstimator(Estimator):
+    """Predicts what ``predict`` says of a contour."""
 
     def __init__(self, name: str, job_file: JobFile, predict: Predict) -> None:
         self.name = name
-        self._job_file = job_file
+        super().__init__(job_file)
         self._predict = predict
-        self._memory = OffsetMemory()
 
-    def correct(self, contour: Contour) -> ContourCorrection:
-        """Correction of the next contour.
-
-        Raises
-        ------
-        IsfError : CONTOUR_REJECTED (malformed), LEARNING_UNUSABLE (the file belongs to another plan)
-        """
-        started = time.perf_counter()
-        contour.validate()
-        fault = self._memory.advance(contour)
+    def estimate(self, contour: Contour, history: History) -> Prediction:
+        """As the base class; raises LEARNING_UNUSABLE (the file belongs to another plan)."""
         remarks: list[str] = []
-        predicted = self._predict(contour, remarks)
-        sign = push_sign(contour)
-        before = sign * self._memory.last(contour)[:, 2]
-        wanted = before if fault is not None else self._job_file.job.springback.gain * predicted
-        # before the first contour the tools are lifted: they jump nowhere
-        limits = push_limits(
-            self._job_file, contour.forming_tool, change=MAGNITUDE if self._memory.base is None else None
-        )
-        value, bound = limit_signed(wanted, LoopPath.of(contour), limits, before)
-        offset = np.zeros((len(contour), 3))
-        offset[:, 2] = sign * value
-        self._memory.remember(contour, offset)
-        return ContourCorrection(
-            plan_id=contour.plan_id,
-            index=contour.index,
-            method=self.name,
-            offset=offset,
-            springback=-sign * predicted,
-            saturated=bound,
-            code=0 if fault is None else int(fault.code),
-            message="" if fault is None else fault.message,
-            solve_time=time.perf_counter() - started,
-            residual=-sign * (wanted - value),
-            remarks=tuple(remarks),
-        )
+        return Prediction(self._predict(contour, remarks), remarks=tuple(remarks))
 
-    def learn(self, contour: Contour, result: ContourResult) -> None:
-        """Nothing is learned while a part is formed; see ``isf learn``."""
-
-    def follow(self, contour: Contour, correction: ContourCorrection) -> None:
-        """Take note that another method corrected ``contour``."""
-        self._memory.advance(contour)
-        self._memory.remember(contour, np.asarray(correction.offset))
+    def bounds(self, contour: Contour, history: History) -> Bounds:
+        """Parts formed before may have come out too deep."""
+        return Bounds(pulls_back=True, at_floor=False)
 
 
-def learned(job_file: JobFile) -> LearnedCorrection:
+def learned(job_file: JobFile) -> LearnedEstimator:
     """Method "learned"; raises IsfError LEARNING_UNUSABLE."""
     known = knowledge(job_file)
 
@@ -110,13 +72,13 @@ def learned(job_file: JobFile) -> LearnedCorrection:
         period = path.length if path.closed else None
         return np.asarray(np.interp(path.position, position[order], push[order], period=period))
 
-    return LearnedCorrection("learned", job_file, predict)
+    return LearnedEstimator("learned", job_file, predict)
 
 
-def learned_map(job_file: JobFile) -> LearnedCorrection:
+def learned_map(job_file: JobFile) -> LearnedEstimator:
     """Method "learned_map"; raises IsfError LEARNING_UNUSABLE."""
     known = knowledge(job_file)
-    model, low, high, least, most = fit_map(known)
+    model, low, high, smallest, largest = fit_map(known)
     depth: dict[str, float] = {}
 
     def predict(contour: Contour, remarks: list[str]) -> Array:
@@ -131,9 +93,9 @@ def learned_map(job_file: JobFile) -> LearnedCorrection:
         far = np.abs(row - inside) > 0.05 * np.maximum(high - low, 1e-9)
         for k in np.flatnonzero(far.any(axis=0)):
             remarks.append(f"{FEATURES[k]} outside of what was learned: its edge is used")
-        return np.clip(model.predict(inside), max(least, -MAGNITUDE), min(most, MAGNITUDE))
+        return np.clip(model.predict(inside), max(smallest, -LARGEST_CORRECTION), min(largest, LARGEST_CORRECTION))
 
-    return LearnedCorrection("learned_map", job_file, predict)
+    return LearnedEstimator("learned_map", job_file, predict)
 
 
 def knowledge(job_file: JobFile) -> Learned:
@@ -171,5 +133,5 @@ def fit_map(known: Learned) -> tuple[Any, Array, Array, float, float]:
     splines = SplineTransformer(n_knots=KNOTS, degree=2, extrapolation="constant", include_bias=False)
     model = make_pipeline(StandardScaler(), splines, RidgeCV(alphas=RIDGES))
     model.fit(np.clip(known.feature, low, high), known.springback)
-    least, most = np.quantile(known.springback, [0.01, 0.99])
-    return model, low, high, float(least), float(most)
+    smallest, largest = np.quantile(known.springback, [0.01, 0.99])
+    return model, low, high, float(smallest), float(largest)

@@ -1,0 +1,1 @@
+"""The correction methods: estimators of the springback of the coming contour."""

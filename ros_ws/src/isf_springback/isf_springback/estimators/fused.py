@@ -1,0 +1,308 @@
+"""Method "fused": model forward, shape back, as one estimate with its uncertainty.
+
+Springback of the coming contour = prediction of the model from the measured force + bias of the model, estimated from
+the scans (:mod:`isf_springback.bias_field`). The correction is that sum, limited like every other one. Without scans,
+or with scans that cannot be used, it is the model alone with the last bias: nothing jumps.
+
+Two biases are kept. The wall is final once the contact has passed (scans of the simulated part and Lu's zone A agree
+on this), so that the *wall* bias is read just above the contact. The floor is made by the last contours alone; the
+*bottom* bias is read under and inside the tip, and takes over where the remaining depth is less than the height of the
+contact above the tip.
+
+A feature formed from below, by the lower tool, is corrected by the model alone: what a scan tells of the wall and floor
+of a pocket is not true of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from isf_core.contour import Contour, ContourResult
+from isf_core.errors import IsfError
+from isf_core.files.job import JobFile
+from isf_core.types import Array
+
+from isf_springback.bias_field import START_DEVIATION, BiasField, carried, first_field, updated
+from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
+from isf_springback.estimators.estimator import Bounds, Estimator, Prediction
+from isf_springback.estimators.sheet_model import SheetModel
+from isf_springback.history import History
+from isf_springback.lift_feedback import LiftReading
+from isf_springback.limits import change_per_contour, forming_radius
+from isf_springback.loop_path import LoopPath, nearest_points
+from isf_springback.scan_processing import FormedShape
+from isf_springback.shape_reading import PLACES, READING_DEVIATION, read_errors
+from isf_springback.shape_remarks import shape_remarks
+from isf_springback.sheet_edge import held_by_plate
+from isf_springback.sheet_load import push_sign
+
+LARGEST_BIAS = 3e-3
+"""m; the shape may ask for that much more than the model and no more, and may take back the model's correction
+altogether (assumed: more than half of all published springback)."""
+DEEPER = 0.2e-3
+"""m of more push than on the contour before, beyond which a contour wipes out the traces of that one."""
+CONTOURS_PER_PLACE = 4
+"""Contours that make the wall at one place: the ball touches it again and again."""
+EDGE_CONTOURS = 2
+"""Contours whose scans show the edge of the opening alone where a backing plate is close and holds it; else
+:data:`CONTOURS_PER_PLACE`, since a free edge bends down with each of them."""
+DRIFT_AFTER_SURPRISE = 40.0
+"""Contours of drift after a scan that surprised everywhere (assumed): a surprise that comes again is a change of the
+process, and is then followed within two scans."""
+DOUBTFUL_SHARE = 0.25
+"""Share of doubtful places from which a scan contradicts the model."""
+UNCONFIRMED_RISE = 0.5
+"""Incremental depths by which a correction may grow per contour until a scan has confirmed the model (assumed: what was
+formed too deep stays)."""
+REPORTED_BIAS = 1.5e-3
+"""m of disagreement of model and shape that is reported."""
+MODEL_ALONE = "no scans and no tool lifts (springback.scan_every, lift_every): the correction is the model's alone"
+FROM_BELOW = "scans steer the upper tool only: the feature formed from below is corrected by the model"
+
+
+def steady_model(job_file: JobFile) -> SheetModel:
+    """The model that the job names, with the last force held.
+
+    With the trend of the force in the forecast, model and feedback of the shape chase each other: a larger correction
+    raises the force, and the forecast raises the next correction again. On the simulated cone the correction changed
+    by 0.17 mm rms from contour to contour with the trend, by 0.05 mm without, and the wall came out better.
+    """
+    if job_file.job.springback.fused.model == "analytic":
+        first = job_file.job.springback.first_contour
+        return AnalyticModel(job_file, AnalyticOptions(law="hold", first_contour=first))
+    from isf_springback.estimators.elastic import ElasticModel  # numba and its kernels: only who uses them waits
+
+    return ElasticModel(job_file, law="hold", axial_only=True)
+
+
+@dataclass(frozen=True)
+class ModelledContour:
+    """One contour of N points: how it was pushed, and what the model says of it, with the force measured on it once
+    that is known; (N,) m each."""
+
+    contour: Contour
+    pushed: Array
+    model: Array
+
+
+class FusedEstimator(Estimator):
+    """See the module text. State: the model, both biases, the contours that made the wall in reach of the scan."""
+
+    name = "fused"
+    uses_lifts = True
+    uses_scans = True
+
+    def __init__(self, job_file: JobFile, model: Callable[[JobFile], SheetModel] = steady_model) -> None:
+        super().__init__(job_file)
+        self._model = model(job_file)
+        self._wall: BiasField | None = None
+        self._bottom: BiasField | None = None
+        self._steps: list[ModelledContour] = []
+        self._wall_begins = 0
+        self._confirmed = False
+        self._remarks: tuple[str, ...] = ()
+        self._doubtful = 0.0
+        self._first: tuple[str, int] | None = None
+        self._before: Contour | None = None
+        self._predicted: tuple[Contour, Array] | None = None
+
+    def begin(self, contour: Contour, history: History) -> None:
+        """As the base class; a bias is one of pushing one way on one part."""
+        before = self._before
+        if before is not None and (before.plan_id, before.forming_tool) != (contour.plan_id, contour.forming_tool):
+            self._wall = self._bottom = None
+            self._steps = []
+            self._confirmed = False
+            self._doubtful = 0.0
+            self._remarks = ()
+        self._before = contour
+        self._predicted = None
+        self._model.begin(contour, history)
+
+    def estimate(self, contour: Contour, history: History) -> Prediction:
+        """As the base class; raises as the model does."""
+        model = self._model.estimate(contour, history)
+        self._predicted = contour, model.springback
+        place, disagreement, deviation = self._bias(contour, history)
+        bias = np.clip(disagreement, -np.maximum(model.springback, LARGEST_BIAS), LARGEST_BIAS)
+        remarks = [*model.remarks, *self._remarks, *self._model_alone(contour)]
+        if np.abs(disagreement).max() >= REPORTED_BIAS:
+            followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
+            far = float(disagreement[np.argmax(np.abs(disagreement))])
+            remarks.append(f"the shape says {1e3 * far:+.1f} mm springback against the model{followed}")
+        if self._doubtful > DOUBTFUL_SHARE:
+            remarks.append(f"the last scan surprises at {100 * self._doubtful:.0f} % of the places: believed less")
+        return Prediction(
+            model.springback + bias,
+            deviation=deviation,
+            control_point=place,
+            remarks=tuple(remarks),
+            fault=history.scans.fault_before(contour),
+        )
+
+    def bounds(self, contour: Contour, history: History) -> Bounds:
+        """Careful until a scan has confirmed the model: what was formed too deep stays."""
+        rise = change_per_contour(self.job_file)
+        if contour.forming_tool == 1 and self._unconfirmed():
+            rise = min(rise, UNCONFIRMED_RISE * self.job_file.job.path.incremental_depth)
+        return Bounds(pulls_back=True, rise=rise, by_force=True)
+
+    def add_formed(self, contour: Contour, offset: Array, history: History) -> None:
+        """As the base class; asking again for a contour replaces it."""
+        if self._predicted is None or self._predicted[0] is not contour:
+            try:
+                self._predicted = contour, self._model.estimate(contour, history).springback
+            except IsfError:
+                self._predicted = contour, np.zeros(len(contour))
+        current = history.current
+        if current is not None and current.over_floor:
+            return  # it says nothing of the wall
+        before = [step for step in self._steps if step.contour.index < contour.index and _same_wall(step, contour)]
+        if not before:
+            self._wall_begins = contour.index
+        pushed = np.asarray(push_sign(contour) * offset[:, 2])
+        self._steps = [*before[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, pushed, self._predicted[1])]
+
+    def add_result(self, contour: Contour, result: ContourResult, history: History) -> None:
+        """Forces for the model."""
+        self._model.add_result(contour, result, history)
+        known = self._model.hindsight()
+        if known is not None and self._steps and self._steps[-1].contour.index == contour.index:
+            self._steps[-1] = replace(self._steps[-1], model=known)
+
+    def add_lift(self, reading: LiftReading | None, index: int) -> None:
+        """A tool lift scales the model; as far as scans have fixed the sum of model and bias, the sum stays."""
+        before = [self._model.lifted_share(step.contour.contact) for step in self._steps]
+        self._model.add_lift(reading, index)
+        if not self._steps:
+            return
+        factors = [
+            self._model.lifted_share(step.contour.contact) / old for step, old in zip(self._steps, before, strict=True)
+        ]
+        last = self._steps[-1]
+        grown = (factors[-1] - 1.0) * last.model
+        self._wall, self._bottom = (_shifted(field, last.contour, grown) for field in (self._wall, self._bottom))
+        self._steps = [
+            replace(step, model=factor * step.model) for step, factor in zip(self._steps, factors, strict=True)
+        ]
+
+    def add_shape(self, shape: FormedShape | None, history: History) -> None:
+        """Update both biases from the shape after the contour in work."""
+        current, target = history.current, history.scans.target
+        if current is not None and current.contour.forming_tool != 1:
+            self._remarks = (FROM_BELOW,)
+            return
+        if shape is None or current is None or target is None or not self._steps:
+            return
+        contour = current.contour
+        found = shape_remarks(shape, target, float(contour.forming_tip[:, 2].min()), self.job_file)
+        if current.over_floor:
+            self._remarks = (*shape.remarks, *found)
+            return
+        reading = read_errors(contour, shape, target, forming_radius(self.job_file, contour.forming_tool))
+        noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
+        known = self._fields(reading.place)
+        surprise = reading.wall - expected_error(self._steps, reading.place)
+        edge = EDGE_CONTOURS if held_by_plate(contour, self.job_file) else CONTOURS_PER_PLACE
+        if contour.index - self._wall_begins < edge:
+            # Still the edge of the opening: no push makes it better where it stands too high, as it always does a
+            # little. Where it lies too deep the coming contours would press it deeper yet.
+            surprise = np.where(surprise < 0.0, surprise, np.nan)
+            if np.isfinite(surprise).any():
+                self._wall, _ = updated(known[0], surprise, noise)
+            return
+        last = self._steps[-1]
+        near = nearest_points(reading.place, contour.forming_tip[:, :2])
+        self._wall, doubt_wall = updated(known[0], surprise, noise)
+        self._bottom, _ = updated(known[1], reading.bottom - (last.model - last.pushed)[near], noise)
+        self._confirmed = True
+        self._doubtful = float(doubt_wall.mean())
+        self._remarks = (*shape.remarks, *found)
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    def _model_alone(self, contour: Contour) -> tuple[str, ...]:
+        """A remark with the first contour that is corrected, when nothing will be measured between contours."""
+        if self._first is None or self._first[0] != contour.plan_id:
+            self._first = (contour.plan_id, contour.index)
+        spec = self.job_file.job.springback
+        measured = spec.scan_every or spec.lift_every
+        return () if measured or self._first[1] != contour.index else (MODEL_ALONE,)
+
+    def _unconfirmed(self) -> bool:
+        """True while scans are to come and none has confirmed the model, or the last one contradicts it."""
+        if self.job_file.job.springback.scan_every != 1:
+            return False  # several contours without a scan: the model is all there is
+        return not self._confirmed or self._doubtful > DOUBTFUL_SHARE
+
+    def _fields(self, place: Array) -> tuple[BiasField, BiasField]:
+        """Both biases at ``place`` (M, 2) m, one contour later than last time."""
+        drift = 1.0 + DRIFT_AFTER_SURPRISE * self._doubtful
+        wall = first_field(place) if self._wall is None else carried(self._wall, place, drift)
+        bottom = first_field(place) if self._bottom is None else carried(self._bottom, place, drift)
+        return wall, bottom
+
+    def _bias(self, contour: Contour, history: History) -> tuple[Array, Array, Array]:
+        """Places (M, 3) m, bias and its standard deviation along the contour (N,), (N,) m."""
+        path = LoopPath.of(contour)
+        position = path.even_positions(PLACES)
+        place = np.column_stack([path.at(contour.contact[:, axis], position) for axis in range(3)])
+        wall, bottom = self._fields(place[:, :2])
+        share = self._floor_share(contour, history)
+        period = path.length if path.closed else None
+
+        def along(values: Array) -> Array:
+            return np.asarray(np.interp(path.position, position, values, period=period))
+
+        bias = (1.0 - share) * along(wall.bias) + share * along(bottom.bias)
+        deviation = np.maximum(along(wall.deviation), along(bottom.deviation))
+        return place, bias, deviation
+
+    def _floor_share(self, contour: Contour, history: History) -> Array:
+        """(N,) 0 on the wall .. 1 where the contour makes the floor."""
+        target = history.scans.target
+        if target is None or self.job_file.job.path.floor_step is not None:
+            return np.zeros(len(contour))  # passes over the floor make it
+        remaining = np.abs(contour.forming_tip[:, 2] - float(np.nanmin(target.z)))
+        height = forming_radius(self.job_file, contour.forming_tool) * (1.0 - np.cos(np.radians(50.0)))
+        return np.asarray(np.clip(1.0 - remaining / height, 0.0, 1.0))
+
+
+def _shifted(field: BiasField | None, contour: Contour, grown: Array) -> BiasField | None:
+    """``field`` after the model has ``grown`` by (N,) m along ``contour``: less where measured, as it was elsewhere."""
+    if field is None:
+        return None
+    measured = 1.0 - np.clip(field.deviation / START_DEVIATION, 0.0, 1.0) ** 2
+    shift = measured * grown[nearest_points(field.place, contour.contact[:, :2])]
+    return BiasField(field.place, field.bias - shift, field.covariance)
+
+
+def expected_error(steps: Sequence[ModelledContour], place: Array) -> Array:
+    """(M,) m, error of the wall at ``place`` (M, 2) m by the model alone: mean over the contours that made it.
+
+    A contour that went deeper than the one before it by more than :data:`DEEPER` is the first that counts.
+    """
+    total, count, counts = np.zeros(len(place)), np.zeros(len(place)), np.ones(len(place))
+    later: Array | None = None
+    for step in reversed(steps):
+        near = nearest_points(place, step.contour.forming_tip[:, :2])
+        pushed, model = step.pushed[near], step.model[near]
+        if later is not None:
+            counts = np.where(later > pushed + DEEPER, 0.0, counts)
+        total += counts * (model - pushed)
+        count += counts
+        later = pushed
+    return np.asarray(total / count)
+
+
+def _same_wall(step: ModelledContour, contour: Contour) -> bool:
+    """True when both contours belong to one feature, stage and forming tool of one plan."""
+    known = step.contour
+    return (known.plan_id, known.feature, known.stage, known.forming_tool) == (
+        contour.plan_id,
+        contour.feature,
+        contour.stage,
+        contour.forming_tool,
+    )
