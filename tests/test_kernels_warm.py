@@ -18,9 +18,9 @@ from isf_sim.warm_up import warm_up
 from numba.core.registry import CPUDispatcher
 
 kernels = {}
-for found in pkgutil.iter_modules(isf_sim.__path__):
-    if "node" not in found.name:
-        module = importlib.import_module(f"isf_sim.{found.name}")
+for found in pkgutil.walk_packages(isf_sim.__path__, "isf_sim."):
+    if not found.name.endswith(".node") and ".ros" not in found.name:
+        module = importlib.import_module(found.name)
         kernels |= {f"{found.name}.{name}": v for name, v in vars(module).items() if isinstance(v, CPUDispatcher)}
 warm_up()
 ready = {name: set(kernel.signatures) for name, kernel in kernels.items()}

@@ -17,7 +17,7 @@ import rclpy
 from burst_publisher import SCANS, target_bytes, wrench_bytes
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from isf_analysis.bag import bag_file as mcap_repair
+from isf_analysis.bag import bag_file
 from isf_analysis.bag.topics import cell_types
 from isf_ros import qos
 from lifecycle_msgs.msg import Transition
@@ -191,7 +191,7 @@ def recovered(bag: Path, folder: Path) -> list[bytes]:
     """Wrenches of tool 1 in a repaired copy of a bag that was not closed."""
     copy = folder / "repaired.mcap"
     copy.unlink(missing_ok=True)
-    if not mcap_repair.repair(bag / "bag.mcap", copy):
+    if not bag_file.repair(bag / "bag.mcap", copy):
         return []
     with Reader(copy) as reader:
         wrenches = [connection for connection in reader.connections if connection.topic == "/tool_1/wrench"]

@@ -17,7 +17,7 @@ def test_every_executable_of_every_package_is_looked_for() -> None:
         names = re.findall(r'"(\w+) = (\w+)[\w.]*:main"', path.read_text(encoding="utf-8"))
         assert all(module == path.parent.name for _, module in names)
         installed |= {(path.parent.name, name) for name, _ in names}
-    assert ("isf_force_ctrl", "load_cell") in installed
+    assert ("isf_load_cell", "load_cell") in installed
     assert set(doctor.EXECUTABLES) == installed
 
 

@@ -19,15 +19,11 @@ from numpy.typing import NDArray
 
 from isf_planner import replanning
 from isf_planner.checks import part_checks
-from isf_planner.checks import part_checks as pocket_checks
 from isf_planner.forming import stages
 from isf_planner.forming.sides import UPSIDE_DOWN, HalfPart, Side, merged, parts, swapped
 from isf_planner.loops import sections
-from isf_planner.loops import sections as level_spacing
 from isf_planner.loops.sections import LoopTree
-from isf_planner.part import mesh_checks
-from isf_planner.part import mesh_checks as mesh_repair
-from isf_planner.part import meshes as mesh_input
+from isf_planner.part import mesh_checks, meshes
 from isf_planner.part.meshes import Mesh
 from isf_planner.part.warning_places import in_sheet
 from isf_planner.paths import (
@@ -197,9 +193,9 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
 def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:
     """The mesh of the job, upright and repaired, and what was repaired."""
     part, tool = job_file.job.part, job_file.job.tool_1.radius
-    mesh = mesh_checks.oriented(mesh_input.load_mesh(job_file.mesh, part.unit), part.up, part.turn, part.scale)
+    mesh = mesh_checks.oriented(meshes.load_mesh(job_file.mesh, part.unit), part.up, part.turn, part.scale)
     mesh_checks.check_size(mesh, job_file.rig.clamp.size, tool)  # distances of repairs mean nothing in a wrong unit
-    return mesh_repair.repair(mesh, 2.0 * tool) if part.repair else (mesh, ())
+    return mesh_checks.repair(mesh, 2.0 * tool) if part.repair else (mesh, ())
 
 
 def _parts(mesh: Mesh, job_file: JobFile) -> list[HalfPart]:
@@ -241,10 +237,10 @@ def _plan_view(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, A
     warnings += part_checks.check_reach(surface, height, part.depth, radius)
 
     grid = sections.TipGrid(x, y, height, part.depth)
-    levels = level_spacing.levels(grid, surface, job)
+    levels = sections.levels(grid, surface, job)
     nodes, told = sections.trace(grid, levels, job)
     warnings += told
-    pocket_checks.check_pockets(part.mesh, levels, nodes, radius)
+    part_checks.check_pockets(part.mesh, levels, nodes, radius)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
     return Side(tree, surface, half.forming_tool, half.base), shift, warnings

@@ -23,7 +23,7 @@ EXECUTABLES = (
     ("isf_planner", "planner"),
     ("isf_springback", "springback"),
     ("isf_force_ctrl", "force_ctrl"),
-    ("isf_force_ctrl", "load_cell"),
+    ("isf_load_cell", "load_cell"),
     ("isf_cell", "executive"),
     ("isf_cell", "isf"),
     ("isf_analysis", "recorder"),

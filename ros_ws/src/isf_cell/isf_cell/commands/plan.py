@@ -12,7 +12,7 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_planner import Plan, exports, plan
-from isf_planner.part import meshes as mesh_input
+from isf_planner.part import meshes
 from isf_planner.paths import support_tool
 from isf_planner.view import plan_view
 from isf_planner.view.plan_figure import draw_plan
@@ -97,9 +97,9 @@ def _write(result: Plan, wanted: Wanted) -> list[Path]:
 
 def _job_of(part: Path, unit: str | None) -> JobFile:
     kind = part.suffix.lower().lstrip(".")
-    if kind not in mesh_input.KNOWN:
+    if kind not in meshes.KNOWN:
         return load_job(part)
-    if unit is None and kind in mesh_input.FORMATS:
+    if unit is None and kind in meshes.FORMATS:
         raise IsfError(
             ErrorCode.FILE_UNIT,
             "a mesh file does not tell its unit",

@@ -207,7 +207,7 @@ def share_directory() -> Path:
         candidate = Path(prefix) / "share" / "isf_core"
         if (candidate / "materials").is_dir():
             return candidate
-    return Path(__file__).resolve().parents[1]
+    return Path(__file__).resolve().parents[2]
 
 
 def find_named(folder: str, name_or_path: str, base: Path | None = None) -> Path:

@@ -14,7 +14,7 @@ from isf_force_ctrl.ros.publishers import MOST_PULL, PULL, TargetTwist
 from isf_ros import conversion, qos
 from node_cell import Cell, small_ring, watched
 
-DOCS = Path(__file__).resolve().parents[4] / "docs" / "other_cells.md"
+DOCS = Path(__file__).resolve().parents[5] / "docs" / "other_cells.md"
 
 
 @pytest.fixture
