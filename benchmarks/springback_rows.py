@@ -34,7 +34,7 @@ COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "i
 NODES = re.compile(r"(.+_)?node(_.+)?\.py")
 """Files of nodes: no part of a row, which is formed in one process without any."""
 
-ALSO = ("isf_cell.in_process", "isf_cell.flat_push", "isf_cell.options", "isf_analysis.measures.deviation")
+ALSO = ("isf_cell.in_process", "isf_cell.run.flat_push", "isf_cell.options", "isf_analysis.measures.deviation")
 
 REGIONS = ("wall_and_base", "base", "wall", "walls_base")
 """Those of isf_analysis.measures.deviation, and walls with base but without the fillets between them."""

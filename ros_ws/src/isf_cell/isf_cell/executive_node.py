@@ -21,9 +21,9 @@ from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
-from isf_cell.graph_client import GraphClient
-from isf_cell.heartbeat_monitor import HeartbeatMonitor
-from isf_cell.part_run import MANAGED, PartRun, RunSettings
+from isf_cell.run.graph_cell import GraphClient
+from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
+from isf_cell.run.part_run import MANAGED, PartRun, RunSettings
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,9 @@ from isf_springback.lift_feedback import LiftFeedback, lift_due, reading_of
 from isf_springback.method import CorrectionMethod, apply, check_method, make_method
 from isf_springback.shape_feedback import ShapeFeedback, scan_due
 
-from isf_cell.lift_between import lift_in_process
 from isf_cell.options import RunOptions
-from isf_cell.part_step import PartStep
-from isf_cell.scan_between import scan_in_process
-from isf_cell.ticks import run_ticks
+from isf_cell.run.in_process_cell import lift_in_process, run_ticks, scan_in_process
+from isf_cell.run.part_step import PartStep
 
 
 @dataclass

@@ -26,20 +26,10 @@ from isf_planner.loops.sections import LoopTree
 from isf_planner.part import mesh_checks, meshes
 from isf_planner.part.meshes import Mesh
 from isf_planner.part.warning_places import in_sheet
-from isf_planner.paths import (
-    adsif_path,
-    tool_paths,
-    tpif_path,
-)
-from isf_planner.paths import (
-    support_tool as rule_checks,
-)
-from isf_planner.paths import (
-    tool_paths as floor_passes,
-)
-from isf_planner.paths import (
-    tool_paths as formed_thickness,
-)
+from isf_planner.paths import adsif_path, tool_paths, tpif_path
+from isf_planner.paths import support_tool as rule_checks
+from isf_planner.paths import tool_paths as floor_passes
+from isf_planner.paths import tool_paths as formed_thickness
 from isf_planner.predict.compensation import compensate
 from isf_planner.predict.predictions import with_predictions
 from isf_planner.replanning import PlanBase

@@ -8,21 +8,11 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from isf_analysis.figures import (
-    contact_figures as figures_contact,
-)
-from isf_analysis.figures import (
-    process_figures as figures_process,
-)
-from isf_analysis.figures import (
-    scan_figures as figures_scans,
-)
-from isf_analysis.figures import (
-    shape_figures as figures_shape,
-)
-from isf_analysis.figures import (
-    style,
-)
+from isf_analysis.figures import contact_figures as figures_contact
+from isf_analysis.figures import process_figures as figures_process
+from isf_analysis.figures import scan_figures as figures_scans
+from isf_analysis.figures import shape_figures as figures_shape
+from isf_analysis.figures import style
 from isf_analysis.measures.contour_scan import ScanError
 from isf_analysis.measures.deviation import Deviation, directions
 from isf_analysis.measures.force_regions import path_forces

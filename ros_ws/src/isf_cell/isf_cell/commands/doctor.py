@@ -15,8 +15,9 @@ from pathlib import Path
 from isf_core.errors import IsfError
 from rich.table import Table
 
-from isf_cell import executables, terminal
-from isf_cell.exit_codes import Exit
+from isf_cell.commands import terminal
+from isf_cell.commands.exit_codes import Exit
+from isf_cell.processes import executables
 
 EXECUTABLES = (
     ("isf_sim", "machine"),

@@ -17,8 +17,8 @@ from isf_planner.paths import support_tool
 from isf_planner.view import plan_view
 from isf_planner.view.plan_figure import draw_plan
 
-from isf_cell import terminal
-from isf_cell.run_folder import make_run_folder
+from isf_cell.commands import terminal
+from isf_cell.commands.run_folder import make_run_folder
 
 _MESH_JOB = """\
 # made by isf plan for a mesh without a job file: single-point forming with common values
