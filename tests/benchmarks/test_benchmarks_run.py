@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 SMALLEST = [
     ("mpc", "", r"\| fused\(analytic\): scan, then correction of one contour \| \d+ \+ \d+ \|"),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).resolve().parents[1] / "benchmarks" / "plant_validation.py"
+SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "plant_validation.py"
 
 
 @pytest.mark.slow

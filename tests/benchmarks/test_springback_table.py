@@ -20,7 +20,7 @@ from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_sim.world import make_world
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from isf_cell.cli import app
 from isf_cell.commands.exit_codes import Exit
 from quick_cone import quick_cone_file
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
 MESH = ROOT / "examples" / "parts" / "mini_cone.stl"
 

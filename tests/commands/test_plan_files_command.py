@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from isf_cell.commands.exit_codes import Exit
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
 
 

@@ -20,7 +20,7 @@ from isf_load_cell.cell_file import load_cell_set_up
 from isf_load_cell.three_cells import readings_of
 from isf_planner import plan
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 RESPONSE = np.array([[1.02, 0.03, -0.01], [-0.02, 0.97, 0.02], [0.01, -0.03, 1.05]])
 ZERO = np.array([12.0, -7.0, 30.0])

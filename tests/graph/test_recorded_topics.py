@@ -7,7 +7,7 @@ from pathlib import Path
 
 from isf_analysis.bag.topics import CELL
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "architecture.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
 INSTEAD = {"tool_1/target_twist", "tool_2/target_twist"}
 """Published in place of the targets by a cell whose driver takes velocities; recorded when asked for by name."""
 

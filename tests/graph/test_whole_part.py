@@ -27,7 +27,7 @@ from quick_cone import quick_cone, quick_cone_file
 
 pytestmark = pytest.mark.graph
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
 
 

@@ -17,7 +17,7 @@ from isf_cell.options import RunOptions
 from isf_cell.run import graph_run
 from isf_core.files.job import JobFile, load_job
 
-JOB = Path(__file__).resolve().parents[1] / "examples" / "jobs" / "free_form.yaml"
+JOB = Path(__file__).resolve().parents[2] / "examples" / "jobs" / "free_form.yaml"
 
 FLOOR, TOP = -6e-3, -1e-3
 

@@ -11,7 +11,7 @@ from isf_cell.options import RunOptions
 from isf_core.files.job import JobFile
 from numpy.typing import NDArray
 
-JOBS = Path(__file__).resolve().parents[1] / "examples" / "jobs"
+JOBS = Path(__file__).resolve().parents[2] / "examples" / "jobs"
 PLACES = (-125.0, 0.0, 125.0)
 FORMED = 0.5e-3
 """m below or above the flat sheet from which a place counts as formed."""

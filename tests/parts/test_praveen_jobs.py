@@ -9,7 +9,7 @@ import pytest
 from isf_core.files.job import load_job
 from isf_planner import plan
 
-JOBS = Path(__file__).resolve().parents[1] / "examples" / "jobs"
+JOBS = Path(__file__).resolve().parents[2] / "examples" / "jobs"
 
 
 @pytest.mark.parametrize(

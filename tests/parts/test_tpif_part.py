@@ -14,7 +14,7 @@ from isf_cell.options import RunOptions
 from isf_core.files.job import JobFile
 from isf_core.files.material import load_material
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CARRIED = 0.05
 """Part of the height, from the top, that the die is left with."""
 BAND = 0.3e-3

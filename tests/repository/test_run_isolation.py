@@ -9,7 +9,7 @@ import sys
 import uuid
 from pathlib import Path
 
-SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
+SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 
 
 def _free_domain() -> int:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 REFUSED = 3
 BASIC_COMMANDS = """
     awk bash basename cat cmp cp cut date df dirname env expr find flock fold getconf grep head ln ls mkdir mv

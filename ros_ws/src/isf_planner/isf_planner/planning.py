@@ -26,10 +26,7 @@ from isf_planner.loops.sections import LoopTree
 from isf_planner.part import mesh_checks, meshes
 from isf_planner.part.meshes import Mesh
 from isf_planner.part.warning_places import in_sheet
-from isf_planner.paths import adsif_path, tool_paths, tpif_path
-from isf_planner.paths import support_tool as rule_checks
-from isf_planner.paths import tool_paths as floor_passes
-from isf_planner.paths import tool_paths as formed_thickness
+from isf_planner.paths import adsif_path, support_tool, tool_paths, tpif_path
 from isf_planner.predict.compensation import compensate
 from isf_planner.predict.predictions import with_predictions
 from isf_planner.replanning import PlanBase
@@ -138,9 +135,9 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     else:
         groups = [tool_paths.make_contours(sides, job_file, plan_id) for sides in (*([s] for s in preforms), planned)]
         contours = stages.joined(groups)
-    warnings += (*floor_passes.left_out(contours, job), *rule_checks.rule_warnings(contours, planned, job_file))
+    warnings += (*tool_paths.left_out(contours, job), *support_tool.rule_warnings(contours, planned, job_file))
     contours, expected = finish(contours, job_file)
-    warnings += (*formed_thickness.left_to_sine_law(planned, job), *expected)
+    warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
     last = tuple(contour for contour in contours if contour.stage == len(preforms))
     part_checks.check_floors(last, planned, job)
@@ -170,12 +167,12 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     sides = replanning.with_tools(base, job)
     plan_id = _identify(job_file)
     made = tool_paths.make_contours(list(sides), job_file, plan_id)
-    ruled = rule_checks.rule_warnings(made, sides, job_file)
+    ruled = support_tool.rule_warnings(made, sides, job_file)
     contours, expected = finish(made, job_file)
     part_checks.check_travel(contours, job_file.rig)
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
-    left = formed_thickness.left_to_sine_law(sides, job)
+    left = tool_paths.left_to_sine_law(sides, job)
     told = tuple(dict.fromkeys((*base.told, *ruled, *left, *expected, *pressing)))
     return replace(before, plan_id=plan_id, contours=contours, warnings=told, tree=merged(sides))
 

@@ -14,7 +14,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
 from isf_core.files.rig import LoadCell
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 TUNE = {"stiffness": None, "delay": 0.0, "noise": 1.0, "loop_gain": None, "as_json": True}
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from isf_cell.commands import doctor
 
-SOURCES = Path(__file__).resolve().parents[2]
+SOURCES = Path(__file__).resolve().parents[3]
 
 
 def test_every_executable_of_every_package_is_looked_for() -> None:

@@ -13,7 +13,7 @@ from isf_cell.commands.run_folder import make_run_folder
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 
-JOB = str(Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml")
+JOB = str(Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml")
 SPIF = str(Path(JOB).with_name("spif_cone.yaml"))
 
 

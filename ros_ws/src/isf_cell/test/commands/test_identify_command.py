@@ -17,7 +17,7 @@ from isf_core.files.rig import load_rig
 from isf_force_ctrl.identify.settings import IdentifySettings, Property
 from typer.testing import CliRunner
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
 def run(*arguments: str) -> Any:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from isf_cell.commands.plan import Wanted, _job_of, plan_part
 
-MESH = Path(__file__).resolve().parents[4] / "examples" / "parts" / "mini_cone.stl"
+MESH = Path(__file__).resolve().parents[5] / "examples" / "parts" / "mini_cone.stl"
 
 
 @pytest.mark.parametrize(

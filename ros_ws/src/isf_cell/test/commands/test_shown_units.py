@@ -13,7 +13,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl.identify.identification import Finding
 from isf_force_ctrl.identify.settings import IdentifySettings, Property
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
 @pytest.fixture(autouse=True)

@@ -17,7 +17,7 @@ from isf_cell.options import RunOptions
 from isf_cell.processes.reference_run import ReferenceRun
 from isf_core.errors import ErrorCode, IsfError
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:

@@ -10,7 +10,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_springback.database import Database
 from typer.testing import CliRunner
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
 @pytest.fixture(autouse=True)

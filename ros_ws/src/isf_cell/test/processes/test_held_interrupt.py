@@ -15,7 +15,7 @@ from isf_cell.processes.process_group import ProcessGroup
 from isf_cell.run.graph_run import CellClient
 from isf_core.files.job import load_job
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
 @pytest.fixture(autouse=True)

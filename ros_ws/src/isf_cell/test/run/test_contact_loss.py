@@ -18,7 +18,7 @@ from isf_springback.method import apply, make_method
 
 pytestmark = pytest.mark.slow
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "ren_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "ren_cone.yaml"
 CONTOURS = 17
 
 

@@ -12,7 +12,7 @@ from isf_core.files.job import load_job
 from isf_sim.world import make_world
 from typer.testing import CliRunner
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "ren_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "ren_cone.yaml"
 
 
 def test_the_nominal_sheet_gives_way_as_published_and_its_edge_is_free():

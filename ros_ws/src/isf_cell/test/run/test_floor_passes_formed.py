@@ -11,7 +11,7 @@ from isf_cell.options import RunOptions
 from isf_core.contour import ContourCorrection
 from isf_core.files.job import JobFile
 
-JOBS = Path(__file__).resolve().parents[4] / "examples" / "jobs"
+JOBS = Path(__file__).resolve().parents[5] / "examples" / "jobs"
 
 
 def middle(floor_step: str, method: str, scans: int) -> tuple[float, tuple[ContourCorrection, ...]]:

@@ -12,7 +12,7 @@ from isf_force_ctrl.measuring_controller import MeasuringController
 from isf_planner import plan
 from isf_sim.machine.simulated_machine import SimulatedMachine
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
 def test_a_faulted_machine_does_not_complete_a_contour() -> None:
