@@ -136,7 +136,7 @@ class PartRun:
         options = RunOptions(
             goal.correction or None, None if np.isnan(goal.support_force) else goal.support_force, goal.world, goal.seed
         )
-        options.check_force(job_file)
+        options.check(job_file)
         if goal.first_index > 0 and options.method(job_file) != UNCORRECTED:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,
