@@ -274,7 +274,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._outlet.repeat()
 
     def _lift_unattended(self, controller: MeasuringController, alone: IsfError) -> None:
-        """Nobody is there to go on with the part: take the tools off the sheet; the next contour ends with the reason."""
+        """Nobody is there to go on with the part: take the tools off the sheet; the next contour ends with why."""
         self.report(alone)
         if controller.fault is None:
             waiting = isf.Contour(plan_id=controller.plan_id, index=controller.state().index + 1)

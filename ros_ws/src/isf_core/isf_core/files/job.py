@@ -383,8 +383,8 @@ class ControlSpec(FileModel):
     """Rate f_s of wrenches and targets."""
     support_force: Literal["auto"] | SupportForce = 0.0
     """Set-point of the horizontal normal force on the support tool; 0 = position control, ``auto`` = from sheet, tools,
-    rig and wall angle (:mod:`isf_core.process.support_window`). Left out it is ``auto`` in DSIF with a support tool opposite the
-    forming one, else 0."""
+    rig and wall angle (:mod:`isf_core.process.support_window`). Left out it is ``auto`` in DSIF, unless path.support is
+    on_blank, else 0."""
     force_rules: tuple[ForceRule, ...] = ()
     """Other set-points on some walls, corners, depths or places (:mod:`isf_core.files.job`); the last rule that holds
     counts. They need a support_force, which holds elsewhere."""
