@@ -41,7 +41,8 @@ def banners(numbers: Numbers, has_reference: bool) -> str:
         text = (
             f"{count}. {where} All numbers below are of what was formed until then, measured against the whole target."
         )
-        parts = [_banner("bad", "Part not complete", text)]
+        title = "Record not complete" if _of_record(failure["code"]) else "Part not complete"
+        parts = [_banner("bad", title, text)]
     if numbers["deviation"] is None:
         parts.append(_banner("warn", "No shape to compare", "The record holds no scan or no target."))
     parts += [_banner("warn", "Note", f"{note}.") for note in numbers["notes"]]
@@ -253,6 +254,11 @@ def _lost_part(numbers: Numbers) -> list[Numbers]:
     """Events after which the part is scrap."""
     scrap = {kind_name(EventKind.FRACTURE), kind_name(EventKind.BUCKLING)}
     return [event for event in numbers["events"] if event["kind"] in scrap]
+
+
+def _of_record(code: int) -> bool:
+    """Is it the record that failed, not the part?"""
+    return code in (ErrorCode.BAG_INCOMPLETE, ErrorCode.BAG_NOT_WRITABLE, ErrorCode.BAG_UNREADABLE)
 
 
 def _code_name(code: int) -> str:
