@@ -25,6 +25,7 @@ from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import deviation_of, scan_errors_of, summarise
 from isf_analysis.report import finding_tables as report_findings
 from isf_analysis.report import result_tables as report_tables
+from isf_analysis.verdict import verdict
 
 HTML_NAME = "report.html"
 SUMMARY_NAME = "summary.json"
@@ -68,6 +69,7 @@ def write_report(
     if failure is not None:
         numbers["complete"] = False
         numbers["failure"] = {"code": int(failure.code), "message": failure.message}
+        numbers["verdict"] = verdict(numbers)
     pictures = figures.draw(record, deviation, reference, reference_deviation, tell, scans)
     tell("writing the report")
     page = render(record, numbers, pictures)
