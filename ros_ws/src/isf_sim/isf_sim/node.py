@@ -66,6 +66,8 @@ EXECUTIVE_SILENCE = 10.0
 """s of wall time without a sign of life of the executive after which tools that rest on the sheet are released.
 
 Twice what force_ctrl takes, which lifts them along their path; this is for a force_ctrl that does not."""
+REST = 1.0
+"""s of wall time without a tick after which a machine in lockstep is at rest."""
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 """s of wall time without targets after which a loaded or moving machine stops."""
 
@@ -87,7 +89,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._stream = TargetStream(REAL_TIME_TIMEOUT)
         self._privileges = Privileges()
         self._release: Iterator[MachineSample] | None = None
-        self._published = 0.0
+        self._published = self._ticked = 0.0
         self._period = 0
         self._sample: MachineSample | None = None
         self._publishing = threading.Lock()
@@ -236,6 +238,7 @@ class MachineNode(CellNode[MachineParameters]):
         if (tips := self._targets.take_at(due)) is not None:
             self._stream.following = True
             self.finish_tick(machine, machine.tick(*tips, self._targets.holder))
+            self._ticked = time.monotonic()
             self._stream.heard()  # a tick with a coarse solution is long; targets that wait meanwhile are not lost
 
     def _on_period(self, period: int) -> None:
@@ -331,7 +334,7 @@ class MachineNode(CellNode[MachineParameters]):
     # -- faults ----------------------------------------------------------------------------------
 
     def _check_stream(self, machine: SimulatedMachine) -> None:
-        if (gone := self._executive.gone()) and machine.loaded and not machine.moving:
+        if (gone := self._executive.gone()) and machine.loaded and self._resting(machine):
             machine.latch(ErrorCode.UNATTENDED, f"{gone}, and the tools rest on the sheet")
             self._executive.release()
             return
@@ -342,6 +345,12 @@ class MachineNode(CellNode[MachineParameters]):
             machine.latch(ErrorCode.TARGET_LOST, text)
         else:
             self._stream.following = False
+
+    def _resting(self, machine: SimulatedMachine) -> bool:
+        """True between contours; in lockstep time stands still then, also for tools that were left in motion."""
+        if self._parameters.lockstep:
+            return time.monotonic() - self._ticked > REST
+        return not machine.moving
 
     def _protect(self, machine: SimulatedMachine) -> None:
         """Protective stop: tell the fault, then move the tools clear (in real time tick by tick)."""
