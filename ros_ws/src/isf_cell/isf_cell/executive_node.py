@@ -142,7 +142,8 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         own = self.get_namespace().rstrip("/") + "/"
         for status in message.status:
             if status.name.startswith(own):
-                self._monitor.hear(status.name.removeprefix(own), status.message)
+                state = next((item.value for item in status.values if item.key == "state"), "")
+                self._monitor.hear(status.name.removeprefix(own), status.message, state)
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data

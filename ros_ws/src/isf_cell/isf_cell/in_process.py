@@ -56,7 +56,7 @@ def form(
     IsfError : planner, springback or force control refuse the job
     """
     options = options or RunOptions()
-    options.check_force(job_file)
+    options.check(job_file)
     check_method(options.method(job_file), job_file)  # before the plan, which takes its time
     started = time.perf_counter()
     part_plan = part_plan or plan(job_file)

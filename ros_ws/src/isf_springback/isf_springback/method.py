@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
+from isf_core.files.job import JobFile, correction_refusal
 
 from isf_springback.analytic import AnalyticCorrection
 from isf_springback.continuity import Continuity, limits_of
@@ -120,8 +120,13 @@ NEEDS_SCANS = ("mpc_vertical", "mpc_two_directional", "mpc_tpif")
 
 
 def check_method(name: str, job_file: JobFile) -> None:
-    """Raise IsfError METHOD_UNKNOWN as :func:`check_name`, FILE_FIELD when the job lacks the scans the method needs."""
+    """Raise IsfError METHOD_UNKNOWN as :func:`check_name`, FILE_FIELD when the job lacks the scans the method needs.
+
+    FILE_FIELD too when the job's process cannot be corrected.
+    """
     check_name(name)
+    if refusal := correction_refusal(job_file.job.process, name):
+        raise IsfError(ErrorCode.FILE_FIELD, refusal, where="springback method", advice="form it with the method none")
     if name in NEEDS_SCANS and job_file.job.springback.scan_every == 0:
         raise IsfError(
             ErrorCode.FILE_FIELD,

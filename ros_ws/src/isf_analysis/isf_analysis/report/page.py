@@ -22,6 +22,7 @@ from isf_analysis.figures.report_figures import Picture
 from isf_analysis.measures.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, directions
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import deviation_of, scan_errors_of, summarise
+from isf_analysis.measures.verdict import verdict
 from isf_analysis.report import finding_tables, result_tables
 
 HTML_NAME = "report.html"
@@ -66,6 +67,7 @@ def write_report(
     if failure is not None:
         numbers["complete"] = False
         numbers["failure"] = {"code": int(failure.code), "message": failure.message}
+        numbers["verdict"] = verdict(numbers)
     pictures = report_figures.draw(record, deviation, reference, reference_deviation, tell, scans)
     tell("writing the report")
     page = render(record, numbers, pictures)

@@ -21,7 +21,7 @@ def form_part(
 ) -> None:
     """Form ``job`` with a cell of its own; raises IsfError when the part does not complete."""
     job_file = load_job(job)
-    options.check_force(job_file)
+    options.check(job_file)
     method = options.method(job_file)
     mode = "lockstep" if lockstep else "real time"
     with ExitStack() as stack:

@@ -36,8 +36,11 @@ def finish(
 ) -> None:
     """Report the run in ``folder`` (its ``bag`` by default); raises ``failure`` after reporting it.
 
+    A run of which its own bag does not hold the end has the failure BAG_INCOMPLETE.
+
     ``counts`` replaces numbers that the bag cannot know, such as the wall time.
     """
+    own = bag is None
     bag = bag or folder / "bag"
     try:
         record = read_bag(bag)
@@ -45,6 +48,13 @@ def finish(
         if failure:  # the reason why there is nothing to report
             raise failure from None
         raise
+    if own and failure is None and (early := record.failure()) is not None:
+        failure = IsfError(
+            ErrorCode.BAG_INCOMPLETE,
+            f"the record ends before the part does: {early[1]}",
+            where=str(bag),
+            advice="check the free space of the disk; what was recorded is reported",
+        )
     reference = read_bag(reference_bag) if reference_bag else None
     made = write_report(record, folder, reference=reference, bag=bag, failure=failure)
     data = {**made.numbers, **(counts or {}), "bag": str(bag), "report": str(made.html)}

@@ -29,7 +29,7 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
     Ctrl-C ends the part after the present contour; what was formed is kept and reported, with CANCELLED.
     """
     job_file = load_job(job)
-    options.check_force(job_file)
+    options.check(job_file)
     with run_folder(output, job_file.job.name) as folder:
         bag = folder / "bag"
         reference = None

@@ -146,8 +146,23 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
     row("late ticks / lost messages", f"{summary.get('late_ticks', 0)} / {summary.get('lost_messages', 0)}")
     row("process time / wall time [s]", f"{number(summary, 'sim_s', digits=1)} / {number(summary, 'wall_s', digits=1)}")
     console.print(table)
+    _show_verdict(summary)
     for warning in _warnings(summary):
         warn(warning)
+
+
+def _show_verdict(summary: Mapping[str, Any]) -> None:
+    """Green for a good part alone; else what it falls short of."""
+    found = summary.get("verdict")
+    if found is None:
+        return
+    if found["good"]:
+        console.print("[bold green]part complete and good[/bold green]")
+        return
+    head = "[bold yellow]part complete, but not good[/bold yellow]"
+    console.print(head if summary.get("complete") else "[bold red]part or record not complete[/bold red]")
+    for text in found["short_of"]:
+        say(f"  {text}")
 
 
 def _warnings(summary: Mapping[str, Any]) -> list[str]:

@@ -24,7 +24,7 @@ from rclpy.task import Future
 
 from isf_cell.options import RunOptions
 from isf_cell.processes.held_interrupt import ctrl_c_held_back
-from isf_cell.processes.process_group import ProcessGroup
+from isf_cell.processes.process_group import NodeProcess, ProcessGroup
 
 START_TIMEOUT = 180.0
 """s for all nodes to come up; the first start after a build compiles kernels, and a busy computer takes a minute."""
@@ -167,7 +167,8 @@ def form(
 ) -> tuple[Any, IsfError | None]:
     """Form one part with a cell of its own; returns the action's result and its failure, if any.
 
-    ``folder`` receives ``bag`` and ``logs``. All processes are ended before this returns.
+    ``folder`` receives ``bag`` and ``logs``. All processes are ended before this returns. A part that was formed while
+    its recorder ended or could not write has the failure BAG_INCOMPLETE.
     """
     bag = folder / "bag"
     client = CellClient()
@@ -176,6 +177,23 @@ def form(
             start_cell(group, bag, lockstep=lockstep)
             client.wait_ready(group)
             result = client.form(job_file, options, feedback, group)
+            recorder = group["recorder"]
+            ended_early = not recorder.alive
     finally:
         client.close()
-    return result, failure(result.code, result.message) if result.code else None
+    if result.code:
+        return result, failure(result.code, result.message)
+    if ended_early or recorder.popen.returncode != 0:
+        return result, _incomplete_record(bag, recorder)
+    return result, None
+
+
+def _incomplete_record(bag: Path, recorder: NodeProcess) -> IsfError:
+    """The part was formed, and its record does not hold all of it."""
+    words = recorder.last_lines(1)
+    return IsfError(
+        ErrorCode.BAG_INCOMPLETE,
+        "the recorder did not record to the end" + (f"; its last words: {words}" if words else ""),
+        where=str(bag),
+        advice=f"check the free space of the disk, and the log {recorder.log}; what was recorded is reported",
+    )

@@ -21,12 +21,29 @@ class HeartbeatMonitor:
         self._clock = clock
         self._heard: dict[str, float] = {}
         self._text: dict[str, str] = {}
+        self._state: dict[str, str] = {}
+        self._left: dict[str, str] = {}
 
-    def hear(self, name: str, text: str) -> None:
-        """A heartbeat came; ``text`` is what the node says of itself."""
-        if name in self._names:
-            self._heard[name] = self._clock()
-            self._text[name] = text
+    def hear(self, name: str, text: str, state: str = "") -> None:
+        """A heartbeat came; ``text`` is what the node says of itself, ``state`` its lifecycle state when it told it."""
+        if name not in self._names:
+            return
+        self._heard[name] = self._clock()
+        self._text[name] = text
+        if state == "active":
+            self._left.pop(name, None)
+        elif state and self._state.get(name) == "active":
+            self._left[name] = state
+        self._state[name] = state or self._state.get(name, "")
+
+    def forget_states(self) -> None:
+        """The nodes are brought up anew: what state they were in before says nothing."""
+        self._state.clear()
+        self._left.clear()
+
+    def deactivated(self) -> dict[str, str]:
+        """State of each node that was active and no longer is: somebody else took it down, or it was started anew."""
+        return dict(self._left)
 
     def not_served(self) -> None:
         """This process stood still: what came meanwhile has not been heard yet."""

@@ -46,6 +46,9 @@ MANAGED = ("machine", "planner", "springback", "force_ctrl")
 _SYMPTOMS = (ErrorCode.TARGET_LOST, ErrorCode.WRENCH_LOST, ErrorCode.MACHINE_FAULTED, ErrorCode.SERVICE_TIMEOUT)
 """Failures that may only be the consequence of a node that died; the death is then the thing to tell."""
 
+_NOT_HEARD_YET = (ErrorCode.WRENCH_LOST, ErrorCode.POSE_LOST, ErrorCode.NO_TARE)
+"""What force_ctrl refuses to arm with until it has heard the machine."""
+
 
 class Outlet(Protocol):
     """What the run needs of the executive node."""
@@ -137,7 +140,7 @@ class PartRun:
         options = RunOptions(
             goal.correction or None, None if np.isnan(goal.support_force) else goal.support_force, goal.world, goal.seed
         )
-        options.check_force(job_file)
+        options.check(job_file)
         if goal.first_index > 0 and options.method(job_file) != UNCORRECTED:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,
@@ -145,6 +148,7 @@ class PartRun:
                 advice="its corrections would start from zero under a formed sheet; resume with correction 'none'",
             )
         self._tell("bringing up the nodes")
+        self._monitor.forget_states()
         for name in MANAGED:
             # a node may compile or load for long and be silent meanwhile; its answer is a sign of life
             self._client.bring_up(name, self._watch_operator)
@@ -230,7 +234,7 @@ class PartRun:
             if not response.code:
                 return
             error = failure(response.code, response.message)
-            if error.code not in (ErrorCode.WRENCH_LOST, ErrorCode.NO_TARE) or time.monotonic() > deadline:
+            if error.code not in _NOT_HEARD_YET or time.monotonic() > deadline:
                 raise error
             pause.wait(0.2)
 
@@ -281,6 +285,7 @@ class PartRun:
     def _watch(self) -> None:
         self._watch_nodes()
         self._watch_operator()
+        self._watch_states()
         state = self._machine
         if state is not None and state.fault_codes:
             raise IsfError(ErrorCode(state.fault_codes[0]), state.fault_messages[0], where="machine")
@@ -288,6 +293,14 @@ class PartRun:
             if correction.code and not len(correction.offset):  # refused: no corrected contour will follow
                 where = f"springback, {contour_label(correction.index)}"
                 raise IsfError(ErrorCode(correction.code), correction.message, where=where)
+
+    def _watch_states(self) -> None:
+        for name, state in self._monitor.deactivated().items():
+            raise IsfError(
+                ErrorCode.NODE_INACTIVE,
+                f"node '{name}' is {state} in the middle of the part",
+                advice="another program deactivated it, or it was started anew; form the part again",
+            )
 
     def _watch_nodes(self) -> None:
         if self._look.late():

@@ -22,3 +22,18 @@ def test_only_expected_nodes_that_were_heard_can_be_silent() -> None:
     assert not monitor.heard("planner")
     now = 12.1
     assert monitor.silent() == ["machine"]
+
+
+def test_a_node_that_was_active_and_is_not_has_been_taken_down() -> None:
+    monitor = HeartbeatMonitor(("machine", "planner"), 3.0)
+    monitor.hear("machine", "ok", "inactive")  # on its way up
+    monitor.hear("planner", "ok")
+    assert monitor.deactivated() == {}
+    monitor.hear("machine", "ok", "active")
+    monitor.hear("machine", "ok")  # an answer to a call, which tells no state
+    assert monitor.deactivated() == {}
+    monitor.hear("machine", "ok", "unconfigured")
+    assert monitor.deactivated() == {"machine": "unconfigured"}
+    monitor.forget_states()
+    monitor.hear("machine", "ok", "inactive")
+    assert monitor.deactivated() == {}

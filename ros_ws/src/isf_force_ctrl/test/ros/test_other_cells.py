@@ -78,8 +78,7 @@ def test_a_driver_that_follows_twists_stays_on_the_path(cell: Cell) -> None:
 @pytest.mark.graph
 def test_twists_need_poses(cell: Cell) -> None:
     cell.start({"lockstep": False, "twist": True, "poses_until": 0}, lockstep=False, output="twist", wrench_timeout=0.5)
-    response = cell.arm()
-    assert cell.wait(lambda: cell.arm().code == ErrorCode.POSE_LOST), response.message
+    assert cell.wait(lambda: cell.ask_to_arm().code == ErrorCode.POSE_LOST)
 
 
 # -- the law -------------------------------------------------------------------------------------
