@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 import rclpy
 from geometry_msgs.msg import WrenchStamped
-from isf_cell import graph_run
 from isf_cell.options import RunOptions
 from isf_cell.processes.process_group import ProcessGroup
+from isf_cell.run import graph_run
 from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.msg import ContourResult
 from isf_ros import qos
