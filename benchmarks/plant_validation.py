@@ -38,7 +38,7 @@ sheet: {{material: {material}, thickness: 1 mm}}
 tool_1: {{radius: {radius} mm}}
 tool_2: {{radius: {radius} mm}}
 path: {{incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}}
-control: {{rate: 500 Hz}}
+control: {{rate: 500 Hz, support_force: 0 N}}
 """
 RATE, FEED = 500.0, 30.0e-3
 

@@ -29,8 +29,8 @@ from isf_analysis.measures.deviation import compare
 from isf_analysis.measures.summary import BAND
 from isf_cell import in_process
 from isf_cell.commands.springback import built, edge_of
-from isf_cell.flat_push import push_flat_sheet
 from isf_cell.options import RunOptions
+from isf_cell.run.flat_push import push_flat_sheet
 from isf_core.files.job import JobFile, load_job
 from isf_planner import plan
 from isf_springback.database import cached_path, database_of

@@ -31,10 +31,16 @@ from springback import PUSHED, Case, job_of, with_database
 COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "isf_sim")
 """Packages whose sources name a row, but for their nodes; of isf_cell and isf_analysis only what takes part."""
 
-NODES = re.compile(r"(.+_)?node(_.+)?\.py")
-"""Files of nodes: no part of a row, which is formed in one process without any."""
+NODES = re.compile(r"(.+/)?(ros/.+|([^/]+_)?node(_[^/]+)?)\.py")
+"""Files of nodes and folders ros: no part of a row, which is formed in one process without any."""
 
-ALSO = ("isf_cell.in_process", "isf_cell.flat_push", "isf_cell.options", "isf_analysis.measures.deviation")
+ALSO = (
+    "isf_cell.in_process",
+    "isf_cell.run.in_process_cell",
+    "isf_cell.run.flat_push",
+    "isf_cell.options",
+    "isf_analysis.measures.deviation",
+)
 
 REGIONS = ("wall_and_base", "base", "wall", "walls_base")
 """Those of isf_analysis.measures.deviation, and walls with base but without the fillets between them."""
@@ -45,7 +51,7 @@ def sources() -> str:
     text = hashlib.sha256()
     files: list[Path] = []
     for name in COMPUTED_BY:
-        files += sorted(path for path in _file(name).parent.rglob("*.py") if not NODES.fullmatch(path.name))
+        files += sorted(path for path in _file(name).parent.rglob("*.py") if not NODES.fullmatch(path.as_posix()))
     for path in [*files, *(_file(name) for name in ALSO)]:
         text.update(path.name.encode() + path.read_bytes())
     return text.hexdigest()[:12]

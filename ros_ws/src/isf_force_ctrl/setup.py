@@ -21,7 +21,6 @@ setup(
     entry_points={
         "console_scripts": [
             "force_ctrl = isf_force_ctrl.node:main",
-            "load_cell = isf_load_cell.node:main",
         ],
     },
 )

@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ from rclpy.subscription import Subscription
 from isf_analysis.bag.bag_file import check_free
 from isf_analysis.bag.recording import Message, Recording
 from isf_analysis.bag.topics import CELL, Topic
+
+EXIT_INCOMPLETE = 6
+"""Exit code of a recorder whose bag does not hold what it was to record: that of ``isf`` for a bag."""
 
 POLL_PERIOD = 0.02
 """s between two looks at the subscriptions."""
@@ -73,6 +77,13 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._received: dict[str, int] = {}
         self._lost: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
+        self.failure: IsfError | None = None
+        """What first kept it from recording all that came."""
+
+    def report(self, error: IsfError) -> None:
+        """As every node; the exit code tells it too."""
+        super().report(error)
+        self.failure = self.failure or error
 
     def configure(self) -> None:
         values = self.values()
@@ -117,6 +128,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         try:
             self._finish()
         except IsfError as error:
+            self.failure = self.failure or error
             print(error, file=sys.stderr)
 
     def health_values(self) -> dict[str, object]:
@@ -154,8 +166,10 @@ class RecorderNode(CellNode[RecorderParameters]):
             batch.sort(key=_received_at)
             recording.put(batch)
         if recording.error is not None:
-            error, self._recording = recording.error, None
-            self.report(error)
+            self._recording = None
+            self.report(recording.error)
+            with suppress(IsfError):  # the same again: what the disk took is closed as far as it goes
+                recording.close()
 
     def _finish(self) -> None:
         """Take what has arrived, then close the bag; does nothing when none is open."""
@@ -220,7 +234,14 @@ def _never(_: bytes) -> None:
 
 def main() -> int:
     """Entry point of ``ros2 run isf_analysis recorder``."""
-    return process.run(RecorderNode)
+    nodes: list[RecorderNode] = []
+
+    def make() -> RecorderNode:
+        nodes.append(RecorderNode())
+        return nodes[0]
+
+    code = process.run(make)
+    return EXIT_INCOMPLETE if any(node.failure for node in nodes) else code
 
 
 if __name__ == "__main__":

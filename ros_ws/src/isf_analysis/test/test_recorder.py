@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -17,8 +18,9 @@ import rclpy
 from burst_publisher import SCANS, target_bytes, wrench_bytes
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from isf_analysis.bag import bag_file as mcap_repair
+from isf_analysis.bag import bag_file
 from isf_analysis.bag.topics import cell_types
+from isf_analysis.recorder_node import EXIT_INCOMPLETE
 from isf_ros import qos
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -35,13 +37,19 @@ LIMIT = 120.0
 
 @contextmanager
 def recorder(
-    output: Path, *, autostart: bool = True, remap: str = "", **parameters: object
+    output: Path, *, autostart: bool = True, remap: str = "", room: int | None = None, **parameters: object
 ) -> Iterator[subprocess.Popen[str]]:
+    """The recorder; its files may grow to ``room`` bytes, then the system refuses as a full disk does."""
     command = [sys.executable, "-m", "isf_analysis.recorder_node", "--ros-args"]
     for name, value in {"output": output, "autostart": str(autostart).lower(), **parameters}.items():
         command += ["-p", f"{name}:={value}"]
     command += ["-r", remap] if remap else []
-    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+
+    def full_disk() -> None:
+        if room is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True, preexec_fn=full_disk)
     try:
         yield process
     finally:
@@ -52,11 +60,11 @@ def recorder(
             process.stderr.close()
 
 
-def end(process: subprocess.Popen[str], number: signal.Signals) -> str:
-    """Output on stderr after the signal; the process must end by itself and without a failure."""
+def end(process: subprocess.Popen[str], number: signal.Signals, code: int = 0) -> str:
+    """Output on stderr after the signal; the process must end by itself and with ``code``."""
     os.killpg(process.pid, number)
     _, text = process.communicate(timeout=LIMIT)
-    assert process.returncode == 0, text
+    assert process.returncode == code, text
     return text
 
 
@@ -137,14 +145,14 @@ def test_an_existing_folder_is_refused(tmp_path: Path, observer: Node) -> None:
     (tmp_path / "bag" / "precious").write_text("keep")
     with recorder(tmp_path / "bag") as process:
         assert spin_until(observer, lambda: any("1603" in text for text in heard(observer)))
-        end(process, signal.SIGINT)
+        end(process, signal.SIGINT, EXIT_INCOMPLETE)
     assert [item.name for item in (tmp_path / "bag").iterdir()] == ["precious"]
 
 
 def test_an_unknown_topic_is_refused_with_the_known_ones(tmp_path: Path, observer: Node) -> None:
     with recorder(tmp_path / "bag", topics="['tool_3/wrench']") as process:
         assert spin_until(observer, lambda: any("tool_3/wrench" in text for text in heard(observer)))
-        end(process, signal.SIGINT)
+        end(process, signal.SIGINT, EXIT_INCOMPLETE)
     assert not (tmp_path / "bag").exists()
 
 
@@ -187,11 +195,22 @@ def test_what_was_recorded_outlives_a_killed_recorder(tmp_path: Path) -> None:
     assert recovered(bag, tmp_path)[-COUNT:] == sent  # greetings come before
 
 
+def test_a_disk_that_is_full_is_told_and_never_a_success(tmp_path: Path, observer: Node) -> None:
+    """What was written stays readable."""
+    bag = tmp_path / "bag"
+    with recorder(bag, room=300_000) as process:
+        publish_burst()
+        assert spin_until(observer, lambda: any("BAG_NOT_WRITABLE" in text for text in heard(observer)))
+        text = end(process, signal.SIGINT, EXIT_INCOMPLETE)
+    assert "check the free space" in text
+    assert recovered(bag, tmp_path)
+
+
 def recovered(bag: Path, folder: Path) -> list[bytes]:
     """Wrenches of tool 1 in a repaired copy of a bag that was not closed."""
     copy = folder / "repaired.mcap"
     copy.unlink(missing_ok=True)
-    if not mcap_repair.repair(bag / "bag.mcap", copy):
+    if not bag_file.repair(bag / "bag.mcap", copy):
         return []
     with Reader(copy) as reader:
         wrenches = [connection for connection in reader.connections if connection.topic == "/tool_1/wrench"]

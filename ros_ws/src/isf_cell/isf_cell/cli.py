@@ -11,10 +11,9 @@ import typer
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 
-from isf_cell import springback_cli, terminal
-from isf_cell.exit_codes import Exit, exit_for
+from isf_cell.commands import springback_cli, terminal
+from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import LARGEST_NUMBER, RunOptions
-from isf_cell.reported import ReportedError
 
 app = typer.Typer(
     help="Incremental sheet forming: plan, form and report parts.",
@@ -151,7 +150,7 @@ def run(
     node: Annotated[str, typer.Argument(help="node, for example planner")],
 ) -> None:
     """Run one node, as `ros2 run` does; the rest of the line goes to the node."""
-    from isf_cell import executables
+    from isf_cell.processes import executables
 
     path = executables.find(package, node)
     os.execv(path, [str(path), *context.args])
@@ -166,7 +165,7 @@ def record(
     ] = None,
 ) -> None:
     """Record the topics of a running cell until Ctrl-C."""
-    from isf_cell import executables
+    from isf_cell.processes import executables
 
     path = executables.find("isf_analysis", "recorder")
     arguments = ["--ros-args", "-p", "autostart:=true", "-p", f"output:={output.absolute()}"]
@@ -296,7 +295,7 @@ def version() -> None:
 
 
 def main() -> None:
-    """Entry point; ends with a code of :class:`isf_cell.exit_codes.Exit`, never with a traceback."""
+    """Entry point; ends with a code of :class:`isf_cell.commands.exit_codes.Exit`, never with a traceback."""
     as_json = "--json" in sys.argv
     try:
         app(prog_name="isf")

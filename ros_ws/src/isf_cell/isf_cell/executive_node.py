@@ -21,9 +21,9 @@ from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
-from isf_cell.graph_client import GraphClient
-from isf_cell.heartbeat_monitor import HeartbeatMonitor
-from isf_cell.part_run import MANAGED, PartRun, RunSettings
+from isf_cell.run.graph_cell import GraphClient
+from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
+from isf_cell.run.part_run import MANAGED, PartRun, RunSettings
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,8 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         own = self.get_namespace().rstrip("/") + "/"
         for status in message.status:
             if status.name.startswith(own):
-                self._monitor.hear(status.name.removeprefix(own), status.message)
+                state = next((item.value for item in status.values if item.key == "state"), "")
+                self._monitor.hear(status.name.removeprefix(own), status.message, state)
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data

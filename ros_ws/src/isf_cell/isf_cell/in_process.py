@@ -25,11 +25,9 @@ from isf_springback.lift_feedback import lift_due, reading_of
 from isf_springback.methods import check_method, make_corrector
 from isf_springback.shape_feedback import scan_due
 
-from isf_cell.lift_between import lift_in_process
 from isf_cell.options import RunOptions
-from isf_cell.part_step import PartStep
-from isf_cell.scan_between import scan_in_process
-from isf_cell.ticks import run_ticks
+from isf_cell.run.in_process_cell import lift_in_process, run_ticks, scan_in_process
+from isf_cell.run.part_step import PartStep
 
 
 @dataclass
@@ -59,7 +57,7 @@ def form(
     IsfError : planner, springback or force control refuse the job
     """
     options = options or RunOptions()
-    options.check_force(job_file)
+    options.check(job_file)
     check_method(options.method(job_file), job_file)  # before the plan, which takes its time
     started = time.perf_counter()
     part_plan = part_plan or plan(job_file)

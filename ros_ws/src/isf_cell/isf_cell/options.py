@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile
+from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal
 
 LARGEST_NUMBER = 2**31 - 1
 """Largest world and seed: what the messages of the node graph carry."""
@@ -43,19 +43,23 @@ class RunOptions:
                 advice="0 is position control; without the option the job's set-point holds",
             )
 
-    def check_force(self, job_file: JobFile) -> None:
-        """Raise IsfError FILE_FIELD for a support force in a process that has no support tool to hold it."""
+    def check(self, job_file: JobFile) -> None:
+        """Raise IsfError FILE_FIELD for what the job's process has no place for: a correction, a support force."""
         job, force = job_file.job, self.support_force
-        if not force or (job.process in ("DSIF", "ADSIF") and job.path.support != "on_blank"):
+        if refusal := correction_refusal(job.process, self.method(job_file)):
+            raise IsfError(ErrorCode.FILE_FIELD, refusal, where="--correction", advice="leave it out, or take none")
+        if not force or (job.process == "DSIF" and job.path.support != "on_blank"):
             return
         without = f"process {job.process} has no support tool"
-        if job.process in ("DSIF", "ADSIF"):
+        if job.process == "ADSIF":
+            without = "process ADSIF has no force control"
+        elif job.process == "DSIF":
             without = "path.support on_blank has no force control"
         raise IsfError(
             ErrorCode.FILE_FIELD,
             f"{without}: {force:g} N cannot be held",
             where="--support-force",
-            advice="leave it out, or take a job of process DSIF or ADSIF",
+            advice="leave it out, or take a job of process DSIF with a support tool",
         )
 
     def method(self, job_file: JobFile) -> str:

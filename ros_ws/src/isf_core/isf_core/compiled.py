@@ -43,7 +43,7 @@ def kernels_of(package: str, folder: Path, mark: str) -> Callable[[F], F]:
 
 def _digest(folder: Path, mark: bytes) -> str:
     digest = hashlib.sha256()
-    for source in sorted(folder.glob("*.py")):
+    for source in sorted(folder.rglob("*.py")):
         text = source.read_bytes()
         if mark in text:
             digest.update(text)

@@ -71,6 +71,8 @@ class ErrorCode(IntEnum):
     WRENCH_LATE = 1220
     WRENCH_CLOCK = 1221
     POSE_LOST = 1222
+    CONTOUR_OVERDUE = 1223
+    EXECUTIVE_LOST = 1224
     MEASUREMENT_REFUSED = 1230
     SUPPORT_FORCE_WINDOW = 1240
 
@@ -106,6 +108,7 @@ class ErrorCode(IntEnum):
     BLANK_DOES_NOT_FIT = 1409
     MACHINE_FAULTED = 1410
     LOAD_CELL_RANGE = 1411
+    UNATTENDED = 1412
     SOLUTION_FAILED = 1420
 
     # executive
@@ -116,6 +119,7 @@ class ErrorCode(IntEnum):
     BUSY = 1505
     SERVICE_TIMEOUT = 1506
     CONTOUR_TIMEOUT = 1507
+    NODE_INACTIVE = 1508
 
     # recorder and analysis
     BAG_UNREADABLE = 1601

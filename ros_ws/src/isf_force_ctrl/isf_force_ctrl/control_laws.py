@@ -1,4 +1,4 @@
-"""The laws that act every tick: force loop in all its components, compliance compensation, gain by the estimated stiffness.
+"""The laws that act every tick: force loop in all its components, compliance, gain by the estimated stiffness.
 
 On-line estimate of the contact stiffness K_c: Ren 2018 eq. 2-8, gain K_i = loop_gain / K_c. An oscillation lowers the
 gain, and calm lets it rise again. N, m, frame ``sheet``.

@@ -195,6 +195,11 @@ class ForceController:
         return bool(self._playback) or (self._mode is not Mode.IDLE and self._stopping is not None)
 
     @property
+    def on_sheet(self) -> bool:
+        """True when the tools rest on the sheet: after a contour, or held after a stop or a fault."""
+        return self._mode is not Mode.IDLE and not self.busy and not self._clear
+
+    @property
     def targets(self) -> Targets:
         """Last targets."""
         return self._targets

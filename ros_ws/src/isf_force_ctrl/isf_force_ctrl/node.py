@@ -17,6 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
@@ -25,6 +26,7 @@ from isf_core.files.job import JobFile
 from isf_msgs import msg as isf
 from isf_msgs.srv import Arm
 from isf_ros import conversion, process, qos, stamps
+from isf_ros.executive_watch import ExecutiveWatch
 from isf_ros.lifecycle import CellNode
 from isf_ros.thread_priority import RealTimeSettings
 from isf_ros.watchdog import RegularLook
@@ -39,6 +41,7 @@ from isf_force_ctrl.ros.measurement_actions import MeasurementActions
 from isf_force_ctrl.ros.parameters import ForceCtrlParameters
 from isf_force_ctrl.ros.publishers import ForceCtrlOutlet
 from isf_force_ctrl.ros.readiness import Readiness, control_config, tools_with_load_cell
+from isf_force_ctrl.supervision.attendance import EXECUTIVE_SILENCE, Attendance
 from isf_force_ctrl.supervision.contour_warnings import ChipWatch, offset_warning
 from isf_force_ctrl.supervision.latency import LatencyMeter
 from isf_force_ctrl.supervision.wrench_receiver import Fault, WrenchInlet
@@ -91,6 +94,12 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self.create_service(Arm, "force_ctrl/arm", self._on_arm),
             self.create_service(Trigger, "force_ctrl/stop", self._on_stop),
         ]
+        self._attended = Attendance(ExecutiveWatch(self, EXECUTIVE_SILENCE), p.contour_wait)
+        subscriptions.append(
+            self.create_subscription(
+                DiagnosticArray, "/diagnostics", self._attended.executive.on_diagnostics, 50, **into
+            )
+        )
         timers = [self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)]
         lift = MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep)
         identify = IdentifyAction(self, self._lock, self._ready, self._armed_job, self._step_in_lockstep)
@@ -248,6 +257,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             controller = self._controller
             if controller is not None and (drifted := controller.drift.untold()):
                 self.warn(drifted)
+            if late:
+                self._attended.not_served()
+            if controller is not None and (alone := self._attended.judge(on_sheet=controller.on_sheet)):
+                self._lift_unattended(controller, alone)
             if controller is None or controller.mode is Mode.IDLE or self._loop is not None:
                 return
             if late:
@@ -260,6 +273,14 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if self._outlet.has_targets and time.monotonic() - self._outlet.last_publish >= HEARTBEAT:
                 self._outlet.repeat()
 
+    def _lift_unattended(self, controller: MeasuringController, alone: IsfError) -> None:
+        """Nobody is there to go on with the part: take the tools off the sheet; the next contour ends with why."""
+        self.report(alone)
+        if controller.fault is None:
+            waiting = isf.Contour(plan_id=controller.plan_id, index=controller.state().index + 1)
+            self._outlet.refusal(waiting, int(alone.code), alone.message)
+        self._disarm()
+
     @contextmanager
     def _own_delay(self) -> Iterator[None]:
         """A long callback of this node: wrenches wait in its queue meanwhile, they are not lost."""
@@ -269,6 +290,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         finally:
             self._patient_until = time.monotonic() + self._timeout
             self._delayed = False
+            self._attended.not_served()
 
     # -- other messages ------------------------------------------------------------------------
 
@@ -280,7 +302,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._controller.add_measured(tool, stamps.to_seconds(message.header.stamp), tip)
 
     def _on_machine(self, message: isf.MachineState) -> None:
-        self._ready.machine = message
+        self._ready.machine(message)
 
     def _on_contour(self, message: isf.Contour) -> None:
         with self._own_delay(), self._lock:
@@ -332,7 +354,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
         self._ready.needed = tools_with_load_cell(job_file.job)
-        self._ready.check(with_pose=self._parameters.output == "twist")
+        self._ready.check()
         controller = MeasuringController(control_config(job_file, self._parameters))
         park = controller.config.park_height
         tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))
@@ -345,6 +367,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._outlet.start(tip_1, tip_2, controller.config.rate)
         self._outlet.with_holder = job_file.job.process == "TPIF"
         self._controller, self._job_file = controller, job_file
+        self._attended.begin()
         self._publish_state(controller, self.get_clock().now().nanoseconds)
         if not self._parameters.lockstep:
             self._tick_number = -1

@@ -102,15 +102,21 @@ class Cell:
     def arm(
         self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan"), job: str = JOB
     ) -> Arm.Response:
-        """Arm; asks again while the wrenches have not been discovered yet."""
-        request = Arm.Request(plan_id=plan_id, count=count, job_text=job, support_force=support_force)
+        """Arm; asks again while wrenches and poses have not been discovered yet."""
         deadline = time.monotonic() + LIMIT
         while True:
-            future = self._arm.call_async(request)
-            assert self.wait(future.done)
-            response = future.result()
-            if response.code != ErrorCode.WRENCH_LOST or time.monotonic() > deadline:
+            response = self.ask_to_arm(plan_id, count, support_force, job)
+            if response.code not in (ErrorCode.WRENCH_LOST, ErrorCode.POSE_LOST) or time.monotonic() > deadline:
                 return response
+
+    def ask_to_arm(
+        self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan"), job: str = JOB
+    ) -> Arm.Response:
+        """The answer to one request."""
+        request = Arm.Request(plan_id=plan_id, count=count, job_text=job, support_force=support_force)
+        future = self._arm.call_async(request)
+        assert self.wait(future.done)
+        return future.result()
 
     def form(self, contour: Any, timeout: float = 3 * LIMIT) -> ContourResult:
         seen = len(self.results)

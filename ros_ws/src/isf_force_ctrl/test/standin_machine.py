@@ -8,8 +8,9 @@ wrenches), ``sign`` (factor on the forces), ``tared``, ``lockstep`` (false: tick
 come 50 ms late, after newer ones; real time), ``jump_at``, ``jump`` (tick from which the stamps are off by ``jump`` s),
 ``gap`` (m by which the tools stand too far apart), ``twist`` (true: integrates twists instead of following poses, and
 publishes poses; real time), ``drift`` (m/s in x that it adds to the twists), ``cell_drift`` (N by which the cell of
-tool_2 is off in z), ``poses_until`` (tick after which it publishes no poses). ``late_at``, ``scattered_share``,
-``jump_at``, ``jump`` and ``gap`` may change at run time.
+tool_2 is off in z), ``poses_until``, ``states_until`` (ticks after
+which it publishes no poses, no machine/state). ``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and ``gap`` may
+change at run time.
 """
 
 import copy
@@ -64,6 +65,7 @@ class StandInMachine(Node):
             self.declare_parameter("drift", 0.0).value,
             self.declare_parameter("poses_until", -1).value,
         )
+        self.states_until = self.declare_parameter("states_until", -1).value
         self.cell_drift = self.declare_parameter("cell_drift", 0.0).value
         self.velocity = [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
         self.poses = [self.create_publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
@@ -134,7 +136,10 @@ class StandInMachine(Node):
             self.out[index].publish(message)
 
     def on_timer(self) -> None:
-        self.state.publish(MachineState(tared=self.tared, tick=self.sandbox.tick, lockstep=self.lockstep))
+        if self.states_until < 0 or self.sandbox.tick <= self.states_until:
+            self.state.publish(MachineState(tared=self.tared, tick=self.sandbox.tick, lockstep=self.lockstep))
+        if not self.twist:
+            self.publish_poses()
         if self.lockstep and time.monotonic() - self.last > 0.15:
             self.send()
 
@@ -152,11 +157,16 @@ class StandInMachine(Node):
             a, b, c = self.targets[k]
             moving = self.drift if (x, y, z) != (0.0, 0.0, 0.0) else 0.0
             self.targets[k] = (a + passed * (x + moving), b + passed * y, c + passed * z)
-            if self.poses_until < 0 or self.sandbox.tick <= self.poses_until:
-                pose = conversion.make_pose()
-                pose.header.stamp = stamps.to_stamp(self.now())
-                conversion.set_tip(pose, self.sandbox.position[3 * k : 3 * k + 3])
-                self.poses[k].publish(pose)
+        self.publish_poses()
+
+    def publish_poses(self) -> None:
+        if 0 <= self.poses_until < self.sandbox.tick:
+            return
+        for k in (0, 1):
+            pose = conversion.make_pose()
+            pose.header.stamp = stamps.to_stamp(self.now())
+            conversion.set_tip(pose, self.sandbox.position[3 * k : 3 * k + 3])
+            self.poses[k].publish(pose)
 
     def on_twist(self, tool: int, message: TwistStamped) -> None:
         if message.header.frame_id == conversion.FRAME:

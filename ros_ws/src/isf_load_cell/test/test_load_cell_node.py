@@ -317,7 +317,7 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
     nodes, _ = documented()
     drivers = {names["wrench"]: names["raw"] for names in nodes}
     assert set(drivers) == {"tool_1/wrench", "tool_2/wrench"}
-    machine = str(Path(__file__).with_name("standin_machine.py"))
+    machine = str(Path(__file__).parents[2] / "isf_force_ctrl" / "test" / "standin_machine.py")
     bench._stack.enter_context(started(machine, remap=drivers, sign=-1.0, lockstep=lockstep))
     clients = []
     readings = 1 if lockstep else 250  # in lockstep time stands still before the first contour

@@ -19,31 +19,14 @@ from numpy.typing import NDArray
 
 from isf_planner import replanning
 from isf_planner.checks import part_checks
-from isf_planner.checks import part_checks as pocket_checks
 from isf_planner.forming import stages
 from isf_planner.forming.sides import UPSIDE_DOWN, HalfPart, Side, merged, parts, swapped
 from isf_planner.loops import sections
-from isf_planner.loops import sections as level_spacing
 from isf_planner.loops.sections import LoopTree
-from isf_planner.part import mesh_checks
-from isf_planner.part import mesh_checks as mesh_repair
-from isf_planner.part import meshes as mesh_input
+from isf_planner.part import mesh_checks, meshes
 from isf_planner.part.meshes import Mesh
 from isf_planner.part.warning_places import in_sheet
-from isf_planner.paths import (
-    adsif_path,
-    tool_paths,
-    tpif_path,
-)
-from isf_planner.paths import (
-    support_tool as rule_checks,
-)
-from isf_planner.paths import (
-    tool_paths as floor_passes,
-)
-from isf_planner.paths import (
-    tool_paths as formed_thickness,
-)
+from isf_planner.paths import adsif_path, support_tool, tool_paths, tpif_path
 from isf_planner.predict.compensation import compensate
 from isf_planner.predict.predictions import with_predictions
 from isf_planner.replanning import PlanBase
@@ -152,9 +135,9 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     else:
         groups = [tool_paths.make_contours(sides, job_file, plan_id) for sides in (*([s] for s in preforms), planned)]
         contours = stages.joined(groups)
-    warnings += (*floor_passes.left_out(contours, job), *rule_checks.rule_warnings(contours, planned, job_file))
+    warnings += (*tool_paths.left_out(contours, job), *support_tool.rule_warnings(contours, planned, job_file))
     contours, expected = finish(contours, job_file)
-    warnings += (*formed_thickness.left_to_sine_law(planned, job), *expected)
+    warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
     last = tuple(contour for contour in contours if contour.stage == len(preforms))
     part_checks.check_floors(last, planned, job)
@@ -184,12 +167,12 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     sides = replanning.with_tools(base, job)
     plan_id = _identify(job_file)
     made = tool_paths.make_contours(list(sides), job_file, plan_id)
-    ruled = rule_checks.rule_warnings(made, sides, job_file)
+    ruled = support_tool.rule_warnings(made, sides, job_file)
     contours, expected = finish(made, job_file)
     part_checks.check_travel(contours, job_file.rig)
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
-    left = formed_thickness.left_to_sine_law(sides, job)
+    left = tool_paths.left_to_sine_law(sides, job)
     told = tuple(dict.fromkeys((*base.told, *ruled, *left, *expected, *pressing)))
     return replace(before, plan_id=plan_id, contours=contours, warnings=told, tree=merged(sides))
 
@@ -197,9 +180,9 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
 def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:
     """The mesh of the job, upright and repaired, and what was repaired."""
     part, tool = job_file.job.part, job_file.job.tool_1.radius
-    mesh = mesh_checks.oriented(mesh_input.load_mesh(job_file.mesh, part.unit), part.up, part.turn, part.scale)
+    mesh = mesh_checks.oriented(meshes.load_mesh(job_file.mesh, part.unit), part.up, part.turn, part.scale)
     mesh_checks.check_size(mesh, job_file.rig.clamp.size, tool)  # distances of repairs mean nothing in a wrong unit
-    return mesh_repair.repair(mesh, 2.0 * tool) if part.repair else (mesh, ())
+    return mesh_checks.repair(mesh, 2.0 * tool) if part.repair else (mesh, ())
 
 
 def _parts(mesh: Mesh, job_file: JobFile) -> list[HalfPart]:
@@ -241,10 +224,10 @@ def _plan_view(half: HalfPart, job_file: JobFile, step: _Steps) -> tuple[Side, A
     warnings += part_checks.check_reach(surface, height, part.depth, radius)
 
     grid = sections.TipGrid(x, y, height, part.depth)
-    levels = level_spacing.levels(grid, surface, job)
+    levels = sections.levels(grid, surface, job)
     nodes, told = sections.trace(grid, levels, job)
     warnings += told
-    pocket_checks.check_pockets(part.mesh, levels, nodes, radius)
+    part_checks.check_pockets(part.mesh, levels, nodes, radius)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
     return Side(tree, surface, half.forming_tool, half.base), shift, warnings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -36,6 +37,9 @@ LIMIT = 120.0
 
 JOBS = EXAMPLES / "jobs"
 MINI = (JOBS / "mini_cone.yaml").read_text()
+ADSIF = re.sub(r"method: \w+", "method: none", re.sub(r"support_force: \S+ N", "support_force: 0 N", MINI)).replace(
+    "process: DSIF", "process: ADSIF"
+)
 LONG = MINI.replace("incremental_depth: 0.5 mm", "incremental_depth: 0.011 mm").replace("name: mini", "name: long")
 """454 contours: many seconds of planning, of which a test waits for the first feedback only."""
 
@@ -158,7 +162,8 @@ def test_unknown_plan_and_contour(cell: Cell, core: Plan) -> None:
         (MINI.replace("incremental_depth", "incremental_dept"), ErrorCode.FILE_FIELD),
         (MINI.replace("radius: 5 mm", "radius: 5"), ErrorCode.FILE_UNIT),
         (MINI.replace("mini_cone.stl", "none.stl"), ErrorCode.MESH_UNREADABLE),
-        (MINI.replace("process: DSIF", "process: ADSIF"), ErrorCode.ADSIF_NOT_REACHABLE),
+        (MINI.replace("process: DSIF", "process: ADSIF"), ErrorCode.FILE_FIELD),
+        (ADSIF, ErrorCode.ADSIF_NOT_REACHABLE),
         (MINI.replace("unit: mm", "unit: m"), ErrorCode.MESH_UNIT_SUSPECT),
     ],
 )

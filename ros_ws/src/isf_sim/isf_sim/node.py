@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
@@ -23,6 +24,7 @@ from isf_core.geometry.height_map import HeightMap
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
 from isf_ros import conversion, process, qos, stamps
+from isf_ros.executive_watch import ExecutiveWatch
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
 from isf_ros.thread_priority import Privileges, RealTimeSettings, acquire, release
@@ -60,6 +62,12 @@ BRIDGE_PERIOD = 0.02
 """s of wall time after which a tick in real time that takes long repeats the last wrenches."""
 LONGEST_CATCH_UP = 0.5
 """s, missed ticks beyond this are dropped."""
+EXECUTIVE_SILENCE = 10.0
+"""s of wall time without a sign of life of the executive after which tools that rest on the sheet are released.
+
+Twice what force_ctrl takes, which lifts them along their path; this is for a force_ctrl that does not."""
+REST = 1.0
+"""s of wall time without a tick after which a machine in lockstep is at rest."""
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 """s of wall time without targets after which a loaded or moving machine stops."""
 
@@ -81,7 +89,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._stream = TargetStream(REAL_TIME_TIMEOUT)
         self._privileges = Privileges()
         self._release: Iterator[MachineSample] | None = None
-        self._published = 0.0
+        self._published = self._ticked = 0.0
         self._period = 0
         self._sample: MachineSample | None = None
         self._publishing = threading.Lock()
@@ -101,6 +109,9 @@ class MachineNode(CellNode[MachineParameters]):
             self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM),
             self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM),
         ]
+        self._executive = ExecutiveWatch(self, EXECUTIVE_SILENCE)
+        heard = self._executive.on_diagnostics
+        subscriptions.append(self.create_subscription(DiagnosticArray, "/diagnostics", heard, 50))
         services = MachineServices(self).create()
         look = 0.25 * HEARTBEAT_PERIOD if values.lockstep else 0.5 * BRIDGE_PERIOD
         timer = self.create_timer(look, self._on_timer, clock=self.steady_clock)
@@ -118,6 +129,7 @@ class MachineNode(CellNode[MachineParameters]):
             self.start()
 
     def deactivate(self) -> None:
+        self._executive.release()
         self.stop_thread()
 
     def cleanup(self) -> None:
@@ -226,6 +238,7 @@ class MachineNode(CellNode[MachineParameters]):
         if (tips := self._targets.take_at(due)) is not None:
             self._stream.following = True
             self.finish_tick(machine, machine.tick(*tips, self._targets.holder))
+            self._ticked = time.monotonic()
             self._stream.heard()  # a tick with a coarse solution is long; targets that wait meanwhile are not lost
 
     def _on_period(self, period: int) -> None:
@@ -298,7 +311,7 @@ class MachineNode(CellNode[MachineParameters]):
     def _wait_in_lockstep(self, machine: SimulatedMachine) -> None:
         """Sign of life, and watch over the stream of targets."""
         if self._look.late():
-            self._stream.not_served()
+            self.targets_not_served()
         if not machine.faulted:
             self._check_stream(machine)
             if machine.faulted:
@@ -321,6 +334,10 @@ class MachineNode(CellNode[MachineParameters]):
     # -- faults ----------------------------------------------------------------------------------
 
     def _check_stream(self, machine: SimulatedMachine) -> None:
+        if (gone := self._executive.gone()) and machine.loaded and self._resting(machine):
+            machine.latch(ErrorCode.UNATTENDED, f"{gone}, and the tools rest on the sheet")
+            self._executive.release()
+            return
         if not self._stream.ended():
             return
         if machine.loaded or machine.moving:
@@ -328,6 +345,12 @@ class MachineNode(CellNode[MachineParameters]):
             machine.latch(ErrorCode.TARGET_LOST, text)
         else:
             self._stream.following = False
+
+    def _resting(self, machine: SimulatedMachine) -> bool:
+        """True between contours; in lockstep time stands still then, also for tools that were left in motion."""
+        if self._parameters.lockstep:
+            return time.monotonic() - self._ticked > REST
+        return not machine.moving
 
     def _protect(self, machine: SimulatedMachine) -> None:
         """Protective stop: tell the fault, then move the tools clear (in real time tick by tick)."""
@@ -382,15 +405,17 @@ class MachineNode(CellNode[MachineParameters]):
             self.finish_tick(machine, machine.sample())
 
     def forget_targets(self) -> None:
-        """After a reset: no release goes on, and no old target counts."""
+        """After a reset: no release goes on, no old target counts, and an executive that is gone does not either."""
+        self._executive.release()
         if not self.needed().faulted:
             self._release = None
         self._targets.clear()
         self._stream.forget()
 
     def targets_not_served(self) -> None:
-        """After a long answer: the stream of targets was not lost meanwhile."""
+        """After a long answer: neither the stream of targets nor the executive was lost meanwhile."""
         self._stream.not_served()
+        self._executive.not_served()
 
     def start_in_real_time(self) -> None:
         """Tick by the wall clock again, if that is what the node does and nothing does it yet."""

@@ -15,7 +15,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
+from isf_core.files.job import JobFile, correction_refusal
 
 from isf_springback.corrector import Corrector
 from isf_springback.estimators.estimator import Estimator
@@ -46,7 +46,11 @@ def check_name(name: str) -> None:
 
 
 def check_method(name: str, job_file: JobFile) -> None:
-    """Raise IsfError METHOD_UNKNOWN as :func:`check_name`, FILE_FIELD when the job lacks the scans the method needs."""
+    """Raise IsfError METHOD_UNKNOWN as :func:`check_name`, FILE_FIELD when the job's process cannot be corrected, or the
+    job lacks the scans the method needs."""
+    check_name(name)
+    if refusal := correction_refusal(job_file.job.process, name):
+        raise IsfError(ErrorCode.FILE_FIELD, refusal, where="springback method", advice="form it with the method none")
     if getattr(_load(name), "needs_scans", False) and job_file.job.springback.scan_every == 0:
         raise IsfError(
             ErrorCode.FILE_FIELD,

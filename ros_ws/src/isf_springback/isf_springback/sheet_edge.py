@@ -31,7 +31,8 @@ def free_size(job_file: JobFile) -> tuple[float, float]:
 
 
 def edge_radius(job_file: JobFile, opening: Opening, points: Array, kind: ClampRadius) -> Array:
-    """(M,) m, radius of the free sheet that belongs to ``points`` (M, 2) m; see :func:`isf_core.geometry.opening.clamp_radius`.
+    """(M,) m, radius of the free sheet that belongs to ``points`` (M, 2) m, as
+    :func:`isf_core.geometry.opening.clamp_radius` says.
 
     A round plate has its own radius, whatever ``kind``.
     """

@@ -20,7 +20,12 @@ pytest.importorskip("isf_msgs.msg")
 from isf_core.errors import ErrorCode  # noqa: E402
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo  # noqa: E402
 from isf_ros import qos  # noqa: E402
-from isf_ros.conversion import contour_from_message, contour_to_message, correction_from_message, result_to_message
+from isf_ros.conversion import (  # noqa: E402
+    contour_from_message,
+    contour_to_message,
+    correction_from_message,
+    result_to_message,
+)
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.node import Node  # noqa: E402

@@ -23,8 +23,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from isf_analysis.bag import bag_file as mcap_repair
-from isf_analysis.bag import topics
+from isf_analysis.bag import bag_file, topics
 from isf_analysis.bag.topics import Topic, cell_types
 from isf_analysis.measures import scan_cloud
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
@@ -323,7 +322,7 @@ def _open_repaired(path: Path, storage: Path, stack: ExitStack) -> Reader:
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="isf_bag_")))
     repaired = folder / storage.name
     try:
-        if not mcap_repair.repair(storage, repaired):
+        if not bag_file.repair(storage, repaired):
             raise _unreadable(path, f"{storage.name} is not an MCAP file or is empty")
         reader = Reader(repaired)
         reader.open()

@@ -96,7 +96,7 @@ def message_folder() -> Path:
     """Folder of the ``.msg`` files: ``share/isf_msgs/msg`` of an installed workspace, else the source tree."""
     prefixes = [Path(item) for item in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if item]
     folders = [prefix / "share" / PACKAGE / "msg" for prefix in prefixes]
-    folders.append(Path(__file__).resolve().parents[2] / PACKAGE / "msg")
+    folders.append(Path(__file__).resolve().parents[3] / PACKAGE / "msg")
     for folder in folders:
         if folder.is_dir():
             return folder

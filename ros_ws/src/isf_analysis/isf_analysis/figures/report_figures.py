@@ -8,21 +8,7 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from isf_analysis.figures import (
-    contact_figures as figures_contact,
-)
-from isf_analysis.figures import (
-    process_figures as figures_process,
-)
-from isf_analysis.figures import (
-    scan_figures as figures_scans,
-)
-from isf_analysis.figures import (
-    shape_figures as figures_shape,
-)
-from isf_analysis.figures import (
-    style,
-)
+from isf_analysis.figures import contact_figures, process_figures, scan_figures, shape_figures, style
 from isf_analysis.measures.contour_scan import ScanError
 from isf_analysis.measures.deviation import Deviation, directions
 from isf_analysis.measures.force_regions import path_forces
@@ -83,7 +69,7 @@ def _shape(
     target, scan = record.target, record.scan
     if deviation is None or target is None or scan is None:
         return
-    limit = figures_shape.map_limit(deviation, reference_deviation)
+    limit = shape_figures.map_limit(deviation, reference_deviation)
     standing = directions(target)[1]
     colours = (
         "Red is too high, blue too low, white on target"
@@ -98,7 +84,7 @@ def _shape(
             f"{colours}; both maps have the same scale. The thick line is the opening, thin lines are heights of the "
             "target, the circle marks the largest error.",
             partial(
-                figures_shape.deviation_pair,
+                shape_figures.deviation_pair,
                 reference_deviation,
                 reference.target,
                 deviation,
@@ -107,7 +93,7 @@ def _shape(
                 "this part",
             ),
         )
-        own_limit = figures_shape.map_limit(deviation)
+        own_limit = shape_figures.map_limit(deviation)
     else:
         own_limit = limit
     yield _Plan(
@@ -116,16 +102,16 @@ def _shape(
         "Deviation of this part",
         f"{colours}. Measured minus wanted height, in the clamp, in the frame of the machine: nothing was aligned. The "
         f"scale ends at ± {own_limit:g} mm." + (" Marks: what the machine noticed there." if record.events else ""),
-        partial(figures_shape.deviation_map, deviation, target, own_limit, record.events),
+        partial(shape_figures.deviation_map, deviation, target, own_limit, record.events),
     )
-    for cut in figures_shape.cuts(deviation):
+    for cut in shape_figures.cuts(deviation):
         yield _Plan(
             cut.name,
             SHAPE,
             f"Section {cut.words}",
             "Profiles to scale, and below them the vertical distance from the target.",
             partial(
-                figures_shape.section,
+                shape_figures.section,
                 cut.angle,
                 target,
                 scan,
@@ -139,7 +125,7 @@ def _shape(
         SHAPE,
         "Error by region",
         "Vertical error; the regions are those of the target, see the end of this page.",
-        partial(figures_shape.region_errors, deviation, reference_deviation),
+        partial(shape_figures.region_errors, deviation, reference_deviation),
     )
 
 
@@ -152,14 +138,14 @@ def _scans(record: PartRecord, scans: tuple[ScanError, ...]) -> Iterator[_Plan]:
         "Error after each scan",
         "Vertical error of what was formed so far, to just above the contact of the last contour, as the scanner saw "
         "it, levelled on the sheet beside the clamp. What comes later still changes it.",
-        partial(figures_scans.scan_curves, scans),
+        partial(scan_figures.scan_curves, scans),
     )
     yield _Plan(
         "scan_maps",
         CORRECTION,
         "The part as it grew",
         "The same errors in plan; red is too high, blue too low, grey is not formed yet or was not seen.",
-        partial(figures_scans.scan_maps, scans, record.target),
+        partial(scan_figures.scan_maps, scans, record.target),
     )
 
 
@@ -170,10 +156,10 @@ def _process(record: PartRecord) -> Iterator[_Plan]:
             CORRECTION,
             "Correction of every contour",
             "How far each contour was moved before it was formed, and the elastic recovery that was predicted for it."
-            + (" Below: the error that the method expects to remain." if figures_process.has_outlook(record) else ""),
-            partial(figures_process.corrections, record),
+            + (" Below: the error that the method expects to remain." if process_figures.has_outlook(record) else ""),
+            partial(process_figures.corrections, record),
         )
-    if figures_process.has_support_force(record):
+    if process_figures.has_support_force(record):
         controlled = record.support_force > 0
         yield _Plan(
             "support_force",
@@ -186,7 +172,7 @@ def _process(record: PartRecord) -> Iterator[_Plan]:
                 if controlled
                 else "The support tool was position controlled: where the force is zero it had lost contact."
             ),
-            partial(figures_process.support_force, record),
+            partial(process_figures.support_force, record),
         )
     paths = path_forces(record.results, record.corrected)
     if paths:
@@ -201,7 +187,7 @@ def _process(record: PartRecord) -> Iterator[_Plan]:
                 if record.support_force > 0
                 else ", coloured by the force; black: no contact."
             ),
-            partial(figures_contact.contact_map, paths),
+            partial(contact_figures.contact_map, paths),
         )
     if any(len(result.forming_force) for result in record.results):
         yield _Plan(
@@ -209,5 +195,5 @@ def _process(record: PartRecord) -> Iterator[_Plan]:
             FORCE,
             "Forming force",
             "Force of the sheet on the forming tool.",
-            partial(figures_process.forming_force, record),
+            partial(process_figures.forming_force, record),
         )

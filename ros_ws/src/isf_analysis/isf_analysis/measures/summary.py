@@ -17,6 +17,7 @@ from isf_analysis.measures.deviation import Deviation, RegionError, compare
 from isf_analysis.measures.findings import findings
 from isf_analysis.measures.force_metrics import ForceMetrics, force_metrics
 from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.verdict import verdict
 
 MM = 1e3
 
@@ -69,6 +70,7 @@ def summarise(
     else:
         numbers["reference"] = None
         numbers["improvement"] = None
+    numbers["verdict"] = verdict(numbers)
     numbers["bag"] = None if bag is None else str(bag)
     numbers["report"] = None if report is None else str(report)
     return numbers

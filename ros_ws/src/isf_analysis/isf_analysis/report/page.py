@@ -17,14 +17,13 @@ from typing import Any
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 
-from isf_analysis.figures import report_figures as figures
-from isf_analysis.figures import style
+from isf_analysis.figures import report_figures, style
 from isf_analysis.figures.report_figures import Picture
 from isf_analysis.measures.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, directions
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import deviation_of, scan_errors_of, summarise
-from isf_analysis.report import finding_tables as report_findings
-from isf_analysis.report import result_tables as report_tables
+from isf_analysis.measures.verdict import verdict
+from isf_analysis.report import finding_tables, result_tables
 
 HTML_NAME = "report.html"
 SUMMARY_NAME = "summary.json"
@@ -68,7 +67,8 @@ def write_report(
     if failure is not None:
         numbers["complete"] = False
         numbers["failure"] = {"code": int(failure.code), "message": failure.message}
-    pictures = figures.draw(record, deviation, reference, reference_deviation, tell, scans)
+        numbers["verdict"] = verdict(numbers)
+    pictures = report_figures.draw(record, deviation, reference, reference_deviation, tell, scans)
     tell("writing the report")
     page = render(record, numbers, pictures)
     try:
@@ -99,8 +99,8 @@ def render(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture,
         title=escape(f"Forming report: {record.job_name}"),
         heading=escape(f"Forming report: {record.job_name}"),
         subheading=escape(f"{record.process} · {method} · {plant}"),
-        banners=report_tables.banners(numbers, numbers["reference"] is not None),
-        cards=report_tables.cards(numbers),
+        banners=result_tables.banners(numbers, numbers["reference"] is not None),
+        cards=result_tables.cards(numbers),
         chapters="\n".join(_chapters(record, numbers, pictures)),
         reading=_reading(record, numbers),
         footer=escape(f"Made {made} by isf_analysis {__version__}. Bag: {numbers['bag'] or 'none'}"),
@@ -110,24 +110,24 @@ def render(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture,
 def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture, ...]) -> list[str]:
     parts: list[str] = []
     if numbers["deviation"] is not None:
-        parts += ["<h2>Shape</h2>", *_figures(pictures, figures.SHAPE), report_tables.region_table(numbers)]
-    happened = report_findings.event_table(numbers)
+        parts += ["<h2>Shape</h2>", *_figures(pictures, report_figures.SHAPE), result_tables.region_table(numbers)]
+    happened = finding_tables.event_table(numbers)
     if happened:
         parts += ["<h2>Events</h2>", happened]
     correction = [
-        *_figures(pictures, figures.CORRECTION),
-        *filter(None, (report_findings.outlook_table(numbers), report_findings.remark_table(numbers))),
+        *_figures(pictures, report_figures.CORRECTION),
+        *filter(None, (finding_tables.outlook_table(numbers), finding_tables.remark_table(numbers))),
     ]
     if correction:
         parts += ["<h2>Springback correction</h2>", *correction]
-    force = _figures(pictures, figures.FORCE)
+    force = _figures(pictures, report_figures.FORCE)
     if force:
         parts += ["<h2>Forces</h2>", *force]
     if numbers["force"] is not None:
-        parts.append(report_tables.force_table(numbers["force"]))
-    tables = (report_findings.force_region_table(numbers), report_findings.contact_loss_table(numbers))
+        parts.append(result_tables.force_table(numbers["force"]))
+    tables = (finding_tables.force_region_table(numbers), finding_tables.contact_loss_table(numbers))
     parts += [text for text in tables if text]
-    parts += ["<h2>Job and constants</h2>", report_tables.job_table(record), report_tables.constants(record)]
+    parts += ["<h2>Job and constants</h2>", result_tables.job_table(record), result_tables.constants(record)]
     parts.append(f"<details><summary>Job file</summary><pre>{escape(record.job_text)}</pre></details>")
     return parts
 

@@ -31,17 +31,22 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def banners(numbers: Numbers, has_reference: bool) -> str:
-    """What a reader must know first: whole or not, and what the record lacks."""
+    """What a reader must know first: whole and good or not (:mod:`verdict`), and what the record lacks."""
     failure = numbers["failure"]
     count = f"{numbers['contours']} of {numbers['contours_planned']} contours formed"
     if failure is None:
-        parts = [_banner("good", "Part complete", f"{count}.")]
+        short_of = numbers["verdict"]["short_of"]
+        if short_of:
+            parts = [_banner("warn", "Part complete, but not good", f"{count}. {_sentences(short_of)}")]
+        else:
+            parts = [_banner("good", "Part complete and good", f"{count}, and in tolerance.")]
     else:
         where = f"{_code_name(failure['code'])}: {failure['message']}."
         text = (
             f"{count}. {where} All numbers below are of what was formed until then, measured against the whole target."
         )
-        parts = [_banner("bad", "Part not complete", text)]
+        title = "Record not complete" if _of_record(failure["code"]) else "Part not complete"
+        parts = [_banner("bad", title, text)]
     if numbers["deviation"] is None:
         parts.append(_banner("warn", "No shape to compare", "The record holds no scan or no target."))
     parts += [_banner("warn", "Note", f"{note}.") for note in numbers["notes"]]
@@ -253,6 +258,15 @@ def _lost_part(numbers: Numbers) -> list[Numbers]:
     """Events after which the part is scrap."""
     scrap = {kind_name(EventKind.FRACTURE), kind_name(EventKind.BUCKLING)}
     return [event for event in numbers["events"] if event["kind"] in scrap]
+
+
+def _sentences(texts: Sequence[str]) -> str:
+    return " ".join(f"{text[:1].upper()}{text[1:]}." for text in texts)
+
+
+def _of_record(code: int) -> bool:
+    """Is it the record that failed, not the part?"""
+    return code in (ErrorCode.BAG_INCOMPLETE, ErrorCode.BAG_NOT_WRITABLE, ErrorCode.BAG_UNREADABLE)
 
 
 def _code_name(code: int) -> str:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from isf_analysis.bag import bag_file as mcap_repair
-from isf_analysis.bag import topics
+from isf_analysis.bag import bag_file, topics
 from isf_analysis.bag.bag_file import BagFile
 from isf_analysis.bag.recording import Recording
 from isf_analysis.bag.topics import cell_types, make_message
@@ -62,7 +61,7 @@ def test_a_flushed_bag_survives_without_being_closed(tmp_path: Path) -> None:
     bag.write(connection, 1, DATA)
     bag.flush()
     bag.write(connection, 2, DATA)  # still in memory
-    assert mcap_repair.repair(tmp_path / "bag" / "bag.mcap", tmp_path / "repaired.mcap")
+    assert bag_file.repair(tmp_path / "bag" / "bag.mcap", tmp_path / "repaired.mcap")
     with Reader(tmp_path / "repaired.mcap") as reader:
         assert [stamp for _, stamp, _ in reader.messages()] == [1]
     bag.close()

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from isf_analysis.figures import process_figures as figures_process
-from isf_analysis.figures import shape_figures as figures_shape
-from isf_analysis.figures import style
+from isf_analysis.figures import process_figures, shape_figures, style
 from isf_analysis.measures.deviation import compare
 from matplotlib.figure import Figure
 from synthetic_part import Cone, formed_map, make_part, target_map
@@ -24,16 +22,16 @@ def limits_of_images(figure: Figure) -> list[tuple[float, float]]:
 
 
 def test_both_maps_have_the_same_symmetric_scale() -> None:
-    limit = figures_shape.map_limit(AFTER, BEFORE)
+    limit = shape_figures.map_limit(AFTER, BEFORE)
     with style.applied():
-        figure = figures_shape.deviation_pair(BEFORE, TARGET, AFTER, TARGET, limit, "this part")
+        figure = shape_figures.deviation_pair(BEFORE, TARGET, AFTER, TARGET, limit, "this part")
     assert limits_of_images(figure) == [(-limit, limit)] * 2
     assert limit >= 1e3 * BEFORE.whole.max_abs
 
 
 def test_a_map_shows_the_error_in_millimetres_with_y_upwards() -> None:
     with style.applied():
-        figure = figures_shape.deviation_map(AFTER, TARGET, 2.0)
+        figure = shape_figures.deviation_map(AFTER, TARGET, 2.0)
     image = figure.axes[0].get_images()[0]
     np.testing.assert_array_equal(np.asarray(image.get_array()), 1e3 * AFTER.error.z)
     left, right, bottom, top = image.get_extent()
@@ -43,7 +41,7 @@ def test_a_map_shows_the_error_in_millimetres_with_y_upwards() -> None:
 
 def test_a_section_is_to_scale_and_its_error_is_the_difference() -> None:
     with style.applied():
-        figure = figures_shape.section(np.pi / 4, TARGET, CORRECTED, UNCORRECTED, 60e-3)
+        figure = shape_figures.section(np.pi / 4, TARGET, CORRECTED, UNCORRECTED, 60e-3)
     profile, error = figure.axes
     assert profile.get_aspect() == 1.0
     lines = {str(line.get_label()): line.get_ydata() for line in profile.get_lines()}
@@ -56,7 +54,7 @@ def test_a_section_is_to_scale_and_its_error_is_the_difference() -> None:
 
 def test_corrections_are_positive_downwards() -> None:
     with style.applied():
-        axes = figures_process.corrections(PART).axes[0]
+        axes = process_figures.corrections(PART).axes[0]
     mean = next(line for line in axes.get_lines() if line.get_label() == "correction, mean")
     expected = [-1e3 * item.offset[:, 2].mean() for item in PART.corrections]
     np.testing.assert_allclose(mean.get_ydata(), expected)
@@ -66,7 +64,7 @@ def test_corrections_are_positive_downwards() -> None:
 
 def test_forming_force_is_the_mean_of_each_contour() -> None:
     with style.applied():
-        axes = figures_process.forming_force(PART).axes[0]
+        axes = process_figures.forming_force(PART).axes[0]
     mean = next(line for line in axes.get_lines() if line.get_label() == "axial, mean")
     np.testing.assert_allclose(mean.get_ydata(), [result.forming_force[:, 2].mean() for result in PART.results])
 
@@ -75,7 +73,7 @@ def test_the_force_envelope_hides_no_outlier() -> None:
     spike = PART.results[2].tick_normal_force
     spike[len(spike) // 2] = 300.0
     with style.applied():
-        whole = figures_process.support_force(PART).axes[0]
+        whole = process_figures.support_force(PART).axes[0]
     highest = max(path.vertices[:, 1].max() for fill in whole.collections for path in fill.get_paths() if len(path))
     assert highest == pytest.approx(300.0)
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
-from isf_analysis.figures import scan_figures as figures_scans
-from isf_analysis.figures import style
+from isf_analysis.figures import scan_figures, style
 from isf_analysis.measures.contour_scan import MOST_POINTS, QUANTUM, ContourScan, kept_scan, scan_errors
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import summary
@@ -187,7 +186,7 @@ def test_curves_and_maps_show_the_errors() -> None:
     part = scanned()
     errors = scan_errors(part.scans, part.nominal, TARGET)
     with style.applied():
-        curves, maps = figures_scans.scan_curves(errors), figures_scans.scan_maps(errors, TARGET)
+        curves, maps = scan_figures.scan_curves(errors), scan_figures.scan_maps(errors, TARGET)
     shown = {str(line.get_label()): line for line in curves.axes[0].get_lines()}
     np.testing.assert_allclose(shown["mean"].get_ydata(), [1e3 * error.mean_abs for error in errors])
     np.testing.assert_array_equal(shown["largest"].get_xdata(), [1, 3, 5])

@@ -10,15 +10,12 @@ import numpy as np
 import pytest
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
-from isf_analysis.figures import process_figures as figures_process
-from isf_analysis.figures import shape_figures as figures_shape
-from isf_analysis.figures import style
+from isf_analysis.figures import process_figures, shape_figures, style
 from isf_analysis.measures.deviation import compare, directions
 from isf_analysis.measures.events import EventKind, PartEvent
 from isf_analysis.measures.remarks import grouped, spans
 from isf_analysis.measures.summary import summary
-from isf_analysis.report import finding_tables as report_findings
-from isf_analysis.report import result_tables as report_tables
+from isf_analysis.report import finding_tables, result_tables
 from isf_analysis.report.page import write_report
 from isf_core.contour import ContourCorrection
 from isf_core.geometry.height_map import HeightMap
@@ -100,11 +97,11 @@ def test_a_part_that_tells_nothing_has_empty_entries() -> None:
     assert numbers["force_regions"] is None
     assert numbers["contact_losses"] is None
     for make in (
-        report_findings.event_table,
-        report_findings.remark_table,
-        report_findings.outlook_table,
-        report_findings.force_region_table,
-        report_findings.contact_loss_table,
+        finding_tables.event_table,
+        finding_tables.remark_table,
+        finding_tables.outlook_table,
+        finding_tables.force_region_table,
+        finding_tables.contact_loss_table,
     ):
         assert make(numbers) == ""
 
@@ -122,7 +119,7 @@ def test_the_report_tells_it_all_and_escapes_what_others_wrote(tmp_path: Path) -
     assert (tmp_path / "contact.png").is_file()
     assert "Event: " not in html  # nothing that makes the part scrap
     torn = PartEvent(int(EventKind.FRACTURE), 3.0, (0.02, 0.0, -0.01), 1.2, 1.0, "the sheet tears")
-    banners = report_tables.banners(summary(replace(PART, events=(torn,))), has_reference=True)
+    banners = result_tables.banners(summary(replace(PART, events=(torn,))), has_reference=True)
     assert "Event: fracture</strong>the sheet tears." in banners
 
 
@@ -131,8 +128,8 @@ def test_a_part_without_support_tool_has_no_figure_of_its_force() -> None:
     idle = tuple(
         replace(result, tick_normal_force=np.full(len(result.tick_time), 0.7)) for result in part.results
     )  # the noise of a load cell that nothing touches
-    assert not figures_process.has_support_force(replace(part, results=idle))
-    assert figures_process.has_support_force(PLAIN)
+    assert not process_figures.has_support_force(replace(part, results=idle))
+    assert process_figures.has_support_force(PLAIN)
 
 
 def test_corrections_of_what_is_formed_from_below_count_upwards() -> None:
@@ -143,7 +140,7 @@ def test_corrections_of_what_is_formed_from_below_count_upwards() -> None:
         PLAIN, corrections=raised, nominal=tuple(replace(contour, forming_tool=2) for contour in PLAIN.nominal)
     )
     with style.applied():
-        curve = figures_process.corrections(below).axes[0].get_lines()[0]
+        curve = process_figures.corrections(below).axes[0].get_lines()[0]
     np.testing.assert_allclose(curve.get_ydata(), 1.0)
 
 
@@ -171,7 +168,7 @@ def test_directions_of_the_target() -> None:
 def test_sections_go_through_every_feature() -> None:
     target = two_features()
     deviation = compare(target, target)
-    cuts = figures_shape.cuts(deviation)
+    cuts = shape_figures.cuts(deviation)
     assert [cut.name for cut in cuts] == ["section_x", "section_feature_0", "section_feature_1"]
     assert cuts[0].angle == pytest.approx(0.0, abs=1e-6)
     assert sorted(cut.centre[0] for cut in cuts[1:]) == pytest.approx([-23e-3, 23e-3], abs=1e-3)
@@ -184,7 +181,7 @@ def test_sections_go_through_every_feature() -> None:
 
 def test_one_part_at_the_origin_is_cut_along_x_and_at_45_degrees() -> None:
     assert PLAIN.target is not None
-    cuts = figures_shape.cuts(compare(PLAIN.target, PLAIN.target))
+    cuts = shape_figures.cuts(compare(PLAIN.target, PLAIN.target))
     assert [(cut.name, cut.centre, cut.angle) for cut in cuts] == [
         ("section_x", (0.0, 0.0), 0.0),
         ("section_45", (0.0, 0.0), np.pi / 4),
@@ -201,7 +198,7 @@ def test_a_standing_part_is_called_too_low_not_too_deep(tmp_path: Path) -> None:
     assert "blue too low" in html
     assert "deep enough" not in html
     with style.applied():
-        figure = figures_shape.deviation_map(compare(scan, target), target, 1.0, part.events)
+        figure = shape_figures.deviation_map(compare(scan, target), target, 1.0, part.events)
     assert any("too low" in axes.get_ylabel() + axes.get_xlabel() for axes in figure.axes)
     drawn = [axes for axes in figure.axes if axes.get_xlabel() == "x [mm]"]
     outline = max(drawn[0].collections, key=lambda item: float(np.max(item.get_linewidths())))

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from isf_analysis.figures import process_figures as figures_process
-from isf_analysis.figures import style
+from isf_analysis.figures import process_figures, style
 from isf_analysis.measures.deviation import compare, regions_of
 from isf_analysis.measures.force_metrics import force_metrics
 from isf_analysis.measures.record import PartRecord
@@ -70,8 +69,8 @@ def test_set_points_that_differ_by_place_are_told_as_such() -> None:
     assert "120 N, by place 100 to 200 N" in page
     assert "by place" not in cards(summary(PART)) + job_table(PART)
     with style.applied():
-        lines = figures_process.support_force(part).axes[0].get_lines()
-        one = figures_process.support_force(PART).axes[0].get_lines()
+        lines = process_figures.support_force(part).axes[0].get_lines()
+        one = process_figures.support_force(PART).axes[0].get_lines()
     drawn = next(line for line in lines if "100 to 200 N" in str(line.get_label()))
     assert {100.0, 200.0} <= set(np.asarray(drawn.get_ydata()).tolist())
     assert any("set-point 120 N" in str(line.get_label()) for line in one)

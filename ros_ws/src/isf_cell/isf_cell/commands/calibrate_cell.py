@@ -10,7 +10,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
 from isf_load_cell.calibration import fit_channel, fit_matrix
 
-from isf_cell import terminal
+from isf_cell.commands import terminal
 
 MOST_GAIN, MOST_CONDITION = 3.0, 1e3
 """A rig's readings are N and N m: gains further from 1 are another unit; a matrix worse than this has no inverse."""

@@ -15,15 +15,16 @@ from pathlib import Path
 from isf_core.errors import IsfError
 from rich.table import Table
 
-from isf_cell import executables, terminal
-from isf_cell.exit_codes import Exit
+from isf_cell.commands import terminal
+from isf_cell.commands.exit_codes import Exit
+from isf_cell.processes import executables
 
 EXECUTABLES = (
     ("isf_sim", "machine"),
     ("isf_planner", "planner"),
     ("isf_springback", "springback"),
     ("isf_force_ctrl", "force_ctrl"),
-    ("isf_force_ctrl", "load_cell"),
+    ("isf_load_cell", "load_cell"),
     ("isf_cell", "executive"),
     ("isf_cell", "isf"),
     ("isf_analysis", "recorder"),

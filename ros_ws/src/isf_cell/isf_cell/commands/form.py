@@ -8,11 +8,12 @@ from pathlib import Path
 from isf_core.files.job import load_job
 from isf_msgs.action import FormPart
 
-from isf_cell import graph_run, terminal
+from isf_cell.commands import terminal
+from isf_cell.commands.run_folder import run_folder
 from isf_cell.options import RunOptions
-from isf_cell.part_step import PartStep
-from isf_cell.reference_run import UNCORRECTED, ReferenceRun
-from isf_cell.run_folder import run_folder
+from isf_cell.processes.reference_run import UNCORRECTED, ReferenceRun
+from isf_cell.run import graph_run
+from isf_cell.run.part_step import PartStep
 
 
 def form_part(
@@ -20,7 +21,7 @@ def form_part(
 ) -> None:
     """Form ``job`` with a cell of its own; raises IsfError when the part does not complete."""
     job_file = load_job(job)
-    options.check_force(job_file)
+    options.check(job_file)
     method = options.method(job_file)
     mode = "lockstep" if lockstep else "real time"
     with ExitStack() as stack:
@@ -49,7 +50,7 @@ def form_part(
             progress.phase("simulating the uncorrected part")
             reference = stack.enter_context(ReferenceRun(job, options, folder / "uncorrected"))
             reference.wait()
-    from isf_cell.commands.finish import finish  # late: figures take a second to load, the nodes should start first
+    from isf_cell.commands.report import finish  # late: figures take a second to load, the nodes should start first
 
     counts = {
         "contours": result.contours,

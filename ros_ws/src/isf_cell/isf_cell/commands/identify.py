@@ -1,4 +1,7 @@
-"""``isf identify``: compliance, contact stiffness, servo or signs of the load cells, measured with the tools."""
+"""``isf identify``: compliance, contact stiffness, servo or signs of the load cells, measured with the tools.
+
+Without a job a job for the rig alone is made: what identification forms when no part is named.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +10,18 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import trimesh
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
+from isf_core.files.yaml_file import find_named
 from isf_force_ctrl.identify.identification import Finding
 from isf_force_ctrl.identify.rig_piece import rig_reference
 from isf_force_ctrl.identify.settings import IdentifySettings, Property
+from isf_planner.part_library import PARTS, part_mesh
 
-from isf_cell import terminal
+from isf_cell.commands import terminal
 from isf_cell.commands.identify_dial import identify_dial
-from isf_cell.rig_job import rig_job, rig_name
-from isf_cell.run_folder import make_run_folder
+from isf_cell.commands.run_folder import make_run_folder
 
 NAMES = {
     "compliance": Property.TOOL_COMPLIANCE,
@@ -84,11 +89,11 @@ def identify_machine(
             shown.phase(f"{phase} ({100 * share:.0f} %)")
 
         if cell:
-            from isf_cell.identify_client import identify_in_cell
+            from isf_cell.run.identify_client import identify_in_cell
 
             found = identify_in_cell(settings, progress)
         else:
-            from isf_cell.identify_run import identify
+            from isf_cell.run.identify_run import identify
 
             with TemporaryDirectory() as folder:
                 job_file = _job(job, rig, Path(folder))
@@ -173,3 +178,33 @@ def _show(found: Finding, settings: IdentifySettings) -> None:
     terminal.console.print(table)
     for note in found.notes:
         terminal.say(f"  {note}")
+
+
+_JOB = """\
+name: identification
+part: {{mesh: identification.stl, unit: mm}}
+process: DSIF
+rig: {rig}
+sheet: {{material: AA5754-O, thickness: 1.0 mm}}
+tool_1: {{radius: 5 mm}}
+tool_2: {{radius: 5 mm}}
+path: {{incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}}
+control: {{support_force: 120 N, engage_depth: 2 mm}}
+springback: {{method: none}}
+"""
+
+
+def rig_job(rig: str, folder: Path) -> JobFile:
+    """Job on ``rig`` (a name, or a file relative to the present folder), its mesh written to ``folder``.
+
+    Raises IsfError for the rig.
+    """
+    part = part_mesh(PARTS["cone"](radius=0.016, angle=np.pi / 4.0, depth=0.005, entry=0.004, floor=0.004))
+    trimesh.Trimesh(part.vertices * 1e3, part.faces, process=False).export(folder / "identification.stl")
+    return JobFile(_JOB.format(rig=rig_name(rig)), folder, "the job of --rig")
+
+
+def rig_name(rig: str) -> str:
+    """``rig`` as a rig file may be based on it from anywhere: its name, or the absolute path of its file."""
+    path = find_named("rigs", rig, Path.cwd())
+    return str(path.resolve()) if rig.endswith((".yaml", ".yml")) else rig

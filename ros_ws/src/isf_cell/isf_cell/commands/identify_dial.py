@@ -12,7 +12,7 @@ from isf_core.files.rig import load_rig
 from isf_identify.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial
 from rich.markup import escape
 
-from isf_cell import terminal
+from isf_cell.commands import terminal
 
 UNITS = {"deflection_um": 1e-6, "deflection_mm": 1e-3}
 NEEDED = ("tool", "axis", "force_N")

@@ -14,8 +14,8 @@ from isf_springback.learning import learn_part
 from isf_springback.learning_file import Learned
 from isf_springback.limits import forming_radius
 
-from isf_cell import terminal
-from isf_cell.run_folder import bag_of
+from isf_cell.commands import terminal
+from isf_cell.commands.run_folder import bag_of
 
 
 def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bool) -> None:

@@ -12,7 +12,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import quantity
 from isf_planner.part_library import PARTS, part_mesh
 
-from isf_cell import terminal
+from isf_cell.commands import terminal
 
 COUNTS, FACTORS = ("points",), ("scale",)
 

@@ -12,13 +12,13 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_planner import Plan, exports, plan
-from isf_planner.part import meshes as mesh_input
+from isf_planner.part import meshes
 from isf_planner.paths import support_tool
 from isf_planner.view import plan_view
 from isf_planner.view.plan_figure import draw_plan
 
-from isf_cell import terminal
-from isf_cell.run_folder import make_run_folder
+from isf_cell.commands import terminal
+from isf_cell.commands.run_folder import make_run_folder
 
 _MESH_JOB = """\
 # made by isf plan for a mesh without a job file: single-point forming with common values
@@ -97,9 +97,9 @@ def _write(result: Plan, wanted: Wanted) -> list[Path]:
 
 def _job_of(part: Path, unit: str | None) -> JobFile:
     kind = part.suffix.lower().lstrip(".")
-    if kind not in mesh_input.KNOWN:
+    if kind not in meshes.KNOWN:
         return load_job(part)
-    if unit is None and kind in mesh_input.FORMATS:
+    if unit is None and kind in meshes.FORMATS:
         raise IsfError(
             ErrorCode.FILE_UNIT,
             "a mesh file does not tell its unit",

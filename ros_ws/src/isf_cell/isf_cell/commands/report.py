@@ -1,11 +1,72 @@
-"""``isf report``: a report from a bag alone."""
+"""The end of a run, and ``isf report``: read the bag, make the report, show the numbers, raise what failed."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
-from isf_cell.commands.finish import finish
-from isf_cell.run_folder import bag_of, make_folder
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.report.page import write_report
+from isf_core.contour import ContourResult, contour_label
+from isf_core.errors import ErrorCode, IsfError
+
+from isf_cell.commands import terminal
+from isf_cell.commands.exit_codes import ReportedError
+from isf_cell.commands.run_folder import bag_of, make_folder
+
+
+def first_failure(results: Iterable[ContourResult]) -> IsfError | None:
+    """The failure of the first contour that was not completed."""
+    for result in results:
+        if not result.completed:
+            return IsfError(ErrorCode(result.code), result.message, where=contour_label(result.index))
+    return None
+
+
+def finish(
+    folder: Path,
+    reference_bag: Path | None,
+    *,
+    failure: IsfError | None,
+    as_json: bool,
+    bag: Path | None = None,
+    counts: Mapping[str, Any] | None = None,
+) -> None:
+    """Report the run in ``folder`` (its ``bag`` by default); raises ``failure`` after reporting it.
+
+    A run of which its own bag does not hold the end has the failure BAG_INCOMPLETE.
+
+    ``counts`` replaces numbers that the bag cannot know, such as the wall time.
+    """
+    own = bag is None
+    bag = bag or folder / "bag"
+    try:
+        record = read_bag(bag)
+    except IsfError:
+        if failure:  # the reason why there is nothing to report
+            raise failure from None
+        raise
+    if own and failure is None and (early := record.failure()) is not None:
+        failure = IsfError(
+            ErrorCode.BAG_INCOMPLETE,
+            f"the record ends before the part does: {early[1]}",
+            where=str(bag),
+            advice="check the free space of the disk; what was recorded is reported",
+        )
+    reference = read_bag(reference_bag) if reference_bag else None
+    made = write_report(record, folder, reference=reference, bag=bag, failure=failure)
+    data = {**made.numbers, **(counts or {}), "bag": str(bag), "report": str(made.html)}
+    if failure:
+        data["error"] = {"code": failure.code.value, "name": failure.code.name, "message": failure.message}
+    (folder / "summary.json").write_text(json.dumps(terminal.without_nan(data), indent=2), encoding="utf-8")
+    if as_json:
+        terminal.print_json(data)
+    terminal.show_summary(data, made.numbers.get("reference"))
+    terminal.say(f"report  {made.html}")
+    if failure:
+        raise ReportedError(failure)
 
 
 def report_bag(bag: Path, reference: Path | None, output: Path | None, *, as_json: bool) -> None:

@@ -1,22 +1,26 @@
-"""``isf simulate``: a part in this process, with report."""
+"""``isf simulate``: a part in this process, with report; Ctrl-C stops it after the present contour."""
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from types import FrameType
 
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 
-from isf_cell import in_process, terminal
-from isf_cell.commands.finish import finish, first_failure
+from isf_cell import in_process
+from isf_cell.commands import terminal
+from isf_cell.commands.report import finish, first_failure
+from isf_cell.commands.run_folder import run_folder
 from isf_cell.options import RunOptions
-from isf_cell.part_step import PartStep
-from isf_cell.reference_run import UNCORRECTED, ReferenceRun
-from isf_cell.run_folder import run_folder
-from isf_cell.stop_request import ctrl_c_stops_between_contours
+from isf_cell.processes.reference_run import UNCORRECTED, ReferenceRun
+from isf_cell.run.part_step import PartStep
 
 
 def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compare: bool, as_json: bool) -> None:
@@ -25,7 +29,7 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
     Ctrl-C ends the part after the present contour; what was formed is kept and reported, with CANCELLED.
     """
     job_file = load_job(job)
-    options.check_force(job_file)
+    options.check(job_file)
     with run_folder(output, job_file.job.name) as folder:
         bag = folder / "bag"
         reference = None
@@ -83,3 +87,37 @@ def _stopped_at_once(bag: Path) -> IsfError:
         "stopped by the operator; nothing of the part is kept",
         advice="Ctrl-C once, after the first contour, keeps and reports what was formed",
     )
+
+
+class StopRequest:
+    """Before the first contour, and asked twice, it stops at once: there is nothing, or no time, to keep."""
+
+    def __init__(self) -> None:
+        self.contours = 0
+        self.wanted = False
+
+    def contour_formed(self) -> None:
+        """From now on there is something to keep."""
+        self.contours += 1
+
+    def ask(self, _number: int = signal.SIGINT, _frame: FrameType | None = None) -> None:
+        """Handler of the signal; raises KeyboardInterrupt to stop at once."""
+        if self.wanted or not self.contours:
+            raise KeyboardInterrupt
+        self.wanted = True
+        terminal.console.print("  stopping after this contour; Ctrl-C again stops at once and keeps nothing")
+
+
+@contextmanager
+def ctrl_c_stops_between_contours() -> Iterator[StopRequest]:
+    """Ctrl-C goes to the request given; where it is handled otherwise, or ignored, nothing changes."""
+    request = StopRequest()
+    usual = signal.default_int_handler
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is not usual:
+        yield request
+        return
+    signal.signal(signal.SIGINT, request.ask)
+    try:
+        yield request
+    finally:
+        signal.signal(signal.SIGINT, usual)

@@ -18,10 +18,10 @@ from isf_springback.edge_calibration import EdgeCalibration, PushCurve, calibrat
 from isf_springback.elastic_samples import depth_task, edge_condition, load_levels, solve_depth
 from rich.progress import Progress
 
-from isf_cell import terminal
-from isf_cell.flat_push import push_flat_sheet
-from isf_cell.run_folder import make_run_folder
-from isf_cell.springback_figures import draw_control_points
+from isf_cell.commands import terminal
+from isf_cell.commands.run_folder import make_run_folder
+from isf_cell.commands.springback_figures import draw_control_points
+from isf_cell.run.flat_push import push_flat_sheet
 
 _DIRECTIONS = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0])}
 

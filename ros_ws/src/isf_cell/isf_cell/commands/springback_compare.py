@@ -15,11 +15,12 @@ from isf_springback.database import cached_path, database_of
 from isf_springback.methods import check_name
 from rich.table import Table
 
-from isf_cell import in_process, terminal
+from isf_cell import in_process
+from isf_cell.commands import terminal
+from isf_cell.commands.run_folder import make_run_folder
 from isf_cell.commands.springback import built
+from isf_cell.commands.springback_figures import draw_comparison
 from isf_cell.options import RunOptions
-from isf_cell.run_folder import make_run_folder
-from isf_cell.springback_figures import draw_comparison
 
 
 def compare_methods(

@@ -11,8 +11,8 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
 from isf_force_ctrl import ControlConfig
 
-from isf_cell import terminal
-from isf_cell.run_folder import make_run_folder
+from isf_cell.commands import terminal
+from isf_cell.commands.run_folder import make_run_folder
 
 
 def tune_job(

@@ -17,7 +17,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from isf_core.files import yaml_file
 from isf_core.files.material import Material, load_material
 from isf_core.files.quantity import Acceleration, Angle, Force, Frequency, Length, Speed, Stress
 from isf_core.files.rig import Rig, load_rig
-from isf_core.files.yaml_file import FileModel
+from isf_core.files.yaml_file import FieldError, FileModel
 from isf_core.process.support_window import SupportWindow, check_window, support_window
 from isf_core.types import Array
 
@@ -383,7 +383,8 @@ class ControlSpec(FileModel):
     """Rate f_s of wrenches and targets."""
     support_force: Literal["auto"] | SupportForce = 0.0
     """Set-point of the horizontal normal force on the support tool; 0 = position control, ``auto`` = from sheet, tools,
-    rig and wall angle (:mod:`isf_core.process.support_window`)."""
+    rig and wall angle (:mod:`isf_core.process.support_window`). Left out it is ``auto`` in DSIF, unless path.support is
+    on_blank, else 0."""
     force_rules: tuple[ForceRule, ...] = ()
     """Other set-points on some walls, corners, depths or places (:mod:`isf_core.files.job`); the last rule that holds
     counts. They need a support_force, which holds elsewhere."""
@@ -527,6 +528,13 @@ class SpringbackSpec(FileModel):
     """Correction file made by ``isf learn`` from parts formed before, relative to the job file."""
 
 
+def correction_refusal(process: str, method: str) -> str:
+    """Why ``method`` cannot correct parts of ``process``, one sentence; empty: it can."""
+    if process != "ADSIF" or method == "none":
+        return ""
+    return f"process ADSIF forms at a constant depth: {method} would push both tools off the plane they must stay in"
+
+
 class Job(FileModel):
     """One part to be formed."""
 
@@ -570,6 +578,24 @@ class Job(FileModel):
         return self
 
     @model_validator(mode="after")
+    def _constant_depth(self) -> Job:
+        if self.process != "ADSIF":
+            return self
+        if self.springback.method != "none":
+            raise FieldError(
+                correction_refusal(self.process, self.springback.method),
+                field="springback.method",
+                advice="leave it out or write none",
+            )
+        if self.control.force_controlled:
+            raise FieldError(
+                "process ADSIF has no force control: gap and position angle of its response surface set the force",
+                field="control.support_force",
+                advice="leave it out or write 0 N; adsif.policy chooses how large the force is",
+            )
+        return self
+
+    @model_validator(mode="after")
     def _compensated_once(self) -> Job:
         wanted = self.path.compensation
         if "sheet" in wanted and self.springback.method != "none":
@@ -586,6 +612,18 @@ class Job(FileModel):
         if "machine" in wanted and self.tool_2 is None:
             raise ValueError("path.compensation machine needs two tools: it corrects the distance between them")
         return self
+
+    @model_validator(mode="before")
+    @classmethod
+    def _support_force_left_out(cls, data: Any) -> Any:
+        """A support tool that nothing presses on the sheet is not left to chance: see ``ControlSpec.support_force``."""
+        if not isinstance(data, dict) or data.get("process") != "DSIF":
+            return data
+        control, path = data.get("control", {}), data.get("path", {})
+        on_blank = isinstance(path, dict) and path.get("support") == "on_blank"
+        if on_blank or not isinstance(control, dict) or "support_force" in control:
+            return data
+        return {**data, "control": {**control, "support_force": "auto"}}
 
     @property
     def support_window(self) -> SupportWindow | None:

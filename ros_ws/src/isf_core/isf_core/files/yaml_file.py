@@ -19,6 +19,14 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.quantity import FROM_FILE, Reading
 
 
+class FieldError(ValueError):
+    """A field that does not go with others; raised by validators, told with the line of ``field`` ("control.rate")."""
+
+    def __init__(self, what: str, *, field: str, advice: str) -> None:
+        super().__init__(what)
+        self.what, self.field, self.advice = what, field, advice
+
+
 class FileModel(BaseModel):
     """A part of a YAML file; unknown fields are errors."""
 
@@ -90,6 +98,10 @@ def _explain(error: ValidationError, model: type[BaseModel], root: yaml.Node, na
         advice = "add it; see the examples"
     else:
         what = f"{field}: {_bound(first, model) or first['msg']}"
+        cause = first.get("ctx", {}).get("error")
+        if isinstance(cause, FieldError):
+            place = tuple(cause.field.split("."))
+            what, advice = f"{cause.field}: {cause.what}", cause.advice
         if first["type"] == "unit":
             code = ErrorCode.FILE_UNIT
             advice = "quantities in files carry their unit"
@@ -207,7 +219,7 @@ def share_directory() -> Path:
         candidate = Path(prefix) / "share" / "isf_core"
         if (candidate / "materials").is_dir():
             return candidate
-    return Path(__file__).resolve().parents[1]
+    return Path(__file__).resolve().parents[2]
 
 
 def find_named(folder: str, name_or_path: str, base: Path | None = None) -> Path:

@@ -161,3 +161,39 @@ def test_every_shared_file_loads() -> None:
         assert load_material(path.stem).name == path.stem
     for path in rigs:
         assert load_rig(path.stem).name == path.stem
+
+
+ADSIF = GOOD.replace("process: DSIF", "process: ADSIF").replace("control: {support_force: 120 N}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("more", "field", "words"),
+    [
+        ("springback:\n  gain: 1.0\n  method: analytic\n", "springback.method", "constant depth"),
+        ("control:\n  rate: 500 Hz\n  support_force: 120 N\n", "control.support_force", "no force control"),
+        ("control:\n  rate: 500 Hz\n  support_force: auto\n", "control.support_force", "no force control"),
+    ],
+)
+def test_adsif_refuses_what_would_move_its_tools_off_their_plane(more: str, field: str, words: str) -> None:
+    """Its tools stay at the projection distance; nothing a person wrote down is dropped in silence."""
+    with pytest.raises(IsfError, match=words) as caught:
+        parse(ADSIF + more)
+    assert caught.value.code == ErrorCode.FILE_FIELD
+    assert caught.value.where == "job.yaml:16"
+    assert caught.value.what.startswith(f"{field}: ")
+    assert caught.value.advice
+    assert parse(ADSIF + "springback: {method: none}\ncontrol: {support_force: 0 N}\n").control.support_force == 0.0
+
+
+def test_a_support_tool_presses_by_itself_where_the_job_does_not_say(tmp_path: Path) -> None:
+    """DSIF without support_force: chosen as for auto; position control has to be asked for."""
+    left_out = GOOD.replace("control: {support_force: 120 N}\n", "")
+    (tmp_path / "job.yaml").write_text(left_out)
+    assert load_job(tmp_path / "job.yaml").job.support_force_at() > 0.0
+    assert parse(left_out + "control: {rate: 500 Hz}\n").control.support_force == "auto"
+    assert parse(left_out + "control: {support_force: 0 N}\n").control.support_force == 0.0
+    on_blank = left_out.replace("feed: 30 mm/s", "feed: 30 mm/s\n  support: on_blank")
+    assert parse(on_blank).control.support_force == 0.0
+    assert parse(ADSIF).control.support_force == 0.0
+    alone = left_out.replace("process: DSIF", "process: SPIF").replace("tool_2: {radius: 5 mm}\n", "")
+    assert parse(alone).control.support_force == 0.0

@@ -11,7 +11,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.material import load_material
 from isf_core.files.rig import ToolAxis, load_rig
 
-FOLDER = Path(__file__).resolve().parents[1]
+FOLDER = Path(__file__).resolve().parents[2]
 RIGS = sorted(path.stem for path in (FOLDER / "rigs").glob("*.yaml"))
 MATERIALS = sorted(path.stem for path in (FOLDER / "materials").glob("*.yaml"))
 TAGS = ("published", "calibrated", "assumed")

@@ -1,4 +1,4 @@
-"""Contact-force loop of the support tool, compliance compensation of the forming tool, and the filter both read through.
+"""Contact-force loop of the support tool, compliance compensation of the forming tool, and the filter of both.
 
 Ren 2018, section 2.3 (force loop by an offset along the horizontal normal), section 2.3.1 and eq. 2-12 (compliance in
 the sheet plane), section 2.3.4 (low-pass FIR of the load cells). N, m, frame ``sheet``.

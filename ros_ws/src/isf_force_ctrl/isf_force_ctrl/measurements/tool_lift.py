@@ -69,7 +69,7 @@ class LiftRecord:
 
 
 class ToolLift:
-    """A :class:`isf_force_ctrl.measurements.measurement.Measurement`; begins at ``row`` with the tools ``tools`` on the sheet."""
+    """A :class:`~isf_force_ctrl.measurements.measurement.Measurement`; begins at ``row``, ``tools`` on the sheet."""
 
     def __init__(self, config: ControlConfig, settings: LiftSettings, row: Row, tools: Tools, normal: Array) -> None:
         """``normal`` (3,) of the sheet where the tools are. Raises IsfError NOT_ARMED for settings out of range."""

@@ -17,6 +17,13 @@ class ForceCtrlParameters:
     wrench_timeout: float = parameter(
         0.0, "s without a wrench that end a contour; 0: 5 s in lockstep, 0.25 s else", least=0.0, most=60.0
     )
+    contour_wait: float = parameter(
+        10.0,
+        "s of wall time in contact without a next contour after which the tools are lifted, where no executive has the "
+        "part formed",
+        least=0.5,
+        most=3600.0,
+    )
     wrench_frame: str = parameter("sheet", "frame_id that wrenches must have")
     wrench_delay: float = parameter(
         0.03, "s, in real time: most that wrenches may come later than at first", least=1e-3, most=10.0

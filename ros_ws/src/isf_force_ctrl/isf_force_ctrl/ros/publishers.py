@@ -152,8 +152,6 @@ class ForceCtrlOutlet:
         return self._node.create_publisher(kind, topic, profile, event_callbacks=callbacks)
 
 
-Vector = tuple[float, float, float]
-
 PULL = 5.0
 """1/s. Assumed: slow against a servo of 30 Hz, so that its lag is no oscillation, and fast against drift."""
 

@@ -17,7 +17,7 @@ from isf_force_ctrl.ros.parameters import ForceCtrlParameters
 from isf_force_ctrl.supervision.wrench_receiver import WrenchFrames
 
 FRESH = 1.0
-"""s, age up to which wrenches and poses count as present when arming."""
+"""s, age up to which wrenches, poses and the machine's state count as present when arming."""
 
 
 class Readiness:
@@ -27,13 +27,17 @@ class Readiness:
         """``timeout`` s without a wrench after which it counts as lost."""
         self.timeout, self._frames = timeout, frames
         self.needed: list[int] = [1, 2]
-        self.machine: isf.MachineState | None = None
+        self._machine: tuple[float, isf.MachineState] | None = None
         self._watchdogs = (ReceiveWatchdog(timeout), ReceiveWatchdog(timeout))
         self._poses: list[tuple[float, Vector] | None] = [None, None]
 
     def wrench(self, tool: int) -> None:
         """A wrench of ``tool`` has come."""
         self._watchdogs[tool - 1].feed()
+
+    def machine(self, state: isf.MachineState) -> None:
+        """The machine has told its ``state``."""
+        self._machine = (time.monotonic(), state)
 
     def pose(self, tool: int, tip: Vector) -> None:
         """A pose of ``tool`` has come."""
@@ -55,18 +59,35 @@ class Readiness:
         names = " and ".join(f"tool_{k}/pose" for k in lost)
         return f"nothing on {names} for {self.timeout:g} s: twists would drift away from the path" if lost else ""
 
-    def check(self, *, with_pose: bool = False) -> None:
-        """Raise IsfError WRENCH_LOST, POSE_LOST, WRENCH_FRAME or NO_TARE when the tools must not move."""
+    def check(self) -> None:
+        """Raise IsfError WRENCH_LOST, POSE_LOST, WRENCH_FRAME or NO_TARE when the tools must not move.
+
+        What a driver told that is gone or was started anew does not count: its tare ended with it, and its tools may
+        stand anywhere.
+        """
         stale = [k for k in self.needed if self._watchdogs[k - 1].age() > FRESH]
         if stale:
             names = " and ".join(f"tool_{k}/wrench" for k in stale)
             raise IsfError(
                 ErrorCode.WRENCH_LOST, f"nothing on {names} in the last {FRESH:g} s", advice="is the machine active?"
             )
-        if with_pose and (text := self.pose_lost_text()):
-            raise IsfError(ErrorCode.POSE_LOST, text, advice="the driver has to publish its poses")
+        now = time.monotonic()
+        stale = [k for k in self.needed if (pose := self._poses[k - 1]) is None or now - pose[0] > FRESH]
+        if stale:
+            names = " and ".join(f"tool_{k}/pose" for k in stale)
+            raise IsfError(
+                ErrorCode.POSE_LOST,
+                f"nothing on {names} in the last {FRESH:g} s: where the tools stand is not known",
+                advice="the driver has to publish its poses, 5 a second or more",
+            )
         self._frames.check(self.needed)
-        if self.machine is None or not self.machine.tared:
+        if self._machine is None or now - self._machine[0] > FRESH:
+            raise IsfError(
+                ErrorCode.NO_TARE,
+                f"nothing on machine/state in the last {FRESH:g} s: whether the load cells are tared is not known",
+                advice="the driver has to publish its state, 5 times a second or more; call machine/tare",
+            )
+        if not self._machine[1].tared:
             raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="call machine/tare")
 
     def check_forming(self, forming_tool: int) -> None:

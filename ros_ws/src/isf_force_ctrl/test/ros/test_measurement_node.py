@@ -21,7 +21,7 @@ from node_cell import LIMIT, Cell, call_action, small_ring, started, watched
 
 pytestmark = pytest.mark.graph
 
-JOB = Path(__file__).resolve().parents[4] / "examples" / "jobs" / "mini_cone.yaml"
+JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
 class Measured:

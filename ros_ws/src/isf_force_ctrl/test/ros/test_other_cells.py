@@ -14,7 +14,7 @@ from isf_force_ctrl.ros.publishers import MOST_PULL, PULL, TargetTwist
 from isf_ros import conversion, qos
 from node_cell import Cell, small_ring, watched
 
-DOCS = Path(__file__).resolve().parents[4] / "docs" / "other_cells.md"
+DOCS = Path(__file__).resolve().parents[5] / "docs" / "other_cells.md"
 
 
 @pytest.fixture
@@ -78,8 +78,7 @@ def test_a_driver_that_follows_twists_stays_on_the_path(cell: Cell) -> None:
 @pytest.mark.graph
 def test_twists_need_poses(cell: Cell) -> None:
     cell.start({"lockstep": False, "twist": True, "poses_until": 0}, lockstep=False, output="twist", wrench_timeout=0.5)
-    response = cell.arm()
-    assert cell.wait(lambda: cell.arm().code == ErrorCode.POSE_LOST), response.message
+    assert cell.wait(lambda: cell.ask_to_arm().code == ErrorCode.POSE_LOST)
 
 
 # -- the law -------------------------------------------------------------------------------------

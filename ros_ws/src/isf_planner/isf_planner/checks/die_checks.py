@@ -11,7 +11,7 @@ from isf_core.types import Array
 from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import KDTree
 
-from isf_planner.part import meshes as mesh_input
+from isf_planner.part import meshes
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.part.meshes import Mesh
 from isf_planner.surface import target_surface
@@ -41,7 +41,7 @@ def load_die(job_file: JobFile) -> Array:
         raise IsfError(
             ErrorCode.FILE_FIELD, "process TPIF needs a die", where="die", advice="add die.mesh and die.unit"
         )
-    mesh = mesh_input.load_mesh((job_file.base / die.mesh).resolve(), die.unit)
+    mesh = meshes.load_mesh((job_file.base / die.mesh).resolve(), die.unit)
     vertices, _ = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, EDGE, max_iter=30)
     return np.unique(np.round(vertices, 7), axis=0)
 

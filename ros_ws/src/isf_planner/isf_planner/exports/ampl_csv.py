@@ -14,8 +14,7 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job
-from isf_core.process import thickness_and_tips as thickness
-from isf_core.process import thickness_and_tips as tip_geometry
+from isf_core.process import thickness_and_tips
 from isf_core.types import Array
 from scipy.spatial import KDTree
 
@@ -82,10 +81,12 @@ def contours_from_contacts(loops: Sequence[tuple[Array, Array]], job: Job, plan_
     contours = []
     for index, (contact, normal) in enumerate(loops):
         angle = np.arccos(np.clip(np.abs(normal[:, 2]), 0.0, 1.0))
-        formed = thickness.sine_law(job.sheet.thickness, angle)
+        formed = thickness_and_tips.sine_law(job.sheet.thickness, angle)
         support = np.empty((0, 3))
         if job.tool_2 is not None and job.process == "DSIF":
-            support = tip_geometry.support_tip(contact, normal, job.tool_2.radius, job.path.squeeze_factor * formed)
+            support = thickness_and_tips.support_tip(
+                contact, normal, job.tool_2.radius, job.path.squeeze_factor * formed
+            )
         contours.append(
             Contour(
                 plan_id=plan_id,
@@ -97,7 +98,7 @@ def contours_from_contacts(loops: Sequence[tuple[Array, Array]], job: Job, plan_
                 normal=normal,
                 wall_angle=angle,
                 thickness=formed,
-                forming_tip=tip_geometry.forming_tip(contact, normal, job.tool_1.radius),
+                forming_tip=thickness_and_tips.forming_tip(contact, normal, job.tool_1.radius),
                 support_tip=support,
             ).validate()
         )

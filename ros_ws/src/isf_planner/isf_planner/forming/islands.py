@@ -17,7 +17,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from isf_planner.part.meshes import Mesh, Topology, topology
-from isf_planner.surface import target_surface as surface_normals
+from isf_planner.surface import target_surface
 
 FLAT = 1e-3
 """rad, facets less inclined belong to a floor: 4 nm below the end of a fillet of 8 mm, ten times what single precision
@@ -119,7 +119,7 @@ class _Regions:
     @staticmethod
     def of(mesh: Mesh, edges: Topology) -> _Regions:
         rises = np.ptp(mesh.vertices[:, 2][mesh.faces], axis=1)
-        flat = (surface_normals.facet_normals(mesh)[:, 2] > np.cos(FLAT)) | (rises < LEVEL)
+        flat = (target_surface.facet_normals(mesh)[:, 2] > np.cos(FLAT)) | (rises < LEVEL)
         pairs = edges.facets[edges.count == 2]
         same = flat[pairs[:, 0]] == flat[pairs[:, 1]]
         count, label = _connected(pairs[same], len(mesh.faces))

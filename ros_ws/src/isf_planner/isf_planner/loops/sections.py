@@ -31,8 +31,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job
 from isf_core.types import Array
 
-from isf_planner.loops import tip_loops as resampling
-from isf_planner.loops import tip_loops as slicing
+from isf_planner.loops import tip_loops
 from isf_planner.loops.tip_loops import TipLoop, tip_loop
 from isf_planner.surface import tip_surface
 from isf_planner.surface.target_surface import TargetSurface
@@ -208,7 +207,7 @@ def trace(grid: TipGrid, levels: Array, job: Job) -> tuple[list[RoughLoop], list
     IsfError : CONTOUR_LOST for a loop that is not closed, PART_TOO_SMALL_FOR_TOOL when there is no loop at all
     """
     state = _Tracing()
-    least = slicing.SMALLEST_STEP * abs(float(levels[0]))
+    least = tip_loops.SMALLEST_STEP * abs(float(levels[0]))
     border = [RoughLoop(-least, points, island, real=False) for points, island in _slice(grid, -least)]
     front = link(state.nodes, border, [])
     for level in levels[:-1]:
@@ -219,7 +218,7 @@ def trace(grid: TipGrid, levels: Array, job: Job) -> tuple[list[RoughLoop], list
     if not any(loop.real for loop in state.nodes):
         raise IsfError(
             ErrorCode.PART_TOO_SMALL_FOR_TOOL,
-            f"no contour of {resampling.FEWEST_POINTS} points fits into the part",
+            f"no contour of {tip_loops.FEWEST_POINTS} points fits into the part",
             where=f"level {levels[-1] * 1e3:.3f} mm",
             advice="reduce path.point_spacing or path.incremental_depth",
         )
@@ -241,7 +240,7 @@ def settle_all(
             rough = nodes[k]
             parent = _real_parent(nodes, k)
             above = position.get(parent, -1)
-            start = loops[above].start if above >= 0 else resampling.first_start(rough.points)
+            start = loops[above].start if above >= 0 else tip_loops.first_start(rough.points)
             loop = tip_loop(surface, rough.points, rough.level, job, start)
             loops.append(replace(loop, feature=number, parent=above, island=rough.island))
         features.append(Feature(number, parents[number], nodes[chain[0]].island, 1, tuple(position[k] for k in chain)))
@@ -253,7 +252,7 @@ def _real_parent(nodes: list[RoughLoop], k: int) -> int:
 
 
 def _slice(grid: TipGrid, level: float) -> list[tuple[Array, bool]]:
-    return slicing.loops_at(grid.x, grid.y, grid.height, level)
+    return tip_loops.loops_at(grid.x, grid.y, grid.height, level)
 
 
 def _descend(state: _Tracing, grid: TipGrid, front: list[int], level: float, least: float) -> list[int]:
@@ -302,7 +301,7 @@ def _close(state: _Tracing, grid: TipGrid, end: _End, spacing: float) -> None:
 
     No loop when none is long enough above the last level but one, which then is the lowest.
     """
-    shortest = resampling.FEWEST_POINTS * spacing
+    shortest = tip_loops.FEWEST_POINTS * spacing
     top = state.nodes[end.above].level if end.above >= 0 and state.nodes[end.above].real else 0.0
     around = shapely.Polygon(end.around)
     for share in BOTTOM_SHARES:
@@ -314,7 +313,7 @@ def _close(state: _Tracing, grid: TipGrid, end: _End, spacing: float) -> None:
             for points, island in _slice(grid, level)
             if within(points, around) or (not island and within(end.around, shapely.Polygon(points)))
         ]
-        pockets = [p for p, island in inside if not island and resampling.perimeter(p) >= shortest]
+        pockets = [p for p, island in inside if not island and tip_loops.perimeter(p) >= shortest]
         if not pockets:
             continue
         shapes = [shapely.Polygon(points) for points in pockets]
@@ -361,7 +360,7 @@ def levels(grid: TipGrid, surface: TargetSurface, job: Job) -> Array:
     """
     path = job.path
     if path.spacing == "depth":
-        return slicing.levels(grid.depth, path.incremental_depth)
+        return tip_loops.levels(grid.depth, path.incremental_depth)
     radius = job.tool_1.ball_radius
     z, angle = _slopes(grid, surface, radius)
     down = -np.diff(z)
@@ -376,7 +375,7 @@ def levels(grid: TipGrid, surface: TargetSurface, job: Job) -> Array:
     passed = np.concatenate(
         [[0.0], np.cumsum(np.clip(wanted, down / largest, down / min(path.smallest_step, largest)))]
     )
-    count = max(1, int(np.ceil(passed[-1] - slicing.SMALLEST_STEP)))
+    count = max(1, int(np.ceil(passed[-1] - tip_loops.SMALLEST_STEP)))
     found = np.interp(passed[-1] * np.arange(1, count + 1) / count, passed, z)
     found[-1] = -grid.depth
     return np.asarray(found)

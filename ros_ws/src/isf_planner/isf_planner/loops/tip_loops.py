@@ -23,9 +23,7 @@ from isf_core.files.job import Job
 from isf_core.types import Array
 
 from isf_planner.part.mesh_checks import place_text
-from isf_planner.surface import target_surface as curvature
-from isf_planner.surface import target_surface as surface_normals
-from isf_planner.surface import tip_surface
+from isf_planner.surface import target_surface, tip_surface
 from isf_planner.surface.target_surface import TargetSurface
 
 GOUGE_TOLERANCE = 20e-6
@@ -115,9 +113,9 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
             advice="reduce path.point_spacing or the tool radius, or round the edges of the part",
         )
     normal = tip_surface.contact_normals(surface, points, contact, radius)
-    width = surface_normals.smoothing_width(surface.facet_width, radius)
-    normal = surface_normals.smooth_along(normal, spacing, width)
-    bends = curvature.principal(surface, points - radius * normal[:, :2], radius)
+    width = target_surface.smoothing_width(surface.facet_width, radius)
+    normal = target_surface.smooth_along(normal, spacing, width)
+    bends = target_surface.principal(surface, points - radius * normal[:, :2], radius)
     return TipLoop(level, points, normal, curvature=bends)
 
 

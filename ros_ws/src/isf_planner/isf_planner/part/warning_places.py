@@ -25,7 +25,7 @@ def in_sheet(text: str, forming_tool: int, base: float) -> str:
 
 
 def warning_places(warnings: Iterable[str]) -> list[tuple[Array, str]]:
-    """Place (3,) m and text of every warning that names one, as :func:`isf_planner.part.mesh_checks.place_text` writes it.
+    """Place (3,) m and text of every warning that names one, as :func:`.mesh_checks.place_text` writes it.
 
     A place without a height gets z = 0.
     """

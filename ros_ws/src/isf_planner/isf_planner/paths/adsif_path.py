@@ -11,17 +11,15 @@ import numpy as np
 from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import adsif_surface
-from isf_core.files import adsif_surface as adsif_placement
 from isf_core.files.adsif_surface import AdsifSurface
 from isf_core.files.job import AdsifSpec, JobFile
-from isf_core.process import thickness_and_tips as thickness
+from isf_core.process import thickness_and_tips
 from isf_core.types import Array
 
 from isf_planner.loops.sections import LoopTree
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.part.meshes import Mesh
-from isf_planner.paths import contour_making as feed_profile
-from isf_planner.paths import joined_paths
+from isf_planner.paths import contour_making, joined_paths
 from isf_planner.paths.contour_making import path_of
 from isf_planner.paths.joined_paths import TipPath
 from isf_planner.paths.loop_family import family
@@ -123,7 +121,7 @@ def make_contours(
         span = slice(cuts[k], cuts[k + 1] + 1)
         contours.append(_contour(path, theta[span], gap[span], projection, k, len(paths), job_file, plan_id))
     joins = [path.joins for path in paths]
-    made = feed_profile.with_speed(contours, joins, job.path.acceleration)
+    made = contour_making.with_speed(contours, joins, job.path.acceleration)
     return tuple(made), tuple(warnings)
 
 
@@ -181,9 +179,9 @@ def _contour(
         contact=tip + np.array([0.0, 0.0, radii[0]]) - radii[0] * path.normal,
         normal=path.normal,
         wall_angle=wall_angle,
-        thickness=thickness.sine_law(job.sheet.thickness, wall_angle),
+        thickness=thickness_and_tips.sine_law(job.sheet.thickness, wall_angle),
         forming_tip=tip,
-        support_tip=adsif_placement.support_tip(tip, path.outward(), theta, gap, radii),
+        support_tip=adsif_surface.support_tip(tip, path.outward(), theta, gap, radii),
         closed=False,
     ).validate()
 

@@ -18,7 +18,7 @@ import shapely
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job
-from isf_core.process import thickness_and_tips as thickness
+from isf_core.process import thickness_and_tips
 from isf_core.types import Array
 
 from isf_planner.loops.tip_loops import TipLoop
@@ -73,7 +73,7 @@ def contour_of(
     ball = forming.ball_radius
     wall_angle = np.arccos(np.clip(np.abs(path.normal[:, 2]), 0.0, 1.0))
     if formed is None:
-        formed = thickness.sine_law(job.sheet.thickness, wall_angle)
+        formed = thickness_and_tips.sine_law(job.sheet.thickness, wall_angle)
     points = path.points
     if not upper:  # the other face of the sheet: under the sine law one blank's thickness straight below
         points = points - np.array([0.0, 0.0, job.sheet.thickness])

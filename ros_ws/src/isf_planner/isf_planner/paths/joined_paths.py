@@ -20,12 +20,11 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
 from scipy.signal import savgol_filter
 
-from isf_planner.loops import tip_loops as slicing
+from isf_planner.loops import tip_loops
 from isf_planner.loops.tip_loops import FLATTEST, GOUGE_TOLERANCE
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.paths.loop_family import LoopFamily, family
-from isf_planner.surface import target_surface as surface_normals
-from isf_planner.surface import tip_surface
+from isf_planner.surface import target_surface, tip_surface
 from isf_planner.surface.target_surface import TargetSurface
 
 
@@ -124,7 +123,7 @@ def joined(
     line = np.vstack([pieces[0][:1], *[piece[1:] for piece in pieces]])
     line, contact, height = _settled(surface, line, side, radius, steps=3)
     _check(line, height)
-    width = surface_normals.smoothing_width(surface.facet_width, radius)
+    width = target_surface.smoothing_width(surface.facet_width, radius)
     normal = _smooth(tip_surface.contact_normals(surface, line[:, :2], contact, radius), spacing, width)
     return [
         replace(first, points=line[a : b + 1], normal=normal[a : b + 1], closed=False, joins=bool(a))
@@ -142,8 +141,8 @@ def _settled(
 ) -> tuple[Array, Array, Array]:
     """Points moved across the line until the tip surface is at their height; contacts (N, 2), heights (N,).
 
-    As :func:`isf_planner.loops.tip_loops.settle` for an open line of any height. ``side``: uphill is on the right (1) or on
-    the left (-1).
+    As :func:`isf_planner.loops.tip_loops.settle` for an open line of any height. ``side``: uphill is on the right (1)
+    or on the left (-1).
     """
     points, z = line[:, :2].copy(), line[:, 2]
     tangent = np.gradient(points, axis=0)
@@ -155,7 +154,7 @@ def _settled(
         arm = points - contact
         vertical = np.sqrt(np.maximum(radius**2 - (arm**2).sum(axis=1), (0.05 * radius) ** 2))
         slope = np.maximum(-(arm * right).sum(axis=1) / vertical, FLATTEST)
-        step = np.clip((z + slicing.LIFT - height) / slope, -longest, longest)
+        step = np.clip((z + tip_loops.LIFT - height) / slope, -longest, longest)
         points += step[:, None] * right
         height, contact = tip_surface.drop_tool(surface, points, radius, near=contact + step[:, None] * right)
     return np.column_stack([points, z]), contact, height

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.files.job import ForceRule, Job, JobFile, ToolSpec, WallFacts, holds, ruled_forces
-from isf_core.process import thickness_and_tips as tip_geometry
+from isf_core.process import thickness_and_tips
 from isf_core.process.support_window import support_window
 from isf_core.types import Array
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ def opposite(contact: Array, normal: Array, gap: Array, tool: ToolSpec, away: Ar
     ``normal`` (N, 3) points to the forming tool, ``away`` (N, 3) horizontally from the forming tool to the wall; the
     axis of a flat tip is its flat radius further in that direction. ``upper``: the support tool is the upper one.
     """
-    tip = tip_geometry.support_tip(contact, normal, tool.ball_radius, gap, upper=upper)
+    tip = thickness_and_tips.support_tip(contact, normal, tool.ball_radius, gap, upper=upper)
     return np.asarray(tip + tool.flat_radius * away)
 
 

@@ -23,16 +23,15 @@ import numpy as np
 import shapely
 from isf_core.contour import Contour, over_floor
 from isf_core.files.job import Job, JobFile
-from isf_core.process import thickness_and_tips as thickness
+from isf_core.process import thickness_and_tips
 from isf_core.types import Array
 from scipy.spatial import KDTree
 
 from isf_planner.forming.sides import UPSIDE_DOWN, Side, first_number, swapped
-from isf_planner.loops import tip_loops as resampling
+from isf_planner.loops import tip_loops
 from isf_planner.loops.tip_loops import GOUGE_TOLERANCE, TipLoop, signed_area
 from isf_planner.part.mesh_checks import place_text
-from isf_planner.paths import contour_making as feed_profile
-from isf_planner.paths import joined_paths
+from isf_planner.paths import contour_making, joined_paths
 from isf_planner.paths.contour_making import contour_of, path_of
 from isf_planner.paths.joined_paths import TipPath
 from isf_planner.paths.loop_family import family
@@ -80,7 +79,7 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
                 first = contour.support_tip
             contours.append(replace(contour, retract=k == 0 and bool(contours)))
             joins.append(path.joins)
-    return tuple(feed_profile.with_speed(contours, joins, job.path.acceleration))
+    return tuple(contour_making.with_speed(contours, joins, job.path.acceleration))
 
 
 def feature_paths(chain: Sequence[TipLoop], side: Side, job: Job) -> list[TipPath]:
@@ -159,7 +158,7 @@ def left_out(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
 
 def _ring(shape: shapely.Polygon, level: float, wall: TipPath, spacing: float) -> TipPath:
     line = np.asarray(shapely.geometry.polygon.orient(shape).exterior.coords)[:-1]
-    points = resampling.with_equal_chords(line, spacing, wall.points[0, :2])
+    points = tip_loops.with_equal_chords(line, spacing, wall.points[0, :2])
     tips = np.column_stack([points, np.full(len(points), level)])
     ring = replace(wall, points=tips, normal=np.tile([0.0, 0.0, 1.0], (len(tips), 1)), joins=False, closed=True)
     ring = replace(ring, wall_right=True)
@@ -233,7 +232,7 @@ def by_overlap(chain: Sequence[TipLoop], radius: float, initial: float) -> tuple
         step = np.linalg.norm(np.diff(contact[:, column, :2], axis=0), axis=1)
         x = np.concatenate([[0.0], np.cumsum(step)])
         z = -np.maximum.accumulate(np.abs(contact[:, column, 2]))
-        formed[:, s] = thickness.overlap(x, z, angle[:, column], radius, initial)
+        formed[:, s] = thickness_and_tips.overlap(x, z, angle[:, column], radius, initial)
     around = np.arange(count)
     everywhere = np.array([np.interp(around, columns, row, period=count) for row in formed])
     return tips.reshape(-1, 3), everywhere.ravel()

@@ -26,14 +26,11 @@ from numpy.typing import NDArray
 from isf_planner.checks import part_checks
 from isf_planner.checks.die_checks import check_die, check_tool, load_die
 from isf_planner.forming.sides import Side, turned_over
-from isf_planner.loops import sections
-from isf_planner.loops import sections as level_spacing
-from isf_planner.loops import tip_loops as slicing
+from isf_planner.loops import sections, tip_loops
 from isf_planner.loops.sections import RoughLoop, link
 from isf_planner.part import mesh_checks
 from isf_planner.part.meshes import Mesh
-from isf_planner.paths import contour_making as feed_profile
-from isf_planner.paths import tool_paths
+from isf_planner.paths import contour_making, tool_paths
 from isf_planner.paths.contour_making import contour_of
 from isf_planner.paths.joined_paths import TipPath
 from isf_planner.surface import target_surface, tip_surface
@@ -93,7 +90,7 @@ def plan_part(loaded: Mesh, job_file: JobFile, step: Callable[[str, float], None
     x, y, tip_height = tip_surface.tip_grid(surface, radius)
     nodes: list[RoughLoop] = []
     front: list[int] = []
-    for level in level_spacing.levels(sections.TipGrid(x, y, tip_height, height), surface, job):
+    for level in sections.levels(sections.TipGrid(x, y, tip_height, height), surface, job):
         front = link(nodes, _around(x, y, tip_height, float(level)), front)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     return TpifPart(Side(tree, surface), finished, height, tuple(warnings))
@@ -132,7 +129,7 @@ def make_contours(part: TpifPart, job_file: JobFile, plan_id: str) -> tuple[Cont
         apart = bool(contours) and contours[-1].feature != number
         contours.append(replace(made, retract=apart, holder_height=holder))
     check_tool(tuple(contours), job, load_die(job_file))
-    return tuple(feed_profile.with_speed(contours, [path.joins for path, _ in paths], job.path.acceleration))
+    return tuple(contour_making.with_speed(contours, [path.joins for path, _ in paths], job.path.acceleration))
 
 
 def _with_flange(surface: TargetSurface, mesh: Mesh, height: float) -> TargetSurface:
@@ -153,7 +150,7 @@ def _near_border(outline: shapely.Geometry, gx: Array, gy: Array, distance: floa
 
 def _around(x: Array, y: Array, height: Array, level: float) -> list[RoughLoop]:
     """Loops around what stands higher than ``level``, clockwise."""
-    loops = slicing.loops_at(x, y, height, level)
+    loops = tip_loops.loops_at(x, y, height, level)
     inner = [points for points, island in loops if island]
     if inner:
         place = np.append(inner[0].mean(axis=0), level)

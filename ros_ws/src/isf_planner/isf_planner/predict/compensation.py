@@ -4,8 +4,9 @@ After Praveen 2020, 2.5. Both tools are moved by the same vector for the sheet, 
 tool; only the forming tool is moved for its own bending; for the error of the machine the support tool is moved, so
 that the distance of the tools is right, or the tool that the job knows to be off. The printed signs of eq. 20 and 21
 would change the gap by millimetres and are not used. Forces come from the equilibrium of eq. 1-3: the axial one with
-the groove angle of one increment, the radial one with the cusp angle (:func:`isf_core.process.forming_force.cusp_angle`). The
-moved path has another wall angle, so force and deflection are found again until the deflection stays.
+the groove angle of one increment, the radial one with the cusp angle
+(:func:`isf_core.process.forming_force.cusp_angle`). The moved path has another wall angle, so force and deflection are
+found again until the deflection stays.
 """
 
 from __future__ import annotations

@@ -45,7 +45,8 @@ class Validity:
 
 
 AERENS = Validity("regression", (np.radians(20), np.radians(65)), (0.5e-3, 2.0e-3), (5e-3, 12.5e-3))
-"""Wall angles and sheets as :func:`isf_core.process.forming_force.aerens_axial_force` states; tools of 10 to 25 mm diameter."""
+"""Wall angles and sheets as :func:`isf_core.process.forming_force.aerens_axial_force` states; tools of 10 to 25 mm
+diameter."""
 
 EQUILIBRIUM = Validity("equilibrium", (np.radians(20), np.radians(60)), (0.8e-3, 0.8e-3), (6.35e-3, 6.35e-3))
 """Praveen 2020, 2.9: one sheet and one tool, walls up to 60 deg; below 20 deg the wall is flatter than the groove."""

@@ -8,7 +8,7 @@ from isf_core.files.job import JobFile
 from isf_planner import plan
 from isf_planner.paths.support_tool import chosen_force
 
-JOBS = Path(__file__).resolve().parents[4] / "examples" / "jobs"
+JOBS = Path(__file__).resolve().parents[5] / "examples" / "jobs"
 
 
 def planned(force: str, material: str = "AA5754-O"):

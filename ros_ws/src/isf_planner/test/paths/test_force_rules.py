@@ -13,7 +13,7 @@ from isf_planner import plan
 from isf_planner.paths.joined_paths import TipPath
 from isf_planner.paths.support_tool import facts_of, wall_facts
 
-JOBS = Path(__file__).resolve().parents[4] / "examples" / "jobs"
+JOBS = Path(__file__).resolve().parents[5] / "examples" / "jobs"
 
 WALLS = """
   force_rules:

@@ -13,7 +13,7 @@ from isf_planner import Plan, plan
 from isf_planner.loops.tip_loops import LIFT, signed_area
 from isf_planner.part.meshes import load_mesh
 from isf_planner.part_library import PARTS, part_mesh
-from isf_planner.paths import contour_making as feed_profile
+from isf_planner.paths import contour_making
 from isf_planner.surface import tip_surface
 from isf_planner.surface.target_surface import fine_surface
 from planner_parts import Cone as ConePart
@@ -188,7 +188,7 @@ def test_without_an_acceleration_the_feed_holds_everywhere(folder: Path) -> None
 
 def test_speed_in_a_right_angle() -> None:
     corner = np.array([[x, 0.0, 0.0] for x in np.arange(0, 50.0)] + [[49.0, y, 0.0] for y in np.arange(1.0, 50)]) * 1e-3
-    speed = feed_profile.speeds(corner, False, 50e-3, 0.5)
+    speed = contour_making.speeds(corner, False, 50e-3, 0.5)
     assert int(np.argmin(speed[10:-10])) + 10 in (48, 49, 50)
     assert speed[20] == pytest.approx(50e-3)
     assert speed[0] == speed[-1] == pytest.approx(0.02 * 50e-3)

@@ -12,7 +12,6 @@ import trimesh
 from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import adsif_surface
-from isf_core.files import adsif_surface as adsif_placement
 from isf_core.files.job import JobFile, load_job
 from isf_core.process.thickness_and_tips import tool_gap
 from isf_planner import Plan, plan
@@ -233,7 +232,7 @@ def test_adsif_places_the_tools_for_the_local_wall(adsif: Plan) -> None:
     surface = adsif_surface.load_surface("AA5754-O_1mm_R5")
     contours = adsif.contours
     angle = line(contours, "wall_angle")
-    theta, gap = adsif_placement.angle_and_gap(line(contours, "forming_tip"), line(contours, "support_tip"), (R, R))
+    theta, gap = adsif_surface.angle_and_gap(line(contours, "forming_tip"), line(contours, "support_tip"), (R, R))
     wall = np.abs(np.degrees(angle) - 30.0) < 0.1
     assert wall.mean() > 0.15
     expected, ratio = np.zeros(len(angle)), np.ones(len(angle))
@@ -284,8 +283,8 @@ def test_placement_round_trip(policy: str) -> None:
     tip = np.random.default_rng(1).normal(size=(21, 3)) * 0.02
     bearing = np.linspace(0, 6, 21)
     away = np.column_stack([np.cos(bearing), np.sin(bearing), np.zeros(21)])
-    support = adsif_placement.support_tip(tip, away, theta, ratio * T0, (R, 4e-3))
-    back, gap = adsif_placement.angle_and_gap(tip, support, (R, 4e-3))
+    support = adsif_surface.support_tip(tip, away, theta, ratio * T0, (R, 4e-3))
+    back, gap = adsif_surface.angle_and_gap(tip, support, (R, 4e-3))
     np.testing.assert_allclose(back, theta, atol=1e-9)
     np.testing.assert_allclose(gap, ratio * T0, atol=1e-12)
 

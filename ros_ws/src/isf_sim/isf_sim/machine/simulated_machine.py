@@ -1,6 +1,6 @@
 """The simulated two-tool machine: one blank, two tools on servo axes, two load cells, protective limits.
 
-With what it tells after a tick (:class:`MachineSample`), the limits that protect it, the facts of a tick that events are
+With the sample of a tick (:class:`MachineSample`), the limits that protect it, the facts of a tick that events are
 found in, and the release of contact after a fault. Frame ``sheet``, SI units.
 """
 

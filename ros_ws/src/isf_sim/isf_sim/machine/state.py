@@ -107,7 +107,7 @@ def load_machine(path: str | Path) -> SimulatedMachine:
 @cache
 def plant_digest() -> str:
     """Digest of the sources of this package: with others the same state goes on otherwise."""
-    folder = Path(__file__).resolve().parent
+    folder = Path(__file__).resolve().parents[1]
     text = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
         text.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())

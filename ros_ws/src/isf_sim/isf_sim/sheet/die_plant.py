@@ -3,9 +3,9 @@
 Frame ``sheet`` travels with the blank holder, so the tool goes round at a constant height while the die comes up. When
 the holder moves by dh, the part, which is all that the loops so far enclose, rises by dh as a whole (the die carries
 it), nothing is left below the die, and the flange hangs between the edge of the part and the clamp
-(:mod:`isf_sim.sheet.flange_following`); the tool then presses the raised edge down to its ball. The elastic answer is that
-of the shell on its one-sided support. Assumed: the part moves as a whole; its top does not follow the tool as a base
-does over an open clamp.
+(:mod:`isf_sim.sheet.flange_following`); the tool then presses the raised edge down to its ball. The elastic answer is
+that of the shell on its one-sided support. Assumed: the part moves as a whole; its top does not follow the tool as a
+base does over an open clamp.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The flange round a part over a die: what no tool has walked round yet hangs between its edge and the clamp.
 
-The counterpart of :mod:`isf_sim.sheet.base_following`: outside the last loop the flange B satisfies lap B = 0 with B = 0 at
-the clamp and B = height of the sheet on the edge of the loop and where the die carries it. Bending is left out, as it
-is there.
+The counterpart of :mod:`isf_sim.sheet.base_following`: outside the last loop the flange B satisfies lap B = 0 with
+B = 0 at the clamp and B = height of the sheet on the edge of the loop and where the die carries it. Bending is left
+out, as it is there.
 """
 
 from __future__ import annotations

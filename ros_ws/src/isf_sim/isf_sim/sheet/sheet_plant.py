@@ -1,7 +1,7 @@
 """The sheet under the forming tool: fine surface, coarse shell and the events that tie them together.
 
-The kernel (:mod:`isf_sim.sheet.sheet_point`) moves the tool from tick to tick; every millimetre of depth or 16 mm of way
-it asks for a coarse solution of the *actual* shape, every sixteenth of a loop for an update of the following base.
+The kernel (:mod:`isf_sim.sheet.sheet_point`) moves the tool from tick to tick; every millimetre of depth or 16 mm of
+way it asks for a coarse solution of the *actual* shape, every sixteenth of a loop for an update of the following base.
 While the lower tool presses, the whole state is turned over (:mod:`isf_sim.sheet.turned_sheet`).
 """
 

@@ -107,8 +107,8 @@ def eased_tension(state: Squeeze, contact: Contact, c: SqueezeConstants) -> floa
     friction, so every strip through the circle is as weak as in it, and on the width w the tension is p t w less.
 
     Limits: t >> a gives 4 F_n / pi whatever the sheet, a >> t the whole strength s_f t w of the strip. The axial force
-    falls by the part along the axis, sin(wall angle) times this (:func:`isf_sim.sheet.sheet_point.advance_point`). None when
-    the squeezed circle lies altogether beyond the tip, away from the wall that ``contact`` holds.
+    falls by the part along the axis, sin(wall angle) times this (:func:`isf_sim.sheet.sheet_point.advance_point`). None
+    when the squeezed circle lies altogether beyond the tip, away from the wall that ``contact`` holds.
     """
     force = math.sqrt(state.force[0] ** 2 + state.force[1] ** 2 + state.force[2] ** 2)
     if force <= 0.0:

@@ -1,8 +1,9 @@
 """Coarse nonlinear shell: elastic response of the formed sheet in its clamp to the force of a tool.
 
-Nodes where lines along x and y cross (:mod:`isf_sim.shell.shell_lines`), with displacements u, v, w (frame ``sheet``); the
-unloaded shape is the height map of the actual part. At the clamp w and its slope are zero; in its plane the edge is
-free (on a weak spring) or fixed. Energies: :mod:`isf_sim.shell.shell_assembly`; solution: :mod:`isf_sim.shell.shell_equilibrium`.
+Nodes where lines along x and y cross (:mod:`isf_sim.shell.shell_lines`), with displacements u, v, w (frame ``sheet``);
+the unloaded shape is the height map of the actual part. At the clamp w and its slope are zero; in its plane the edge is
+free (on a weak spring) or fixed. Energies: :mod:`isf_sim.shell.shell_assembly`; solution:
+:mod:`isf_sim.shell.shell_equilibrium`.
 Valid for slopes up to about 60 deg; the load is spread over a patch wider than a cell, the compliance below that
 scale is added by the caller.
 """
@@ -158,7 +159,7 @@ class Shell:
         )
 
     def set_support(self, support: SupportPoints | None) -> None:
-        """One-sided rigid support under the sheet (backing plate, die), see :func:`isf_sim.sheet.support.support_points`."""
+        """One-sided rigid support under the sheet (plate, die), see :func:`isf_sim.sheet.support.support_points`."""
         self.support = support
 
     @property

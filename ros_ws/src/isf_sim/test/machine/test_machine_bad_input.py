@@ -136,7 +136,7 @@ def test_force_beyond_range_saturates_the_cell_and_stops() -> None:
 
 
 def test_a_cell_with_too_small_a_range_is_a_fault_of_its_own(tmp_path: Path) -> None:
-    text = (Path(__file__).resolve().parents[2] / "isf_core" / "rigs" / "ren2018.yaml").read_text()
+    text = (Path(__file__).resolve().parents[3] / "isf_core" / "rigs" / "ren2018.yaml").read_text()
     rig = text.replace("  force_range: [1500 N, 1500 N, 2000 N]", "  force_range: [50 N, 50 N, 50 N]")
     (tmp_path / "weak.yaml").write_text(rig)
     machine = make(JOB.replace("rig: ren2018", "rig: weak.yaml"), tmp_path)

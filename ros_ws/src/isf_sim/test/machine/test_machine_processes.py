@@ -97,7 +97,7 @@ def test_accumulative_forming_through_servo_and_load_cells() -> None:
 
 def test_an_error_of_the_axes_is_in_the_part_and_not_in_the_encoders(tmp_path: Path) -> None:
     """Z of tool 1 stands 1 mm lower than it reads: first touch 1 mm earlier; the reported tip does not tell."""
-    text = (Path(__file__).resolve().parents[2] / "isf_core" / "rigs" / "ren2018.yaml").read_text()
+    text = (Path(__file__).resolve().parents[3] / "isf_core" / "rigs" / "ren2018.yaml").read_text()
     low = text.replace("tool_1:\n", "tool_1:\n  error_z: [[-10 mm, -1 mm], [10 mm, -1 mm]]\n", 1)
     (tmp_path / "low.yaml").write_text(low)
     machine = SimulatedMachine(JobFile(JOB.replace("ren2018", "low.yaml"), tmp_path), constants=COARSE)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.errors import ErrorCode
 from isf_msgs.msg import MachineEvent, MachineState
@@ -214,6 +215,25 @@ def test_lost_targets_release_a_loaded_tool(machine: Client) -> None:
     assert machine.wrenches[0][newest][2] > 20.0
     assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.TARGET_LOST])
     assert machine.wait(lambda: machine.newest() > newest and abs(machine.wrenches[0][machine.newest()][2]) < 10.0)
+
+
+def test_an_executive_that_is_gone_releases_a_loaded_tool(machine: Client) -> None:
+    """Also when targets are still repeated: whoever sends them does not look after the part."""
+    machine.ready()
+    ticks = press(machine, 4e-3)
+    tips = (np.array([0.0, 0.0, -4e-3]), PARKED[1])
+    told = machine.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    values = [KeyValue(key="pid", value="4711"), KeyValue(key="busy", value="True")]
+    assert machine.wait(lambda: told.get_subscription_count() == 1)
+    told.publish(DiagnosticArray(status=[DiagnosticStatus(name="/executive", values=values)]))
+
+    def released() -> bool:
+        machine.send(stamps.tick_nanoseconds(ticks, RATE), tips)
+        return machine.fault_codes() == [ErrorCode.UNATTENDED]
+
+    assert machine.wait(released)
+    assert "4711" in machine.states[-1].fault_messages[0]
+    assert machine.wait(lambda: abs(machine.wrenches[0][machine.newest()][2]) < 10.0)
 
 
 @pytest.mark.parametrize("machine", [["target_timeout:=2.0"]], indirect=True)

@@ -1,0 +1,69 @@
+"""Whether a part is good, and what it falls short of: the one judgement of report, terminal and scripts.
+
+A part is good when it is complete, its shape was measured and is in tolerance, the support tool (where there is one)
+kept the sheet, nothing happened that harms sheet or control, and the correction failed nowhere. The tolerance is the
+accuracy published for closed-loop parts: 90 % of the points within 0.3 mm (Lu 2016, section 4.4).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+WITHIN_TOLERANCE = 0.9
+"""Share of the points of wall and base that must be at most 0.3 mm off."""
+
+CONTROLLED_CONTACT = 0.99
+"""Share of the time in full force control in which the support tool must touch the sheet (assumed)."""
+
+POSITIONED_CONTACT = 0.95
+"""Share of the path on which it must do so under position control (assumed)."""
+
+MOST_REMARKS = 3
+"""Remarks of the correction that are told; all are in the table of the report."""
+
+Numbers = dict[str, Any]
+
+
+def verdict(numbers: Numbers) -> Numbers:
+    """``good`` and ``short_of``, sentences for people, from the numbers of :mod:`isf_analysis.measures.summary`."""
+    if not numbers["complete"]:
+        return {"good": False, "short_of": [numbers["failure"]["message"]]}
+    short_of = [*_contact(numbers), *_events(numbers), *_shape(numbers)]
+    return {"good": not short_of, "short_of": short_of}
+
+
+def _shape(numbers: Numbers) -> list[str]:
+    deviation, remarks = numbers["deviation"], numbers["remarks"]
+    failed = [f"not corrected: {item['text']}" for item in remarks if item["failed"]][:MOST_REMARKS]
+    if deviation is None:
+        return ["the shape was not measured", *failed]
+    within = deviation["regions"]["wall_and_base"]["within_0_3mm_fraction"]
+    if within is None:
+        return ["no point of the part was measured", *failed]
+    if within >= WITHIN_TOLERANCE:
+        return failed
+    told = f"{100 * within:.0f} % of the points are within 0.3 mm, {100 * WITHIN_TOLERANCE:.0f} % are wanted"
+    out = f"error out of tolerance: {told}; largest {deviation['max_mm']:.2f} mm"
+    if numbers["correction"] in ("", "none"):
+        return [out, "springback was not corrected"]
+    return [out, *(f"not corrected: {item['text']}" for item in remarks[:MOST_REMARKS])]
+
+
+def _contact(numbers: Numbers) -> list[str]:
+    losses, force = numbers["contact_losses"], numbers["force"]
+    if losses is None:
+        return []
+    length, path = losses["length_mm"] or 0.0, losses["path_mm"] or 0.0
+    where = f"no contact along {length:.0f} mm of {path:.0f} mm of the path"
+    if force is not None and force["contact_fraction"] is not None:
+        kept = force["contact_fraction"]
+        if kept < CONTROLLED_CONTACT:
+            return [f"contact lost: the support tool touched the sheet in {100 * kept:.1f} % of the controlled time"]
+    elif path and length > (1.0 - POSITIONED_CONTACT) * path:
+        return [f"contact lost: the support tool is under position control and has {where}"]
+    return []
+
+
+def _events(numbers: Numbers) -> list[str]:
+    harmful = [event for event in numbers["events"] if not event["harmless"]]
+    return [f"{event['kind']}, {event['count']} times: {event['text']}" for event in harmful]

@@ -1,0 +1,195 @@
+"""What the ``isf`` command shows: text for people on stderr, results or one JSON object on stdout."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from isf_core.errors import ErrorCode, IsfError
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from isf_cell.run.part_step import PartStep
+
+console = Console(stderr=True, highlight=False)
+"""Progress, tables and errors."""
+
+
+def print_json(data: Mapping[str, Any]) -> None:
+    """The one JSON object of ``--json``, on stdout; NaN and infinity become null."""
+    print(json.dumps(without_nan(data), indent=2, allow_nan=False))
+
+
+def show_error(error: IsfError, *, as_json: bool = False) -> None:
+    """One expected failure: sentence, place, advice and code."""
+    if as_json:
+        print_json({"error": {"code": error.code.value, "name": error.code.name, "message": error.message}})
+    place = f"[bold]{escape(error.where)}[/bold]: " if error.where else ""
+    console.print(f"[bold red]error[/bold red] {error.code.value} {error.code.name}", highlight=False)
+    console.print(f"  {place}{escape(error.what)}", highlight=False, soft_wrap=True)
+    if error.advice:
+        console.print(f"  [dim]{escape(error.advice)}[/dim]", highlight=False, soft_wrap=True)
+
+
+def say(text: str) -> None:
+    """Text as it is: brackets in it are units, lists or paths, not markup."""
+    console.print(text, soft_wrap=True, markup=False)
+
+
+def warn(text: str) -> None:
+    """One warning."""
+    console.print("[yellow]warning[/yellow]", escape(text), soft_wrap=True)
+
+
+def table_of(title: str, *columns: str) -> Table:
+    """An empty table; title and heads are taken as they are ("[mm]" is a unit), columns but the first stand right."""
+    table = Table(title=escape(title), title_justify="left")
+    for number, name in enumerate(columns):
+        table.add_column(escape(name), justify="right" if number else "left")
+    return table
+
+
+@contextmanager
+def part_progress(title: str) -> Iterator[PartProgress]:
+    """Progress of a part, contour by contour; a plain line per tenth of the part when there is no terminal."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[news]}"),
+    )
+    with Progress(*columns, console=console, transient=False, disable=not console.is_terminal) as progress:
+        yield PartProgress(progress, title)
+
+
+class PartProgress:
+    """One progress bar that shows the numbers an operator looks at."""
+
+    def __init__(self, progress: Progress, title: str) -> None:
+        self._progress = progress
+        self._task = progress.add_task(title, total=None, news="")
+        self._last_tenth = -1
+        self._last_phase = ""
+
+    def phase(self, text: str) -> None:
+        """What is being done before or between contours."""
+        self._progress.update(self._task, news=f"[dim]{escape(text)}[/dim]")
+        kind = "".join(c for c in text if not c.isdigit())  # "contour 3 of 42" is the same phase as "contour 2 of 42"
+        if not console.is_terminal and kind != self._last_phase:
+            say(f"  {text}")
+        self._last_phase = kind
+
+    def contour(self, step: PartStep) -> None:
+        """One more contour is formed."""
+        done, count = step.index + 1, step.count
+        parts = [f"depth {1e3 * step.depth:5.1f} mm", f"Fz {step.forming_force:4.0f} N"]
+        if not math.isnan(step.support_force):
+            parts.append(f"support {step.support_force:4.0f} N")
+        if not math.isnan(step.correction):
+            parts.append(f"correction {1e3 * step.correction:4.2f} mm")
+        news = "  ".join(parts)
+        self._progress.update(self._task, completed=done, total=count, news=news)
+        tenth = 10 * done // max(count, 1)
+        if not console.is_terminal and tenth != self._last_tenth:
+            self._last_tenth = tenth
+            console.print(f"  contour {done}/{count}  {news}")
+
+
+def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None) -> None:
+    """The numbers of a part as a table, beside those of the uncorrected reference when there is one."""
+    title = f"{summary.get('job', 'part')}: {summary.get('contours', 0)} contours"
+    own = str(summary.get("correction", "result"))
+    table = table_of(title, "", "uncorrected", own) if reference else table_of(title, "", own)
+
+    def row(label: str, value: str, other: str = "") -> None:
+        table.add_row(escape(label), *([other] if reference else []), value)
+
+    def found(source: Mapping[str, Any] | None, path: Sequence[str]) -> Any:
+        value: Any = source
+        for key in path:
+            value = value.get(key) if isinstance(value, Mapping) else None
+        return value
+
+    def number(source: Mapping[str, Any] | None, *path: str, digits: int = 2) -> str:
+        value = found(source, path)
+        return "-" if value is None else f"{value:.{digits}f}"
+
+    def percent(source: Mapping[str, Any] | None, *path: str) -> str:
+        value = found(source, path)
+        return "-" if value is None else f"{100.0 if value == 1.0 else min(100.0 * value, 99.9):.1f} %"
+
+    for key, label in (("max_mm", "max error"), ("mean_abs_mm", "mean error"), ("rms_mm", "rms error")):
+        row(
+            f"{label}, wall and base [mm]",
+            number(summary, "deviation", key),
+            number(reference, "deviation", key),
+        )
+    whole = ("deviation", "regions", "wall_and_base", "within_0_3mm_fraction")
+    row("points within 0.3 mm, wall and base", percent(summary, *whole), percent(reference, *whole))
+    force = summary.get("force") or {}
+    if force.get("set_N"):
+        usual, low, high = (number(summary, "force", key, digits=0) for key in ("set_N", "set_min_N", "set_max_N"))
+        one = low == high or "-" in (low, high)
+        row("support force set-point [N]", usual if one else f"{low} to {high}, by place", "")
+        row(
+            "engaged time within 10 N [%]",
+            f"{100 * force['within_10N_fraction']:.2f}" if force.get("within_10N_fraction") is not None else "-",
+        )
+        row("force error, 99.9 % of the time below [N]", number(summary, "force", "p999_abs_error_N", digits=1))
+    row("late ticks / lost messages", f"{summary.get('late_ticks', 0)} / {summary.get('lost_messages', 0)}")
+    row("process time / wall time [s]", f"{number(summary, 'sim_s', digits=1)} / {number(summary, 'wall_s', digits=1)}")
+    console.print(table)
+    _show_verdict(summary)
+    for warning in _warnings(summary):
+        warn(warning)
+
+
+def _show_verdict(summary: Mapping[str, Any]) -> None:
+    """Green for a good part alone; else what it falls short of."""
+    found = summary.get("verdict")
+    if found is None:
+        return
+    if found["good"]:
+        console.print("[bold green]part complete and good[/bold green]")
+        return
+    head = "[bold yellow]part complete, but not good[/bold yellow]"
+    console.print(head if summary.get("complete") else "[bold red]part or record not complete[/bold red]")
+    for text in found["short_of"]:
+        say(f"  {text}")
+
+
+def _warnings(summary: Mapping[str, Any]) -> list[str]:
+    """What the numbers of a part lack, and that a method that looks at the part saw nothing of it."""
+    remarks = [str(remark["text"]) for remark in summary.get("remarks") or ()]
+    if remarks:
+        from isf_springback.estimators.fused import MODEL_ALONE  # late: takes a second to load
+
+        remarks = [text for text in remarks if text == MODEL_ALONE]
+    return [*map(str, summary.get("notes") or ()), *remarks]
+
+
+def unexpected(error: BaseException) -> IsfError:
+    """An unforeseen failure in the same form as the expected ones."""
+    return IsfError(
+        ErrorCode.INTERNAL,
+        f"{type(error).__name__}: {error}",
+        advice="a fault of this software; ISF_TRACEBACK=1 shows more",
+    )
+
+
+def without_nan(value: Any) -> Any:
+    """``value`` with NaN and infinities replaced by None, at any depth."""
+    if isinstance(value, Mapping):
+        return {str(key): without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

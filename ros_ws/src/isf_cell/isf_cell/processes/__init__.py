@@ -1,0 +1,1 @@
+"""Processes of a cell: found, started together, watched and ended with their owner."""

@@ -1,0 +1,136 @@
+"""Node processes of one cell: started together, watched, ended together; none survives its owner's end."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+from isf_cell.processes import executables
+
+
+@dataclass
+class NodeProcess:
+    """A running node, its name and the file its output goes to."""
+
+    name: str
+    popen: subprocess.Popen[bytes]
+    log: Path
+    _stream: IO[bytes]
+
+    @property
+    def alive(self) -> bool:
+        """True while the process runs."""
+        return self.popen.poll() is None
+
+    def last_lines(self, count: int = 5) -> str:
+        """End of the output, for error messages."""
+        try:
+            return "\n".join(self.log.read_text(errors="replace").splitlines()[-count:])
+        except OSError:
+            return ""
+
+
+class ProcessGroup:
+    """Starts nodes in sessions of their own and ends all of them on exit, also after an exception.
+
+    An owner that is killed ends nothing any more: then every node receives SIGINT from the system.
+    """
+
+    def __init__(self, log_folder: Path) -> None:
+        self.log_folder = log_folder
+        self.nodes: list[NodeProcess] = []
+
+    def start(
+        self, package: str, executable: str, parameters: Mapping[str, object], *, remap: Sequence[str] = ()
+    ) -> NodeProcess:
+        """Start ``lib/<package>/<executable>`` with ROS parameters; raises IsfError NODE_MISSING."""
+        command = [str(executables.find(package, executable)), "--ros-args"]
+        for name, value in parameters.items():
+            command += ["-p", f"{name}:={_yaml(value)}"]
+        for rule in remap:
+            command += ["-r", rule]
+        self.log_folder.mkdir(parents=True, exist_ok=True)
+        log = self.log_folder / f"{executable}.log"
+        stream = log.open("wb")
+        popen = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            preexec_fn=ends_with_owner(signal.SIGINT),
+        )
+        node = NodeProcess(executable, popen, log, stream)
+        self.nodes.append(node)
+        return node
+
+    def __getitem__(self, name: str) -> NodeProcess:
+        return next(node for node in self.nodes if node.name == name)
+
+    def dead(self) -> list[NodeProcess]:
+        """Processes that have ended."""
+        return [node for node in self.nodes if not node.alive]
+
+    def stop(self, patience: float = 8.0) -> None:
+        """End all processes, last started first: SIGINT, after ``patience`` s SIGTERM, then SIGKILL."""
+        for number, wait in ((signal.SIGINT, patience), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0)):
+            waiting = [node for node in reversed(self.nodes) if node.alive]
+            for node in waiting:
+                _signal(node.popen, number)
+            for node in waiting:
+                try:
+                    node.popen.wait(wait)
+                except subprocess.TimeoutExpired:
+                    continue
+        for node in self.nodes:
+            node._stream.close()
+
+    def __enter__(self) -> ProcessGroup:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+
+def _signal(popen: subprocess.Popen[bytes], number: signal.Signals) -> None:
+    try:
+        os.killpg(popen.pid, number)
+    except ProcessLookupError:
+        return
+
+
+def _yaml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    return "'" + str(value).replace("'", "''") + "'"
+
+
+_LIBC = ctypes.CDLL(None, use_errno=True)  # loaded here: between fork and exec as little as possible is done
+_PR_SET_PDEATHSIG = 1
+"""Of prctl(2): the signal that a process receives when the thread that started it ends, for whatever reason."""
+
+
+def ends_with_owner(number: signal.Signals) -> Callable[[], None]:
+    """For ``preexec_fn`` of subprocess: the process receives ``number`` when its owner is gone, however it ended.
+
+    Start it from a thread that lasts as long as the owner does.
+    """
+    owner = os.getpid()
+
+    def prepare() -> None:
+        _LIBC.prctl(_PR_SET_PDEATHSIG, number)
+        if os.getppid() != owner:  # ended before the line above
+            os._exit(1)
+
+    return prepare

@@ -1,0 +1,76 @@
+"""The uncorrected part on the same plant, simulated beside the run it is compared with.
+
+A process of its own at low priority, so that it uses the time the run leaves. It ends with its owner, however that
+ends, and what it left unfinished is removed.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import TracebackType
+
+from isf_core.errors import ErrorCode, IsfError
+
+from isf_cell.options import RunOptions
+from isf_cell.processes.process_group import ends_with_owner
+
+UNCORRECTED = "none"
+
+
+class ReferenceRun:
+    """``isf simulate JOB --correction none`` in the background; ended with its owner."""
+
+    def __init__(self, job: Path, options: RunOptions, folder: Path) -> None:
+        self.folder = folder
+        self._log = folder.with_suffix(".log")
+        command = [sys.executable, "-m", "isf_cell.cli", "simulate", str(job), "--correction", UNCORRECTED]
+        command += ["--no-compare", "--world", str(options.world), "--seed", str(options.seed), "-o", str(folder)]
+        if options.support_force is not None:
+            command += ["--support-force", repr(options.support_force)]
+        end_with_owner = ends_with_owner(signal.SIGKILL)
+
+        def prepare() -> None:
+            os.nice(10)
+            end_with_owner()
+
+        with self._log.open("wb") as log:
+            self._popen = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                preexec_fn=prepare,
+            )
+
+    @property
+    def bag(self) -> Path:
+        """Bag of the reference, complete after :meth:`wait`."""
+        return self.folder / "bag"
+
+    def wait(self) -> None:
+        """Wait for the end; raises IsfError with the last line of its output when it failed."""
+        if self._popen.wait() != 0:
+            lines = self._log.read_text(errors="replace").strip().splitlines() or ["no output"]
+            raise IsfError(
+                ErrorCode.BAG_INCOMPLETE,
+                f"the uncorrected reference failed: {lines[-1]}",
+                advice=f"see {self._log}, or run with --no-compare",
+            )
+
+    def __enter__(self) -> ReferenceRun:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._popen.poll() is None:
+            self._popen.kill()
+            self._popen.wait()
+            shutil.rmtree(self.folder, ignore_errors=True)
+            self._log.unlink(missing_ok=True)

@@ -1,0 +1,199 @@
+"""``isf form``: starts the nodes of a cell as processes, has the executive form a part, ends everything."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
+from isf_msgs.action import FormPart
+from isf_ros.lifecycle import failure
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from isf_cell.options import RunOptions
+from isf_cell.processes.held_interrupt import ctrl_c_held_back
+from isf_cell.processes.process_group import NodeProcess, ProcessGroup
+
+START_TIMEOUT = 180.0
+"""s for all nodes to come up; the first start after a build compiles kernels, and a busy computer takes a minute."""
+
+Feedback = Callable[[FormPart.Feedback], None]
+
+
+def start_cell(group: ProcessGroup, bag: Path | None, *, lockstep: bool) -> None:
+    """Start the five nodes, and the recorder when a ``bag`` folder is given."""
+    if bag is not None:
+        group.start("isf_analysis", "recorder", {"output": str(bag), "autostart": True})
+    group.start("isf_sim", "machine", {"lockstep": lockstep})
+    group.start("isf_planner", "planner", {})
+    group.start("isf_springback", "springback", {})
+    group.start("isf_force_ctrl", "force_ctrl", {"lockstep": lockstep})
+    group.start("isf_cell", "executive", {"lockstep": lockstep})
+
+
+class CellClient:
+    """A client of the executive: waits for the cell, forms one part, can cancel it."""
+
+    def __init__(self) -> None:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node(f"isf_command_{os.getpid()}")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._states: dict[str, str] = {}
+        self._executives: set[str] = set()
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+        self._action = ActionClient(self._node, FormPart, "form_part")
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.remove_node(self._node)
+        self._action.destroy()  # else it keeps the node in the graph until a garbage collection
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def wait_ready(self, group: ProcessGroup) -> None:
+        """Wait until the executive serves and every started node gives signs of life.
+
+        Raises IsfError NODE_DIED, NODE_MISSING, or BUSY when a node of another cell answers in this ROS domain.
+        """
+        names = [node.name for node in group.nodes]
+        own = {str(node.popen.pid) for node in group.nodes}
+
+        def ready() -> bool:
+            self._refuse_foreign_cell(own)
+            for node in group.dead():
+                raise IsfError(
+                    ErrorCode.NODE_DIED,
+                    f"node '{node.name}' ended while starting: {node.last_lines(1)}",
+                    advice=f"its output is in {node.log}",
+                )
+            active = all(self._states.get(name) == "active" for name in ("executive", "recorder") if name in names)
+            return active and all(name in self._states for name in names) and self._action.server_is_ready()
+
+        if not self._spin_until(ready, START_TIMEOUT):
+            missing = [name for name in names if name not in self._states] or ["executive"]
+            raise IsfError(
+                ErrorCode.NODE_MISSING,
+                f"not up after {START_TIMEOUT:g} s: {', '.join(missing)}",
+                advice=f"see the logs in {group.log_folder}; ./isf doctor checks the installation",
+            )
+
+    def form(self, job_file: JobFile, options: RunOptions, feedback: Feedback, group: ProcessGroup) -> Any:
+        """Result of ``form_part``; Ctrl-C cancels the part and still returns its result."""
+        goal = FormPart.Goal(
+            job_text=job_file.text,
+            base_folder=str(job_file.base),
+            correction=options.correction or "",
+            support_force=options.support_force_field(),
+            world=options.world,
+            seed=options.seed,
+        )
+        handle = self._wait(
+            self._action.send_goal_async(goal, feedback_callback=lambda message: feedback(message.feedback)), group
+        )
+        if not handle.accepted:
+            raise IsfError(ErrorCode.BUSY, "the executive refused the part", advice="wait until its present part ends")
+        result = handle.get_result_async()
+        try:
+            response = self._wait(result, group)
+        except KeyboardInterrupt:
+            handle.cancel_goal_async()
+            with suppress(KeyboardInterrupt):
+                response = self._wait(result, group, timeout=90.0)
+                return response.result
+            raise
+        if response.status == GoalStatus.STATUS_UNKNOWN:
+            raise IsfError(ErrorCode.NODE_DIED, "the executive lost the part")
+        return response.result
+
+    def _wait(self, future: Future, group: ProcessGroup, timeout: float | None = None) -> Any:
+        def done() -> bool:
+            if not group["executive"].alive:
+                node = group["executive"]
+                raise IsfError(
+                    ErrorCode.NODE_DIED,
+                    f"node 'executive' ended: {node.last_lines(1)}",
+                    advice=f"its output is in {node.log}",
+                )
+            return future.done()
+
+        if not self._spin_until(done, timeout):
+            raise IsfError(ErrorCode.SERVICE_TIMEOUT, "the executive did not answer in time")
+        return future.result()
+
+    def _spin_until(self, condition: Callable[[], bool], timeout: float | None) -> bool:
+        deadline = None if timeout is None else time.monotonic() + timeout
+        with ctrl_c_held_back() as let_ctrl_c_through:
+            while not condition():
+                if deadline is not None and time.monotonic() > deadline:
+                    return False
+                let_ctrl_c_through()
+                self._executor.spin_once(timeout_sec=0.1)
+        return True
+
+    def _refuse_foreign_cell(self, own: set[str]) -> None:
+        if self._executives <= own:
+            return
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        raise IsfError(
+            ErrorCode.BUSY,
+            f"another cell is running in ROS domain {domain}",
+            advice="end it, or choose another domain: ROS_DOMAIN_ID=7 ./isf form ...",
+        )
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            name = status.name.rsplit("/", 1)[-1]
+            self._states[name] = values.get("state", "")
+            if name == "executive":
+                self._executives.add(values.get("pid", ""))
+
+
+def form(
+    job_file: JobFile, options: RunOptions, folder: Path, feedback: Feedback, *, lockstep: bool = True
+) -> tuple[Any, IsfError | None]:
+    """Form one part with a cell of its own; returns the action's result and its failure, if any.
+
+    ``folder`` receives ``bag`` and ``logs``. All processes are ended before this returns. A part that was formed while
+    its recorder ended or could not write has the failure BAG_INCOMPLETE.
+    """
+    bag = folder / "bag"
+    client = CellClient()
+    try:
+        with ProcessGroup(folder / "logs") as group:
+            start_cell(group, bag, lockstep=lockstep)
+            client.wait_ready(group)
+            result = client.form(job_file, options, feedback, group)
+            recorder = group["recorder"]
+            ended_early = not recorder.alive
+    finally:
+        client.close()
+    if result.code:
+        return result, failure(result.code, result.message)
+    if ended_early or recorder.popen.returncode != 0:
+        return result, _incomplete_record(bag, recorder)
+    return result, None
+
+
+def _incomplete_record(bag: Path, recorder: NodeProcess) -> IsfError:
+    """The part was formed, and its record does not hold all of it."""
+    words = recorder.last_lines(1)
+    return IsfError(
+        ErrorCode.BAG_INCOMPLETE,
+        "the recorder did not record to the end" + (f"; its last words: {words}" if words else ""),
+        where=str(bag),
+        advice=f"check the free space of the disk, and the log {recorder.log}; what was recorded is reported",
+    )

@@ -1,0 +1,88 @@
+"""Tools never stay on the sheet when nobody goes on with the part, and never move on stale news of the machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
+from isf_core.errors import ErrorCode
+from isf_msgs.msg import ForceCtrlState
+from isf_ros import qos
+from node_cell import Cell, small_ring, watched
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture
+def cell() -> Iterator[Cell]:
+    with watched(Cell) as found:
+        yield found
+
+
+class Executive:
+    """What an executive tells of itself, as often as it does."""
+
+    def __init__(self, cell: Cell) -> None:
+        self._publisher = cell.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.timer = cell.node.create_timer(0.5, self.tell)
+
+    def tell(self) -> None:
+        values = [KeyValue(key="pid", value="4711"), KeyValue(key="busy", value="True")]
+        self._publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name="/executive", values=values)]))
+
+
+def test_the_tools_wait_as_long_as_the_executive_lives_and_leave_the_sheet_when_it_does_not(cell: Cell) -> None:
+    heights: list[float] = []
+    cell.node.create_subscription(PoseStamped, "tool_1/target", lambda m: heights.append(m.pose.position.z), qos.STREAM)
+    cell.start(contour_wait=1.0)
+    executive = Executive(cell)
+    cell.armed(count=3)
+    assert cell.form(small_ring(0, 3)).code == 0
+    on_sheet = heights[-1]
+    assert not cell.wait(lambda: len(cell.results) > 1, timeout=3.0)  # longer than contour_wait: a long correction
+    assert cell.states[-1].mode == ForceCtrlState.FREEZE
+    assert cell.form(small_ring(1, 3)).code == 0
+    executive.timer.cancel()
+    assert cell.wait(lambda: len(cell.results) > 2)
+    result = cell.results[-1]
+    assert (result.completed, result.code, result.index) == (False, ErrorCode.EXECUTIVE_LOST, 2)
+    assert "4711" in result.message
+    assert cell.rests_in(ForceCtrlState.IDLE)
+    assert heights[-1] > on_sheet + 5e-3
+
+
+def test_without_an_executive_the_next_contour_is_due(cell: Cell) -> None:
+    cell.start(contour_wait=1.0)
+    cell.armed(count=2)
+    assert cell.form(small_ring(0, 2)).code == 0
+    assert cell.wait(lambda: len(cell.results) > 1)
+    assert (cell.results[-1].code, cell.results[-1].index) == (ErrorCode.CONTOUR_OVERDUE, 1)
+    assert "contour_wait" in cell.results[-1].message
+    assert cell.rests_in(ForceCtrlState.IDLE)
+    cell.armed(count=1)  # and the cell can go on
+    assert cell.form(small_ring()).code == 0
+
+
+@pytest.mark.parametrize(
+    ("ends", "code", "topic"),
+    [("poses_until", ErrorCode.POSE_LOST, "tool_1/pose"), ("states_until", ErrorCode.NO_TARE, "machine/state")],
+)
+def test_what_a_driver_told_that_tells_no_more_does_not_arm(cell: Cell, ends: str, code: ErrorCode, topic: str) -> None:
+    """Its tare ended with it, and its tools may stand anywhere."""
+    cell.start({ends: 200})
+    cell.armed()
+    assert cell.form(small_ring()).code == 0
+    assert cell.rests_in(ForceCtrlState.IDLE)
+    before = cell.targets
+    response = cell.ask_to_arm()
+    deadline = time.monotonic() + 30.0
+    while response.code == 0 and time.monotonic() < deadline:  # still fresh
+        assert cell.arm(plan_id="").code == 0
+        response = cell.ask_to_arm()
+    assert response.code == code
+    assert topic in response.message
+    assert "the driver has to publish" in response.message
+    assert cell.targets == before

@@ -1,0 +1,21 @@
+from setuptools import find_packages, setup
+
+package_name = "isf_identify"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    zip_safe=False,
+    maintainer="ISF cell maintainers",
+    maintainer_email="maintainers@isf-cell.invalid",
+    description="Identification of a forming machine with tools or dial indicator, and tuning of its force loop.",
+    license="Apache-2.0",
+)

@@ -1,0 +1,62 @@
+"""Whether the executive that has a part formed is still there, by what it tells of itself in ``/diagnostics``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+
+from isf_ros.watchdog import ReceiveWatchdog
+
+EXECUTIVE = "executive"
+"""Name of the node that forms parts; it tells ``pid`` and ``busy`` at 2 Hz."""
+
+
+class ExecutiveWatch:
+    """Follows the executive in the namespace of ``node``, once it was heard busy, until :meth:`release`.
+
+    It is gone when it was not heard busy for ``patience`` s of wall time: its process ended or hangs, it was started
+    anew, or its part is over. How long the cell works on a contour plays no part.
+    """
+
+    def __init__(self, node: Node, patience: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._name = node.get_namespace().rstrip("/") + "/" + EXECUTIVE
+        self._watchdog = ReceiveWatchdog(patience, clock)
+        self._process, self._left = "", False
+
+    def on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Callback for ``/diagnostics``."""
+        for status in message.status:
+            if status.name == self._name:
+                values = {item.key: item.value for item in status.values}
+                self._heard(values.get("pid", ""), busy=values.get("busy") == "True")
+
+    def release(self) -> None:
+        """Nothing is expected until an executive is heard busy."""
+        self._process, self._left = "", False
+        self._watchdog.clear()
+
+    def not_served(self) -> None:
+        """This process stood still or was at work itself: what came meanwhile has not been heard yet."""
+        if self._watchdog.fed:
+            self._watchdog.feed()
+
+    @property
+    def followed(self) -> bool:
+        """True when an executive was heard busy since the last :meth:`release`."""
+        return self._watchdog.fed
+
+    def gone(self) -> str:
+        """What to say of an executive that was followed and is gone; empty: it is there, or there was none."""
+        if not self._watchdog.expired():
+            return ""
+        what = "has left the part" if self._left else "gives no sign of life"
+        return f"the executive (process {self._process}) {what} for {self._watchdog.timeout:g} s"
+
+    def _heard(self, process: str, *, busy: bool) -> None:
+        if busy and self._process in ("", process):
+            self._process = process
+            self._watchdog.feed()
+        self._left = not busy or process != self._process

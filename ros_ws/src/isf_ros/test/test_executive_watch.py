@@ -1,0 +1,58 @@
+"""Which executive is followed, and when it is gone, on a clock that the test moves."""
+
+from collections.abc import Iterator
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from isf_ros.executive_watch import ExecutiveWatch
+from rclpy.node import Node
+
+
+@pytest.fixture(scope="module")
+def node() -> Iterator[Node]:
+    rclpy.init()
+    made = Node("watcher", namespace="cell_2")
+    yield made
+    made.destroy_node()
+    rclpy.try_shutdown()
+
+
+def tells(process: int, *, busy: bool, name: str = "/cell_2/executive") -> DiagnosticArray:
+    values = [KeyValue(key="pid", value=str(process)), KeyValue(key="busy", value=str(busy))]
+    return DiagnosticArray(status=[DiagnosticStatus(name=name, values=values)])
+
+
+def test_only_the_busy_executive_of_the_own_cell_is_followed(node: Node) -> None:
+    now = 0.0
+    watch = ExecutiveWatch(node, 5.0, clock=lambda: now)
+    watch.on_diagnostics(tells(7, busy=False))
+    watch.on_diagnostics(tells(8, busy=True, name="/executive"))
+    watch.on_diagnostics(tells(9, busy=True, name="/cell_2/machine"))
+    now = 100.0
+    assert not watch.followed
+    assert watch.gone() == ""
+
+
+@pytest.mark.parametrize(
+    ("process", "busy", "words"),
+    [(None, False, "gives no sign of life"), (7, False, "has left the part"), (8, True, "has left the part")],
+    ids=["silent", "part over", "started anew"],
+)
+def test_it_is_gone_when_nobody_is_busy_with_the_part(process: int | None, busy: bool, words: str, node: Node) -> None:
+    time = [0.0]
+    watch = ExecutiveWatch(node, 5.0, clock=lambda: time[0])
+    watch.on_diagnostics(tells(7, busy=True))
+    for time[0] in (3.0, 6.0):
+        watch.on_diagnostics(tells(7, busy=True))
+    for time[0] in (8.0, 10.9):
+        if process is not None:
+            watch.on_diagnostics(tells(process, busy=busy))
+        assert watch.gone() == ""
+    time[0] = 11.1
+    assert f"(process 7) {words}" in watch.gone()
+    watch.not_served()
+    assert watch.gone() == ""
+    watch.release()
+    time[0] = 99.0
+    assert watch.gone() == ""

@@ -1,0 +1,40 @@
+"""The benchmarks that the manual names still run: each in its smallest form, for its rows, not for its times."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+SMALLEST = [
+    ("mpc", "", r"\| fused\(analytic\): scan, then correction of one contour \| \d+ \+ \d+ \|"),
+    ("force_ctrl_tick", "--ticks 500 --repeats 1", r"\| 500 \| 1 \| [\d.]+ \|"),
+    ("plant_speed", "--step 4 --repeat 1 --ticks 100", r"100 ticks in real time: median \d+ us"),
+    ("both_loops", "--jobs mini_cone --corrections none --factors 0 --worlds 0", r"\| mini_cone \| none \| 120 N \|"),
+    ("force_control", "--jobs mini_cone --contours 3", r"\| mini_cone, 3 contours \| 120 \| 0 \|"),
+    ("springback", "--jobs mini_cone --methods none --worlds 0", r"\| mini_cone \| none \| 1 \|"),
+]
+
+
+@pytest.mark.parametrize(("name", "arguments", "row"), SMALLEST, ids=[name for name, *_ in SMALLEST])
+def test_a_benchmark_prints_its_rows(name: str, arguments: str, row: str, tmp_path: Path) -> None:
+    assert_prints(name, arguments, row, tmp_path)
+
+
+@pytest.mark.graph
+def test_the_benchmark_of_real_time_prints_its_row(tmp_path: Path) -> None:
+    arguments = "--rates 250 --seconds 2 --load quiet --scheduling ordinary"
+    assert_prints("real_time", arguments, r"\| 250 \| quiet \| ordinary \| [\d.]+", tmp_path)
+
+
+def assert_prints(name: str, arguments: str, row: str, folder: Path) -> None:
+    """Run a benchmark in ``folder``: it ends well and prints ``row`` (regular expression)."""
+    command = [sys.executable, str(ROOT / "benchmarks" / f"{name}.py"), *arguments.split()]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(row, done.stdout), done.stdout

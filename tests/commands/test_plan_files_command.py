@@ -1,0 +1,59 @@
+"""``isf plan`` with exports and views, and ``isf part``, run as a user runs them (docs/planning_outputs.md)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import trimesh
+from isf_cell.commands.exit_codes import Exit
+
+ROOT = Path(__file__).resolve().parents[2]
+JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
+
+
+def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "isf_cell.cli", *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+
+
+def test_plan_is_written_shown_and_converted(tmp_path: Path) -> None:
+    done = isf("plan", str(JOB), "--export", "part.npz", "--show", "part.png", "-o", "run", "--json", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    assert json.loads(done.stdout)["files"] == ["part.npz", "part.png"]
+    done = isf("plan", "part.npz", "--export", "part.nc", "--export", "part.csv", "--json", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    files = json.loads(done.stdout)["files"]
+    assert files[0] == "part.nc"
+    assert len(files) == 4
+    assert all((tmp_path / file).stat().st_size > 1000 for file in files)
+    done = isf("plan", "part.npz", "--export", "part.nc", "--format", "none", cwd=tmp_path)
+    assert done.returncode != Exit.OK
+    assert "iso_two_channels" in done.stderr + done.stdout
+
+
+def test_parts_are_listed_and_made(tmp_path: Path) -> None:
+    listed = json.loads(isf("part", "--json", cwd=tmp_path).stdout)
+    assert listed["cone"]["angle"] == "50 deg"
+    done = isf("part", "cone", "--set", "depth=12 mm", "-o", "c.stl", "--json", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    assert json.loads(done.stdout)["depth_mm"] == pytest.approx(12.0)
+    assert (tmp_path / "c.stl").stat().st_size > 100_000
+    assert "depth" in isf("part", "cone", "--set", "size=12 mm", cwd=tmp_path).stderr
+
+
+def test_a_cad_file_tells_its_unit_itself(tmp_path: Path) -> None:
+    assert isf("part", "cone", "--set", "depth=6 mm", "-o", "c.stl", cwd=tmp_path).returncode == Exit.OK
+    mesh = trimesh.load_mesh(tmp_path / "c.stl")
+    mesh.units = "millimeter"
+    mesh.export(tmp_path / "c.3mf")
+    done = isf("plan", "c.3mf", "--json", "-o", "run", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    assert json.loads(done.stdout)["depth_mm"] == pytest.approx(6.0, abs=0.02)
+    (tmp_path / "bad.step").write_text("no CAD file", encoding="utf-8")
+    done = isf("plan", "bad.step", cwd=tmp_path)
+    assert done.returncode == Exit.INPUT
+    assert "MESH_UNREADABLE" in done.stderr

@@ -1,0 +1,80 @@
+"""``isf simulate`` as a user runs it: numbers, files, repeatability, SPIF, off-nominal worlds."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from isf_analysis.bag.bag_reader import read_bag
+from isf_cell import in_process
+from isf_cell.commands.exit_codes import Exit
+from isf_cell.options import RunOptions
+from quick_cone import quick_cone, quick_cone_file
+
+
+def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "isf_cell.cli", *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    folder = tmp_path_factory.mktemp("simulate")
+    done = isf("simulate", str(quick_cone_file(folder)), "--json", "-o", "run", cwd=folder)
+    assert done.returncode == Exit.OK, done.stderr
+    data: dict[str, Any] = json.loads(done.stdout)
+    return data
+
+
+def test_the_json_object_has_what_scripts_rely_on(simulated: dict[str, Any]) -> None:
+    for key in ("max_mm", "mean_abs_mm", "rms_mm", "regions"):
+        assert key in simulated["deviation"]
+    for key in ("set_N", "p999_abs_error_N", "rms_error_N", "contact_fraction"):
+        assert key in simulated["force"]
+    for key in ("contours", "ticks", "late_ticks", "lost_messages", "wall_s", "sim_s", "bag", "report"):
+        assert key in simulated
+    assert simulated["lost_messages"] == 0
+    assert simulated["ticks"] > 0
+
+
+def test_bag_and_report_exist_and_agree_with_the_numbers(simulated: dict[str, Any]) -> None:
+    record = read_bag(simulated["bag"])
+    assert record.formed == simulated["contours"] == record.planned
+    page = Path(simulated["report"])
+    assert page.suffix == ".html"
+    assert f"{simulated['deviation']['max_mm']:.2f}" in page.read_text(encoding="utf-8")
+    assert list(page.parent.glob("*.png"))
+
+
+def test_the_correction_improves_the_part(simulated: dict[str, Any]) -> None:
+    reference = simulated["reference"]["deviation"]
+    assert simulated["deviation"]["mean_abs_mm"] < reference["mean_abs_mm"]
+
+
+def test_the_same_seed_repeats_bit_by_bit_and_another_does_not() -> None:
+    job_file = quick_cone()
+    first, second, other = (in_process.form(job_file, RunOptions(seed=seed)) for seed in (1, 1, 2))
+    assert first.scan is not None
+    assert second.scan is not None
+    assert other.scan is not None
+    np.testing.assert_array_equal(first.scan.z, second.scan.z)
+    assert not np.array_equal(first.scan.z, other.scan.z)
+
+
+def test_an_off_nominal_world_gives_another_part() -> None:
+    job_file = quick_cone()
+    nominal, other = (in_process.form(job_file, RunOptions(world=world)) for world in (0, 3))
+    assert nominal.scan is not None
+    assert other.scan is not None
+    assert np.abs(nominal.scan.z - other.scan.z).max() > 1e-5
+
+
+def test_without_force_set_point_the_support_is_position_controlled() -> None:
+    record = in_process.form(quick_cone(), RunOptions(support_force=0.0))
+    assert record.failure() is None
+    assert not any(result.tick_engaged.any() for result in record.results)

@@ -1,0 +1,36 @@
+"""What the architecture page names as a topic of the cell is in a recording, with its type and delivery."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from isf_analysis.bag.topics import CELL
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
+INSTEAD = {"tool_1/target_twist", "tool_2/target_twist"}
+"""Published in place of the targets by a cell whose driver takes velocities; recorded when asked for by name."""
+
+
+def named_topics() -> dict[str, tuple[str, str]]:
+    """Name to type and words on delivery, from the table of topics."""
+    text = PAGE.read_text(encoding="utf-8")
+    found = {}
+    for line in re.findall(r"^\| (`.*) \|$", text[text.index("| topic | type |") :].split("\n\n")[0], re.MULTILINE):
+        names, kind, delivery = line.split(" | ")[:3]
+        for name in re.findall(r"`([^`]+)`", names):
+            found[name] = (kind, delivery)
+    return found
+
+
+def test_every_topic_of_the_architecture_page_is_recorded() -> None:
+    named = {name: value for name, value in named_topics().items() if name not in INSTEAD}
+    assert len(named) > 15
+    assert set(named) == {topic.name for topic in CELL}
+
+
+def test_lifts_are_recorded_as_the_executive_publishes_them() -> None:
+    (lift,) = [topic for topic in CELL if topic.name == "tool_lift"]
+    kind, delivery = named_topics()["tool_lift"]
+    assert kind.startswith("sensor_msgs/PointCloud2")
+    assert (lift.type, lift.delivery) == ("sensor_msgs/msg/PointCloud2", delivery)

@@ -1,0 +1,62 @@
+"""Scans between contours through the node graph against the same cores in one process, and learning from the bag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.measures.record import PartRecord
+from isf_cell import in_process
+from isf_cell.commands.learn import learn_record
+from isf_cell.options import RunOptions
+from isf_cell.run import graph_run
+from isf_core.files.job import JobFile
+from isf_springback.method import make_method
+from isf_springback.shape_feedback import ShapeFeedback
+from numpy.typing import NDArray
+from quick_cone import FOLDER, quick_cone
+
+
+def quiet(_: Any) -> None:
+    """Feedback that nobody looks at."""
+
+
+def replayed(record: PartRecord, job_file: JobFile) -> list[NDArray[np.float64]]:
+    """(N, 3) m per contour: what the method says again when it is shown the recorded results and scans."""
+    method = make_method(record.correction, job_file)
+    assert isinstance(method, ShapeFeedback)
+    assert record.target is not None
+    method.take_target(record.target)
+    scans = {scan.index: scan.points() for scan in record.scans}
+    offsets = []
+    for nominal, corrected, result in zip(record.nominal, record.corrected, record.results, strict=True):
+        offsets.append(np.asarray(method.correct(nominal).offset))
+        method.learn(corrected, result)
+        if nominal.index in scans:
+            method.see(scans[nominal.index], nominal.index)
+    return offsets
+
+
+@pytest.mark.graph
+def test_graph_and_in_process_agree_with_scans(tmp_path: Path) -> None:
+    """1 um, contour by contour; scans after every third contour as a scanner would be used on a long part."""
+    job_file = quick_cone("method: fused\n  scan_every: 3", coarse=False)  # what was seen tells after six contours
+    _, failure = graph_run.form(job_file, RunOptions(seed=5), tmp_path, quiet)
+    assert failure is None
+    there, here = read_bag(tmp_path / "bag"), in_process.form(job_file, RunOptions(seed=5))
+    assert [c.code for c in there.corrections] == [0] * there.planned
+    for mine, theirs in zip(here.corrections, there.corrections, strict=True):
+        np.testing.assert_allclose(theirs.offset, mine.offset, atol=1e-6)
+        assert theirs.remarks == mine.remarks
+    assert here.corrections[-1].uncertainty.mean() < here.corrections[1].uncertainty.mean()
+    assert [scan.index for scan in there.scans] == [2, 5, 8]
+    for mine, theirs in zip(here.scans, there.scans, strict=True):
+        np.testing.assert_allclose(theirs.points(), mine.points(), atol=1.1e-5)
+    for mine, again in zip(here.corrections, replayed(there, job_file), strict=True):
+        np.testing.assert_allclose(again, mine.offset, atol=5e-6)  # scans are kept to 10 um in plan and 1 um in height
+    known = learn_record(there, FOLDER)
+    assert known.parts == 1
+    assert np.abs(known.push).max() > 1e-3

@@ -1,0 +1,221 @@
+"""A whole part through real nodes in real processes over real DDS, against the same cores in one process."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.measures.record import PartRecord
+from isf_cell import in_process
+from isf_cell.commands.exit_codes import Exit
+from isf_cell.options import RunOptions
+from isf_cell.processes.process_group import ProcessGroup
+from isf_cell.run import graph_run
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import load_job
+from quick_cone import quick_cone, quick_cone_file
+
+pytestmark = pytest.mark.graph
+
+ROOT = Path(__file__).resolve().parents[2]
+JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
+
+
+def quiet(_: Any) -> None:
+    """Feedback that nobody looks at."""
+
+
+@pytest.fixture(scope="module")
+def graph_record(tmp_path_factory: pytest.TempPathFactory) -> PartRecord:
+    """The small cone, formed once through the node graph in lockstep and read back from its bag."""
+    folder = tmp_path_factory.mktemp("graph")
+    steps: list[int] = []
+    result, failure = graph_run.form(
+        load_job(JOB), RunOptions(seed=3), folder, lambda m: steps.append(m.index) if m.phase == "forming" else None
+    )
+    assert failure is None
+    assert result.lost_messages == 0
+    assert result.late_ticks == 0
+    assert steps == list(range(result.contours))
+    return read_bag(folder / "bag")
+
+
+def test_the_bag_holds_the_whole_part(graph_record: PartRecord) -> None:
+    assert graph_record.failure() is None
+    assert graph_record.formed == graph_record.planned == len(graph_record.corrections)
+    assert graph_record.job_name == "mini_cone"
+    assert graph_record.lockstep
+    assert graph_record.scan is not None
+    assert graph_record.target is not None
+
+
+def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
+    """The contract of docs/architecture.md: 1 um and 0.1 N, contour by contour and in the final shape."""
+    alone = in_process.form(load_job(JOB), RunOptions(seed=3))
+    assert len(alone.results) == len(graph_record.results)
+    for mine, theirs in zip(alone.results, graph_record.results, strict=True):
+        assert len(mine.tick_time) == len(theirs.tick_time)
+        np.testing.assert_allclose(theirs.forming_target, mine.forming_target, atol=1e-6)
+        np.testing.assert_allclose(theirs.support_target, mine.support_target, atol=1e-6)
+        np.testing.assert_allclose(theirs.forming_force, mine.forming_force, atol=0.1)
+        np.testing.assert_allclose(theirs.support_force, mine.support_force, atol=0.1)
+    for mine, theirs in zip(alone.corrections, graph_record.corrections, strict=True):
+        np.testing.assert_allclose(theirs.offset, mine.offset, atol=1e-6)
+    assert alone.scan is not None
+    assert graph_record.scan is not None
+    np.testing.assert_allclose(graph_record.scan.z, alone.scan.z, atol=1e-6)
+
+
+@pytest.mark.parametrize("victim", ["force_ctrl", "springback", "planner", "machine"])
+def test_when_a_node_dies_the_machine_holds_and_the_executive_says_why(victim: str, tmp_path: Path) -> None:
+    killed: list[str] = []
+
+    def kill_after_second_contour(group: ProcessGroup) -> Callable[[Any], None]:
+        def feedback(message: Any) -> None:
+            if message.phase == "forming" and message.index == 1 and not killed:
+                os.killpg(group[victim].popen.pid, signal.SIGKILL)
+                killed.append(victim)
+
+        return feedback
+
+    result = formed_beside(kill_after_second_contour, tmp_path)
+    assert killed == [victim]
+    assert result.code == ErrorCode.NODE_DIED
+    assert f"'{victim}'" in result.message
+    assert result.contours >= 2
+    record = read_bag(tmp_path / "bag")
+    assert record.formed >= 2
+    if victim != "machine":
+        assert record.faults, "the machine latched no fault"
+    assert_nothing_left(tmp_path)
+
+
+def formed_beside(disturbance: Callable[[ProcessGroup], Callable[[Any], None]], folder: Path) -> Any:
+    """Result of a quick cone in lockstep, formed while the feedback of ``disturbance`` acts on the cell's processes."""
+    client = graph_run.CellClient()
+    try:
+        with ProcessGroup(folder / "logs") as group:
+            graph_run.start_cell(group, folder / "bag", lockstep=True)
+            client.wait_ready(group)
+            return client.form(quick_cone(), RunOptions(), disturbance(group), group)
+    finally:
+        client.close()
+
+
+def assert_nothing_left(folder: Path) -> None:
+    """No process with this test's folder on its command line is alive."""
+    found = subprocess.run(["pgrep", "-f", str(folder)], capture_output=True, text=True, check=False).stdout.split()
+    assert [pid for pid in found if int(pid) != os.getpid()] == []
+
+
+def test_ctrl_c_cancels_the_part_and_keeps_what_was_formed(tmp_path: Path) -> None:
+    output = tmp_path / "run"
+    command = [sys.executable, "-m", "isf_cell.cli", "form", str(quick_cone_file(tmp_path)), "--json"]
+    command += ["--no-compare", "-o", str(output)]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stderr is not None
+    told: list[str] = []
+    for line in process.stderr:
+        told.append(line)
+        if "contour 2/" in line:
+            break
+    assert "contour 2/" in "".join(told), "ended early: " + "".join(told)
+    os.kill(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=300)  # a bound against hanging: lifting, scan and report take their time
+    assert process.returncode == Exit.CANCELLED, out + err
+    data = json.loads(out)
+    assert data["error"]["name"] == "CANCELLED"
+    assert 2 <= data["contours"] < read_bag(output / "bag").planned
+    assert Path(data["report"]).is_file()
+
+
+def test_a_job_that_cannot_be_planned_ends_with_the_planner_s_reason(tmp_path: Path) -> None:
+    text = JOB.read_text().replace("mini_cone.stl", "missing.stl")
+    job = tmp_path / "job.yaml"
+    job.write_text(text)
+    result, failure = graph_run.form(load_job(job), RunOptions(), tmp_path / "run", quiet)
+    assert failure is not None
+    assert failure.code == ErrorCode.MESH_UNREADABLE
+    assert "missing.stl" in failure.what
+    assert result.contours == 0
+
+
+def test_an_unknown_correction_is_refused_with_the_names_that_exist(tmp_path: Path) -> None:
+    _, failure = graph_run.form(load_job(JOB), RunOptions(correction="magic"), tmp_path / "run", quiet)
+    assert failure is not None
+    assert failure.code == ErrorCode.METHOD_UNKNOWN
+    assert "analytic" in failure.what
+
+
+TOO_BUSY = (
+    ErrorCode.WRENCH_LATE,
+    ErrorCode.WRENCH_LOST,
+    ErrorCode.TARGET_LOST,
+    ErrorCode.TARGET_JUMP,
+    ErrorCode.NO_TARE,
+)
+"""Codes with which a computer that keeps nodes waiting for tenths of a second ends a part in real time: see
+docs/machine.md."""
+
+
+def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:
+    """A computer that keeps a node waiting may stop the part, with a code that says so; it does not stop three."""
+    for attempt in ("first", "second", "third"):
+        folder = tmp_path / attempt
+        result, failure = graph_run.form(quick_cone(), RunOptions(), folder, quiet, lockstep=False)
+        if failure is None:
+            break
+        assert failure.code in TOO_BUSY, failure
+    assert failure is None
+    record = read_bag(folder / "bag")
+    assert record.formed == record.planned
+    assert not record.lockstep
+    assert record.late_ticks <= result.late_ticks <= result.ticks
+
+
+def test_a_computer_that_paused_forms_the_part_to_its_end(tmp_path: Path) -> None:
+    """Longer than any silence that ends a part in lockstep: what came meanwhile is received first."""
+    paused: list[int] = []
+
+    def pause_in_second_contour(group: ProcessGroup) -> Callable[[Any], None]:
+        def feedback(message: Any) -> None:
+            if message.phase == "forming" and message.index == 1 and not paused:
+                for node in group.nodes:
+                    os.killpg(node.popen.pid, signal.SIGSTOP)
+                time.sleep(7.0)  # the fault itself
+                for node in group.nodes:
+                    os.killpg(node.popen.pid, signal.SIGCONT)
+                paused.append(message.index)
+
+        return feedback
+
+    result = formed_beside(pause_in_second_contour, tmp_path)
+    assert paused
+    assert (result.code, result.message) == (0, "")
+    record = read_bag(tmp_path / "bag")
+    assert record.formed == record.planned
+
+
+def test_a_second_cell_in_the_same_domain_is_refused(tmp_path: Path) -> None:
+    with ProcessGroup(tmp_path / "first") as group:
+        group.start("isf_cell", "executive", {})
+        client = graph_run.CellClient()
+        try:
+            client.wait_ready(group)  # else the second one may be up before the first
+        finally:
+            client.close()
+        with pytest.raises(IsfError, match="another cell is running") as caught:
+            graph_run.form(load_job(JOB), RunOptions(), tmp_path / "second", quiet)
+    assert caught.value.code == ErrorCode.BUSY
