@@ -14,9 +14,9 @@ from collections.abc import Callable
 import numpy as np
 from isf_core.contour import Contour, ContourResult
 from isf_planner import plan
+from isf_springback.estimators.mpc_problem import horizontal_problem, solve
 from isf_springback.method import apply, make_method
-from isf_springback.mpc_problem import horizontal_problem, solve
-from isf_springback.shape_feedback import ShapeFeedback
+from isf_springback.scan.feedback import ShapeFeedback
 from springback import Case, job_of
 
 REPEATS = 7

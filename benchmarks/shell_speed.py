@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from isf_core.files.job import load_job
 from isf_planner import plan
-from isf_springback.database_build import control_loops_of, database_tasks
-from isf_springback.elastic_samples import DepthTask, solve_depth
+from isf_springback.database.build import control_loops_of, database_tasks
+from isf_springback.database.elastic_samples import DepthTask, solve_depth
 from isf_springback.shell.warm_up import warm_up
 from numpy.typing import NDArray
 

@@ -33,8 +33,8 @@ from isf_cell.options import RunOptions
 from isf_cell.run.flat_push import push_flat_sheet
 from isf_core.files.job import JobFile, load_job
 from isf_planner import plan
-from isf_springback.database import cached_path, database_of
-from isf_springback.database_build import build_database
+from isf_springback.database.build import build_database
+from isf_springback.database.database import cached_path, database_of
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)")

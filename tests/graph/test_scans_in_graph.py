@@ -15,7 +15,7 @@ from isf_cell.options import RunOptions
 from isf_cell.run import graph_run
 from isf_core.files.job import JobFile
 from isf_springback.method import make_method
-from isf_springback.shape_feedback import ShapeFeedback
+from isf_springback.scan.feedback import ShapeFeedback
 from numpy.typing import NDArray
 from quick_cone import FOLDER, quick_cone
 

@@ -23,7 +23,7 @@ from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_springback.corrector import Corrector, apply
 from isf_springback.lift_feedback import lift_due, reading_of
 from isf_springback.methods import check_method, make_corrector
-from isf_springback.shape_feedback import scan_due
+from isf_springback.scan.feedback import scan_due
 
 from isf_cell.options import RunOptions
 from isf_cell.run.in_process_cell import lift_in_process, run_ticks, scan_in_process

@@ -136,6 +136,11 @@ class Contour:
                 raise IsfError(ErrorCode.CONTOUR_REJECTED, f"{name} is not finite at point {bad}", where=where)
         return self
 
+    @property
+    def push_sign(self) -> float:
+        """z component of the push direction of the forming tool: -1 for the upper tool, +1 for the lower one."""
+        return -1.0 if self.forming_tool == 1 else 1.0
+
     def shifted(self, offset: Array) -> Contour:
         """Contact and both tips moved by ``offset`` (N, 3) m: gap, normals and angles stay."""
         return replace(

@@ -15,8 +15,7 @@ from isf_core.files.job import JobFile
 from isf_core.types import Array, Mask
 from scipy.spatial import KDTree
 
-from isf_springback.limits import PUSH_SLOPE, below_values
-from isf_springback.loop_path import LoopPath
+from isf_springback.loop_path import PUSH_SLOPE, LoopPath, below_values
 
 SPACING = 0.7e-3
 """m between the points by which the die is known: the distance of a ball of 5 mm from it is then right to 10 um."""

@@ -46,8 +46,8 @@ def check_name(name: str) -> None:
 
 
 def check_method(name: str, job_file: JobFile) -> None:
-    """Raise IsfError METHOD_UNKNOWN as :func:`check_name`, FILE_FIELD when the job's process cannot be corrected, or the
-    job lacks the scans the method needs."""
+    """Raise IsfError METHOD_UNKNOWN as :func:`check_name`, FILE_FIELD when the job's process cannot be corrected, or
+    the job lacks the scans the method needs."""
     check_name(name)
     if refusal := correction_refusal(job_file.job.process, name):
         raise IsfError(ErrorCode.FILE_FIELD, refusal, where="springback method", advice="form it with the method none")

@@ -1,8 +1,6 @@
 """Node ``springback``: corrects every contour before it is formed.
 
-Takes ``part/info``, ``part/target``, ``contour/nominal``, ``contour/result``, ``tool_lift`` and ``scan``; publishes
-``contour/correction`` (what was done and why) and then ``contour/corrected``. The parameter ``method`` may be set
-between any two contours.
+Scans may come from any scanner: ``sensor_msgs/PointCloud2`` with float32 or float64 coordinates at any offset.
 """
 
 from __future__ import annotations
@@ -13,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import quantity
 from isf_core.files.job import JobFile, load_job
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo
-from isf_ros import process, qos
+from isf_ros import process, qos, stamps
 from isf_ros.conversion import (
     contour_from_message,
     contour_to_message,
@@ -28,12 +27,12 @@ from isf_ros.conversion import (
 )
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
+from numpy.typing import NDArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
 
 from isf_springback.methods import check_name, method_names
-from isf_springback.node_cloud import cloud_points, stamp_seconds
 from isf_springback.session import CorrectionSession
 
 WAITING_PERIOD = 0.1
@@ -208,3 +207,31 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+
+
+_KINDS = {7: "f4", 8: "f8"}
+"""PointField datatypes that coordinates may have."""
+
+
+def cloud_points(message: Any) -> NDArray[np.float64]:
+    """(P, 3) m; ValueError when x, y, z are missing, not floating point, or the data is cut off."""
+    fields = {field.name: field for field in message.fields}
+    order = ">" if message.is_bigendian else "<"
+    names, formats, offsets = [], [], []
+    for name in "xyz":
+        if name not in fields or fields[name].datatype not in _KINDS:
+            raise ValueError(f"needs floating-point x, y, z; this cloud has {sorted(fields)}")
+        names.append(name)
+        formats.append(order + _KINDS[fields[name].datatype])
+        offsets.append(fields[name].offset)
+    kind = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": message.point_step})
+    data = bytes(message.data)
+    if len(data) != message.width * message.height * message.point_step:
+        raise ValueError(f"{len(data)} bytes are not {message.width} x {message.height} points")
+    table = np.frombuffer(data, dtype=kind)
+    return np.column_stack([table[name].astype(np.float64) for name in "xyz"])
+
+
+def stamp_seconds(message: Any) -> float:
+    """s, stamp of the message."""
+    return float(stamps.to_seconds(message.header.stamp))

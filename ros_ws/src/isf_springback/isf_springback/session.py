@@ -23,7 +23,7 @@ from isf_springback.corrector import Corrector, apply
 from isf_springback.estimators.estimator import NoCorrection
 from isf_springback.lift_feedback import lift_awaited, reading_of
 from isf_springback.methods import check_method, check_name, make_corrector
-from isf_springback.shape_feedback import scan_awaited
+from isf_springback.scan.feedback import scan_awaited
 
 STAMP_TOLERANCE = 1e-6
 """s by which the stamp of a scan may lie before the end of the contour it was made after (rounding)."""

@@ -12,7 +12,7 @@ from isf_core.files.job import JobFile
 from isf_core.geometry.opening import SMALLEST_GAP, ClampRadius, Opening, clamp_radius
 from isf_core.types import Array
 
-from isf_springback.limits import forming_radius
+from isf_springback.loop_path import forming_radius
 
 CLOSE = 3.0
 """Radii of the forming tool within which a backing plate holds the sheet where it is formed (assumed). On

@@ -7,8 +7,8 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.opening import Opening
-from isf_springback.database import cached_path
-from isf_springback.elastic_samples import depth_task, solve_depth
+from isf_springback.database.database import cached_path
+from isf_springback.database.elastic_samples import depth_task, solve_depth
 from isf_springback.method import apply, make_method
 from isf_springback.sheet_edge import edge_radius, free_size, held_by_plate
 from isf_springback.shell.formed_sheet import FacetSize

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_springback import METHODS, apply, learning_file, make_method
+from isf_springback import METHODS, apply, make_method
+from isf_springback.estimators import learning
+from isf_springback.estimators.learning import Learned, features
 from isf_springback.fusion import MODEL_ALONE
-from isf_springback.learning import features
-from isf_springback.learning_file import Learned
 from springback_parts import JOB_TEXT, cone_contour, job_file, result_of
 
 
@@ -29,7 +29,7 @@ def job_that_learned(tmp_path_factory):
         "cone", 42, 1, index, place, push, nothing, nothing, nothing + 0.7, feature, np.full(len(feature), 1e-3),
         np.array([[1e-3, 2e-3]]),
     )  # fmt: skip
-    learning_file.save(known, folder / "known.npz")
+    learning.save(known, folder / "known.npz")
     return JobFile(JOB_TEXT.replace("method: analytic", "method: analytic, scan_every: 1, learning: known.npz"), folder)
 
 

@@ -13,7 +13,7 @@ from isf_planner import Plan, plan
 from isf_springback.die_room import BESIDE, DieRoom, die_room, free_of_die, within_room
 from isf_springback.method import make_method
 from isf_springback.mpc import mpc_tpif
-from isf_springback.scan_memory import contour_over_die
+from isf_springback.scan.feedback import contour_over_die
 from scipy.spatial import KDTree
 from springback_parts import cone_contour
 from test_scan_over_die import scan, with_die_cut_off

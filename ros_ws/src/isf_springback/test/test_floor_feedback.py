@@ -8,7 +8,7 @@ import pytest
 from isf_core.contour import Contour, over_floor
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
-from isf_springback.floor_feedback import FIRST_SHARE, NEXT_ROUND, FloorFeedback, at_edge
+from isf_springback.corrector import FIRST_SHARE, NEXT_ROUND, FloorFeedback, at_edge
 from springback_parts import JOB_TEXT, cone_contour
 
 GRID = np.arange(-40, 41) * 1e-3

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_springback.sheet_load import axial_sheet_load
+from isf_springback.estimators.sheet_model import axial_sheet_load
 from springback_parts import cone_contour, result_of
 
 

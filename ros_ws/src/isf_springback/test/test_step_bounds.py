@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.files.job import JobFile
+from isf_springback.corrector import force_share
 from isf_springback.method import apply, make_method
 from isf_springback.step_bounds import LARGEST_STEP
-from isf_springback.step_force import force_share
 from springback_parts import JOB_TEXT, cone_contour, result_of
 from test_shape_feedback import COUNT, TARGET, Sheet
 

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_core.files.job import JobFile
-from isf_springback.method import apply, make_method
-from isf_springback.step_force import (
+from isf_springback.corrector import (
     LARGEST_EXPONENT,
     SMALLEST_EXPONENT,
     WANTED_SHARE,
@@ -18,6 +17,7 @@ from isf_springback.step_force import (
     depth_of,
     largest_step,
 )
+from isf_springback.method import apply, make_method
 from springback_parts import JOB_TEXT, cone_contour, result_of
 from test_shape_feedback import COUNT, TARGET, Sheet
 

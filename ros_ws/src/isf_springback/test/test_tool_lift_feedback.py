@@ -10,8 +10,15 @@ from isf_core.files.job import JobFile
 from isf_core.process.deflection import SheetSection
 from isf_springback.elastic import ElasticCorrection
 from isf_springback.fusion import FusedCorrection
-from isf_springback.law_scale import COMMON_DEVIATION, REGION_DEVIATION, LawScale
-from isf_springback.lift_feedback import LiftReading, lift_awaited, lift_due, reading_of
+from isf_springback.lift_feedback import (
+    COMMON_DEVIATION,
+    REGION_DEVIATION,
+    LawScale,
+    LiftReading,
+    lift_awaited,
+    lift_due,
+    reading_of,
+)
 from isf_springback.method import apply, make_method
 from isf_springback.session import CorrectionSession
 from springback_parts import JOB_TEXT, cone_contour, result_of

@@ -9,10 +9,9 @@ from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_springback import learning_file
-from isf_springback.learning import learn_part
-from isf_springback.learning_file import Learned
-from isf_springback.limits import forming_radius
+from isf_springback.estimators import learning
+from isf_springback.estimators.learning import Learned, learn_part
+from isf_springback.loop_path import forming_radius
 
 from isf_cell.commands import terminal
 from isf_cell.commands.run_folder import bag_of
@@ -27,7 +26,7 @@ def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bo
     ------
     IsfError : BAG_UNREADABLE, LEARNING_UNUSABLE, codes of scan processing
     """
-    known = learning_file.load(output) if output.exists() else None
+    known = learning.load(output) if output.exists() else None
     for run in runs:
         known = learn_record(read_bag(bag_of(run)), base or Path.cwd(), known)
         mean, largest = 1e3 * known.history[-1]
@@ -37,7 +36,7 @@ def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bo
         )
     if known is None:
         raise IsfError(ErrorCode.LEARNING_UNUSABLE, "no run was given", advice="isf learn RUN... -o FILE")
-    learning_file.save(known, output)
+    learning.save(known, output)
     if as_json:
         terminal.print_json(
             {

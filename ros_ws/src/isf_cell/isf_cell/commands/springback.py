@@ -11,11 +11,11 @@ from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_planner import plan
-from isf_springback.control_points import ControlLoop
-from isf_springback.database import Database, cached_path
-from isf_springback.database_build import build_database, control_loops_of
-from isf_springback.edge_calibration import EdgeCalibration, PushCurve, calibrate_edge, read_push_curve
-from isf_springback.elastic_samples import depth_task, edge_condition, load_levels, solve_depth
+from isf_springback.database.build import build_database, control_loops_of
+from isf_springback.database.control_points import ControlLoop
+from isf_springback.database.database import Database, cached_path
+from isf_springback.database.elastic_samples import depth_task, edge_condition, load_levels, solve_depth
+from isf_springback.shell.edge_calibration import EdgeCalibration, PushCurve, calibrate_edge, read_push_curve
 from rich.progress import Progress
 
 from isf_cell.commands import terminal

@@ -11,7 +11,7 @@ from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
 from isf_planner import plan
-from isf_springback.database import cached_path, database_of
+from isf_springback.database.database import cached_path, database_of
 from isf_springback.methods import check_name
 from rich.table import Table
 

@@ -11,9 +11,9 @@ from isf_analysis.measures.deviation import Deviation
 from isf_analysis.measures.record import PartRecord
 from isf_core.contour import Contour, contour_label
 from isf_core.files.job import JobFile
-from isf_springback.control_points import ControlLoop
-from isf_springback.feature_clusters import k_means, k_medoids
-from isf_springback.loop_features import loop_features
+from isf_springback.database.control_points import ControlLoop
+from isf_springback.database.feature_clusters import k_means, k_medoids
+from isf_springback.database.loop_features import loop_features
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 

@@ -12,7 +12,7 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_sim.machine.simulated_machine import SimulatedMachine
-from isf_springback.edge_calibration import PushCurve
+from isf_springback.shell.edge_calibration import PushCurve
 from numpy.typing import NDArray
 
 FEED = 5e-3

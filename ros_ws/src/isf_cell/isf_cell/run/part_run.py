@@ -30,7 +30,7 @@ from isf_ros.lifecycle import failure
 from isf_ros.watchdog import RegularLook
 from isf_springback.lift_feedback import lift_due
 from isf_springback.methods import check_method
-from isf_springback.shape_feedback import scan_due
+from isf_springback.scan.feedback import scan_due
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from isf_cell.cli import app
 from isf_core.errors import ErrorCode, IsfError
-from isf_springback.database import Database
+from isf_springback.database.database import Database
 from typer.testing import CliRunner
 
 JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
@@ -54,7 +54,7 @@ def test_control_points_writes_picture_and_table(tmp_path):
 
 def test_database_is_stored_where_the_method_looks(tmp_path):
     from isf_core.files.job import load_job
-    from isf_springback.database import database_of
+    from isf_springback.database.database import database_of
 
     found = isf("database", JOB, "--workers", 0)
     assert found["power_law_r2_min"] > 0.99

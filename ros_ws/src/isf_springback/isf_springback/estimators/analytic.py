@@ -19,11 +19,9 @@ from isf_core.process.deflection import SheetSection, deflection, ring_load_law
 from isf_core.process.forming_force import contact_patch
 from isf_core.types import Array
 
-from isf_springback.estimators.axial_force import SECTORS, AxialForce, FirstContour, ForecastLaw
 from isf_springback.estimators.estimator import Prediction
-from isf_springback.estimators.sheet_model import SheetModel
-from isf_springback.limits import forming_radius
-from isf_springback.loop_path import LoopPath
+from isf_springback.estimators.sheet_model import SECTORS, AxialForce, FirstContour, ForecastLaw, SheetModel
+from isf_springback.loop_path import LoopPath, forming_radius
 from isf_springback.sheet_edge import edge_radius
 
 SheetTerm = Literal["realised", "component", "axial"]
@@ -47,7 +45,7 @@ class AnalyticOptions:
         The component reading equals the realised one on walls near 50 deg, but tends to the full w on the fillet
         of a floor, where springback does not grow: hence not the default.
     clamp : radius of a rectangular clamp, see :func:`isf_core.geometry.opening.clamp_radius`
-    law, first_contour : force forecast, see :class:`~isf_springback.estimators.axial_force.AxialForce`
+    law, first_contour : force forecast, see :class:`~isf_springback.estimators.sheet_model.AxialForce`
     control_points : places along the contour where force and model are evaluated
     """
 

@@ -16,17 +16,14 @@ from isf_core.files.job import JobFile
 from isf_core.types import Array
 from numpy.typing import NDArray
 
-from isf_springback.control_points import ControlLoop, ControlPointOptions, control_loop, part_symmetries
-from isf_springback.database import Database, DatabaseLevel, database_of
-from isf_springback.elastic_samples import depth_task, load_levels, solve_depth
-from isf_springback.estimators.axial_force import AxialForce, ForecastLaw
-from isf_springback.estimators.estimator import Horizontal, Prediction
-from isf_springback.estimators.sheet_model import SheetModel
-from isf_springback.history import History
-from isf_springback.horizontal_springback import HorizontalSpringback, across_level, outward
-from isf_springback.limits import forming_radius
-from isf_springback.load_displacement import CubicLaw
-from isf_springback.loop_path import LoopPath, nearest_points
+from isf_springback.database.control_points import ControlLoop, ControlPointOptions, control_loop, part_symmetries
+from isf_springback.database.database import Database, DatabaseLevel, database_of
+from isf_springback.database.elastic_samples import depth_task, load_levels, solve_depth
+from isf_springback.database.load_displacement import CubicLaw
+from isf_springback.estimators.estimator import History, Horizontal, Prediction
+from isf_springback.estimators.horizontal_springback import HorizontalSpringback, across_level, outward
+from isf_springback.estimators.sheet_model import AxialForce, ForecastLaw, SheetModel
+from isf_springback.loop_path import LoopPath, forming_radius, nearest_points
 from isf_springback.sheet_edge import free_size
 from isf_springback.shell.formed_sheet import FacetSize
 

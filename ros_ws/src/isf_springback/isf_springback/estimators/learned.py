@@ -17,14 +17,11 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
 
-from isf_springback import learning_file
-from isf_springback.estimators.estimator import Bounds, Estimator, Prediction
-from isf_springback.history import History
-from isf_springback.learning import features
-from isf_springback.learning_file import FEATURES, Learned
-from isf_springback.limits import LARGEST_CORRECTION
-from isf_springback.loop_path import LoopPath, nearest_points
-from isf_springback.scan_memory import contour_over_die
+from isf_springback.estimators import learning
+from isf_springback.estimators.estimator import Bounds, Estimator, History, Prediction
+from isf_springback.estimators.learning import FEATURES, Learned, features
+from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, nearest_points
+from isf_springback.scan.feedback import contour_over_die
 
 FEWEST_SAMPLES = 200
 KNOTS = 5
@@ -108,7 +105,7 @@ def knowledge(job_file: JobFile) -> Learned:
             where="springback.learning",
             advice="make one with: isf learn RUN... -o FILE",
         )
-    return learning_file.load(job_file.base / name)
+    return learning.load(job_file.base / name)
 
 
 def fit_map(known: Learned) -> tuple[Any, Array, Array, float, float]:

@@ -19,17 +19,14 @@ from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 from numpy.typing import NDArray
 
-from isf_springback import mpc_problem, mpc_state
 from isf_springback.die_room import die_room, free_of_die
-from isf_springback.estimators.estimator import Bounds, Estimator, Horizontal, Prediction
-from isf_springback.history import History
-from isf_springback.limits import forming_radius
-from isf_springback.mpc_coupled import solve_coupled
-from isf_springback.mpc_distribution import distribute
-from isf_springback.mpc_state import PolarContour, Sections
-from isf_springback.scan_memory import contour_over_die, target_over_die
-from isf_springback.scan_processing.sections import contact_reach
-from isf_springback.sheet_load import push_sign
+from isf_springback.estimators import mpc_problem, mpc_state
+from isf_springback.estimators.estimator import Bounds, Estimator, History, Horizontal, Prediction
+from isf_springback.estimators.mpc_problem import solve_coupled
+from isf_springback.estimators.mpc_state import PolarContour, Sections, distribute
+from isf_springback.loop_path import forming_radius
+from isf_springback.scan.feedback import contour_over_die, target_over_die
+from isf_springback.scan.sections import contact_reach
 
 Strategy = Literal["vertical", "two_directional", "tpif"]
 
@@ -111,7 +108,7 @@ class ModelPredictiveEstimator(Estimator):
         if fault is not None:
             raise fault
         last = history.last_offset(contour)
-        push = push_sign(contour) * last[:, 2]
+        push = contour.push_sign * last[:, 2]
         move = None
         if contour.index >= self.job_file.job.springback.open_loop_contours:
             move = self._move(contour, history)
@@ -124,7 +121,7 @@ class ModelPredictiveEstimator(Estimator):
             remarks = ("the step depth is at its bound: the lag is made good over several contours", *remarks)
         return Prediction(
             np.empty(0),
-            push=push + push_sign(contour) * move.vertical,
+            push=push + contour.push_sign * move.vertical,
             horizontal=Horizontal(radial, np.sum(last[:, :2] * radial, axis=1) + move.radial),
             expected_error=move.residual,
             remarks=remarks,

@@ -1,21 +1,320 @@
-"""A springback model of the sheet under the measured axial force, scaled by tool lifts: what "analytic" and "elastic"
-have in common, and what "fused" corrects by scans."""
+"""A springback model of the sheet under the measured axial force: what "analytic" and "elastic" have in common.
+
+**Load.** Squeezing the sheet between the tools is a self-equilibrated pair: it loads the tools and not the part. The
+load that deflects the sheet is the sum of the axial forces of both tools; without a reading of the support tool the
+axial share of the squeeze follows from its horizontal normal force, F_nz = F_nxy cot(phi) (Ren 2018, section 2.3).
+Forces are those of the sheet on the tool, N, axes of frame ``sheet``.
+
+**Forecast** of the axial force of the coming contour from the last two. Each law is a = 1 + c, b = -c in
+F_i = a F_(i-1) + b F_(i-2):
+
+* ``hold``: c = 0.
+* ``half_step``: c = 1/2, the published law 1.5 F_(i-1) - 0.5 F_(i-2) (Ren 2018 eq. 4-14). A force that rises by d
+  per contour is under-predicted by d/2, and with it the springback.
+* ``linear``: c = 1, no lag on a ramp (default). It doubles the noise variance of the published law (5 against
+  2.5 times one reading), which is harmless because sector means of a 1 % load cell are good to about 0.1 %.
+
+Where the plan predicts forces, what is carried on is the measured share of them (:func:`forecast_along`): a wall that
+becomes steeper on its way in raises the force, which the plan knows before it is measured. The trend c (F_(i-1) -
+F_(i-2)) is limited to a part of the last force: a knee of the force curve is then overrun by a bounded amount.
+
+**Scale.** Tool lifts scale the computed springback (:mod:`isf_springback.lift_feedback`).
+"""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
 
-from isf_core.contour import Contour, ContourResult, contour_label
-from isf_core.errors import IsfError
+import numpy as np
+from isf_core.contour import Contour, ContourResult, Process, contour_label
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.geometry.opening import Opening
+from isf_core.process.forming_force import aerens_axial_force
 from isf_core.types import Array
 
-from isf_springback.estimators.axial_force import AxialForce
-from isf_springback.estimators.estimator import Estimator, Prediction
-from isf_springback.history import History
-from isf_springback.law_scale import LawScale
-from isf_springback.lift_feedback import LiftReading
-from isf_springback.loop_path import nearest_points
+from isf_springback.estimators.estimator import Estimator, History, Prediction
+from isf_springback.lift_feedback import LawScale, LiftReading
+from isf_springback.loop_path import LoopPath, forming_radius, moving_average, nearest_points
+
+SMALLEST_SQUEEZE_ANGLE = np.radians(10.0)
+"""rad; below it cot(phi) says nothing any more: horizontal squeeze control is not used on nearly flat walls."""
+
+
+def axial_sheet_load(contour: Contour, result: ContourResult) -> Array:
+    """(N,) N, load on the sheet along the push direction at the points of ``contour``; positive when pushing.
+
+    Raises
+    ------
+    IsfError : NO_FORCE_HISTORY (the result has no forces or belongs to another path),
+        CORRECTION_FAILED (forces that are not finite)
+    """
+    where = contour_label(contour.index)
+    forming = np.asarray(result.forming_force, dtype=float)
+    if forming.shape != (len(contour), 3):
+        raise IsfError(
+            ErrorCode.NO_FORCE_HISTORY,
+            f"its result has forming forces of shape {forming.shape}, expected {(len(contour), 3)}",
+            where=where,
+            advice="force control must report the force at every contour point",
+        )
+    axial = forming[:, 2] + _support_share(contour, result)
+    bad = ~np.isfinite(axial)
+    if bad.any():
+        raise IsfError(
+            ErrorCode.CORRECTION_FAILED,
+            f"the measured force is not finite at {int(bad.sum())} of {len(axial)} points",
+            where=f"{where} point {int(np.argmax(bad))}",
+            advice="check the load cell; the last good correction is kept",
+        )
+    return -contour.push_sign * axial
+
+
+def _support_share(contour: Contour, result: ContourResult) -> Array:
+    """(N,) N, axial force on the support tool: measured, else from the horizontal normal force."""
+    if not contour.has_support:
+        return np.zeros(len(contour))
+    support = np.asarray(result.support_force, dtype=float)
+    if support.shape == (len(contour), 3):
+        return np.asarray(support[:, 2])
+    horizontal = contour.support_force if contour.force_controlled else np.zeros(len(contour))
+    angle = np.maximum(contour.wall_angle, SMALLEST_SQUEEZE_ANGLE)
+    return np.asarray(contour.push_sign * horizontal / np.tan(angle))
+
+
+ForecastLaw = Literal["hold", "half_step", "linear"]
+FirstContour = Literal["predicted", "zero", "estimate"]
+
+TREND: dict[ForecastLaw, float] = {"hold": 0.0, "half_step": 0.5, "linear": 1.0}
+"""Share c of the last change that is carried on."""
+
+TREND_LIMIT = 0.25
+"""Largest change of one forecast over the last force (assumed: a force that grows faster is still ramping up,
+where the limits of the correction act first)."""
+
+SECTORS = 24
+"""Parts of the path over one of which a measured force is averaged."""
+
+
+def forecast(
+    last: Array, before_last: Array | None, law: ForecastLaw = "linear", trend_limit: float = TREND_LIMIT
+) -> Array:
+    """(M,) N, forecast at M places from the measured forces (M,) N of the last two contours.
+
+    With one contour of history the last force is held (Ren 2018, 4.3.1: second block). Never negative.
+    """
+    recent: Array = np.maximum(np.asarray(last, dtype=np.float64), 0.0)
+    if before_last is None:
+        return recent
+    trend = TREND[law] * (recent - np.maximum(before_last, 0.0))
+    bound = trend_limit * recent
+    return np.asarray(np.maximum(recent + np.clip(trend, -bound, bound), 0.0))
+
+
+def forecast_along(planned: Sequence[Array], last: Array, before_last: Array | None, law: ForecastLaw) -> Array:
+    """As :func:`forecast`, of the measured force as a share of the planned one.
+
+    ``planned``: (M,) N at the same places on the contours in hand and, last, on the coming one; (0,) where the plan
+    predicts none, and nothing is changed.
+    """
+    if len(planned) < (2 if before_last is None else 3) or not all(len(force) for force in planned):
+        return forecast(last, before_last, law)
+    coming = np.maximum(planned[-1], 1.0)
+    older = None if before_last is None else before_last * coming / np.maximum(planned[-3], 1.0)
+    return forecast(last * coming / np.maximum(planned[-2], 1.0), older, law)
+
+
+@dataclass(frozen=True)
+class MeasuredLoad:
+    """What was measured on one contour, N points.
+
+    Attributes
+    ----------
+    index : the contour
+    place : (N, 2) m
+    load : (N,) N, axial sheet load averaged over a sector of path
+    steepest : (N,) rad, steepest wall met here on the way in from the opening
+    planned : (N,) N, largest force that the plan predicted here on the way in, or (0,) when it predicts none
+    """
+
+    index: int
+    place: Array
+    load: Array
+    steepest: Array
+    planned: Array = field(default_factory=lambda: np.empty(0))
+
+    def load_at(self, points: Array) -> Array:
+        """(M,) N, load at the nearest place in plan view of ``points`` (M, 2) m."""
+        return np.asarray(self.load[nearest_points(points, self.place)])
+
+    def steepest_at(self, points: Array) -> Array:
+        """(M,) rad, steepest wall at the nearest place of ``points`` (M, 2) m."""
+        return np.asarray(self.steepest[nearest_points(points, self.place)])
+
+    def planned_at(self, points: Array) -> Array:
+        """(M,) N, planned force at the nearest place of ``points`` (M, 2) m, or (0,)."""
+        return np.asarray(self.planned[nearest_points(points, self.place)]) if len(self.planned) else self.planned
+
+
+def steepest_wall(angle: Array, place: Array, before: list[MeasuredLoad]) -> Array:
+    """(N,) rad, ``angle`` (N,) or the steepest wall at the nearest place of the contour before, if that is more."""
+    return np.maximum(angle, before[0].steepest_at(place)) if before else np.array(angle)
+
+
+def planned_force(contour: Contour, place: Array, before: list[MeasuredLoad]) -> Array:
+    """(M,) N, predicted force at ``place`` (M, 2) m, or that of the contour before, if that is more; (0,): none."""
+    if not len(contour.predicted_force):
+        return np.empty(0)
+    force = np.asarray(contour.predicted_force[nearest_points(place, contour.forming_tip[:, :2])])
+    known = before and len(before[0].planned)
+    return np.maximum(force, before[0].planned_at(place)) if known else force
+
+
+class AxialForce:
+    """Measured loads of the feature in work and the forecast from them.
+
+    Parameters
+    ----------
+    law : of the forecast
+    first : force on the first contour of a feature. "predicted": what the plan predicts; 0 where it predicts none, over
+        a die, and in further stages. "zero": 0, as published for block 1. "estimate": everywhere, by Aerens' regression
+        where the plan predicts none. When the tools have swapped, "predicted" does as "estimate": the sheet stands
+        where springback left it, and tools at the planned height would not form.
+    block : contours over which the force is averaged; 1: every contour by its own (Ren 2018, 4.3.1)
+
+    Attributes
+    ----------
+    opening : first contour of the feature: parts are formed from the outside to the inside
+    """
+
+    def __init__(
+        self, job_file: JobFile, law: ForecastLaw = "linear", first: FirstContour = "predicted", block: int = 1
+    ) -> None:
+        self._job_file = job_file
+        self._law = law
+        self._first = first
+        self._block = block
+        self._blocks: list[list[MeasuredLoad]] = [[]]
+        self.opening: Opening | None = None
+        self._feature: tuple[int, int] | None = None
+        self._first_index = -1
+        self._swapped = False
+        self._loads: list[MeasuredLoad] = []
+        self._fault: IsfError | None = None
+
+    def begin(self, contour: Contour, before: Contour | None) -> None:
+        """``contour`` is next, after ``before``; a new plan starts anew, a new feature has an own opening and loads."""
+        if before is not None and before.plan_id != contour.plan_id:
+            self._feature = None
+            self._fault = None
+        if self._feature != (contour.feature, contour.stage):
+            self._feature = (contour.feature, contour.stage)
+            self.opening = Opening.of(contour.contact[:, :2])
+            self._first_index = contour.index
+            self._swapped = (
+                before is not None and before.plan_id == contour.plan_id and before.forming_tool != contour.forming_tool
+            )
+            self._loads = []
+            self._blocks = [[]]
+
+    def add(self, contour: Contour, result: ContourResult, history: History) -> None:
+        """Forces measured on the contour in work, as it was corrected; what is wrong with them :meth:`check` raises."""
+        current = None if history.current is None else history.current.contour
+        if current is None or (current.plan_id, current.index) != (result.plan_id, result.index):
+            self._fault = IsfError(
+                ErrorCode.CONTOUR_OUT_OF_ORDER,
+                f"a result of {contour_label(result.index)} came, that of "
+                f"{'none' if current is None else contour_label(current.index)} is next",
+                where=f"plan {result.plan_id}",
+                advice="results must come once and in order; the last good correction is kept",
+            )
+            return
+        try:
+            if not result.completed:
+                raise IsfError(ErrorCode.NO_FORCE_HISTORY, "was not completed", where=contour_label(result.index))
+            load = axial_sheet_load(contour, result)
+        except IsfError as error:
+            self._fault = error
+            return
+        self._fault = None
+        path = LoopPath.of(contour)
+        mean = moving_average(path, load, path.length / SECTORS)
+        place = contour.forming_tip[:, :2].copy()
+        older = [known for known in self._loads if known.index != result.index][-1:]
+        steepest, planned = steepest_wall(contour.wall_angle, place, older), planned_force(contour, place, older)
+        self._loads = [*older, MeasuredLoad(result.index, place, mean, steepest, planned)]
+        self._blocks[-1].append(self._loads[-1])
+        if len(self._blocks[-1]) >= self._block:
+            self._blocks = [*self._blocks[-2:], []]
+
+    def check(self) -> None:
+        """Raises IsfError NO_FORCE_HISTORY, CORRECTION_FAILED, CONTOUR_OUT_OF_ORDER: the last result is of no use."""
+        if self._fault is not None:
+            raise self._fault
+
+    def measured(self, contour: Contour) -> bool:
+        """True when the force of this very contour was measured."""
+        return bool(self._loads) and self._loads[-1].index == contour.index
+
+    def last_at(self, place: Array) -> Array:
+        """(M,) N, newest measured load at ``place`` (M, 2) m; 0 before one."""
+        return self._loads[-1].load_at(place) if self._loads else np.zeros(len(place))
+
+    def steepest(self, angle: Array, place: Array) -> Array:
+        """(M,) rad, steepest wall met so far at ``place`` (M, 2) m where it is ``angle`` (M,) rad now."""
+        return steepest_wall(angle, place, self._loads[-1:])
+
+    def at(self, contour: Contour, tip: Array, angle: Array) -> Array:
+        """(M,) N, force expected on ``contour`` at ``tip`` (M, 2) m; the measured one where it has been formed.
+
+        ``angle`` (M,) rad is the wall angle there. Raises IsfError NO_FORCE_HISTORY.
+        """
+        if self._block > 1 and not self.measured(contour):
+            whole = [block for block in self._blocks if len(block) >= self._block]
+            if whole:
+                means = [np.mean([known.load_at(tip) for known in block], axis=0) for block in whole[-2:]]
+                return forecast(means[-1], means[0] if len(means) == 2 else None, self._law)
+            if contour.index - self._first_index <= self._block:
+                return np.zeros(len(tip))
+        if self.measured(contour):
+            return self._loads[-1].load_at(tip)
+        if self._loads and self._loads[-1].index == contour.index - 1:
+            last = self._loads[-1].load_at(tip)
+            if self._swapped and self._first != "zero":
+                # where the support tool presses more than the forming tool nothing was formed
+                last = np.where(last > 0.0, last, self._expected(contour, tip, angle))
+            consecutive = len(self._loads) == 2 and self._loads[0].index == contour.index - 2
+            before_last = self._loads[0].load_at(tip) if consecutive else None
+            planned = [load.planned_at(tip) for load in self._loads] + [planned_force(contour, tip, self._loads[-1:])]
+            return forecast_along(planned, last, before_last, self._law)
+        if contour.index != self._first_index or (contour.feature == contour.stage == 0 and contour.index > 0):
+            raise IsfError(
+                ErrorCode.NO_FORCE_HISTORY,
+                f"no measured force of {contour_label(contour.index - 1)}",
+                where=contour_label(contour.index),
+                advice="the last good correction is kept; check that force control publishes contour/result",
+            )
+        free = contour.stage == 0 and contour.process is not Process.TPIF  # a die carries what it begins with
+        known = free and len(contour.predicted_force) > 0
+        if self._first == "estimate" or (self._first == "predicted" and (self._swapped or known)):
+            return self._expected(contour, tip, angle)
+        return np.zeros(len(tip))
+
+    def _expected(self, contour: Contour, tip: Array, angle: Array) -> Array:
+        """(M,) N, force at ``tip`` (M, 2) m, ``angle`` (M,) rad, before any was measured."""
+        if len(contour.predicted_force):
+            return np.asarray(contour.predicted_force[nearest_points(tip, contour.forming_tip[:, :2])])
+        job = self._job_file.job
+        return aerens_axial_force(
+            self._job_file.material.tensile_strength,
+            job.sheet.thickness,
+            forming_radius(self._job_file, contour.forming_tool),
+            job.path.incremental_depth,
+            angle,
+        )
 
 
 class SheetModel(Estimator):

@@ -1,0 +1,259 @@
+"""Iterative learning from part to part: the correction field of the next part from the shape of the last one.
+
+Displacement adjustment: where a place is too high after the part, it is pushed deeper on the next one,
+``push <- push + gain error`` (mirror correction with a factor, Lu 2016, 2.3.3). Robust in three ways: the gain is
+below 1; a place whose error did not follow the last change (bending of the rim, for example) is left alone; change and
+size are bounded.
+
+What was learned from formed parts, in one file: the correction of every contour, and samples of springback.
+
+The file is numpy's npz without pickled objects; lengths in m. The correction field belongs to one part (job and plan);
+the samples, springback with wall angle, curvature and distance to the rim, carry over to other parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_core.contour import Contour, ContourCorrection, Process
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+from numpy.typing import NDArray
+
+from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, nearest_points
+from isf_springback.scan import ScanExpectation, process_scan
+from isf_springback.scan.feedback import contour_over_die, shape_over_die, target_over_die
+from isf_springback.scan.readings import read_errors
+
+FORMAT = 1
+FEATURES = (
+    "wall angle [rad]",
+    "curvature of the contour [1/m]",
+    "depth of the contact [m]",
+    "distance to the floor [m]",
+)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Knowledge from the parts formed so far; K rows are places on contours, S rows are samples.
+
+    Attributes
+    ----------
+    job : name of the job ; contours : number of contours of its plan ; parts : parts learned from
+    contour : (K,) index ; place : (K, 2) m, contact in plan view
+    push : (K,) m, correction for the next part ; applied : (K,) m, that of the last part
+    error : (K,) m, formed minus target height there after the last part, NaN where not seen
+    gain : (K,) part of the error that is put into the next correction
+    feature : (S, 4), see :data:`FEATURES` ; springback : (S,) m
+    history : (P, 2) m, mean and largest error of the wall and floor below the rim, per part
+    """
+
+    job: str
+    contours: int
+    parts: int
+    contour: NDArray[np.int64]
+    place: Array
+    push: Array
+    applied: Array
+    error: Array
+    gain: Array
+    feature: Array
+    springback: Array
+    history: Array
+
+    def of_contour(self, index: int) -> tuple[Array, Array]:
+        """Places (M, 2) m and push (M,) m of contour ``index``."""
+        rows = self.contour == index
+        return self.place[rows], self.push[rows]
+
+
+def save(learned: Learned, path: Path) -> None:
+    """Write ``learned``; raises IsfError FILE_NOT_WRITABLE."""
+    values: dict[str, Any] = {name: np.asarray(value) for name, value in vars(learned).items()}
+    try:
+        with path.open("wb") as stream:
+            np.savez_compressed(stream, format=np.asarray(FORMAT), **values)
+    except OSError as error:
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, f"cannot be written: {error}", where=str(path)) from error
+
+
+def load(path: Path) -> Learned:
+    """Read a file of :func:`save`; raises IsfError LEARNING_UNUSABLE."""
+    advice = "make it with: isf learn RUN... -o FILE"
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            if int(data["format"]) != FORMAT:
+                raise ValueError(f"format {int(data['format'])}, this software reads {FORMAT}")
+            values = {name: data[name] for name in Learned.__dataclass_fields__}
+    except (OSError, ValueError, KeyError, EOFError) as error:
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE, f"cannot be used: {error}", where=str(path), advice=advice
+        ) from error
+    except Exception as error:  # zipfile and zlib raise their own errors for a damaged file
+        raise IsfError(ErrorCode.LEARNING_UNUSABLE, f"is damaged: {error}", where=str(path), advice=advice) from error
+    learned = Learned(
+        **{**values, "job": str(values["job"]), "contours": int(values["contours"]), "parts": int(values["parts"])}
+    )
+    rows, samples = len(learned.contour), len(learned.springback)
+    shapes = [learned.place.shape == (rows, 2), learned.push.shape == (rows,), learned.feature.shape == (samples, 4)]
+    if not all(shapes) or not np.isfinite(learned.push).all() or not np.isfinite(learned.springback).all():
+        raise IsfError(ErrorCode.LEARNING_UNUSABLE, "its arrays do not fit together", where=str(path), advice=advice)
+    return learned
+
+
+GAIN = 0.7
+"""Part of an error that is put into the next part (assumed; 1 is the published mirror correction)."""
+LARGEST_CHANGE = 2e-3
+"""m from part to part (assumed)."""
+LEAST_RESPONSE = 0.3
+"""Change of the error over the change of the push below which a place is not moved any more (assumed)."""
+NOTICEABLE = 0.15e-3
+"""m of change of the push below which its effect cannot be told from the scatter of parts."""
+FULL_HEIGHT = 1.0 - np.cos(np.radians(50.0))
+"""Height of the contact over the tip in tool radii on a common wall: the last contours below it make the floor."""
+
+
+def learn_part(
+    nominal: Sequence[Contour],
+    corrections: Sequence[ContourCorrection],
+    scan: Array,
+    target: HeightMap,
+    clamp: tuple[float, float],
+    radius: float,
+    job: str,
+    known: Learned | None = None,
+) -> Learned:
+    """Knowledge after one more part.
+
+    Parameters
+    ----------
+    nominal, corrections : of every contour, in order ; scan : (P, 3) m, points of the finished part in the clamp, the
+    flange at z = 0, over a die as well
+    radius : m, of the forming tool ; known : from earlier parts of the same job, or other jobs (samples only)
+
+    Raises
+    ------
+    IsfError : LEARNING_UNUSABLE (incomplete part), codes of :func:`isf_springback.scan.process_scan`
+    """
+    if not nominal or len(nominal) != nominal[0].count or len(corrections) != len(nominal):
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE,
+            f"{len(nominal)} contours and {len(corrections)} corrections are no whole part",
+            where=job,
+            advice="learn from parts that were formed to the end",
+        )
+    if nominal[-1].process is Process.TPIF:
+        # the flange moves from contour to contour: contours, target and shape meet in the frame of the die
+        shape = shape_over_die(scan, target, clamp, nominal[-1])
+        target, nominal = target_over_die(target), [contour_over_die(contour) for contour in nominal]
+    else:
+        lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
+        shape = process_scan(scan, ScanExpectation(target, clamp, lowest))
+    floor = float(np.nanmin(target.z))
+    index, place, applied, error, feature = [], [], [], [], []
+    for contour, correction in zip(nominal, corrections, strict=True):
+        reading = read_errors(contour, shape, target, radius)
+        near = nearest_points(reading.place, contour.forming_tip[:, :2])
+        left = np.abs(contour.forming_tip[near, 2] - floor)
+        share = np.where(np.isfinite(reading.bottom), np.clip(1.0 - left / (FULL_HEIGHT * radius), 0.0, 1.0), 0.0)
+        bottom = np.where(np.isfinite(reading.bottom), reading.bottom, 0.0)
+        wall = np.where(np.isfinite(reading.wall), reading.wall, np.where(share > 0.99, 0.0, np.nan))
+        index.append(np.full(len(near), contour.index))
+        place.append(reading.place)
+        applied.append(contour.push_sign * np.asarray(correction.offset)[near, 2])
+        error.append((1.0 - share) * wall + share * bottom)
+        feature.append(features(contour, floor)[near])
+    now = Learned(
+        job,
+        len(nominal),
+        1 + (known.parts if known is not None and known.job == job else 0),
+        np.concatenate(index).astype(np.int64),
+        np.concatenate(place),
+        np.zeros(sum(map(len, place))),
+        np.concatenate(applied),
+        np.concatenate(error),
+        np.full(sum(map(len, place)), GAIN),
+        np.concatenate(feature),
+        np.zeros(0),
+        np.zeros((0, 2)),
+    )
+    before = known if known is not None and known.job == job and known.contours == len(nominal) else None
+    return _with_samples(_adjusted(now, before), known)
+
+
+def features(contour: Contour, floor: float) -> Array:
+    """(N, 4) features of the points of a contour, see :data:`isf_springback.estimators.learning.FEATURES`.
+
+    Over a die ``contour`` and ``floor`` (m) are those of the frame of the die, in which depth counts from its top.
+    """
+    depth = -contour.contact[:, 2]
+    return np.column_stack([contour.wall_angle, curvature(contour), depth, contour.contact[:, 2] - floor])
+
+
+def curvature(contour: Contour) -> Array:
+    """(N,) 1/m, of the path in plan view, smoothed over 5 mm; positive where it bends like the whole loop."""
+    path = LoopPath.of(contour)
+    count = max(16, round(path.length / 1e-3))
+    step = path.length / count
+    grid = step * np.arange(count, dtype=np.float64)
+    x, y = path.at(contour.forming_tip[:, 0], grid), path.at(contour.forming_tip[:, 1], grid)
+    angle = np.unwrap(np.arctan2(np.roll(y, -1) - np.roll(y, 1), np.roll(x, -1) - np.roll(x, 1)))
+    total = float(np.sign(angle[-1] - angle[0])) or 1.0
+    turn = np.mod(np.roll(angle, -1) - np.roll(angle, 1) + np.pi, 2 * np.pi) - np.pi
+    width = min(count, 5)
+    kernel = np.ones(width) / width
+    padded = np.concatenate([turn[-width:], turn, turn[:width]])
+    smooth = np.convolve(padded, kernel, mode="same")[width:-width]
+    return np.asarray(np.interp(path.position, grid, total * smooth / (2 * step)))
+
+
+def _adjusted(now: Learned, before: Learned | None) -> Learned:
+    """``now`` with the push of the next part and the history."""
+    gain = now.gain.copy()
+    push_before = now.applied
+    if before is not None:
+        old_error, old_applied, old_gain = _earlier(now, before)
+        change = now.applied - old_applied
+        moved = np.abs(change) > NOTICEABLE
+        with np.errstate(invalid="ignore", divide="ignore"):
+            response = (old_error - now.error) / change
+        deaf = moved & np.isfinite(response) & (response < LEAST_RESPONSE)
+        gain = np.where(deaf, 0.5 * old_gain, np.minimum(old_gain, GAIN))
+        # overshoot: the error changed its sign and more than the change asked for
+        gain = np.where(moved & np.isfinite(response) & (response > 1.4), 0.7 * gain, gain)
+    step = np.clip(gain * np.nan_to_num(now.error), -LARGEST_CHANGE, LARGEST_CHANGE)
+    push = np.clip(push_before + step, -1e-3, LARGEST_CORRECTION)
+    known = now.error[np.isfinite(now.error) & (now.feature[:, 2] > 3e-3)]
+    row = [float(np.abs(known).mean()), float(np.abs(known).max())] if len(known) else [np.nan, np.nan]
+    history = np.vstack([before.history, [row]]) if before is not None else np.array([row])
+    return replace(now, push=push, gain=gain, history=history)
+
+
+def _earlier(now: Learned, before: Learned) -> tuple[Array, Array, Array]:
+    """Error, push and gain of ``before`` at the places of ``now`` nearest on the same contour."""
+    nearest = np.zeros(len(now.contour), dtype=np.intp)
+    for index in np.unique(now.contour):
+        mine, theirs = np.flatnonzero(now.contour == index), np.flatnonzero(before.contour == index)
+        if len(theirs):
+            nearest[mine] = theirs[nearest_points(now.place[mine], before.place[theirs])]
+    return before.error[nearest], before.applied[nearest], before.gain[nearest]
+
+
+def _with_samples(now: Learned, known: Learned | None) -> Learned:
+    """Springback samples: what would have to be pushed for no error; older ones are kept, newest first, bounded."""
+    seen = np.isfinite(now.error)
+    feature, springback = now.feature[seen], (now.applied + now.error)[seen]
+    if known is not None:
+        feature = np.vstack([feature, known.feature])[:MOST_SAMPLES]
+        springback = np.concatenate([springback, known.springback])[:MOST_SAMPLES]
+    return replace(now, feature=feature, springback=springback)
+
+
+MOST_SAMPLES = 20_000
+"""Samples kept in a file: a dozen parts."""

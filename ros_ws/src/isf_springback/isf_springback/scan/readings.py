@@ -1,0 +1,128 @@
+"""What a scan says of a part in work: errors around one contour, on the wall above it and on the bottom inside it, and
+remarks about the shape as a whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from isf_core.contour import Contour, Process
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+
+from isf_springback.loop_path import LoopPath
+from isf_springback.scan import sections
+from isf_springback.scan.formed_shape import FormedShape, regions
+from isf_springback.scan.sections import heights_at
+
+PLACES = 36
+"""Places around a contour at which bias is kept (assumed)."""
+WALL_REACH = (-0.75e-3, 0.1e-3)
+"""m from the contact, where the wall is read: passed by the contact within the last two contours."""
+READING_DEVIATION = 0.15e-3
+"""m, of an error read in a section: 0.05 mm of the scanner (published: Lu 2016, 3.5.2), the rest for what one contour
+leaves of the next one's wall (assumed)."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Errors read around one contour, M places: formed minus intended height on the wall and on the bottom, m."""
+
+    place: Array
+    wall: Array
+    bottom: Array
+
+
+def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius: float) -> Reading:
+    """Errors on the wall just above the contact and on the bottom, at :data:`PLACES` places of ``contour``."""
+    path = LoopPath.of(contour)
+    directions = sections.directions_of(contour, path.even_positions(PLACES))
+    angle = path.at(contour.wall_angle, directions.position)
+    step = sections.STEP
+    reach = step * np.arange(-12, round(20e-3 / step) + 1, dtype=np.float64)
+    formed = sections.vertical_sections(shape.surface, directions, reach)
+    wanted = sections.vertical_sections(target, directions, reach)
+    near = (reach >= WALL_REACH[0] - 1e-9) & (reach <= WALL_REACH[1] + 1e-9)
+    wall = _median(formed[:, near] - wanted[:, near])
+    tip = radius * np.sin(angle)
+    level = directions.tip_level
+    inside = (reach[None, :] >= tip[:, None] - 0.5e-3) & (reach[None, :] <= tip[:, None] + _inner(contour))
+    flat = wanted <= level[:, None] + 0.05e-3
+    bottom = _median(np.where(inside & flat, formed - level[:, None], np.nan))
+    return Reading(directions.origin, wall, bottom)
+
+
+def _inner(contour: Contour) -> float:
+    """m, how far inside the tip the bottom is read: half of the way to the middle."""
+    place = contour.forming_tip[:, :2]
+    return float(np.clip(0.25 * np.ptp(place, axis=0).min(), 0.5e-3, 15e-3))
+
+
+def _median(values: Array) -> Array:
+    """(M,) median of the known values of each row; NaN where less than a quarter of the row is known."""
+    result = np.full(len(values), np.nan)
+    enough = np.isfinite(values).sum(axis=1) >= 2
+    result[enough] = np.nanmedian(values[enough], axis=1)
+    return result
+
+
+RIM_SAG = 0.5e-3
+"""m below the plan at which the rim is told (the usual tolerance of a formed part is 1 mm, Lu 2016, 1.1)."""
+PILLOW = 0.3e-3
+"""m by which the middle of the bottom may stand over its edge."""
+
+
+def shape_remarks(shape: FormedShape, target: HeightMap, level: float, job_file: JobFile) -> tuple[str, ...]:
+    """Remarks on the part after a contour with its tip at ``level`` m."""
+    masks = regions(target)
+    places = np.stack(np.meshgrid(target.x, target.y), axis=-1)
+    formed = heights_at(shape.surface, places)
+    error = formed - np.maximum(target.z, level)
+    return (*_rim(error[masks["rim"]], job_file), *_pillow(formed, target, level, job_file))
+
+
+def _rim(error: Array, job_file: JobFile) -> tuple[str, ...]:
+    known = error[np.isfinite(error)]
+    if len(known) < 20:
+        return ()
+    sag = -float(np.mean(known))
+    if sag < RIM_SAG:
+        return ()
+    job = job_file.job
+    better = "a backing plate with an opening close to the path"
+    if job.process_type is Process.SPIF:
+        better += ", or two tools (DSIF)"
+    if job.backing_plate is not None:
+        better = "a smaller opening of the backing plate"
+    return (
+        f"the rim lies {1e3 * sag:.1f} mm below the plan: sheet outside the path bends and no tool lifts it; {better} "
+        "would hold it",
+    )
+
+
+def _pillow(formed: Array, target: HeightMap, level: float, job_file: JobFile) -> tuple[str, ...]:
+    """Middle of the bottom (where the target is deeper than the tool has been) against its edge."""
+    bottom = target.z <= level + 0.05e-3
+    if bottom.sum() < 200:
+        return ()
+    rows, columns = np.nonzero(bottom)
+    centre = np.array([target.x[columns].mean(), target.y[rows].mean()])
+    distance = np.hypot(target.x[columns] - centre[0], target.y[rows] - centre[1])
+    height = formed[rows, columns]
+    outer = np.quantile(distance, 0.8)
+    edge, middle = height[distance > outer], height[distance < 0.3 * outer]
+    edge, middle = edge[np.isfinite(edge)], middle[np.isfinite(middle)]
+    if len(edge) < 10 or len(middle) < 10:
+        return ()
+    rise = float(middle.mean() - edge.mean())
+    if rise < PILLOW:
+        return ()
+    better = "passes over the floor (path.floor_step), support from below (DSIF) or a smaller depth step would lower it"
+    if job_file.job.path.floor_step is not None:
+        better = "the passes over the floor lower it"
+    return (
+        f"the middle of the bottom stands {1e3 * rise:.1f} mm over its edge (pillow): contours on the walls do not "
+        f"reach it; {better}",
+    )
