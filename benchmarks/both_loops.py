@@ -32,7 +32,8 @@ from isf_force_ctrl import ControlConfig, ForceController
 from isf_force_ctrl.control_state import Mode
 from isf_planner import plan
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
-from isf_springback.method import apply, make_method
+from isf_springback.corrector import apply
+from isf_springback.methods import make_corrector
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
@@ -111,7 +112,7 @@ def form(case: Loops) -> tuple[Seen, Deviation, int, int]:
     machine = SimulatedMachine(job_file, world=case.world)
     machine.tare()
     compliance = np.array(job_file.rig.tool_1.compliance[:2]) * machine.world.compliance
-    method = make_method(case.correction, job_file)
+    method = make_corrector(case.correction, job_file)
     controller = ForceController(ControlConfig.from_job(job_file, support_force=case.force))
     sample = machine.sample()
     controller.arm(part.plan_id, 0, len(part.contours), sample.tip_1.tolist(), sample.tip_2.tolist())
@@ -128,14 +129,14 @@ def form(case: Loops) -> tuple[Seen, Deviation, int, int]:
                 seen.force.append(_normal(before.tip_1, before.tip_2, sample))
                 seen.axial.append(float(sample.true_force_1[2]))
             sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
-        result = controller.take_result()
+        result = controller.add_result()
         assert result is not None
         backoffs, code = backoffs + result.backoffs, code or result.code
         if not result.completed:
             break
         if tips:
             seen.off.append(Path(corrected).across(np.array(tips)))
-        method.learn(corrected, result)
+        method.add_result(corrected, result)
     return seen, compare(machine.measured_shape(), part.target), backoffs, code
 
 

@@ -33,7 +33,8 @@ from isf_force_ctrl.control_state import Flag, Mode
 from isf_planner import plan
 from isf_planner.part_library import PARTS, part_mesh
 from isf_sim.machine.simulated_machine import SimulatedMachine
-from isf_springback.method import apply, make_method
+from isf_springback.corrector import apply
+from isf_springback.methods import make_corrector
 
 ROOT = Path(__file__).resolve().parents[1]
 JOBS = ROOT / "examples" / "jobs"
@@ -118,7 +119,7 @@ def form(case: Case) -> Ticks:
     part = plan(job_file)
     machine = SimulatedMachine(job_file, world=case.world)
     machine.tare()
-    method = make_method(case.correction, job_file)
+    method = make_corrector(case.correction, job_file)
     controller = ForceController(
         replace(ControlConfig.from_job(job_file, support_force=case.force), **dict(case.changes))
     )
@@ -139,13 +140,13 @@ def form(case: Case) -> Ticks:
                 row = (state.set_point, state.normal_force, true, nominal.force_controlled, state.mode, state.flags)
                 ticks.rows.append(row)
             sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
-        result = controller.take_result()
+        result = controller.add_result()
         assert result is not None
         ticks.backoffs += result.backoffs
         ticks.code = ticks.code or result.code
         if not result.completed:
             break
-        method.learn(corrected, result)
+        method.add_result(corrected, result)
     return ticks
 
 

@@ -14,8 +14,9 @@ from collections.abc import Callable
 import numpy as np
 from isf_core.contour import Contour, ContourResult
 from isf_planner import plan
+from isf_springback.corrector import apply
 from isf_springback.estimators.mpc_problem import horizontal_problem, solve
-from isf_springback.method import apply, make_method
+from isf_springback.methods import make_corrector
 from isf_springback.scan.feedback import ShapeFeedback
 from springback import Case, job_of
 
@@ -50,16 +51,16 @@ def end_to_end() -> list[str]:
     grid = planned.target
     for name in ("mpc_vertical", "mpc_two_directional", "mpc_tpif", "fused(analytic)"):
         job, method = job_of(Case("ren_cone", name, 0))
-        corrector = make_method(method, job)
+        corrector = make_corrector(method, job)
         assert isinstance(corrector, ShapeFeedback)
-        corrector.take_target(grid)
+        corrector.set_target(grid)
         for contour in planned.contours[:CONTOUR]:
             corrected = apply(contour, corrector.correct(contour))
-            corrector.learn(corrected, _result(corrected))
+            corrector.add_result(corrected, _result(corrected))
         level = float(planned.contours[CONTOUR - 1].forming_tip[:, 2].min())
         points = grid.points()
         points[:, 2] = np.maximum(points[:, 2], level) * 0.95
-        looked = least(lambda c=corrector, p=points: c.see(p, CONTOUR - 1))  # type: ignore[misc]
+        looked = least(lambda c=corrector, p=points: c.add_scan(p, CONTOUR - 1))  # type: ignore[misc]
         corrected_in = least(lambda c=corrector: c.correct(planned.contours[CONTOUR]))  # type: ignore[misc]
         rows.append(f"| {name}: scan, then correction of one contour | {looked:.0f} + {corrected_in:.0f} |")
     return rows

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import isf_springback.elastic  # noqa: F401 - loaded before the processes start, so that all run the same code
+import isf_springback.estimators.elastic  # noqa: F401 - loaded before the processes start, so that all run the same code
 import numpy as np
 from isf_analysis.measures.deviation import compare
 from isf_analysis.measures.summary import BAND

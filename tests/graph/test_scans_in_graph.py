@@ -14,7 +14,7 @@ from isf_cell.commands.learn import learn_record
 from isf_cell.options import RunOptions
 from isf_cell.run import graph_run
 from isf_core.files.job import JobFile
-from isf_springback.method import make_method
+from isf_springback.methods import make_corrector
 from isf_springback.scan.feedback import ShapeFeedback
 from numpy.typing import NDArray
 from quick_cone import FOLDER, quick_cone
@@ -26,17 +26,17 @@ def quiet(_: Any) -> None:
 
 def replayed(record: PartRecord, job_file: JobFile) -> list[NDArray[np.float64]]:
     """(N, 3) m per contour: what the method says again when it is shown the recorded results and scans."""
-    method = make_method(record.correction, job_file)
+    method = make_corrector(record.correction, job_file)
     assert isinstance(method, ShapeFeedback)
     assert record.target is not None
-    method.take_target(record.target)
+    method.set_target(record.target)
     scans = {scan.index: scan.points() for scan in record.scans}
     offsets = []
     for nominal, corrected, result in zip(record.nominal, record.corrected, record.results, strict=True):
         offsets.append(np.asarray(method.correct(nominal).offset))
-        method.learn(corrected, result)
+        method.add_result(corrected, result)
         if nominal.index in scans:
-            method.see(scans[nominal.index], nominal.index)
+            method.add_scan(scans[nominal.index], nominal.index)
     return offsets
 
 

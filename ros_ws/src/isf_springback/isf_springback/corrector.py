@@ -66,33 +66,39 @@ class _Push:
 
 
 class Corrector:
-    """Corrects one part after the other, contour by contour, by the predictions of one ``estimator``."""
+    """Corrects one part after the other, contour by contour, by the predictions of one method.
+
+    Attributes
+    ----------
+    estimator : the method
+    history : what was applied to the part so far, for reading
+    """
 
     def __init__(self, estimator: Estimator, job_file: JobFile) -> None:
-        self._estimator = estimator
+        self.estimator = estimator
         self._job_file = job_file
-        self._history = History(ScanMemory(job_file, over_die=estimator.over_die))
+        self.history = History(ScanMemory(job_file, over_die=estimator.over_die))
         self._floor = FloorFeedback()
         self._force = StepForce(job_file)
 
     @property
     def name(self) -> str:
         """Name of the method."""
-        return self._estimator.name
+        return self.estimator.name
 
     @property
     def uses_lifts(self) -> bool:
         """True when the method learns from tool lifts."""
-        return self._estimator.uses_lifts
+        return self.estimator.uses_lifts
 
     @property
     def uses_scans(self) -> bool:
         """True when the method learns from scans."""
-        return self._estimator.uses_scans
+        return self.estimator.uses_scans
 
     def set_target(self, target: HeightMap) -> None:
         """The shape that is wanted, before the first contour."""
-        self._history.scans.target = target
+        self.history.scans.target = target
 
     def correct(self, contour: Contour) -> ContourCorrection:
         """Correction of the next contour; never raises for missing or bad measurements.
@@ -102,7 +108,8 @@ class Corrector:
 
         Raises
         ------
-        IsfError : CONTOUR_REJECTED, the contour itself is malformed
+        IsfError : CONTOUR_REJECTED, the contour itself is malformed; what the method's ``begin`` raises: it cannot
+            serve this plan
         """
         started = time.perf_counter()
         contour.validate()
@@ -110,11 +117,11 @@ class Corrector:
         prediction: Prediction | None = None
         if fault is None:
             try:
-                prediction = self._estimator.estimate(contour, self._history)
+                prediction = self.estimator.estimate(contour, self.history)
                 fault = prediction.fault
             except IsfError as error:
                 fault = error
-        bounds = self._estimator.bounds(contour, self._history)
+        bounds = self.estimator.bounds(contour, self.history)
         path = LoopPath.of(contour)
         push = self._push(contour, path, prediction, bounds)
         horizontal, limited, far = self._horizontal(contour, path, prediction, bounds)
@@ -138,56 +145,56 @@ class Corrector:
         Called in place of :meth:`correct`, for every contour in order, each followed by its measurements.
         """
         self._begin(contour)
-        before = None if self._history.base is None else self._history.base.contour
-        passed = self._floor.push(contour, before, self._history.last_push(contour)) is not None
+        before = None if self.history.base is None else self.history.base.contour
+        passed = self._floor.push(contour, before, self.history.last_push(contour)) is not None
         self._add_formed(contour, np.asarray(correction.offset, dtype=np.float64), over_floor=passed)
 
     def add_result(self, contour: Contour, result: ContourResult) -> None:
         """What was measured while ``contour`` (as corrected) was formed; never raises."""
-        self._estimator.add_result(contour, result, self._history)
+        self.estimator.add_result(contour, result, self.history)
         self._force.add(contour, result)
 
     def add_lift(self, reading: LiftReading | None, index: int) -> None:
         """What the tool lift after contour ``index`` measured, None when it failed; never raises."""
         if self.uses_lifts:
-            self._estimator.add_lift(reading, index)
+            self.estimator.add_lift(reading, index)
 
     def add_scan(self, points: Array, index: int) -> None:
         """Points (P, 3) m of the sheet's upper surface after contour ``index``; never raises."""
         if not self.uses_scans:
             return
-        history, formed = self._history, self._history.current
+        history, formed = self.history, self.history.current
         if formed is not None and formed.contour.forming_tool != 1:
-            self._estimator.add_shape(None, history)  # a scan from above does not show what is formed from below
+            self.estimator.add_shape(None, history)  # a scan from above does not show what is formed from below
             return
         shape = history.scans.take(points, None if formed is None else formed.contour, index)
         if shape is not None and history.scans.target is not None:
             self._floor.update(shape.surface, history.scans.target)
-        self._estimator.add_shape(shape, history)
+        self.estimator.add_shape(shape, history)
 
     # -- inside --------------------------------------------------------------------------------------
 
     def _begin(self, contour: Contour) -> IsfError | None:
         """Advance to ``contour``; the error when it is out of order."""
-        current = self._history.current
+        current = self.history.current
         if current is not None and (current.contour.plan_id, current.contour.forming_tool) != (
             contour.plan_id,
             contour.forming_tool,
         ):
             self._floor, self._force = FloorFeedback(), StepForce(self._job_file)
-        fault = self._history.advance(contour)
-        self._estimator.begin(contour, self._history)
+        fault = self.history.advance(contour)
+        self.estimator.begin(contour, self.history)
         return fault
 
     def _add_formed(self, contour: Contour, offset: Array, *, over_floor: bool) -> None:
-        self._history.add(contour, offset, over_floor=over_floor)
+        self.history.add(contour, offset, over_floor=over_floor)
         if over_floor:
             self._floor.add(contour, contour.push_sign * offset[:, 2])
-        self._estimator.add_formed(contour, offset, self._history)
+        self.estimator.add_formed(contour, offset, self.history)
 
     def _push(self, contour: Contour, path: LoopPath, prediction: Prediction | None, bounds: Bounds) -> _Push:
         """Push of ``contour``: over a floor what the floor needs, else what the method asks for, within all bounds."""
-        history = self._history
+        history = self.history
         base, last = history.base, history.last_push(contour)
         pressed = self._floor.push(contour, None if base is None else base.contour, last)
         asked = last if prediction is None else self._asked(prediction)
@@ -219,7 +226,7 @@ class Corrector:
         self, contour: Contour, asked: Array, last: Array, bounds: Bounds, *, forced: bool
     ) -> tuple[Array, tuple[str, ...]]:
         """(N,) m, as much of ``asked`` as the method's rise and (where ``forced``) the machine's force allow."""
-        rise = bounds.rise if self._history.base is not None else np.inf
+        rise = bounds.rise if self.history.base is not None else np.inf
         admitted = np.minimum(asked, np.maximum(last, 0.0) + rise)
         if not (bounds.by_force and forced):
             return admitted, ()
@@ -237,7 +244,7 @@ class Corrector:
 
         Without a prediction the last one is kept; a method without horizontal offsets lets that of another one fade.
         """
-        last = self._history.last_offset(contour)[:, :2]
+        last = self.history.last_offset(contour)[:, :2]
         none = np.zeros(len(contour), dtype=bool)
         if prediction is None:
             return last, none, 0.0
@@ -250,7 +257,7 @@ class Corrector:
             limits = horizontal_limits(self._job_file, contour.forming_tool, bounds.largest)
             given, limited = limit(asked, path, limits, along)
             wanted, largest = given[:, None] * direction, float(np.abs(asked).max())
-        if self._history.base is None:
+        if self.history.base is None:
             return wanted, limited, largest
         faded, far = fade_horizontal(wanted, last, change_per_contour(self._job_file))
         return faded, limited | far, largest

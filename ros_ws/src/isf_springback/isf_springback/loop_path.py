@@ -1,9 +1,10 @@
 """Functions of the position along one contour: lengths, means, neighbours in plan view, and the limits of a correction.
 
 A *loop function* is an array (N,) over the points of a contour. Closed contours are periodic, open ones are continued
-by their end values. Limits of one component of a correction are those of its slope along the path, its change from contour
-to contour and its magnitude; published for the push (Ren 2018, 4.3.1): 50 um per mm of path, two incremental depths per
-contour, averaged over a tool diameter of path. The average is taken after the slope is limited; it keeps the slope.
+by their end values. Limits of one component of a correction are those of its slope along the path, its change from
+contour to contour and its magnitude; published for the push (Ren 2018, 4.3.1): 50 um per mm of path, two incremental
+depths per contour, averaged over a tool diameter of path. The average is taken after the slope is limited; it keeps the
+slope.
 """
 
 from __future__ import annotations

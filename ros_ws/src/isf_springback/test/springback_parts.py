@@ -1,11 +1,14 @@
 """Parts, contours and results for the tests: a cone in the published rig (Ren 2018, 4.3)."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult, Process
 from isf_core.files.job import JobFile
 from isf_core.process.thickness_and_tips import forming_tip, sine_law, support_tip
+from isf_springback.corrector import Corrector
+from isf_springback.estimators.estimator import Estimator
 
 JOB_TEXT = """\
 name: cone
@@ -89,3 +92,8 @@ def result_of(contour, sheet_load, *, squeeze=120.0, rng=None, completed=True):
         tick_normal_force=empty,
         tick_engaged=np.empty(0, dtype=bool),
     )
+
+
+def corrector_of(kind: Callable[..., Estimator], job_file: JobFile, *options: object) -> Corrector:
+    """A corrector by the method ``kind`` with its own ``options``."""
+    return Corrector(kind(job_file, *options), job_file)

@@ -7,9 +7,10 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.opening import Opening
+from isf_springback.corrector import apply
 from isf_springback.database.database import cached_path
 from isf_springback.database.elastic_samples import depth_task, solve_depth
-from isf_springback.method import apply, make_method
+from isf_springback.methods import make_corrector
 from isf_springback.sheet_edge import edge_radius, free_size, held_by_plate
 from isf_springback.shell.formed_sheet import FacetSize
 from springback_parts import JOB_TEXT, cone_contour, result_of
@@ -25,12 +26,12 @@ def job(plate=""):
 
 def predicted(method, plate, contours=3):
     """m, mean springback predicted for the last of a few contours under 500 N, along the push."""
-    chosen = make_method(method, job(plate))
+    chosen = make_corrector(method, job(plate))
     for index in range(contours):
         contour = cone_contour(index)
         correction = chosen.correct(contour)
         assert correction.code == 0
-        chosen.learn(apply(contour, correction), result_of(contour, 500.0))
+        chosen.add_result(apply(contour, correction), result_of(contour, 500.0))
     return float(correction.springback.mean())
 
 
@@ -94,17 +95,19 @@ def test_the_edge_of_the_opening_is_not_pressed_deeper_while_it_bends_down(plate
     """Scans that show the first contours too high: followed from the third on only where a plate holds the edge."""
 
     def asked(*, looks):
-        fused = make_method("fused", JobFile(JOB_TEXT.replace("analytic", "fused, scan_every: 1") + plate, Path(".")))
-        fused.take_target(TARGET)
+        fused = make_corrector(
+            "fused", JobFile(JOB_TEXT.replace("analytic", "fused, scan_every: 1") + plate, Path("."))
+        )
+        fused.set_target(TARGET)
         sheet = Sheet(lambda depth, around: 12e-3)
         for index in range(4):
             nominal = cone_contour(index, count=COUNT)
             correction = fused.correct(nominal)
             corrected = apply(nominal, correction)
             sheet.form(corrected)
-            fused.learn(corrected, result_of(corrected, 500.0))
+            fused.add_result(corrected, result_of(corrected, 500.0))
             if looks:
-                fused.see(sheet.points(), index)
+                fused.add_scan(sheet.points(), index)
         return float(correction.springback.mean())
 
     more = asked(looks=True) - asked(looks=False)

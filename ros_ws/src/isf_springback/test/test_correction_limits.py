@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from isf_springback.correction_limits import CorrectionLimits, limit_correction, limit_gradient
-from isf_springback.loop_path import LoopPath, moving_average, nearest_points
+from isf_springback.loop_path import Limits, LoopPath, limit, limit_slope, moving_average, nearest_points
 
-LIMITS = CorrectionLimits(gradient=0.05, smoothing=10e-3, change=1e-3, magnitude=6e-3)
+LIMITS = Limits(slope=0.05, average=10e-3, change=1e-3, largest=6e-3, smallest=0.0)
 ROUNDING = 1e-12
 """m, sums of double precision numbers of a few mm."""
 
@@ -31,9 +30,8 @@ def requests(draw):
     level = draw(st.floats(-2e-3, 9e-3))
     rough = draw(st.sampled_from([0.0, 1e-4, 3e-3]))
     request = level + rough * rng.standard_normal(len(path))
-    previous = draw(st.sampled_from([None, 0.0, 2e-3, 5e-3]))
-    if previous is not None:
-        previous = previous + rough * rng.standard_normal(len(path))
+    previous = draw(st.sampled_from([0.0, 2e-3, 5e-3]))
+    previous = previous + rough * rng.standard_normal(len(path))
     return path, request, previous
 
 
@@ -51,40 +49,39 @@ def slopes(path, values):
 @given(requests())
 def test_all_limits_hold_at_once(case):
     path, request, previous = case
-    found = limit_correction(request, path, LIMITS, previous)
-    value = found.value
+    value, _limited = limit(request, path, LIMITS, previous)
     assert np.isfinite(value).all()
     assert (value >= -ROUNDING).all()
-    assert (value <= LIMITS.magnitude + ROUNDING).all()
+    assert (value <= LIMITS.largest + ROUNDING).all()
     # slopes divide by steps down to about 10 um: rounding of 1e-12 m gives 1e-7
-    assert (slopes(path, value) <= LIMITS.gradient + 1e-6).all()
-    base = np.zeros(len(path)) if previous is None else np.clip(previous, 0.0, LIMITS.magnitude)
-    smooth_base = limit_gradient(path, base, LIMITS.gradient)
+    assert (slopes(path, value) <= LIMITS.slope + 1e-6).all()
+    base = np.clip(previous, 0.0, LIMITS.largest)
+    smooth_base = limit_slope(path, base, LIMITS.slope)
     assert (np.abs(value - smooth_base) <= LIMITS.change + ROUNDING).all()
 
 
 @settings(max_examples=80, deadline=None)
 @given(requests())
-def test_gradient_limit_is_the_identity_on_admissible_functions(case):
+def test_slope_limit_is_the_identity_on_admissible_functions(case):
     path, request, _ = case
-    once = limit_gradient(path, request, LIMITS.gradient)
-    assert (slopes(path, once) <= LIMITS.gradient + 1e-6).all()
-    assert limit_gradient(path, once, LIMITS.gradient) == pytest.approx(once, abs=ROUNDING)
+    once = limit_slope(path, request, LIMITS.slope)
+    assert (slopes(path, once) <= LIMITS.slope + 1e-6).all()
+    assert limit_slope(path, once, LIMITS.slope) == pytest.approx(once, abs=ROUNDING)
     assert once.min() >= request.min() - ROUNDING
     assert once.max() <= request.max() + ROUNDING
 
 
 @settings(max_examples=40, deadline=None)
 @given(requests(), st.integers(1, 50))
-def test_gradient_limit_does_not_depend_on_the_start_of_a_closed_loop(case, turn):
+def test_slope_limit_does_not_depend_on_the_start_of_a_closed_loop(case, turn):
     path, request, _ = case
     if not path.closed:
         return
     turn %= len(path)
     position = np.mod(path.position - path.position[turn], path.length)
     turned = LoopPath(np.roll(position, -turn), path.length, True)
-    found = limit_gradient(turned, np.roll(request, -turn), LIMITS.gradient)
-    assert np.roll(found, turn) == pytest.approx(limit_gradient(path, request, LIMITS.gradient), abs=1e-9)
+    found = limit_slope(turned, np.roll(request, -turn), LIMITS.slope)
+    assert np.roll(found, turn) == pytest.approx(limit_slope(path, request, LIMITS.slope), abs=1e-9)
 
 
 def even_loop(count=400, length=0.2, closed=True):
@@ -94,20 +91,19 @@ def even_loop(count=400, length=0.2, closed=True):
 
 def test_a_constant_within_the_limits_passes_unchanged():
     path = even_loop()
-    found = limit_correction(np.full(400, 3e-3), path, LIMITS, np.full(400, 2.5e-3))
-    assert found.value == pytest.approx(np.full(400, 3e-3), abs=ROUNDING)
-    assert not found.saturated.any()
-    assert not found.magnitude_limited
+    value, limited = limit(np.full(400, 3e-3), path, LIMITS, np.full(400, 2.5e-3))
+    assert value == pytest.approx(np.full(400, 3e-3), abs=ROUNDING)
+    assert not limited.any()
 
 
 def test_change_limit_ramps_a_step_over_contours():
     path = even_loop()
-    previous = None
+    previous = np.zeros(400)
     levels = []
     for _ in range(6):
-        found = limit_correction(np.full(400, 4.5e-3), path, LIMITS, previous)
-        previous = found.value
-        levels.append(found.value[0])
+        value, _limited = limit(np.full(400, 4.5e-3), path, LIMITS, previous)
+        previous = value
+        levels.append(value[0])
     # 1 mm per contour until 4.5 mm are reached
     assert np.array(levels) == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3, 4.5e-3, 4.5e-3], abs=ROUNDING)
 
@@ -116,25 +112,24 @@ def test_saturation_is_reported_where_it_happens():
     path = even_loop()
     request = np.full(400, 2e-3)
     request[180:220] = 4e-3  # a step of 2 mm needs 40 mm of path at 50 um/mm
-    found = limit_correction(request, path, LIMITS, np.full(400, 2e-3))
-    assert found.saturated[200]
+    _value, limited = limit(request, path, LIMITS, np.full(400, 2e-3))
+    assert limited[200]
     # untouched beyond these 40 mm (80 points) and half the window of the average (10 points)
-    assert not found.saturated[: 180 - 91].any()
+    assert not limited[: 180 - 91].any()
 
 
 def test_magnitude_limit_is_reported():
-    found = limit_correction(np.full(400, 20e-3), even_loop(), LIMITS, np.full(400, 5.9e-3))
-    assert found.magnitude_limited
-    assert found.saturated.all()
-    assert found.value.max() == pytest.approx(LIMITS.magnitude, abs=ROUNDING)
+    value, limited = limit(np.full(400, 20e-3), even_loop(), LIMITS, np.full(400, 5.9e-3))
+    assert limited.all()
+    assert value.max() == pytest.approx(LIMITS.largest, abs=ROUNDING)
 
 
 def test_an_open_path_starts_where_the_last_one_ended():
     path = even_loop(closed=False)
-    found = limit_correction(np.full(400, 3e-3), path, LIMITS, np.full(400, 2.4e-3), start=2.4e-3)
-    assert found.value[0] == pytest.approx(2.4e-3, abs=ROUNDING)
+    value, _limited = limit(np.full(400, 3e-3), path, LIMITS, np.full(400, 2.4e-3), start=2.4e-3)
+    assert value[0] == pytest.approx(2.4e-3, abs=ROUNDING)
     # 0.6 mm at 50 um/mm are reached after 12 mm of path
-    assert found.value[path.position > 12e-3] == pytest.approx(3e-3, abs=ROUNDING)
+    assert value[path.position > 12e-3] == pytest.approx(3e-3, abs=ROUNDING)
 
 
 def test_moving_average_of_a_wave():

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_springback import METHODS, apply, make_method
+from isf_springback import apply, make_corrector, method_names
 from isf_springback.estimators import learning
+from isf_springback.estimators.fused import MODEL_ALONE
 from isf_springback.estimators.learning import Learned, features
-from isf_springback.fusion import MODEL_ALONE
 from springback_parts import JOB_TEXT, cone_contour, job_file, result_of
 
 
@@ -33,54 +33,54 @@ def job_that_learned(tmp_path_factory):
     return JobFile(JOB_TEXT.replace("method: analytic", "method: analytic, scan_every: 1, learning: known.npz"), folder)
 
 
-@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("name", sorted(method_names()))
 def test_every_method_answers_every_contour(name, job_that_learned):
-    method = make_method(name, job_that_learned)
+    method = make_corrector(name, job_that_learned)
     for index in range(5):
         contour = cone_contour(index)
         correction = method.correct(contour)
         assert (correction.method, correction.plan_id, correction.index) == (name, "plan", index)
         assert correction.offset.shape == (len(contour), 3)
         assert correction.saturated.shape == (len(contour),)
-        method.learn(apply(contour, correction), result_of(contour, 400.0))
+        method.add_result(apply(contour, correction), result_of(contour, 400.0))
 
 
 def test_none_passes_through():
     contour = cone_contour(0)
-    found = apply(contour, make_method("none", job_file()).correct(contour))
+    found = apply(contour, make_corrector("none", job_file()).correct(contour))
     assert np.array_equal(found.forming_tip, contour.forming_tip)
     assert np.array_equal(found.support_tip, contour.support_tip)
 
 
 def test_unknown_method_lists_the_known_ones():
     with pytest.raises(IsfError, match=r"analytic.*, none") as caught:
-        make_method("analitic", job_file())
+        make_corrector("analitic", job_file())
     assert caught.value.code == ErrorCode.METHOD_UNKNOWN
 
 
 @pytest.mark.parametrize("name", ["mpc_vertical", "mpc_two_directional", "mpc_tpif"])
 def test_a_method_that_lives_on_scans_wants_a_job_that_makes_them(name):
     with pytest.raises(IsfError, match="scan_every: 1") as caught:
-        make_method(name, job_file())
+        make_corrector(name, job_file())
     assert caught.value.code == ErrorCode.FILE_FIELD
 
 
 def test_fused_tells_once_that_nothing_is_measured():
     for more, times in (("", 1), ("scan_every: 1, ", 0), ("lift_every: 2, ", 0)):
-        method = make_method("fused", JobFile(JOB_TEXT.replace("method: analytic", f"{more}method: fused"), Path()))
+        method = make_corrector("fused", JobFile(JOB_TEXT.replace("method: analytic", f"{more}method: fused"), Path()))
         told = []
         for index in range(3):
             contour = cone_contour(index)
             correction = method.correct(contour)
             told += [text for text in correction.remarks if text == MODEL_ALONE]
-            method.learn(apply(contour, correction), result_of(contour, 400.0))
+            method.add_result(apply(contour, correction), result_of(contour, 400.0))
             if index == 0:
                 assert len(told) == times
         assert len(told) == times
 
 
 def test_correction_of_another_contour_is_refused():
-    correction = make_method("none", job_file()).correct(cone_contour(1))
+    correction = make_corrector("none", job_file()).correct(cone_contour(1))
     with pytest.raises(IsfError) as caught:
         apply(cone_contour(2), correction)
     assert caught.value.code == ErrorCode.CONTOUR_OUT_OF_ORDER
@@ -91,7 +91,7 @@ def test_unusable_offset_is_refused(offset):
     contour = cone_contour(1)
     if offset is None:
         offset = np.full((len(contour), 3), np.nan)
-    correction = replace(make_method("none", job_file()).correct(contour), offset=offset)
+    correction = replace(make_corrector("none", job_file()).correct(contour), offset=offset)
     with pytest.raises(IsfError) as caught:
         apply(contour, correction)
     assert caught.value.code == ErrorCode.CORRECTION_FAILED
@@ -100,22 +100,22 @@ def test_unusable_offset_is_refused(offset):
 @pytest.mark.parametrize("name", ["learned", "learned_map"])
 def test_learned_methods_want_a_file(name):
     with pytest.raises(IsfError) as caught:
-        make_method(name, job_file())
+        make_corrector(name, job_file())
     assert caught.value.code == ErrorCode.LEARNING_UNUSABLE
 
 
 def test_malformed_contour_is_refused(job_that_learned):
     contour = cone_contour(1)
     contour.contact[4] = np.nan
-    for name in METHODS:
+    for name in method_names():
         with pytest.raises(IsfError) as caught:
-            make_method(name, job_that_learned).correct(contour)
+            make_corrector(name, job_that_learned).correct(contour)
         assert caught.value.code == ErrorCode.CONTOUR_REJECTED
 
 
 def test_change_of_method_never_jumps():
     job = job_file()
-    analytic, off = make_method("analytic", job), make_method("none", job)
+    analytic, off = make_corrector("analytic", job), make_corrector("none", job)
     level = 0.0
     for index in range(30):
         contour = cone_contour(index)
@@ -124,7 +124,7 @@ def test_change_of_method_never_jumps():
         corrected = apply(contour, correction)
         other.follow(contour, correction)
         for method in (analytic, off):
-            method.learn(corrected, result_of(contour, 600.0))
+            method.add_result(corrected, result_of(contour, 600.0))
         present = -correction.offset[:, 2].mean()
         # two incremental depths per contour
         assert abs(present - level) <= 1e-3 + 1e-9

@@ -26,16 +26,16 @@ def clock():
 @pytest.fixture
 def session(clock):
     session = CorrectionSession(TIMEOUT, clock)
-    session.take_job(job_file(), "plan")
+    session.set_job(job_file(), "plan")
     return session
 
 
 def form(session, index, load=500.0, plan_id="plan"):
     """Correct contour ``index`` and hand in its result; the outcome."""
-    session.take_contour(cone_contour(index, plan_id=plan_id))
-    outcome = session.work()
+    session.add_contour(cone_contour(index, plan_id=plan_id))
+    outcome = session.advance()
     assert outcome is not None
-    session.take_result(result_of(outcome.corrected, load))
+    session.add_result(result_of(outcome.corrected, load))
     return outcome
 
 
@@ -54,24 +54,24 @@ def test_a_part_in_order(session):
 
 def test_a_contour_waits_for_the_result_before(session):
     form(session, 0)
-    session.take_contour(cone_contour(1))
-    first = session.work()
-    session.take_contour(cone_contour(2))
-    assert session.work() is None
-    session.take_result(result_of(first.corrected, 500.0))
-    assert session.work().correction.code == 0
-    assert session.work() is None
+    session.add_contour(cone_contour(1))
+    first = session.advance()
+    session.add_contour(cone_contour(2))
+    assert session.advance() is None
+    session.add_result(result_of(first.corrected, 500.0))
+    assert session.advance().correction.code == 0
+    assert session.advance() is None
 
 
 def test_a_result_that_never_comes_keeps_the_last_correction(session, clock):
     last = [form(session, index) for index in range(6)][-1]
-    session.take_contour(cone_contour(6))
-    kept = session.work()
-    session.take_contour(cone_contour(7))
+    session.add_contour(cone_contour(6))
+    kept = session.advance()
+    session.add_contour(cone_contour(7))
     clock.now = TIMEOUT - 0.01
-    assert session.work() is None
+    assert session.advance() is None
     clock.now = TIMEOUT
-    late = session.work()
+    late = session.advance()
     assert late.correction.code == ErrorCode.NO_FORCE_HISTORY
     assert level(late) == pytest.approx(level(kept), abs=20e-6)
     assert level(late) >= level(last) - 20e-6
@@ -79,18 +79,18 @@ def test_a_result_that_never_comes_keeps_the_last_correction(session, clock):
 
 def test_a_contour_waits_for_its_job(clock):
     session = CorrectionSession(TIMEOUT, clock)
-    session.take_job(job_file(), "another plan")
-    session.take_contour(cone_contour(0))
-    assert session.work() is None
-    session.take_job(job_file(), "plan", method="none")
-    assert session.work().correction.method == "none"
+    session.set_job(job_file(), "another plan")
+    session.add_contour(cone_contour(0))
+    assert session.advance() is None
+    session.set_job(job_file(), "plan", method="none")
+    assert session.advance().correction.method == "none"
 
 
 def test_without_a_job_the_contour_is_refused(clock):
     session = CorrectionSession(TIMEOUT, clock)
-    session.take_contour(cone_contour(0))
+    session.add_contour(cone_contour(0))
     clock.now = TIMEOUT
-    outcome = session.work()
+    outcome = session.advance()
     assert outcome.corrected is None
     assert outcome.correction.code == ErrorCode.CORRECTION_FAILED
     assert "part/info" in outcome.correction.message
@@ -99,8 +99,8 @@ def test_without_a_job_the_contour_is_refused(clock):
 def test_a_malformed_contour_is_refused(session):
     contour = cone_contour(0)
     contour.normal[3] = np.nan
-    session.take_contour(contour)
-    outcome = session.work()
+    session.add_contour(contour)
+    outcome = session.advance()
     assert outcome.corrected is None
     assert outcome.correction.code == ErrorCode.CONTOUR_REJECTED
 
@@ -113,15 +113,15 @@ def test_unknown_method_is_refused_and_the_old_one_stays(session):
 
 
 def test_unknown_method_of_the_run_is_told(session):
-    session.take_job(job_file(), "plan", method="magic")
-    session.take_contour(cone_contour(0))
-    assert session.work().correction.code == ErrorCode.METHOD_UNKNOWN
+    session.set_job(job_file(), "plan", method="magic")
+    session.add_contour(cone_contour(0))
+    assert session.advance().correction.code == ErrorCode.METHOD_UNKNOWN
 
 
 def test_a_method_without_its_scans_is_refused_at_the_first_contour_and_declined_later(session):
     session.choose("mpc_vertical")
-    session.take_contour(cone_contour(0))
-    refused = session.work()
+    session.add_contour(cone_contour(0))
+    refused = session.advance()
     assert refused.corrected is None
     assert refused.correction.code == ErrorCode.FILE_FIELD
     assert "springback.scan_every" in refused.correction.message
@@ -129,10 +129,10 @@ def test_a_method_without_its_scans_is_refused_at_the_first_contour_and_declined
     for index, choice, code in ((0, "", 0), (1, "mpc_vertical", ErrorCode.FILE_FIELD), (2, "", 0)):
         session.choose(choice)
         contour = cone_contour(index)
-        session.take_contour(contour)
-        outcome = session.work()
+        session.add_contour(contour)
+        outcome = session.advance()
         assert (outcome.correction.code, outcome.correction.method) == (code, "analytic")
-        session.take_result(result_of(contour, 500.0))
+        session.add_result(result_of(contour, 500.0))
     assert outcome.correction.message == ""
 
 
@@ -158,7 +158,7 @@ def test_method_changes_between_contours_without_a_jump(session):
 def test_a_new_part_starts_without_correction(session, plan_id):
     for index in range(6):
         form(session, index)
-    session.take_job(job_file(), plan_id)
+    session.set_job(job_file(), plan_id)
     fresh = form(session, 0, plan_id=plan_id)
     assert fresh.correction.code == 0
     assert level(fresh) == 0.0
@@ -168,16 +168,16 @@ def test_a_new_part_starts_without_correction(session, plan_id):
 def test_a_contour_sent_twice_gets_the_same_answer(session):
     for index in range(5):
         form(session, index)
-    session.take_contour(cone_contour(5))
-    first = session.work()
-    session.take_contour(cone_contour(5))
-    assert np.array_equal(session.work().correction.offset, first.correction.offset)
+    session.add_contour(cone_contour(5))
+    first = session.advance()
+    session.add_contour(cone_contour(5))
+    assert np.array_equal(session.advance().correction.offset, first.correction.offset)
 
 
 def test_results_of_other_plans_are_ignored(session):
     form(session, 0)
-    session.take_contour(cone_contour(1))
-    session.work()
-    session.take_result(result_of(cone_contour(1, plan_id="old"), 500.0))
-    session.take_contour(cone_contour(2))
-    assert session.work() is None
+    session.add_contour(cone_contour(1))
+    session.advance()
+    session.add_result(result_of(cone_contour(1, plan_id="old"), 500.0))
+    session.add_contour(cone_contour(2))
+    assert session.advance() is None

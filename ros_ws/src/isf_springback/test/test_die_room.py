@@ -11,11 +11,11 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_planner import Plan, plan
 from isf_springback.die_room import BESIDE, DieRoom, die_room, free_of_die, within_room
-from isf_springback.method import make_method
-from isf_springback.mpc import mpc_tpif
+from isf_springback.estimators.mpc import MpcTpif
+from isf_springback.methods import make_corrector
 from isf_springback.scan.feedback import contour_over_die
 from scipy.spatial import KDTree
-from springback_parts import cone_contour
+from springback_parts import cone_contour, corrector_of
 from test_scan_over_die import scan, with_die_cut_off
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -76,13 +76,13 @@ def test_a_correction_is_shortened_to_its_room(job: JobFile, cone: Plan, directi
 @pytest.mark.parametrize("high", [0.3e-3, 1.0e-3])
 def test_the_method_does_not_press_onto_the_die(job: JobFile, cone: Plan, high: float) -> None:
     """Scans that stand too high over the die: the tool keeps to the plan, within the facets."""
-    method = mpc_tpif(job)
-    method.take_target(cone.target)
+    method = corrector_of(MpcTpif, job)
+    method.set_target(cone.target)
     for contour in cone.contours[:10]:
         correction = method.correct(contour)
         assert correction.code == 0, correction.message
         assert correction.offset[:, 2].min() > -FACETS
-        method.see(scan(cone.target, contour.holder_height, high), contour.index)
+        method.add_scan(scan(cone.target, contour.holder_height, high), contour.index)
 
 
 def test_beside_the_die_it_corrects(job: JobFile, cone: Plan, tmp_path: Path) -> None:
@@ -92,11 +92,11 @@ def test_beside_the_die_it_corrects(job: JobFile, cone: Plan, tmp_path: Path) ->
     free = [bool(free_of_die(room, contour_over_die(contour)).all()) for contour in cone.contours]
     assert not free[0]
     assert free[-1]
-    method = mpc_tpif(cut)
-    method.take_target(cone.target)
+    method = corrector_of(MpcTpif, cut)
+    method.set_target(cone.target)
     for contour in cone.contours[:8]:
         correction = method.correct(contour)
-        method.see(scan(cone.target, contour.holder_height, 0.3e-3), contour.index)
+        method.add_scan(scan(cone.target, contour.holder_height, 0.3e-3), contour.index)
     assert correction.offset[:, 2].max() < -0.2e-3
     assert room.of(contour_over_die(contour), correction.offset).min() > BESIDE
 
@@ -108,5 +108,5 @@ def test_a_die_that_is_not_there_is_told(job: JobFile) -> None:
     springback = lost.job.springback.model_copy(update={"scan_every": 1})
     lost.job = lost.job.model_copy(update={"springback": springback})
     with pytest.raises(IsfError) as caught:
-        make_method("mpc_tpif", lost)
+        make_corrector("mpc_tpif", lost)
     assert caught.value.code is ErrorCode.FILE_NOT_FOUND

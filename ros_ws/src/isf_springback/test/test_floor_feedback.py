@@ -45,12 +45,12 @@ def formed(feedback: FloorFeedback, springback: float, rounds: int = 3, dome: fl
             contour = floor_contour(index, radius)
             pushed = feedback.push(contour, before, np.full(len(contour), push.mean()))
             assert pushed is not None
-            feedback.remember(contour, pushed)
+            feedback.add(contour, pushed)
             ring = np.abs(RADIUS - radius) < 1e-3
             sunk = max(0.0, float(error[ring].mean()) - (springback - float(pushed.mean())))
             weight = np.where(radius > RADIUS, 0.5, 0.0) + np.where(np.abs(RADIUS - radius) < 2.5e-3, 0.5, 0.0)
             error = error - sunk * np.where(RADIUS < 25e-3, np.minimum(weight + 0.5 * ring, 1.0), 0.0)
-            feedback.see(HeightMap(GRID, GRID, TARGET.z + error), TARGET)
+            feedback.update(HeightMap(GRID, GRID, TARGET.z + error), TARGET)
             before, push = contour, pushed
         rounds_left.append(error.copy())
     return rounds_left
@@ -70,15 +70,15 @@ def test_a_floor_comes_to_its_level_from_above(springback: float) -> None:
 def test_the_first_pass_is_pressed_less_than_the_wall_and_asking_again_changes_nothing() -> None:
     feedback = FloorFeedback()
     first, second = floor_contour(1, 20e-3), floor_contour(2, 15e-3)
-    feedback.see(HeightMap(GRID, GRID, TARGET.z + 0.1e-3), TARGET)
+    feedback.update(HeightMap(GRID, GRID, TARGET.z + 0.1e-3), TARGET)
     for _ in range(2):
         push = feedback.push(first, EDGE, np.full(len(first), WALL_PUSH))
         assert push == pytest.approx(FIRST_SHARE * WALL_PUSH)
-        feedback.remember(first, push)
+        feedback.add(first, push)
     answers = []
     for _ in range(2):
         push = feedback.push(second, first, np.full(len(second), WALL_PUSH))
-        feedback.remember(second, push)
+        feedback.add(second, push)
         answers.append(push)
     assert np.array_equal(*answers)
     assert answers[0].mean() > FIRST_SHARE * WALL_PUSH  # what still stands up is pressed deeper
@@ -87,10 +87,10 @@ def test_the_first_pass_is_pressed_less_than_the_wall_and_asking_again_changes_n
 def test_what_lies_too_deep_is_pressed_less_and_a_hole_of_the_scan_is_as_beside_it() -> None:
     feedback = FloorFeedback()
     first, second = floor_contour(1, 20e-3), floor_contour(2, 15e-3)
-    feedback.remember(first, feedback.push(first, EDGE, np.full(len(first), WALL_PUSH)))
+    feedback.add(first, feedback.push(first, EDGE, np.full(len(first), WALL_PUSH)))
     shape = TARGET.z - 0.2e-3
     shape[(X > 10e-3) & (Y > 0.0)] = np.nan
-    feedback.see(HeightMap(GRID, GRID, shape), TARGET)
+    feedback.update(HeightMap(GRID, GRID, shape), TARGET)
     push = feedback.push(second, first, np.full(len(second), WALL_PUSH))
     assert push == pytest.approx(np.full(len(second), FIRST_SHARE * WALL_PUSH - 0.2e-3), abs=1e-6)
 
@@ -101,8 +101,8 @@ def test_a_further_round_presses_part_of_what_is_left_but_gives_way_by_all(error
     first = floor_contour(1, 20e-3)
     pushed = feedback.push(first, EDGE, np.full(len(first), WALL_PUSH))
     assert pushed is not None
-    feedback.remember(first, pushed)
-    feedback.see(HeightMap(GRID, GRID, TARGET.z + error), TARGET)
+    feedback.add(first, pushed)
+    feedback.update(HeightMap(GRID, GRID, TARGET.z + error), TARGET)
     again = feedback.push(floor_contour(2, 20e-3), first, pushed)
     assert again == pytest.approx(pushed + share * error, abs=1e-6)
 
@@ -110,8 +110,8 @@ def test_a_further_round_presses_part_of_what_is_left_but_gives_way_by_all(error
 def test_a_scan_that_shows_nothing_changes_nothing() -> None:
     feedback = FloorFeedback()
     first, second = floor_contour(1, 20e-3), floor_contour(2, 15e-3)
-    feedback.remember(first, feedback.push(first, EDGE, np.full(len(first), WALL_PUSH)))
-    feedback.see(HeightMap(GRID, GRID, np.full_like(X, np.nan)), TARGET)
+    feedback.add(first, feedback.push(first, EDGE, np.full(len(first), WALL_PUSH)))
+    feedback.update(HeightMap(GRID, GRID, np.full_like(X, np.nan)), TARGET)
     push = feedback.push(second, first, np.full(len(second), WALL_PUSH))
     assert push == pytest.approx(FIRST_SHARE * WALL_PUSH)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isf_springback.force_forecast import TREND_LIMIT, forecast
+from isf_springback.estimators.sheet_model import TREND_LIMIT, forecast
 
 FORCE = st.floats(0.0, 2000.0)
 

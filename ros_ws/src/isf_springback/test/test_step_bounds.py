@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.files.job import JobFile
-from isf_springback.corrector import force_share
-from isf_springback.method import apply, make_method
-from isf_springback.step_bounds import LARGEST_STEP
+from isf_springback.corrector import apply, force_share
+from isf_springback.methods import make_corrector
 from springback_parts import JOB_TEXT, cone_contour, result_of
 from test_shape_feedback import COUNT, TARGET, Sheet
 
@@ -31,16 +30,16 @@ def with_peak(contour, share):
 
 def pushes(shares, deeper=3e-3):
     """m, mean push of every contour while the shape asks for ``deeper`` more than the model."""
-    method = make_method("fused", job("scan_every: 1"))
-    method.take_target(TARGET)
+    method = make_corrector("fused", job("scan_every: 1"))
+    method.set_target(TARGET)
     sheet, found = Sheet(lambda depth, around: 5e-3 + deeper), []
     for index, share in enumerate(shares):
         nominal = cone_contour(index, count=COUNT)
         correction = method.correct(nominal)
         corrected = apply(nominal, correction)
         sheet.form(corrected)
-        method.learn(corrected, with_peak(corrected, share))
-        method.see(sheet.points(), index)
+        method.add_result(corrected, with_peak(corrected, share))
+        method.add_scan(sheet.points(), index)
         found.append((float(-correction.offset[:, 2].mean()), correction))
     return found
 
@@ -57,7 +56,7 @@ def test_share_of_the_weaker_limit():
 def test_no_step_exceeds_the_bound_however_much_is_asked_for():
     push = np.array([value for value, _ in pushes([0.3] * 12)])
     assert push[-1] > 3e-3
-    assert np.abs(np.diff(push)).max() <= (LARGEST_STEP - 1.0) * STEP + 1e-9
+    assert np.abs(np.diff(push)).max() <= 2.0 * STEP + 1e-9
 
 
 def test_near_the_force_limit_the_step_becomes_smaller_and_says_so():
@@ -74,13 +73,13 @@ def test_near_the_force_limit_the_step_becomes_smaller_and_says_so():
 def test_the_model_of_fused_is_a_choice_of_the_job():
     """Without scans the prediction is that of the chosen model under the held force."""
     for model in ("analytic", "elastic"):
-        fused = make_method("fused", job(f"fused: {{model: {model}}}"))
-        alone = make_method(model, job())
+        fused = make_corrector("fused", job(f"fused: {{model: {model}}}"))
+        alone = make_corrector(model, job())
         for index in range(3):
             contour = cone_contour(index)
             one, other = fused.correct(contour), alone.correct(contour)
             for method in (fused, alone):
-                method.learn(apply(contour, one), result_of(contour, 500.0))
+                method.add_result(apply(contour, one), result_of(contour, 500.0))
             if index == 0:
                 alone.follow(contour, one)
         assert one.code == 0

@@ -14,10 +14,11 @@ from isf_springback.corrector import (
     WANTED_SHARE,
     FormedStep,
     StepForce,
+    apply,
     depth_of,
     largest_step,
 )
-from isf_springback.method import apply, make_method
+from isf_springback.methods import make_corrector
 from springback_parts import JOB_TEXT, cone_contour, result_of
 from test_shape_feedback import COUNT, TARGET, Sheet
 
@@ -44,8 +45,8 @@ def form(level, exponent, wanted=3e-3):
     The force comes up over five contours and grows with the step as formed by ``exponent``; the sheet springs back by
     ``wanted`` m.
     """
-    method = make_method("mpc_vertical", job())
-    method.take_target(TARGET)
+    method = make_corrector("mpc_vertical", job())
+    method.set_target(TARGET)
     sheet = Sheet(lambda depth, around: wanted * (1 - np.exp(-depth / 1e-3)))
     shares, corrections, depth = [], [], 0.0
     for index in range(14):
@@ -55,8 +56,8 @@ def form(level, exponent, wanted=3e-3):
         sheet.form(corrected)
         step, depth = max(depth_of(corrected) - depth, 1e-6), depth_of(corrected)
         shares.append(level * (1 - np.exp(-(index + 1) / 2.0)) * (step / STEP) ** exponent)
-        method.learn(corrected, measured(corrected, shares[-1]))
-        method.see(sheet.points(), index)
+        method.add_result(corrected, measured(corrected, shares[-1]))
+        method.add_scan(sheet.points(), index)
         corrections.append(correction)
     return np.array(shares), corrections
 
@@ -104,10 +105,10 @@ def test_another_feature_or_a_contour_without_forces_says_nothing():
     known = StepForce(job())
     first = cone_contour(0)
     assert known.deepest(first) == np.inf
-    known.take(first, measured(first, 0.94))
+    known.add(first, measured(first, 0.94))
     assert known.deepest(cone_contour(1)) < np.inf
     assert known.deepest(cone_contour(1, plan_id="other")) == np.inf
     assert known.deepest(replace(cone_contour(1), feature=1)) == np.inf
     second = cone_contour(1)
-    known.take(second, replace(measured(second, 0.94), forming_force=np.empty((0, 3))))
+    known.add(second, replace(measured(second, 0.94), forming_force=np.empty((0, 3))))
     assert known.deepest(cone_contour(2)) == np.inf

@@ -8,8 +8,9 @@ import pytest
 from isf_core.errors import ErrorCode
 from isf_core.files.job import JobFile
 from isf_core.process.deflection import SheetSection
-from isf_springback.elastic import ElasticCorrection
-from isf_springback.fusion import FusedCorrection
+from isf_springback.corrector import apply
+from isf_springback.estimators.elastic import ElasticModel
+from isf_springback.estimators.fused import FusedEstimator
 from isf_springback.lift_feedback import (
     COMMON_DEVIATION,
     REGION_DEVIATION,
@@ -19,9 +20,9 @@ from isf_springback.lift_feedback import (
     lift_due,
     reading_of,
 )
-from isf_springback.method import apply, make_method
+from isf_springback.methods import make_corrector
 from isf_springback.session import CorrectionSession
-from springback_parts import JOB_TEXT, cone_contour, result_of
+from springback_parts import JOB_TEXT, cone_contour, corrector_of, result_of
 
 LOAD = 500.0
 
@@ -86,7 +87,7 @@ def test_a_scale_converges_to_the_truth_and_knows_how_well():
         law = 3e-3 * (force / LOAD) ** 0.5
         true = 1.3 * law * (force / LOAD) ** 0.1
         reading = LiftReading(place, force, true * (1.0 + rng.normal(0.0, 0.02)))
-        scale.take(place, reading, law)
+        scale.add(place, reading, law)
         spread.append(float(scale.at(there, np.array([LOAD])).deviation[0]))
     found = scale.at(there, np.array([LOAD, 0.5 * LOAD])[:1])
     assert found.factor[0] == pytest.approx(1.3, rel=0.04)
@@ -105,7 +106,7 @@ def test_a_region_of_its_own_is_told_from_the_whole_part():
     for turn in range(6):
         place = 40e-3 * np.array([np.cos(turn), np.sin(turn), 0.0])
         factor = 1.15 if turn == 0 else 1.0
-        scale.take(place, LiftReading(place, force, factor * law), law)
+        scale.add(place, LiftReading(place, force, factor * law), law)
     near = scale.at(np.array([[40e-3, 0.0, 0.0]]), np.array([LOAD])).factor[0]
     far = scale.at(np.array([[-40e-3, 0.0, 0.0]]), np.array([LOAD])).factor[0]
     assert near > 1.06
@@ -117,16 +118,16 @@ def softer(method):
 
     Analytic law: thinner and softer than the job says. Shell: a quarter more than it says, as with another edge.
     """
-    model = getattr(method, "_model", method)
-    if isinstance(model, ElasticCorrection):
-        return lambda contour, force: 1.25 * model._law_at(contour, len(contour) - 1, force)
+    model = getattr(method.estimator, "_model", method.estimator)
+    if isinstance(model, ElasticModel):
+        return lambda contour, force: 1.25 * model.springback_under(contour, len(contour) - 1, force)
     section = model._section
     thin = SheetSection(0.9 * section.young_modulus, section.poisson_ratio, 0.88 * section.thickness)
 
     def law(contour, force):
         known, model._section = model._section, thin
         try:
-            return model._law_at(contour, len(contour) - 1, force)
+            return model.springback_under(contour, len(contour) - 1, force)
         finally:
             model._section = known
 
@@ -138,19 +139,21 @@ def test_an_off_nominal_sheet_is_recognised_and_the_error_is_lower_than_without(
     """Error: what the push of the last contours lacks of the springback of the true sheet under the same force."""
     error = {}
     for every in (0, 2):
-        method = make_method(name, job(name, every))
+        method = make_corrector(name, job(name, every))
         truth, lacks = softer(method), []
         for index in range(10):
             nominal = cone_contour(index)
             correction = method.correct(nominal)
             corrected = apply(nominal, correction)
-            method.learn(corrected, result_of(corrected, LOAD))
+            method.add_result(corrected, result_of(corrected, LOAD))
             lacks.append(float(truth(nominal, np.array([LOAD]))[0] + correction.offset[-1, 2]))
             if every and index % every == 1:
                 force = np.append(np.linspace(LOAD, 100.0, 40), 0.0)
                 x, y, z = corrected.forming_tip[-1]
                 gone = np.append(truth(nominal, force[:-1]), 0.0)
-                method.feel(reading_of(np.column_stack([np.full((41, 2), (x, y)), z + gone[0] - gone, force])), index)
+                method.add_lift(
+                    reading_of(np.column_stack([np.full((41, 2), (x, y)), z + gone[0] - gone, force])), index
+                )
         error[every] = abs(np.mean(lacks[-2:]))
     assert error[2] < 0.35 * error[0]
     assert error[2] < 0.15e-3
@@ -158,39 +161,41 @@ def test_an_off_nominal_sheet_is_recognised_and_the_error_is_lower_than_without(
 
 
 def test_what_scans_have_fixed_stays_when_a_lift_changes_the_model():
-    method = FusedCorrection(job("fused"))
+    method = corrector_of(FusedEstimator, job("fused"))
     contours = [cone_contour(index) for index in range(8)]
     for contour in contours[:-1]:
         correction = method.correct(contour)
-        method.learn(apply(contour, correction), result_of(contour, LOAD))
-    known = method._fields(contours[-2].forming_tip[::20, :2])
-    method._wall, method._bottom = (replace(field, covariance=1e-6 * field.covariance) for field in known)
+        method.add_result(apply(contour, correction), result_of(contour, LOAD))
+    known = method.estimator._fields(contours[-2].forming_tip[::20, :2])
+    method.estimator._wall, method.estimator._bottom = (
+        replace(field, covariance=1e-6 * field.covariance) for field in known
+    )
     twin_push = -float(correction.offset[:, 2].mean())
-    method.feel(reading_of(rows_of(1.3 * twin_push, place=tuple(contours[-2].forming_tip[-1]))), 6)
+    method.add_lift(reading_of(rows_of(1.3 * twin_push, place=tuple(contours[-2].forming_tip[-1]))), 6)
     after = method.correct(contours[-1])
     assert any("tool lifting" in remark for remark in after.remarks)
     assert -float(after.offset[:, 2].mean()) == pytest.approx(twin_push, abs=0.25e-3)
 
 
 def test_a_new_part_begins_without_the_scale_of_the_last_one():
-    method = ElasticCorrection(job("elastic"))
+    method = corrector_of(ElasticModel, job("elastic"))
     contour = cone_contour(3)
     method.correct(contour)
-    method.feel(reading_of(rows_of(8e-3, place=tuple(contour.forming_tip[-1]))), 3)
-    assert method.lifted_share(contour.contact)[0] > 1.05
+    method.add_lift(reading_of(rows_of(8e-3, place=tuple(contour.forming_tip[-1]))), 3)
+    assert method.estimator.lifted_share(contour.contact)[0] > 1.05
     method.correct(cone_contour(0, plan_id="next"))
-    assert method.lifted_share(contour.contact)[0] == 1.0
+    assert method.estimator.lifted_share(contour.contact)[0] == 1.0
 
 
 def test_a_failed_lift_is_told_and_changes_nothing():
-    method = make_method("analytic", job())
+    method = make_corrector("analytic", job())
     first, second = cone_contour(0), cone_contour(1)
-    method.learn(first, result_of(apply(first, method.correct(first)), LOAD))
-    method.feel(None, 0)
+    method.add_result(first, result_of(apply(first, method.correct(first)), LOAD))
+    method.add_lift(None, 0)
     correction = method.correct(second)
     assert correction.code == 0
     assert any("told nothing" in remark for remark in correction.remarks)
-    assert method.lifted_share(second.contact)[0] == 1.0
+    assert method.estimator.lifted_share(second.contact)[0] == 1.0
 
 
 class Clock:
@@ -203,23 +208,23 @@ class Clock:
 def test_the_session_waits_for_a_lift_and_goes_on_without_it():
     clock = Clock()
     session = CorrectionSession(5.0, clock)
-    session.take_job(job(every=2))
+    session.set_job(job(every=2))
     before = None
     for index in range(5):
-        session.take_contour(cone_contour(index))
+        session.add_contour(cone_contour(index))
         if index in (2, 4):
-            assert session.work() is None  # a lift is due after contours 1 and 3
+            assert session.advance() is None  # a lift is due after contours 1 and 3
             if index == 2:
-                session.take_lift(rows_of(6e-3, place=tuple(before.corrected.forming_tip[-1])), 1.0)
+                session.add_lift(rows_of(6e-3, place=tuple(before.corrected.forming_tip[-1])), 1.0)
             else:
-                session.take_lift(rows_of(6e-3), 0.5)  # older than the contour: of an earlier part
-                assert session.work() is None
+                session.add_lift(rows_of(6e-3), 0.5)  # older than the contour: of an earlier part
+                assert session.advance() is None
                 clock.now += 6.0
-        before = session.work()
+        before = session.advance()
         assert before.correction.code == (ErrorCode.LIFT_MISSING if index == 4 else 0)
-        session.take_result(result_of(before.corrected, LOAD))
+        session.add_result(result_of(before.corrected, LOAD))
     # a method that takes over is told of the lift, too
     session.choose("fused")
-    session.take_contour(cone_contour(5))
+    session.add_contour(cone_contour(5))
     clock.now += 6.0
-    assert any("tool lifting" in remark for remark in session.work().correction.remarks)
+    assert any("tool lifting" in remark for remark in session.advance().correction.remarks)

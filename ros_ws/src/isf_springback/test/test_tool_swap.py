@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from isf_core.geometry.height_map import HeightMap
-from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
-from isf_springback.fusion import FROM_BELOW, FusedCorrection
-from isf_springback.method import NoCorrection, apply
-from springback_parts import cone_contour, job_file, result_of
+from isf_springback.corrector import apply
+from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
+from isf_springback.estimators.estimator import NoCorrection
+from isf_springback.estimators.fused import FROM_BELOW, FusedEstimator
+from springback_parts import cone_contour, corrector_of, job_file, result_of
 
 PREDICTED = 571.0
 CHANGE = 1e-3
@@ -23,10 +24,10 @@ def second_feature(index, **changes):
 
 def formed_pocket(options=None):
     """The method after eight contours formed from above under 500 N."""
-    method = AnalyticCorrection(job_file(), options)
+    method = corrector_of(AnalyticModel, job_file(), options)
     for index in range(8):
         contour = cone_contour(index)
-        method.learn(apply(contour, method.correct(contour)), result_of(contour, 500.0))
+        method.add_result(apply(contour, method.correct(contour)), result_of(contour, 500.0))
     return method
 
 
@@ -36,7 +37,7 @@ def steady(force):
     for index in range(8, 20):
         contour = second_feature(index)
         correction = method.correct(contour)
-        method.learn(apply(contour, correction), result_of(contour, force))
+        method.add_result(apply(contour, correction), result_of(contour, force))
     return float(correction.offset[:, 2].mean())
 
 
@@ -52,7 +53,7 @@ def test_the_first_contour_is_pushed_by_the_predicted_force():
 
 def test_without_a_predicted_force_aerens_regression_stands_in():
     first = formed_pocket().correct(second_feature(8, predicted_force=np.empty(0)))
-    always = AnalyticCorrection(job_file(), AnalyticOptions(first_contour="estimate")).correct(cone_contour(0))
+    always = corrector_of(AnalyticModel, job_file(), AnalyticOptions(first_contour="estimate")).correct(cone_contour(0))
     assert first.control_point_force == pytest.approx(always.control_point_force)
 
 
@@ -60,7 +61,7 @@ def test_from_the_second_contour_on_changes_are_limited():
     method = formed_pocket()
     contour = second_feature(8)
     first = method.correct(contour)
-    method.learn(apply(contour, first), result_of(contour, 30.0))
+    method.add_result(apply(contour, first), result_of(contour, 30.0))
     second = method.correct(second_feature(9))
     # 30 N ask for much less; the change limit holds
     assert second.saturated.all()
@@ -71,7 +72,7 @@ def test_from_the_second_contour_on_changes_are_limited():
 def test_a_contour_that_the_support_tool_pressed_is_no_history(load):
     method = formed_pocket()
     contour = second_feature(8)
-    method.learn(apply(contour, method.correct(contour)), result_of(contour, load))
+    method.add_result(apply(contour, method.correct(contour)), result_of(contour, load))
     second = method.correct(second_feature(9))
     assert second.code == 0
     assert second.control_point_force == pytest.approx(np.full(24, PREDICTED))
@@ -81,11 +82,11 @@ def test_asking_again_and_changing_the_method_give_the_same():
     method = formed_pocket()
     first = method.correct(second_feature(8))
     assert np.array_equal(method.correct(second_feature(8)).offset, first.offset)
-    other = AnalyticCorrection(job_file())
+    other = corrector_of(AnalyticModel, job_file())
     for index in range(8):
         contour = cone_contour(index)
-        other.follow(contour, NoCorrection(job_file()).correct(contour))
-        other.learn(contour, result_of(contour, 500.0))
+        other.follow(contour, corrector_of(NoCorrection, job_file()).correct(contour))
+        other.add_result(contour, result_of(contour, 500.0))
     assert np.array_equal(other.correct(second_feature(8)).offset, first.offset)
 
 
@@ -94,7 +95,7 @@ def test_zero_can_be_had():
     contour = second_feature(8)
     first = method.correct(contour)
     assert not first.offset.any()
-    method.learn(apply(contour, first), result_of(contour, -26.0))
+    method.add_result(apply(contour, first), result_of(contour, -26.0))
     assert not method.correct(second_feature(9)).offset.any()
 
 
@@ -102,7 +103,7 @@ def test_zero_can_be_had():
 def test_a_feature_on_the_same_side_begins_with_its_own_force(retract):
     """Lifted tools go where the predicted force asks for; tools that stay down change by the limit."""
     method = formed_pocket()
-    before = method._continuity.pending.value.mean()
+    before = method.history.current.push.mean()
     contour = cone_contour(8)
     predicted = np.full(len(contour), 150.0)
     first = method.correct(replace(contour, feature=1, retract=retract, predicted_force=predicted))
@@ -120,9 +121,9 @@ def test_a_new_plan_of_the_other_side_is_no_swap():
 
 def test_fused_uses_no_scan_of_a_feature_formed_from_below():
     """A scan 2 mm off, believed, would move the tool; the correction stays that of the model, and tells so."""
-    eyes, blind = (FusedCorrection(job_file()) for _ in range(2))
+    eyes, blind = (corrector_of(FusedEstimator, job_file()) for _ in range(2))
     grid = np.linspace(-0.1, 0.1, 81)
-    eyes.take_target(HeightMap(grid, grid, np.zeros((81, 81))))
+    eyes.set_target(HeightMap(grid, grid, np.zeros((81, 81))))
     far_off = np.column_stack([*(g.ravel() for g in np.meshgrid(grid, grid)), np.full(81 * 81, -2e-3)])
     for index in range(12):
         contour = cone_contour(index) if index < 8 else second_feature(index)
@@ -131,17 +132,17 @@ def test_fused_uses_no_scan_of_a_feature_formed_from_below():
         assert (FROM_BELOW in seen.remarks) == (index > 8)
         assert seen.code == 0
         for method in (eyes, blind):
-            method.learn(apply(contour, seen), result_of(contour, 500.0))
+            method.add_result(apply(contour, seen), result_of(contour, 500.0))
         if index >= 8:
-            eyes.see(far_off, index)
+            eyes.add_scan(far_off, index)
     assert seen.offset[:, 2].mean() > 2 * CHANGE
 
 
 def test_fused_pushes_at_once_when_the_tools_swap():
-    method = FusedCorrection(job_file())
+    method = corrector_of(FusedEstimator, job_file())
     for index in range(9):
         contour = cone_contour(index) if index < 8 else second_feature(index)
         correction = method.correct(contour)
-        method.learn(apply(contour, correction), result_of(contour, 500.0))
+        method.add_result(apply(contour, correction), result_of(contour, 500.0))
     assert correction.offset[:, 2].min() > 2 * CHANGE
     assert correction.code == 0

@@ -13,7 +13,7 @@ from isf_cell.commands.exit_codes import Exit
 from isf_core.errors import ErrorCode
 from isf_core.files.job import load_job
 from isf_planner.planning import plan
-from isf_springback.method import METHODS
+from isf_springback.methods import method_names
 from isf_springback.session import CorrectionSession
 
 JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "adsif_cone.yaml"
@@ -40,7 +40,7 @@ def test_a_method_set_by_parameter_corrects_no_adsif_contour() -> None:
     """The node's parameter outranks the job; with none of the methods does a contour leave its plane."""
     job_file = load_job(JOB)
     contour = plan(job_file).contours[0]
-    for name in sorted(METHODS):
+    for name in method_names():
         session = CorrectionSession(timeout=0.0)
         session.choose(name)
         session.take_job(job_file)

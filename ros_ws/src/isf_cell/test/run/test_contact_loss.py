@@ -14,7 +14,8 @@ from isf_core.files.job import load_job
 from isf_force_ctrl import ControlConfig, ForceController
 from isf_planner import plan
 from isf_sim.machine.simulated_machine import SimulatedMachine
-from isf_springback.method import apply, make_method
+from isf_springback.corrector import apply
+from isf_springback.methods import make_corrector
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +36,7 @@ def first_loss(force: float, compensation: float) -> int:
     controller = ForceController(config)
     sample = machine.sample()
     controller.arm(part.plan_id, 0, len(part.contours), sample.tip_1.tolist(), sample.tip_2.tolist())
-    method = make_method("analytic", job_file)
+    method = make_corrector("analytic", job_file)
     had_contact = False
     for nominal in part.contours[:CONTOURS]:
         contour = apply(nominal, method.correct(nominal))
@@ -43,10 +44,10 @@ def first_loss(force: float, compensation: float) -> int:
         while controller.busy:
             targets = controller.tick(sample.tick, sample.time, sample.wrench_1.tolist(), sample.wrench_2.tolist())
             sample = machine.tick(targets.tip_1, targets.tip_2)
-        result = controller.take_result()
+        result = controller.add_result()
         assert result is not None
         assert result.completed
-        method.learn(contour, result)
+        method.add_result(contour, result)
         contact = bool(np.mean(np.linalg.norm(result.support_force[:, :2], axis=1) > 5.0) >= 0.5)
         if had_contact and not contact:
             return contour.index

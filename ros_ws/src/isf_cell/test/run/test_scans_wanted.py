@@ -10,7 +10,7 @@ from isf_cell.commands import terminal
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_springback.fusion import MODEL_ALONE
+from isf_springback.estimators.fused import MODEL_ALONE
 
 JOB = """\
 name: cone

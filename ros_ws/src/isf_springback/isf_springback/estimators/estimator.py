@@ -207,7 +207,12 @@ class Estimator(ABC):
         self.job_file = job_file
 
     def begin(self, contour: Contour, history: History) -> None:  # noqa: B027 - a default
-        """``contour`` is next; ``history`` has advanced to it. Called again when a contour is asked for again."""
+        """``contour`` is next; ``history`` has advanced to it. Called again when a contour is asked for again.
+
+        Raises
+        ------
+        IsfError : the method cannot serve this plan; the contour is refused
+        """
 
     @abstractmethod
     def estimate(self, contour: Contour, history: History) -> Prediction:

@@ -33,15 +33,22 @@ Predict = Callable[[Contour, list[str]], Array]
 
 
 class LearnedEstimator(Estimator):
-    """Predicts what ``predict`` says of a contour."""
+    """Predicts what ``predict`` says of a contour; ``check`` raises where the file does not belong to its plan."""
 
-    def __init__(self, name: str, job_file: JobFile, predict: Predict) -> None:
-        self.name = name
+    def __init__(
+        self, name: str, job_file: JobFile, predict: Predict, check: Callable[[Contour], None] = lambda _: None
+    ) -> None:
         super().__init__(job_file)
+        self.name = name
         self._predict = predict
+        self._check = check
+
+    def begin(self, contour: Contour, history: History) -> None:
+        """As the base class; raises LEARNING_UNUSABLE."""
+        self._check(contour)
 
     def estimate(self, contour: Contour, history: History) -> Prediction:
-        """As the base class; raises LEARNING_UNUSABLE (the file belongs to another plan)."""
+        """As the base class."""
         remarks: list[str] = []
         return Prediction(self._predict(contour, remarks), remarks=tuple(remarks))
 
@@ -54,22 +61,24 @@ def learned(job_file: JobFile) -> LearnedEstimator:
     """Method "learned"; raises IsfError LEARNING_UNUSABLE."""
     known = knowledge(job_file)
 
-    def predict(contour: Contour, remarks: list[str]) -> Array:
-        place, push = known.of_contour(contour.index)
-        if contour.count != known.contours or not len(place):
+    def check(contour: Contour) -> None:
+        if contour.count != known.contours or not len(known.of_contour(contour.index)[0]):
             raise IsfError(
                 ErrorCode.LEARNING_UNUSABLE,
                 f"was learned on a plan of {known.contours} contours, this one has {contour.count}",
                 where="springback.learning",
                 advice="learn from parts of this plan, or use learned_map",
             )
+
+    def predict(contour: Contour, remarks: list[str]) -> Array:
+        place, push = known.of_contour(contour.index)
         path = LoopPath.of(contour)
         position = path.position[nearest_points(place, contour.contact[:, :2])]
         order = np.argsort(position)
         period = path.length if path.closed else None
         return np.asarray(np.interp(path.position, position[order], push[order], period=period))
 
-    return LearnedEstimator("learned", job_file, predict)
+    return LearnedEstimator("learned", job_file, predict, check)
 
 
 def learned_map(job_file: JobFile) -> LearnedEstimator:

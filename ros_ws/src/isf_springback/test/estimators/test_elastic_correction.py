@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_springback import make_method
-from isf_springback.continuity import GRADIENT
+from isf_springback import make_corrector
 from isf_springback.database.database import Database, DatabaseLevel
-from isf_springback.elastic import FORCE_DEVIATION, MODEL_DEVIATION, ElasticCorrection
-from isf_springback.loop_path import LoopPath
-from springback_parts import JOB_TEXT, cone_contour, result_of
+from isf_springback.estimators.elastic import FORCE_DEVIATION, MODEL_DEVIATION, ElasticModel
+from isf_springback.loop_path import PUSH_SLOPE, LoopPath
+from springback_parts import JOB_TEXT, cone_contour, corrector_of, result_of
 
 LOADS = np.array([200.0, 400.0, 600.0])
 
@@ -45,12 +44,12 @@ def form(method, forces, first=0):
     for index, force in enumerate(forces, start=first):
         contour = cone_contour(index)
         made.append(method.correct(contour))
-        method.learn(contour, result_of(contour, force))
+        method.add_result(contour, result_of(contour, force))
     return made
 
 
 def test_steady_force_gives_the_law(tmp_path):
-    method = ElasticCorrection(job(tmp_path), cone_database())
+    method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     made = form(method, [300.0] * 12)
     assert (made[0].offset == 0).all()  # published: the first contour has no history
     last = made[-1]
@@ -64,7 +63,7 @@ def test_steady_force_gives_the_law(tmp_path):
 
 
 def test_changes_stay_within_the_limits_and_what_remains_is_told(tmp_path):
-    method = ElasticCorrection(job(tmp_path), cone_database())
+    method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     made = form(method, [500.0] * 8)
     steps = np.diff([correction.offset[:, 2].mean() for correction in made])
     assert (steps > -1.0e-3 - 1e-9).all()  # two incremental depths
@@ -76,14 +75,14 @@ def test_changes_stay_within_the_limits_and_what_remains_is_told(tmp_path):
 
 def test_springback_is_interpolated_along_the_loop(tmp_path):
     """Two control points of different compliance: both values met, slope within 50 um/mm."""
-    method = ElasticCorrection(job(tmp_path), cone_database((6e-6, 8e-6), points=2))
+    method = corrector_of(ElasticModel, job(tmp_path), cone_database((6e-6, 8e-6), points=2))
     correction = form(method, [300.0] * 12)[-1]
     value = -correction.offset[:, 2]
     assert value.min() == pytest.approx(1.8e-3, abs=0.1e-3)
     assert value.max() == pytest.approx(2.4e-3, abs=0.1e-3)
     contour = cone_contour(11)
     step = np.diff(LoopPath.of(contour).position)
-    assert (np.abs(np.diff(value)) <= GRADIENT * step + 1e-9).all()
+    assert (np.abs(np.diff(value)) <= PUSH_SLOPE * step + 1e-9).all()
     assert correction.control_point.shape == (2, 3)
 
 
@@ -91,31 +90,31 @@ def test_levels_are_blended_between_control_loops(tmp_path):
     database = cone_database(every=4)
     stiff = DatabaseLevel(11, 0, -6e-3, cone_contour(11).contact[:1], np.ones(1, bool), 5e-6 * LOADS[None])
     mixed = Database("cone", LOADS, (*database.levels[:2], stiff, *database.levels[3:]), 1)
-    method = ElasticCorrection(job(tmp_path), mixed)
+    method = corrector_of(ElasticModel, job(tmp_path), mixed)
     made = form(method, [300.0] * 12)
     assert [made[k].springback.mean() for k in (7, 9, 11)] == pytest.approx([3e-3, 2.25e-3, 1.5e-3], rel=1e-6)
 
 
 def test_control_point_takes_the_mean_force_of_its_stretch(tmp_path):
-    method = ElasticCorrection(job(tmp_path), cone_database())
+    method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     contour = cone_contour(0)
     wave = 300.0 + 100.0 * np.sin(np.arctan2(contour.contact[:, 1], contour.contact[:, 0]))
     method.correct(contour)
-    method.learn(contour, result_of(contour, wave))
+    method.add_result(contour, result_of(contour, wave))
     assert method.correct(cone_contour(1)).control_point_force == pytest.approx(300.0, abs=1.0)
 
 
 def test_forecasts_differ_as_published(tmp_path):
     force = {}
     for law in ("hold", "half_step", "linear"):
-        method = ElasticCorrection(job(tmp_path, f"{{forecast: {law}}}"), cone_database())
+        method = corrector_of(ElasticModel, job(tmp_path, f"{{forecast: {law}}}"), cone_database())
         form(method, [300.0, 340.0])
         force[law] = method.correct(cone_contour(2)).control_point_force[0]
     assert force == pytest.approx({"hold": 340.0, "half_step": 360.0, "linear": 380.0}, rel=1e-6)
 
 
 def test_blocks_hold_the_mean_force_of_the_block_before(tmp_path):
-    method = ElasticCorrection(job(tmp_path, "{block: 3, forecast: half_step}"), cone_database())
+    method = corrector_of(ElasticModel, job(tmp_path, "{block: 3, forecast: half_step}"), cone_database())
     made = form(method, [300.0, 310.0, 320.0, 400.0, 410.0, 420.0, 0.0, 0.0])
     forces = [correction.control_point_force[0] for correction in made]
     assert forces == pytest.approx([0, 0, 0, 310, 310, 310, 460, 460], rel=1e-6)
@@ -123,7 +122,7 @@ def test_blocks_hold_the_mean_force_of_the_block_before(tmp_path):
 
 
 def test_force_beyond_the_samples_is_told(tmp_path):
-    method = ElasticCorrection(job(tmp_path), cone_database())
+    method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     made = form(method, [900.0, 900.0])
     assert not made[0].remarks
     assert "beyond the computed loads" in made[1].remarks[0]
@@ -131,11 +130,11 @@ def test_force_beyond_the_samples_is_told(tmp_path):
 
 def test_without_database_it_computes_while_forming(tmp_path):
     """One point on a cone, anew only a millimetre deeper, in bounded time; near the fine model of the database."""
-    method = ElasticCorrection(job(tmp_path))
+    method = corrector_of(ElasticModel, job(tmp_path))
     made = form(method, [200.0] * 4)
     assert [correction.code for correction in made] == [0] * 4
     assert 1e-3 < made[-1].springback.mean() < 4e-3
-    assert len(method._levels) == 2
+    assert len(method.estimator._levels) == 2
     assert made[-1].control_point.shape == (1, 3)
 
 
@@ -144,7 +143,7 @@ def test_database_of_another_plan_is_not_used(tmp_path):
         DatabaseLevel(level.index, 0, level.depth, level.points + [4e-3, 0, 0], level.central, level.displacement)
         for level in cone_database().levels
     )
-    method = ElasticCorrection(job(tmp_path), Database("cone", LOADS, shifted, 1))
+    method = corrector_of(ElasticModel, job(tmp_path), Database("cone", LOADS, shifted, 1))
     made = form(method, [200.0, 200.0, 200.0])
     assert any("another plan" in remark for remark in made[1].remarks)
     assert made[2].springback.mean() > 1e-3
@@ -152,7 +151,7 @@ def test_database_of_another_plan_is_not_used(tmp_path):
 
 
 def test_named_database_that_is_missing_keeps_the_contour(tmp_path):
-    method = make_method("elastic", job(tmp_path, "{database: none.json}"))
+    method = make_corrector("elastic", job(tmp_path, "{database: none.json}"))
     for correction in form(method, [200.0, 200.0]):
         assert correction.code == ErrorCode.FILE_NOT_FOUND
         assert (correction.offset == 0).all()
@@ -160,16 +159,16 @@ def test_named_database_that_is_missing_keeps_the_contour(tmp_path):
 
 @pytest.mark.parametrize("fault", ["missing", "nan", "incomplete", "order"])
 def test_bad_forces_keep_the_last_good_correction(tmp_path, fault):
-    method = ElasticCorrection(job(tmp_path), cone_database())
+    method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     good = form(method, [300.0] * 10)[-1]
     contour = cone_contour(10)
     method.correct(contour)
     if fault == "nan":
-        method.learn(contour, result_of(contour, np.nan))
+        method.add_result(contour, result_of(contour, np.nan))
     elif fault == "incomplete":
-        method.learn(contour, result_of(contour, 300.0, completed=False))
+        method.add_result(contour, result_of(contour, 300.0, completed=False))
     elif fault == "order":
-        method.learn(cone_contour(3), result_of(cone_contour(3), 300.0))
+        method.add_result(cone_contour(3), result_of(cone_contour(3), 300.0))
     correction = method.correct(cone_contour(11))
     code = {"nan": ErrorCode.CORRECTION_FAILED, "order": ErrorCode.CONTOUR_OUT_OF_ORDER}
     assert correction.code == code.get(fault, ErrorCode.NO_FORCE_HISTORY)
@@ -177,17 +176,17 @@ def test_bad_forces_keep_the_last_good_correction(tmp_path, fault):
 
 
 def test_sheet_that_cannot_be_meshed_has_a_code(tmp_path):
-    method = ElasticCorrection(job(tmp_path))
+    method = corrector_of(ElasticModel, job(tmp_path))
     wide = [cone_contour(k, opening=0.2) for k in range(2)]
     method.correct(wide[0])
-    method.learn(wide[0], result_of(wide[0], 200.0))
+    method.add_result(wide[0], result_of(wide[0], 200.0))
     correction = method.correct(wide[1])
     assert correction.code == ErrorCode.SHEET_MESH_FAILED
     assert (correction.offset == 0).all()
 
 
 def test_new_part_starts_anew(tmp_path):
-    method = ElasticCorrection(job(tmp_path), cone_database())
+    method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     form(method, [300.0] * 5)
     fresh = method.correct(cone_contour(0, plan_id="next"))
     assert (fresh.offset == 0).all()
@@ -195,7 +194,7 @@ def test_new_part_starts_anew(tmp_path):
 
 
 def test_malformed_contour_is_refused(tmp_path):
-    method = ElasticCorrection(job(tmp_path), cone_database())
+    method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     broken = cone_contour(0)
     broken.contact[3] = np.nan
     with pytest.raises(IsfError) as failure:
@@ -208,12 +207,12 @@ def test_correction_with_database_is_fast(tmp_path):
     import time
 
     database = cone_database(tuple(np.linspace(6e-6, 8e-6, 16)), points=16)
-    method = ElasticCorrection(job(tmp_path), database)
+    method = corrector_of(ElasticModel, job(tmp_path), database)
     times = []
     for index in range(6):
         contour = cone_contour(index)
         started = time.process_time()
         method.correct(contour)
         times.append(time.process_time() - started)
-        method.learn(contour, result_of(contour, 300.0))
+        method.add_result(contour, result_of(contour, 300.0))
     assert min(times) < 0.1

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
-from isf_springback.analytic import AnalyticCorrection, AnalyticOptions
-from isf_springback.fusion import DEEPER, MADE_BY, FormedStep, FusedCorrection, expected_error
-from isf_springback.method import apply
-from springback_parts import JOB_TEXT, cone_contour, result_of
+from isf_springback.corrector import apply
+from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
+from isf_springback.estimators.fused import CONTOURS_PER_PLACE, DEEPER, FusedEstimator, ModelledContour, expected_error
+from springback_parts import JOB_TEXT, cone_contour, corrector_of, result_of
 
 COMPLIANCE = 6e-6
 """m/N of the linear sheet."""
@@ -21,7 +21,7 @@ X, Y = np.meshgrid(GRID, GRID)
 TARGET = HeightMap(GRID, GRID, np.clip((np.hypot(X, Y) - 36e-3) * np.tan(np.radians(50.0)), -22e-3, 0.0))
 
 
-class LinearModel(AnalyticCorrection):
+class LinearModel(AnalyticModel):
     """A sheet whose springback is proportional to the force."""
 
     def _springback(self, contour, place, tip, angle, force):
@@ -39,8 +39,8 @@ def formed(true, stiffness, bump=0.0, edge=0.0):
     job_file.rig = job_file.rig.model_copy(
         update={"clamp": job_file.rig.clamp.model_copy(update={"size": (rig_size, rig_size)})}
     )
-    method = FusedCorrection(job_file, lambda job: LinearModel(job, AnalyticOptions(law="hold")))
-    method.take_target(TARGET)
+    method = corrector_of(FusedEstimator, job_file, lambda job: LinearModel(job, AnalyticOptions(law="hold")))
+    method.set_target(TARGET)
     pushes: list[float] = []
     error = np.zeros_like(X)
     for index in range(COUNT):
@@ -50,12 +50,16 @@ def formed(true, stiffness, bump=0.0, edge=0.0):
         pushes.append(-float(correction.offset[:, 2].mean()))
         growth = 0.0 if index == 0 else pushes[-1] - pushes[-2]
         force = max(700.0 + stiffness * growth + (bump if index == 14 else 0.0), 50.0)
-        method.learn(apply(contour, correction), result_of(contour, force))
+        method.add_result(apply(contour, correction), result_of(contour, force))
         inside = np.hypot(X, Y) <= np.hypot(*contour.contact[0, :2]) + 0.2e-3
         bottom = float(contour.forming_tip[0, 2])
         error = np.where(inside, true * COMPLIANCE * force - pushes[-1], error)
-        shape = np.maximum(TARGET.z, bottom) + error + np.where(TARGET.z < 0.0, edge if index < MADE_BY else 0.0, 0.0)
-        method.see(np.column_stack([X.ravel(), Y.ravel(), shape.ravel()]), index)
+        shape = (
+            np.maximum(TARGET.z, bottom)
+            + error
+            + np.where(TARGET.z < 0.0, edge if index < CONTOURS_PER_PLACE else 0.0, 0.0)
+        )
+        method.add_scan(np.column_stack([X.ravel(), Y.ravel(), shape.ravel()]), index)
     return np.array(pushes)
 
 
@@ -74,8 +78,8 @@ def test_a_force_that_the_push_raises_does_not_make_it_swing():
 
 def test_an_edge_that_stands_too_high_is_left_and_one_that_lies_too_deep_is_not_pressed_deeper():
     model = COMPLIANCE * 700.0
-    high, deep = formed(1.0, 0.0, edge=0.5e-3)[:MADE_BY], formed(1.0, 0.0, edge=-0.5e-3)[:MADE_BY]
-    assert high == pytest.approx(np.full(MADE_BY, model), abs=1e-6)
+    high, deep = formed(1.0, 0.0, edge=0.5e-3)[:CONTOURS_PER_PLACE], formed(1.0, 0.0, edge=-0.5e-3)[:CONTOURS_PER_PLACE]
+    assert high == pytest.approx(np.full(CONTOURS_PER_PLACE, model), abs=1e-6)
     assert deep[0] == high[0]
     assert (np.diff(deep) < 0.0).all()
     assert deep[-1] < model - 0.3e-3
@@ -83,7 +87,7 @@ def test_an_edge_that_stands_too_high_is_left_and_one_that_lies_too_deep_is_not_
 
 def step(index, pushed, model):
     contour = cone_contour(index)
-    return FormedStep(contour, np.full(len(contour), pushed), np.full(len(contour), model))
+    return ModelledContour(contour, np.full(len(contour), pushed), np.full(len(contour), model))
 
 
 def test_a_wall_is_made_by_several_contours_until_one_goes_deeper():

@@ -6,11 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.files.job import JobFile
+from isf_springback.corrector import apply
 from isf_springback.database.control_points import control_loop
+from isf_springback.estimators.estimator import Estimator, Horizontal, Prediction
 from isf_springback.estimators.horizontal_springback import HorizontalSpringback, across_level, across_load, outward
-from isf_springback.method import apply, make_method
-from isf_springback.offset_memory import HORIZONTAL_GRADIENT
-from springback_parts import JOB_TEXT, cone_contour, result_of
+from isf_springback.loop_path import HORIZONTAL_SLOPE
+from isf_springback.methods import make_corrector
+from springback_parts import JOB_TEXT, cone_contour, corrector_of, result_of
 
 LOAD, ACROSS = 400.0, 130.0
 
@@ -57,7 +59,7 @@ def test_laws_across_the_wall_are_those_of_the_published_cone():
 
 
 def test_walls_are_moved_outwards_by_their_springback_and_no_more_than_asked():
-    forward, plain = make_method("elastic", job()), make_method("elastic", job(False))
+    forward, plain = make_corrector("elastic", job()), make_corrector("elastic", job(False))
     sizes = []
     for index in range(14):
         nominal = cone_contour(index)
@@ -72,16 +74,33 @@ def test_walls_are_moved_outwards_by_their_springback_and_no_more_than_asked():
             np.testing.assert_allclose(after - before, with_across.offset, atol=1e-12)
         np.testing.assert_allclose(corrected.support_tip - nominal.support_tip, with_across.offset, atol=1e-12)
         sizes.append(float(size.mean()))
-        forward.learn(corrected, result_across(corrected, ACROSS))
-        plain.learn(apply(nominal, without), result_of(nominal, LOAD))
+        forward.add_result(corrected, result_across(corrected, ACROSS))
+        plain.add_result(apply(nominal, without), result_of(nominal, LOAD))
     assert sizes[0] == 0.0  # nothing measured yet
     # a flat sheet is stiff in its plane; walls give way the more the deeper they stand, 0.4 mm at 21 mm
     assert 0.02e-3 < sizes[-1] < 0.4e-3
     assert sizes[-1] > 2.0 * sizes[5] > 0.0
 
 
+class Across(Estimator):
+    """Nothing but springback across the wall."""
+
+    name = "across"
+
+    def __init__(self, job_file, across):
+        super().__init__(job_file)
+        self._across = across
+
+    def begin(self, contour, history):
+        self._across.begin(contour)
+
+    def estimate(self, contour, history):
+        return Prediction(np.zeros(len(contour)), horizontal=Horizontal(outward(contour), self._across.wanted(contour)))
+
+
 def test_an_uneven_force_gives_an_offset_within_the_slope_limit_and_a_missing_one_the_last():
-    method = HorizontalSpringback(job())
+    across = HorizontalSpringback(job())
+    corrector = corrector_of(Across, job(), across)
     contours = [cone_contour(index) for index in range(8, 13)]
     loop = control_loop(contours[0], 5e-3)
     places = contours[0].contact[:: len(contours[0]) // 8, :2]
@@ -89,18 +108,16 @@ def test_an_uneven_force_gives_an_offset_within_the_slope_limit_and_a_missing_on
     level = across_level(contours[:1], flat, places, np.arange(len(places)), job())
     offsets = []
     for k, contour in enumerate(contours):
-        method.advance(contour)
-        method.take(level)
-        offset, _ = method.offset(contour)
+        across.level = level
+        offset = corrector.correct(contour).offset[:, :2]
         offsets.append((offset * outward(contour)).sum(axis=1))
         angle = np.arctan2(contour.contact[:, 1], contour.contact[:, 0])
         uneven = result_across(contour, 1500.0 * (np.abs(angle) < 0.5))
-        method.learn(contour, uneven if k < 2 else replace(uneven, forming_force=np.empty((0, 3))))
+        across.add_result(contour, uneven if k < 2 else replace(uneven, forming_force=np.empty((0, 3))))
     spacing = np.linalg.norm(np.diff(contours[2].forming_tip[:, :2], axis=0), axis=1)
     assert np.ptp(offsets[2]) > 0.1e-3
-    assert (np.abs(np.diff(offsets[2])) <= HORIZONTAL_GRADIENT * spacing * 1.05).all()
+    assert (np.abs(np.diff(offsets[2])) <= HORIZONTAL_SLOPE * spacing * 1.05).all()
     assert offsets[4].max() == pytest.approx(offsets[2].max(), rel=0.1)
     # a new part begins at its planned path
     fresh = cone_contour(0, plan_id="next")
-    method.advance(fresh)
-    assert not method.offset(fresh)[0].any()
+    assert not corrector.correct(fresh).offset.any()

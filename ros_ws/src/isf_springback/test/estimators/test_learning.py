@@ -8,9 +8,10 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
+from isf_springback.corrector import apply
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import curvature, learn_part
-from isf_springback.method import apply, make_method
+from isf_springback.methods import make_corrector
 from springback_parts import JOB_TEXT, cone_contour
 from test_shape_feedback import COUNT, GRID, Sheet, cone
 
@@ -41,7 +42,9 @@ def form(method, springback=growing):
 
 def next_part(folder, known):
     method = (
-        make_method("none", job("none", folder)) if known is None else make_method("learned", job("learned", folder))
+        make_corrector("none", job("none", folder))
+        if known is None
+        else make_corrector("learned", job("learned", folder))
     )
     nominal, corrections, sheet = form(method)
     known = learn_part(nominal, corrections, sheet.points(), TARGET, CLAMP, 5e-3, "cone", known)
@@ -83,7 +86,7 @@ def test_the_map_knows_the_springback_of_another_cone(four_parts):
     On one cone depth and curvature change together, so that they cannot be told apart: a third is what may be asked.
     """
     folder, _, _ = four_parts
-    method = make_method("learned_map", job("learned_map", folder))
+    method = make_corrector("learned_map", job("learned_map", folder))
     contour = cone_contour(14, count=COUNT, opening=38e-3)
     for index in range(15):
         contour = cone_contour(index, count=COUNT, opening=38e-3)
@@ -93,7 +96,7 @@ def test_the_map_knows_the_springback_of_another_cone(four_parts):
 
 def test_the_map_stays_inside_what_it_has_seen_and_says_so(four_parts):
     folder, known, _ = four_parts
-    method = make_method("learned_map", job("learned_map", folder))
+    method = make_corrector("learned_map", job("learned_map", folder))
     steep = cone_contour(0, count=COUNT, angle=75.0)
     correction = method.correct(steep)
     assert any("outside of what was learned" in remark for remark in correction.remarks)
@@ -105,7 +108,7 @@ def test_a_place_that_does_not_answer_is_left_alone(tmp_path):
     known, pushes = None, []
     target_only = HeldSheet()
     for _ in range(5):
-        method = make_method("none" if known is None else "learned", job("learned", tmp_path))
+        method = make_corrector("none" if known is None else "learned", job("learned", tmp_path))
         nominal, corrections, _ = form(method)
         known = learn_part(nominal, corrections, target_only.points(), TARGET, CLAMP, 5e-3, "cone", known)
         learning.save(known, tmp_path / "known.npz")
@@ -136,20 +139,20 @@ def test_a_file_that_cannot_be_used_is_refused_with_its_name(four_parts, tmp_pat
             few = replace(known, springback=known.springback[:5], feature=known.feature[:5])
             learning.save(few, path)
     attempts = {
-        "none named": lambda: make_method("learned", JobFile(JOB_TEXT, tmp_path)),
-        "other plan": lambda: make_method("learned", job("learned", tmp_path)).correct(
+        "none named": lambda: make_corrector("learned", JobFile(JOB_TEXT, tmp_path)),
+        "other plan": lambda: make_corrector("learned", job("learned", tmp_path)).correct(
             cone_contour(0, count=COUNT + 1)
         ),
-        "few samples": lambda: make_method("learned_map", job("learned_map", tmp_path)),
+        "few samples": lambda: make_corrector("learned_map", job("learned_map", tmp_path)),
     }
     with pytest.raises(IsfError) as caught:
-        attempts.get(fault, lambda: make_method("learned", job("learned", tmp_path)))()
+        attempts.get(fault, lambda: make_corrector("learned", job("learned", tmp_path)))()
     assert caught.value.code == ErrorCode.LEARNING_UNUSABLE
     assert caught.value.where
 
 
 def test_an_unfinished_part_teaches_nothing():
-    nominal, corrections, sheet = form(make_method("none", JobFile(JOB_TEXT, Path("."))))
+    nominal, corrections, sheet = form(make_corrector("none", JobFile(JOB_TEXT, Path("."))))
     with pytest.raises(IsfError) as caught:
         learn_part(nominal[:5], corrections[:5], sheet.points(), TARGET, CLAMP, 5e-3, "cone")
     assert caught.value.code == ErrorCode.LEARNING_UNUSABLE

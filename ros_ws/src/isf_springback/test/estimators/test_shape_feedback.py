@@ -8,9 +8,10 @@ import pytest
 from isf_core.errors import ErrorCode
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
+from isf_springback.corrector import apply
 from isf_springback.estimators.fused import COMMON, carried, first_field, updated
-from isf_springback.method import METHODS, apply, make_method
-from isf_springback.scan.feedback import ShapeFeedback, scan_awaited, scan_due
+from isf_springback.methods import make_corrector
+from isf_springback.scan.feedback import scan_awaited, scan_due
 from isf_springback.session import CorrectionSession
 from springback_parts import JOB_TEXT, cone_contour, result_of
 
@@ -71,17 +72,17 @@ class Sheet:
 
 def run(method, sheet, *, load=lambda k: 500.0, see=lambda points, k: points, count=COUNT):
     """Form a cone; the corrections and their mean push, m."""
-    method.take_target(TARGET)
+    method.set_target(TARGET)
     corrections = []
     for index in range(count):
         nominal = cone_contour(index, count=COUNT)
         correction = method.correct(nominal)
         corrected = apply(nominal, correction)
         sheet.form(corrected)
-        method.learn(corrected, result_of(corrected, load(index)))
+        method.add_result(corrected, result_of(corrected, load(index)))
         points = see(sheet.points(), index)
         if points is not None:
-            method.see(points, index)
+            method.add_scan(points, index)
         corrections.append(correction)
     return corrections
 
@@ -97,29 +98,29 @@ def test_the_wall_becomes_right_whatever_the_model_believes(name):
     """Springback grows to ``amount`` within the first millimetres; the analytic model expects about 4 mm."""
     amount = 1.2e-3
     sheet = Sheet(lambda depth, around: amount * (1 - np.exp(-depth / 1.5e-3)))
-    method = make_method(name, job(name))
+    method = make_corrector(name, job(name))
     run(method, sheet)
     # a model that is wrong by 3 mm has over-formed the first contours before the shape could tell
     assert abs(wall_error(sheet)) < (0.3e-3 if name == "fused" else 0.15e-3)
     blind = Sheet(sheet.springback)
-    run(make_method("mpc_vertical", job("mpc_vertical")), blind, see=lambda points, k: None)
+    run(make_corrector("mpc_vertical", job("mpc_vertical")), blind, see=lambda points, k: None)
     assert wall_error(blind) > 0.6 * amount
 
 
 def test_fused_needs_fewer_contours_than_shape_alone_when_the_model_is_right():
     """The model's own springback as truth: feedforward has it from the second contour on."""
-    model = make_method("analytic", job("analytic"))
+    model = make_corrector("analytic", job("analytic"))
     level = []
     for index in range(6):
         nominal = cone_contour(index, count=COUNT)
         corrected = apply(nominal, model.correct(nominal))
-        model.learn(corrected, result_of(corrected, 200.0))
+        model.add_result(corrected, result_of(corrected, 200.0))
         level.append(float(-corrected.forming_tip[:, 2].mean() + nominal.forming_tip[:, 2].mean()))
     truth = level[-1]
     errors = {}
     for name in ("fused", "mpc_vertical"):
         sheet = Sheet(lambda depth, around: truth * (1 - np.exp(-depth / 1e-3)))
-        run(make_method(name, job(name)), sheet, load=lambda k: 200.0)
+        run(make_corrector(name, job(name)), sheet, load=lambda k: 200.0)
         errors[name] = abs(wall_error(sheet, 2e-3, 6e-3))
     assert errors["fused"] < errors["mpc_vertical"]
 
@@ -129,7 +130,7 @@ def test_step_depth_per_direction_follows_an_uneven_sheet():
     spread = {}
     for step in ("common", "per_direction"):
         sheet = Sheet(uneven)
-        run(make_method("mpc_vertical", job("mpc_vertical", step=step)), sheet)
+        run(make_corrector("mpc_vertical", job("mpc_vertical", step=step)), sheet)
         chosen = (TARGET.z < -4e-3) & (TARGET.z > -9e-3)
         spread[step] = float((sheet.z - TARGET.z)[chosen].std())
     assert spread["per_direction"] < 0.6 * spread["common"]
@@ -140,7 +141,7 @@ def test_horizontal_springback_needs_horizontal_moves():
     errors = {}
     for name in ("mpc_vertical", "mpc_two_directional"):
         sheet = Sheet(lambda depth, around: 0.5e-3, inwards=0.5e-3)
-        run(make_method(name, job(name, distribution="uniform")), sheet)
+        run(make_corrector(name, job(name, distribution="uniform")), sheet)
         errors[name] = wall_error(sheet)
     assert errors["mpc_vertical"] > 0.3e-3
     assert abs(errors["mpc_two_directional"]) < 0.15e-3
@@ -157,7 +158,7 @@ def test_horizontal_springback_needs_horizontal_moves():
 def test_a_bad_scan_gives_its_code_and_no_jump(name, spoil, code):
     sheet = Sheet(lambda depth, around: 1e-3 * (1 - np.exp(-depth / 1.5e-3)))
     corrections = run(
-        make_method(name, job(name)), sheet, see=lambda points, k: spoil(points) if k == 12 else points, count=16
+        make_corrector(name, job(name)), sheet, see=lambda points, k: spoil(points) if k == 12 else points, count=16
     )
     push = np.array([-c.offset[:, 2].mean() for c in corrections])
     assert corrections[13].code == code
@@ -178,7 +179,7 @@ def test_noise_and_holes_hardly_matter(name):
 
     sheet = Sheet(lambda depth, around: 1e-3 * (1 - np.exp(-depth / 1.5e-3)))
     corrections = run(
-        make_method(name, job(name, reference_angles=[f"{a} deg" for a in (0, 90, 210)])), sheet, see=scanner
+        make_corrector(name, job(name, reference_angles=[f"{a} deg" for a in (0, 90, 210)])), sheet, see=scanner
     )
     assert abs(wall_error(sheet)) < 0.3e-3
     assert not any(c.code for c in corrections)
@@ -187,7 +188,7 @@ def test_noise_and_holes_hardly_matter(name):
 def test_disagreement_of_model_and_shape_is_told_bounded_and_not_followed():
     """The model sees a force three times too high; the shape says 0.5 mm."""
     sheet = Sheet(lambda depth, around: 0.5e-3 * (1 - np.exp(-depth / 1e-3)))
-    corrections = run(make_method("fused", job()), sheet, load=lambda k: 1500.0)
+    corrections = run(make_corrector("fused", job()), sheet, load=lambda k: 1500.0)
     told = [c for c in corrections if any("against the model" in r for r in c.remarks)]
     assert told
     push = np.array([-c.offset[:, 2].mean() for c in corrections])
@@ -198,7 +199,7 @@ def test_disagreement_of_model_and_shape_is_told_bounded_and_not_followed():
 
 def test_fused_tells_its_uncertainty_and_it_shrinks():
     sheet = Sheet(lambda depth, around: 1e-3 * (1 - np.exp(-depth / 1.5e-3)))
-    corrections = run(make_method("fused", job()), sheet)
+    corrections = run(make_corrector("fused", job()), sheet)
     assert corrections[0].uncertainty.mean() > 2 * corrections[-1].uncertainty.mean() > 0
 
 
@@ -243,45 +244,45 @@ def clock():
 @pytest.fixture
 def session(clock):
     session = CorrectionSession(5.0, clock)
-    session.take_job(job(), "plan")
-    session.take_target(TARGET)
+    session.set_job(job(), "plan")
+    session.set_target(TARGET)
     return session
 
 
 def correct_first(session):
-    session.take_contour(cone_contour(0, count=COUNT))
-    first = session.work()
-    session.take_result(result_of(first.corrected, 500.0))  # ends at 1.0 s
+    session.add_contour(cone_contour(0, count=COUNT))
+    first = session.advance()
+    session.add_result(result_of(first.corrected, 500.0))  # ends at 1.0 s
     return first
 
 
 def test_a_contour_waits_for_its_scan_and_ignores_an_older_one(session):
     correct_first(session)
     points = Sheet(lambda *_: 0.0).points()
-    session.take_scan(points, 0.5)  # of an earlier moment
-    session.take_contour(cone_contour(1, count=COUNT))
-    assert session.work() is None
-    session.take_scan(points, 1.0)
-    outcome = session.work()
+    session.add_scan(points, 0.5)  # of an earlier moment
+    session.add_contour(cone_contour(1, count=COUNT))
+    assert session.advance() is None
+    session.add_scan(points, 1.0)
+    outcome = session.advance()
     assert outcome.correction.code == 0
     assert outcome.corrected is not None
 
 
 def test_a_scan_may_come_before_the_result(session):
-    session.take_contour(cone_contour(0, count=COUNT))
-    first = session.work()
-    session.take_scan(Sheet(lambda *_: 0.0).points(), 1.0)
-    session.take_result(result_of(first.corrected, 500.0))
-    session.take_contour(cone_contour(1, count=COUNT))
-    assert session.work().correction.code == 0
+    session.add_contour(cone_contour(0, count=COUNT))
+    first = session.advance()
+    session.add_scan(Sheet(lambda *_: 0.0).points(), 1.0)
+    session.add_result(result_of(first.corrected, 500.0))
+    session.add_contour(cone_contour(1, count=COUNT))
+    assert session.advance().correction.code == 0
 
 
 def test_a_scan_that_never_comes_is_told_and_the_part_goes_on(session, clock):
     correct_first(session)
-    session.take_contour(cone_contour(1, count=COUNT))
-    assert session.work() is None
+    session.add_contour(cone_contour(1, count=COUNT))
+    assert session.advance() is None
     clock.now = 5.0
-    outcome = session.work()
+    outcome = session.advance()
     assert outcome.correction.code == ErrorCode.SCAN_MISSING
     assert outcome.corrected is not None
 
@@ -289,8 +290,8 @@ def test_a_scan_that_never_comes_is_told_and_the_part_goes_on(session, clock):
 def test_methods_without_eyes_do_not_wait(session):
     session.choose("analytic")
     correct_first(session)
-    session.take_contour(cone_contour(1, count=COUNT))
-    assert session.work().correction.method == "analytic"
+    session.add_contour(cone_contour(1, count=COUNT))
+    assert session.advance().correction.method == "analytic"
 
 
 def test_methods_change_between_contours_without_a_jump(session):
@@ -300,11 +301,11 @@ def test_methods_change_between_contours_without_a_jump(session):
     for index in range(24):
         session.choose("fused" if index < 8 else "mpc_two_directional" if index < 16 else "none")
         nominal = cone_contour(index, count=COUNT)
-        session.take_contour(nominal)
-        outcome = session.work()
+        session.add_contour(nominal)
+        outcome = session.advance()
         sheet.form(outcome.corrected)
-        session.take_result(result_of(outcome.corrected, 500.0))
-        session.take_scan(sheet.points(), 1.0)
+        session.add_result(result_of(outcome.corrected, 500.0))
+        session.add_scan(sheet.points(), 1.0)
         offsets.append(np.abs(outcome.correction.offset).mean(axis=0))
     assert np.abs(np.diff(offsets, axis=0)).max() <= 1.0e-3 + 1e-9
     assert offsets[-1][2] == pytest.approx(0.0, abs=1e-6)
@@ -312,10 +313,10 @@ def test_methods_change_between_contours_without_a_jump(session):
 
 @pytest.mark.parametrize("name", METHODS_WITH_EYES)
 def test_without_a_target_the_last_correction_is_kept(name):
-    method = make_method(name, job(name))
+    method = make_corrector(name, job(name))
     nominal = cone_contour(0, count=COUNT)
-    method.learn(nominal, result_of(apply(nominal, method.correct(nominal)), 500.0))
-    method.see(Sheet(lambda *_: 0.0).points(), 0)
+    method.add_result(nominal, result_of(apply(nominal, method.correct(nominal)), 500.0))
+    method.add_scan(Sheet(lambda *_: 0.0).points(), 0)
     correction = method.correct(cone_contour(1, count=COUNT))
     assert correction.code == ErrorCode.CORRECTION_FAILED
     assert "target" in correction.message
@@ -323,5 +324,5 @@ def test_without_a_target_the_last_correction_is_kept(name):
 
 def test_every_method_with_eyes_is_registered():
     for name in METHODS_WITH_EYES + ["mpc_tpif"]:
-        assert isinstance(METHODS[name](job()), ShapeFeedback)
-    assert not isinstance(METHODS["analytic"](job()), ShapeFeedback)
+        assert make_corrector(name, job(name)).uses_scans
+    assert not make_corrector("analytic", job("analytic")).uses_scans

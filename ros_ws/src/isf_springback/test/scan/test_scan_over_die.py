@@ -15,9 +15,10 @@ from isf_core.types import Array
 from isf_planner import Plan, plan
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import learn_part
-from isf_springback.method import make_method
-from isf_springback.mpc import mpc_tpif, mpc_vertical
+from isf_springback.estimators.mpc import MpcTpif, MpcVertical
+from isf_springback.methods import make_corrector
 from isf_springback.scan.feedback import shape_over_die, target_over_die
+from springback_parts import corrector_of
 
 ROOT = Path(__file__).resolve().parents[5]
 CLAMP = (250e-3, 250e-3)
@@ -75,24 +76,26 @@ def test_shape_lies_in_the_frame_of_the_die(cone: Plan, holder: float) -> None:
 @pytest.mark.parametrize("high", [0.0, 0.2e-3])
 def test_step_makes_good_what_the_bottom_stands_too_high(job: JobFile, cone: Plan, high: float, tmp_path: Path) -> None:
     """First move of the published weights: 0.8541 of the error (lambda 0.2, horizon 6), within 10 %; none without."""
-    method = mpc_tpif(with_die_cut_off(job, tmp_path))
-    method.take_target(cone.target)
+    method = corrector_of(MpcTpif, with_die_cut_off(job, tmp_path))
+    method.set_target(cone.target)
     for contour in cone.contours[:9]:
         correction = method.correct(contour)
         assert correction.code == 0, correction.message
         if contour.index < 8:
             assert correction.offset[:, 2] == pytest.approx(0.0, abs=15e-6)
             # scans that show nothing wrong
-            method.see(scan(cone.target, contour.holder_height, high if contour.index == 7 else 0.0), contour.index)
+            method.add_scan(
+                scan(cone.target, contour.holder_height, high if contour.index == 7 else 0.0), contour.index
+            )
     assert correction.offset[:, 2] == pytest.approx(-0.8541 * high, abs=0.1 * high + 15e-6)
 
 
 def test_a_method_without_a_die_says_that_it_cannot_read_the_scan(job: JobFile, cone: Plan) -> None:
-    method = mpc_vertical(job)
-    method.take_target(cone.target)
+    method = corrector_of(MpcVertical, job)
+    method.set_target(cone.target)
     for contour in cone.contours[:2]:
         correction = method.correct(contour)
-        method.see(scan(cone.target, contour.holder_height, 0.2e-3), contour.index)
+        method.add_scan(scan(cone.target, contour.holder_height, 0.2e-3), contour.index)
     assert correction.code == ErrorCode.CORRECTION_FAILED
     assert "mpc_tpif" in correction.message
     assert not correction.offset.any()
@@ -127,7 +130,7 @@ def test_the_map_reads_a_contour_over_a_die_in_the_frame_it_was_learned_in(
     springback = job.job.springback.model_copy(update={"learning": str(tmp_path / "known.npz")})
     job_file = JobFile(job.text, job.base)
     job_file.job = job.job.model_copy(update={"springback": springback})
-    method = make_method("learned_map", job_file)
+    method = make_corrector("learned_map", job_file)
     for contour in cone.contours:
         correction = method.correct(contour)
         assert not correction.remarks
