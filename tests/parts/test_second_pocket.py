@@ -1,0 +1,88 @@
+"""A second pocket beside the first one: the tools come down from the air, and go as deep as asked with every method."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_analysis.measures.record import PartRecord
+from isf_cell import in_process
+from isf_cell.commands.learn import learn_record
+from isf_cell.options import RunOptions
+from isf_core.files.job import JobFile
+from isf_planner.part_library import PARTS, part_mesh
+from isf_springback import method_names
+from isf_springback.estimators import learning
+from trimesh import Trimesh
+
+METHODS = ["analytic", "elastic", "fused", "mpc_vertical", "mpc_two_directional"]
+
+SECOND = 1
+"""Feature number of the second pocket."""
+
+ROUNDED = 0.2e-3
+"""m by which the limit of the slope and the average round what is asked for off; the defect kept several mm."""
+
+JOB = """
+name: two_pockets
+part: {mesh: two_pockets.stl, unit: mm}
+process: SPIF
+rig: ren2018
+sheet: {material: AA5754-O, thickness: 1.0 mm}
+tool_1: {radius: 5 mm}
+path: {incremental_depth: 1 mm, point_spacing: 1.5 mm, feed: 90 mm/s, transition: ramp}
+control: {rate: 200 Hz}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("pockets")
+    mesh = part_mesh(PARTS["two_pockets"](depth=6e-3, second_depth=4e-3))
+    Trimesh(1e3 * mesh.vertices, mesh.faces, process=False).export(place / "two_pockets.stl")
+    return place
+
+
+def formed(folder: Path, springback: str) -> PartRecord:
+    return in_process.form(JobFile(JOB + f"springback: {{{springback}}}\n", folder), RunOptions())
+
+
+def pushes(record: PartRecord) -> tuple[float, float]:
+    """m, largest push on the first contour of the second pocket, and the largest that its method asked for."""
+    first = next(k for k, contour in enumerate(record.nominal) if contour.feature == SECOND)
+    assert record.nominal[first].retract
+    correction = record.corrections[first]
+    asked = -correction.offset[:, 2] + (correction.residual if len(correction.residual) else 0.0)
+    return float(-correction.offset[:, 2].min()), float(np.max(asked))
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("first", ["predicted", "zero"])
+def test_the_first_contour_of_the_second_pocket_is_pushed_as_far_as_asked(folder: Path, name: str, first: str) -> None:
+    """Nothing is kept of the push on the first pocket, which ends some mm deep, tens of mm away."""
+    scans = "scan_every: 1, " if name == "fused" or name.startswith("mpc") else ""
+    record = formed(folder, f"{scans}method: {name}, first_contour: {first}")
+    assert record.failure() is None
+    applied, asked = pushes(record)
+    before = [k for k, contour in enumerate(record.nominal) if contour.feature != SECOND][-1]
+    assert -record.corrections[before].offset[:, 2].mean() > 1e-3  # there was something to keep
+    if name.startswith("mpc") or (first == "zero" and name != "fused"):
+        assert asked == pytest.approx(0.0, abs=1e-6)
+    assert applied == pytest.approx(asked, abs=ROUNDED)
+
+
+@pytest.mark.parametrize("name", ["learned", "learned_map"])
+def test_what_was_learned_of_a_pocket_is_replayed_from_the_air(folder: Path, name: str) -> None:
+    known = learn_record(formed(folder, "method: analytic"), folder)
+    learning.save(known, folder / "known.npz")
+    record = formed(folder, f"method: {name}, learning: known.npz")
+    assert record.failure() is None
+    applied, asked = pushes(record)
+    assert asked > 0.5e-3
+    assert applied == pytest.approx(asked, abs=ROUNDED)
+
+
+def test_every_method_has_its_case() -> None:
+    """mpc_tpif forms over a die, where there is one feature; none has nothing to push."""
+    assert set(method_names()) == {*METHODS, "learned", "learned_map", "mpc_tpif", "none"}
