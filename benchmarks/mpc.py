@@ -17,7 +17,6 @@ from isf_planner import plan
 from isf_springback.corrector import apply
 from isf_springback.estimators.mpc_problem import horizontal_problem, solve
 from isf_springback.methods import make_corrector
-from isf_springback.scan.feedback import ShapeFeedback
 from springback import Case, job_of
 
 REPEATS = 7
@@ -52,7 +51,7 @@ def end_to_end() -> list[str]:
     for name in ("mpc_vertical", "mpc_two_directional", "mpc_tpif", "fused(analytic)"):
         job, method = job_of(Case("ren_cone", name, 0))
         corrector = make_corrector(method, job)
-        assert isinstance(corrector, ShapeFeedback)
+        assert corrector.uses_scans
         corrector.set_target(grid)
         for contour in planned.contours[:CONTOUR]:
             corrected = apply(contour, corrector.correct(contour))

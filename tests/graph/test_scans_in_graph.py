@@ -15,7 +15,6 @@ from isf_cell.options import RunOptions
 from isf_cell.run import graph_run
 from isf_core.files.job import JobFile
 from isf_springback.methods import make_corrector
-from isf_springback.scan.feedback import ShapeFeedback
 from numpy.typing import NDArray
 from quick_cone import FOLDER, quick_cone
 
@@ -27,7 +26,7 @@ def quiet(_: Any) -> None:
 def replayed(record: PartRecord, job_file: JobFile) -> list[NDArray[np.float64]]:
     """(N, 3) m per contour: what the method says again when it is shown the recorded results and scans."""
     method = make_corrector(record.correction, job_file)
-    assert isinstance(method, ShapeFeedback)
+    assert method.uses_scans
     assert record.target is not None
     method.set_target(record.target)
     scans = {scan.index: scan.points() for scan in record.scans}

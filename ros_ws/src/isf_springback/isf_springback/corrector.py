@@ -36,17 +36,18 @@ from isf_core.types import Array, Mask
 from scipy.ndimage import distance_transform_edt, median_filter
 
 from isf_springback.die_room import within_room
-from isf_springback.estimators.estimator import Bounds, Estimator, History, Prediction
+from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import (
+    HORIZONTAL_SLOPE,
     NEGLIGIBLE,
-    LoopPath,
+    PUSH_SLOPE,
+    Limits,
     change_per_contour,
     fade_horizontal,
-    horizontal_limits,
-    limit,
+    forming_radii,
+    limit_along,
     nearest_points,
-    push_limits,
 )
 from isf_springback.scan.feedback import ScanMemory, contour_over_die
 from isf_springback.scan.sections import heights_at
@@ -80,6 +81,8 @@ class Corrector:
         self.history = History(ScanMemory(job_file, over_die=estimator.over_die))
         self._floor = FloorFeedback()
         self._force = StepForce(job_file)
+        self._radius = forming_radii(job_file)
+        self._change = change_per_contour(job_file)
 
     @property
     def name(self) -> str:
@@ -122,10 +125,11 @@ class Corrector:
             except IsfError as error:
                 fault = error
         bounds = self.estimator.bounds(contour, self.history)
-        path = LoopPath.of(contour)
-        push = self._push(contour, path, prediction, bounds)
-        horizontal, limited, far = self._horizontal(contour, path, prediction, bounds)
-        offset = np.column_stack([horizontal, contour.push_sign * push.given])
+        last = self.history.last(contour)
+        push = self._push(contour, last.push, prediction, bounds)
+        horizontal, limited, far = self._horizontal(contour, last.offset[:, :2], prediction, bounds)
+        up = -contour.push_sign
+        offset = np.column_stack([horizontal, -up * push.given])
         limited |= push.limited
         remarks = push.remarks if prediction is None else (*prediction.remarks, *push.remarks)
         if bounds.die is not None:
@@ -135,9 +139,9 @@ class Corrector:
         largest = max(float(np.abs(push.asked).max()), far)
         if fault is None and largest > bounds.largest:
             fault = _too_large(contour, largest, bounds.largest)
-        self._add_formed(contour, offset, over_floor=push.over_floor)
+        self._add_formed(FormedContour(contour, offset, -up * offset[:, 2], push.over_floor))
         spent = time.perf_counter() - started
-        return _message(self.name, contour, prediction, push, offset, limited, fault, remarks, spent)
+        return _message(self.name, contour, up, prediction, push, offset, limited, fault, remarks, spent)
 
     def follow(self, contour: Contour, correction: ContourCorrection) -> None:
         """Take note that another method corrected ``contour``, to take over later without a jump.
@@ -146,8 +150,9 @@ class Corrector:
         """
         self._begin(contour)
         before = None if self.history.base is None else self.history.base.contour
-        passed = self._floor.push(contour, before, self.history.last_push(contour)) is not None
-        self._add_formed(contour, np.asarray(correction.offset, dtype=np.float64), over_floor=passed)
+        passed = self._floor.push(contour, before, self.history.last(contour).push) is not None
+        offset = np.array(correction.offset, dtype=np.float64)
+        self._add_formed(FormedContour(contour, offset, contour.push_sign * offset[:, 2], passed))
 
     def add_result(self, contour: Contour, result: ContourResult) -> None:
         """What was measured while ``contour`` (as corrected) was formed; never raises."""
@@ -186,16 +191,16 @@ class Corrector:
         self.estimator.begin(contour, self.history)
         return fault
 
-    def _add_formed(self, contour: Contour, offset: Array, *, over_floor: bool) -> None:
-        self.history.add(contour, offset, over_floor=over_floor)
-        if over_floor:
-            self._floor.add(contour, contour.push_sign * offset[:, 2])
-        self.estimator.add_formed(contour, offset, self.history)
+    def _add_formed(self, formed: FormedContour) -> None:
+        self.history.current = formed
+        if formed.over_floor:
+            self._floor.add(formed.contour, formed.push)
+        self.estimator.add_formed(formed, self.history)
 
-    def _push(self, contour: Contour, path: LoopPath, prediction: Prediction | None, bounds: Bounds) -> _Push:
-        """Push of ``contour``: over a floor what the floor needs, else what the method asks for, within all bounds."""
-        history = self.history
-        base, last = history.base, history.last_push(contour)
+    def _push(self, contour: Contour, last: Array, prediction: Prediction | None, bounds: Bounds) -> _Push:
+        """Push of ``contour`` after the ``last`` (N,) m: over a floor what the floor needs, else what the method asks
+        for, within all bounds."""
+        base = self.history.base
         pressed = self._floor.push(contour, None if base is None else base.contour, last)
         asked = last if prediction is None else self._asked(prediction)
         if pressed is not None:
@@ -205,15 +210,15 @@ class Corrector:
         # lifted tools jump nowhere; a floor may need far less push than the wall before it
         free = base is None or pressed is not None
         admitted, remarks = self._bounded(contour, asked, last, bounds, forced=pressed is None)
-        limits = push_limits(
-            self._job_file,
-            contour.forming_tool,
-            change=bounds.largest if free else change_per_contour(self._job_file),
+        limits = Limits(
+            slope=PUSH_SLOPE,
+            average=2.0 * self._radius[contour.forming_tool],
+            change=bounds.largest if free else self._change,
             largest=bounds.largest,
             smallest=-np.inf if bounds.pulls_back else 0.0,
         )
         start = None if base is None else float(base.push[-1])
-        given, limited = limit(admitted, path, limits, last, start)
+        given, limited = limit_along(contour, admitted, limits, last, start)
         limited |= asked - admitted > NEGLIGIBLE
         return _Push(asked, given, limited, pressed is not None, remarks)
 
@@ -238,28 +243,30 @@ class Corrector:
         return admitted, (step_remark(planned + room, planned, -float(admitted.mean())),)
 
     def _horizontal(
-        self, contour: Contour, path: LoopPath, prediction: Prediction | None, bounds: Bounds
+        self, contour: Contour, last: Array, prediction: Prediction | None, bounds: Bounds
     ) -> tuple[Array, Mask, float]:
-        """(N, 2) m horizontal offset, where a limit changed it, and the largest value asked for, m.
+        """(N, 2) m horizontal offset after the ``last`` (N, 2) m, where a limit changed it, and the largest value asked
+        for, m.
 
         Without a prediction the last one is kept; a method without horizontal offsets lets that of another one fade.
         """
-        last = self.history.last_offset(contour)[:, :2]
-        none = np.zeros(len(contour), dtype=bool)
+        none = np.zeros(len(last), dtype=bool)
         if prediction is None:
             return last, none, 0.0
         if prediction.horizontal is None:
-            wanted, limited, largest = np.zeros((len(contour), 2)), none, 0.0
+            wanted, limited, largest = np.zeros(last.shape), none, 0.0
         else:
             direction, value = prediction.horizontal.direction, prediction.horizontal.value
             along = np.sum(last * direction, axis=1)
             asked = along if value is None else value
-            limits = horizontal_limits(self._job_file, contour.forming_tool, bounds.largest)
-            given, limited = limit(asked, path, limits, along)
+            # averaged over half the way of the push, so that corners stay
+            radius = self._radius[contour.forming_tool]
+            limits = Limits(HORIZONTAL_SLOPE, radius, self._change, bounds.largest, -bounds.largest)
+            given, limited = limit_along(contour, asked, limits, along)
             wanted, largest = given[:, None] * direction, float(np.abs(asked).max())
-        if self.history.base is None:
+        if self.history.base is None or (prediction.horizontal is None and not last.any()):
             return wanted, limited, largest
-        faded, far = fade_horizontal(wanted, last, change_per_contour(self._job_file))
+        faded, far = fade_horizontal(wanted, last, self._change)
         return faded, limited | far, largest
 
 
@@ -298,6 +305,7 @@ def _too_large(contour: Contour, asked: float, largest: float) -> IsfError:
 def _message(
     method: str,
     contour: Contour,
+    up: float,
     prediction: Prediction | None,
     push: _Push,
     offset: Array,
@@ -306,9 +314,8 @@ def _message(
     remarks: tuple[str, ...],
     spent: float,
 ) -> ContourCorrection:
-    """What is published: z up, against the push of the upper tool."""
+    """What is published: springback along z, by the sign ``up`` of the direction against the push."""
     said = Prediction(np.empty(0)) if prediction is None else prediction
-    up = -contour.push_sign
     remaining = np.empty(0)
     if len(said.expected_error):
         remaining = said.expected_error

@@ -105,10 +105,12 @@ class _Reading:
 
 @dataclass(frozen=True)
 class Scale:
-    """Factor (M,) on the displacement of a law, and its standard deviation (M,) as a part of it."""
+    """Factor (M,) on the displacement of a law, and its standard deviation (M,) as a part of it; ``measured``: from
+    lifts."""
 
     factor: Array
     deviation: Array
+    measured: bool = True
 
 
 class LawScale:
@@ -144,7 +146,7 @@ class LawScale:
         """Scale at ``place`` (M, 3) m under ``force`` (M,) N; before a reading 1 with the deviation of not knowing."""
         prior = COMMON_DEVIATION**2 + REGION_DEVIATION**2
         if not self._readings:
-            return Scale(np.ones(len(place)), np.full(len(place), np.sqrt(prior)))
+            return Scale(np.ones(len(place)), np.full(len(place), np.sqrt(prior)), measured=False)
         known = np.array([reading.place for reading in self._readings])
         latest = self._readings[-1].force
         steps = np.array([np.log(latest / reading.force) for reading in self._readings])

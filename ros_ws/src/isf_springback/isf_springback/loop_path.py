@@ -61,6 +61,38 @@ class LoopPath:
         return np.asarray((np.arange(count) + 0.5) * (self.length / count))
 
 
+@dataclass(frozen=True)
+class LoopSamples:
+    """M evenly spread places along a contour of N points, the middles of sectors of equal length.
+
+    Attributes
+    ----------
+    path : of the contour
+    position : (M,) m along it
+    contact : (M, 3) m ; tip : (M, 2) m, of the forming tool ; wall_angle : (M,) rad
+    """
+
+    path: LoopPath
+    position: Array
+    contact: Array
+    tip: Array
+    wall_angle: Array
+
+    @staticmethod
+    def of(contour: Contour, count: int) -> LoopSamples:
+        """``count`` places of ``contour``."""
+        path = LoopPath.of(contour)
+        position = path.even_positions(count)
+        contact = np.column_stack([path.at(contour.contact[:, axis], position) for axis in range(3)])
+        tip = np.column_stack([path.at(contour.forming_tip[:, axis], position) for axis in range(2)])
+        return LoopSamples(path, position, contact, tip, path.at(contour.wall_angle, position))
+
+    def along(self, *values: Array) -> list[Array]:
+        """Values (M,) at the places as loop functions (N,), interpolated linearly."""
+        period = self.path.length if self.path.closed else None
+        return [np.asarray(np.interp(self.path.position, self.position, each, period=period)) for each in values]
+
+
 def moving_average(path: LoopPath, values: Array, window: float) -> Array:
     """(N,) mean of a loop function over ``window`` m of path around every point.
 
@@ -134,17 +166,16 @@ def forming_radius(job_file: JobFile, forming_tool: int) -> float:
     return tool.radius
 
 
-def push_limits(
-    job_file: JobFile, forming_tool: int, change: float, largest: float = LARGEST_CORRECTION, smallest: float = -np.inf
-) -> Limits:
-    """Limits of the push; ``change``, ``largest``, ``smallest`` in m."""
-    return Limits(PUSH_SLOPE, 2.0 * forming_radius(job_file, forming_tool), change, largest, smallest)
+def forming_radii(job_file: JobFile) -> dict[int, float]:
+    """m, the same by the number of the tool."""
+    return {tool: forming_radius(job_file, tool) for tool in (1, 2)}
 
 
-def horizontal_limits(job_file: JobFile, forming_tool: int, largest: float = LARGEST_CORRECTION) -> Limits:
-    """Limits of a horizontal component; averaged over half the way of the push, so that corners stay."""
-    radius = forming_radius(job_file, forming_tool)
-    return Limits(HORIZONTAL_SLOPE, radius, change_per_contour(job_file), largest, -largest)
+def limit_along(
+    contour: Contour, requested: Array, limits: Limits, previous: Array, start: float | None = None
+) -> tuple[Array, Mask]:
+    """:func:`limit` along the path of ``contour``."""
+    return limit(requested, LoopPath.of(contour), limits, previous, start)
 
 
 def limit(

@@ -43,6 +43,11 @@ def edge_radius(job_file: JobFile, opening: Opening, points: Array, kind: ClampR
     return np.asarray(np.maximum(radius, opening.radius_towards(points) / (1.0 - SMALLEST_GAP)))
 
 
+def free_ring(job_file: JobFile, opening: Opening, points: Array, kind: ClampRadius) -> tuple[Array, Array]:
+    """(M,), (M,) m, radius of the free sheet and of the opening that belong to ``points`` (M, 2) m."""
+    return edge_radius(job_file, opening, points, kind), opening.radius_towards(points)
+
+
 def held_by_plate(contour: Contour, job_file: JobFile) -> bool:
     """True where the edge of a backing plate lies in the mean within :data:`CLOSE` tool radii around ``contour``."""
     plate = job_file.job.backing_plate

@@ -13,8 +13,8 @@ from isf_springback.database.elastic_samples import depth_task, solve_depth
 from isf_springback.methods import make_corrector
 from isf_springback.sheet_edge import edge_radius, free_size, held_by_plate
 from isf_springback.shell.formed_sheet import FacetSize
+from scanned_sheet import COUNT, TARGET, Sheet
 from springback_parts import JOB_TEXT, cone_contour, result_of
-from test_shape_feedback import COUNT, TARGET, Sheet
 
 ROUND = "backing_plate: {shape: circle, size: [88 mm, 88 mm]}\n"
 SQUARE = "backing_plate: {shape: rectangle, size: [90 mm, 80 mm]}\n"

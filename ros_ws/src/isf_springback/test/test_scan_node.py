@@ -22,8 +22,9 @@ from isf_msgs.msg import JobInfo  # noqa: E402
 from isf_ros import qos, stamps  # noqa: E402
 from isf_ros.conversion import height_map_to_message, result_to_message  # noqa: E402
 from rclpy.duration import Duration  # noqa: E402
+from scanned_sheet import TARGET, Sheet  # noqa: E402
 from sensor_msgs.msg import PointCloud2, PointField  # noqa: E402
-from test_shape_feedback import JOB_TEXT, TARGET, Sheet  # noqa: E402
+from springback_parts import JOB_TEXT  # noqa: E402
 from test_springback_node import LIMIT, Cell  # noqa: E402
 
 pytestmark = pytest.mark.graph

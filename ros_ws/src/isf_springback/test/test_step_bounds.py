@@ -8,8 +8,8 @@ import pytest
 from isf_core.files.job import JobFile
 from isf_springback.corrector import apply, force_share
 from isf_springback.methods import make_corrector
+from scanned_sheet import COUNT, TARGET, Sheet
 from springback_parts import JOB_TEXT, cone_contour, result_of
-from test_shape_feedback import COUNT, TARGET, Sheet
 
 STEP = 0.5e-3
 

@@ -19,8 +19,8 @@ from isf_springback.corrector import (
     largest_step,
 )
 from isf_springback.methods import make_corrector
+from scanned_sheet import COUNT, TARGET, Sheet
 from springback_parts import JOB_TEXT, cone_contour, result_of
-from test_shape_feedback import COUNT, TARGET, Sheet
 
 STEP = 0.5e-3
 

@@ -82,6 +82,11 @@ def deflection(law: LoadDeflectionLaw, load: ArrayLike) -> Array:
     return np.asarray(2.0 * scale * np.sinh(np.arcsinh(argument) / 3.0))
 
 
+def ring_deflection(section: SheetSection, clamp_radius: ArrayLike, ring_radius: ArrayLike, load: ArrayLike) -> Array:
+    """m, deflection of a ring under the line load ``load`` N/m; arguments and error as :func:`ring_load_law`."""
+    return deflection(ring_load_law(section, clamp_radius, ring_radius), load)
+
+
 def membrane_share(law: LoadDeflectionLaw, deflection: ArrayLike) -> Array:
     """Part of the load carried by membrane forces at ``deflection`` (m), 0..1."""
     w2 = np.asarray(deflection, dtype=float) ** 2

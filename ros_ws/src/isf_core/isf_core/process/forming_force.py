@@ -93,6 +93,11 @@ def contact_patch(
     return ContactPatch(np.asarray(area), np.asarray(length), np.asarray(area / length))
 
 
+def contact_perimeter(wall_angle: Array | float, radius: float, incremental_depth: float) -> Array:
+    """m, :attr:`ContactPatch.perimeter` of :func:`contact_patch`."""
+    return contact_patch(wall_angle, radius, incremental_depth).perimeter
+
+
 @dataclass(frozen=True)
 class FormingForce:
     """Axial and radial force on the forming tool, N."""

@@ -15,14 +15,21 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.files.job import JobFile
 from isf_core.geometry.opening import ClampRadius
-from isf_core.process.deflection import SheetSection, deflection, ring_load_law
-from isf_core.process.forming_force import contact_patch
+from isf_core.process.deflection import SheetSection, ring_deflection
+from isf_core.process.forming_force import contact_perimeter
 from isf_core.types import Array
 
 from isf_springback.estimators.estimator import Prediction
-from isf_springback.estimators.sheet_model import SECTORS, AxialForce, FirstContour, ForecastLaw, SheetModel
-from isf_springback.loop_path import LoopPath, forming_radius
-from isf_springback.sheet_edge import edge_radius
+from isf_springback.estimators.sheet_model import (
+    SECTORS,
+    AxialForce,
+    ExpectedForce,
+    FirstContour,
+    ForecastLaw,
+    SheetModel,
+)
+from isf_springback.loop_path import LoopSamples, forming_radii
+from isf_springback.sheet_edge import free_ring
 
 SheetTerm = Literal["realised", "component", "axial"]
 
@@ -64,53 +71,45 @@ class AnalyticModel(SheetModel):
     def __init__(self, job_file: JobFile, options: AnalyticOptions | None = None) -> None:
         self._options = options or AnalyticOptions(first_contour=job_file.job.springback.first_contour)
         super().__init__(job_file, AxialForce(job_file, self._options.law, self._options.first_contour))
+        self._radius = forming_radii(job_file)
         material = job_file.material
         self._section = SheetSection(material.young_modulus, material.poisson_ratio, job_file.job.sheet.thickness)
 
     def predict(self, contour: Contour) -> Prediction:
         """As the base class; raises NO_FORCE_HISTORY."""
-        path = LoopPath.of(contour)
-        position = path.even_positions(self._options.control_points)
-        point = np.column_stack([path.at(contour.contact[:, axis], position) for axis in range(3)])
-        tip = np.column_stack([path.at(contour.forming_tip[:, axis], position) for axis in range(2)])
-        angle = path.at(contour.wall_angle, position)
-        force = self.force.at(contour, tip, angle)
-        springback = self._springback(contour, point[:, :2], tip, angle, force)
-        scale = self.scale.at(point, force)
+        samples = LoopSamples.of(contour, self._options.control_points)
+        expected = self.force.at(contour, samples.tip, samples.wall_angle)
+        springback = self._springback(contour, samples.contact[:, :2], samples.wall_angle, expected)
+        scale = self.scale.at(samples.contact, expected.force)
         springback = scale.factor * springback
-        period = path.length if path.closed else None
-        deviation = np.empty(0)
-        if len(self.scale):
-            deviation = np.asarray(np.interp(path.position, position, scale.deviation * springback, period=period))
+        along, deviation = samples.along(springback, scale.deviation * springback)
         return Prediction(
-            np.asarray(np.interp(path.position, position, springback, period=period)),
-            deviation=deviation,
-            control_point=point,
+            along,
+            deviation=deviation if scale.measured else np.empty(0),
+            control_point=samples.contact,
             control_point_springback=springback,
-            control_point_force=force,
-            remarks=self.lift_remarks(),
+            control_point_force=expected.force,
+            remarks=self.lift_remarks,
         )
 
     def springback_under(self, contour: Contour, point: int, force: Array) -> Array:
         """As the base class."""
         count = len(force)
         place, tip = (np.tile(known[point, :2], (count, 1)) for known in (contour.contact, contour.forming_tip))
-        return self._springback(contour, place, tip, np.full(count, contour.wall_angle[point]), force)
+        angle = np.full(count, contour.wall_angle[point])
+        return self._springback(contour, place, angle, ExpectedForce(force, self.force.steepest(angle, tip)))
 
-    def _springback(self, contour: Contour, place: Array, tip: Array, angle: Array, force: Array) -> Array:
-        """(M,) m, springback against the push direction under ``force`` (M,) N.
+    def _springback(self, contour: Contour, place: Array, angle: Array, expected: ExpectedForce) -> Array:
+        """(M,) m, springback against the push direction at ``place`` (M, 2) m, wall angle ``angle`` (M,) rad.
 
         The contact patch is that of the steepest wall met so far: on the fillet of a floor the local angle gives a
         short patch and a high line load, though the sheet between opening and clamp feels the same force.
         """
-        job_file, opening = self.job_file, self.force.opening
-        assert opening is not None  # set by begin
-        radius = opening.radius_towards(place)
-        outer = edge_radius(job_file, opening, place, self._options.clamp)
-        tool = forming_radius(job_file, contour.forming_tool)
-        patch = contact_patch(self.force.steepest(angle, tip), tool, job_file.job.path.incremental_depth)
-        law = ring_load_law(self._section, outer, radius)
-        return deflection(law, force / patch.perimeter) * self._axial_share(angle)
+        assert self.force.opening is not None  # set by begin
+        outer, radius = free_ring(self.job_file, self.force.opening, place, self._options.clamp)
+        tool, step = self._radius[contour.forming_tool], self.job_file.job.path.incremental_depth
+        load = expected.force / contact_perimeter(expected.steepest, tool, step)
+        return ring_deflection(self._section, outer, radius, load) * self._axial_share(angle)
 
     def _axial_share(self, angle: Array) -> Array:
         if self._options.sheet_term == "component":

@@ -150,7 +150,7 @@ class ElasticModel(SheetModel):
         place = nearest_points(laws.points[:, :2], contour.contact[:, :2])
         order = np.argsort(path.position[place], kind="stable")
         place, cubic = place[order], CubicLaw(laws.cubic.k[order])
-        force = _around(path, self.force.at(contour, contour.forming_tip[:, :2], contour.wall_angle), place)
+        force = _around(path, self.force.at(contour, contour.forming_tip[:, :2], contour.wall_angle).force, place)
         springback = cubic.displacement(force)
         stiffness = np.maximum(cubic.stiffness(springback), 1.0)
         scale = self.scale.at(contour.contact[place], force)
@@ -161,7 +161,7 @@ class ElasticModel(SheetModel):
         along, spread = (
             np.interp(path.position, path.position[place], values, period=period) for values in (springback, deviation)
         )
-        remarks = ((self._remark,) if self._remark else ()) + self.lift_remarks()
+        remarks = ((self._remark,) if self._remark else ()) + self.lift_remarks
         if float(force.max()) > BEYOND_SAMPLES * laws.largest:
             remarks += (
                 f"{contour_label(contour.index)}: force {float(force.max()):.0f} N is beyond the computed loads "

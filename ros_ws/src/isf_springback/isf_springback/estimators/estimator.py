@@ -6,7 +6,7 @@ prediction into a correction within all limits::
     estimator.begin(contour, history)
     prediction = estimator.estimate(contour, history)
     ...                                              # limited, sent, formed
-    estimator.add_formed(contour, offset, history)   # as it will be formed
+    estimator.add_formed(formed, history)            # as it will be formed
     estimator.add_result(corrected, result, history) # forces of the contour
     estimator.add_lift(reading, index)               # where the job lifts the tool and the method uses it
     estimator.add_shape(shape, history)              # where the job scans and the method uses it
@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -47,21 +48,22 @@ class FormedContour:
     Attributes
     ----------
     offset : (N, 3) m, correction of contact and tips
+    push : (N,) m, its part along the push direction of the forming tool
     over_floor : the contour passed over a floor that was formed before
     """
 
     contour: Contour
     offset: Array
+    push: Array
     over_floor: bool = False
 
-    @property
-    def push(self) -> Array:
-        """(N,) m, offset along the push direction of the forming tool."""
-        return np.asarray(self.contour.push_sign * self.offset[:, 2])
 
-    def seen_from(self, contour: Contour) -> Array:
-        """(N, 3) m, the offset at the nearest place in plan view of every point of another contour."""
-        return np.asarray(self.offset[nearest_points(contour.forming_tip[:, :2], self.contour.forming_tip[:, :2])])
+@dataclass(frozen=True)
+class LastCorrection:
+    """The correction that a contour of N points continues: ``offset`` (N, 3) m, ``push`` (N,) m."""
+
+    offset: Array
+    push: Array
 
 
 class History:
@@ -106,21 +108,14 @@ class History:
             advice="contours must come in the order of the plan; the last good correction is kept",
         )
 
-    def add(self, contour: Contour, offset: Array, *, over_floor: bool = False) -> None:
-        """``contour`` is formed with ``offset`` (N, 3) m."""
-        self.current = FormedContour(contour, np.array(offset, dtype=np.float64), over_floor)
-
-    def last_offset(self, contour: Contour) -> Array:
-        """(N, 3) m, the offset of the base seen from ``contour``; zero when there is none."""
-        return np.zeros((len(contour), 3)) if self.base is None else self.base.seen_from(contour)
-
-    def last_push(self, contour: Contour) -> Array:
-        """(N,) m, the same along the push direction."""
-        return np.asarray(contour.push_sign * self.last_offset(contour)[:, 2])
-
-
-def _empty() -> Array:
-    return np.empty(0)
+    def last(self, contour: Contour) -> LastCorrection:
+        """The correction of the base at the nearest place in plan view of every point of ``contour``; zero when there
+        is no base."""
+        base = self.base
+        if base is None:
+            return LastCorrection(np.zeros((len(contour), 3)), np.zeros(len(contour)))
+        nearest = nearest_points(contour.forming_tip[:, :2], base.contour.forming_tip[:, :2])
+        return LastCorrection(base.offset[nearest], base.push[nearest])
 
 
 @dataclass(frozen=True)
@@ -157,12 +152,12 @@ class Prediction:
 
     springback: Array
     push: Array | None = None
-    deviation: Array = field(default_factory=_empty)
+    deviation: Array = field(default_factory=partial(np.empty, 0))
     horizontal: Horizontal | None = None
-    expected_error: Array = field(default_factory=_empty)
-    control_point: Array = field(default_factory=lambda: np.empty((0, 3)))
-    control_point_springback: Array = field(default_factory=_empty)
-    control_point_force: Array = field(default_factory=_empty)
+    expected_error: Array = field(default_factory=partial(np.empty, 0))
+    control_point: Array = field(default_factory=partial(np.empty, (0, 3)))
+    control_point_springback: Array = field(default_factory=partial(np.empty, 0))
+    control_point_force: Array = field(default_factory=partial(np.empty, 0))
     remarks: tuple[str, ...] = ()
     fault: IsfError | None = None
 
@@ -227,8 +222,8 @@ class Estimator(ABC):
         """How far the corrector follows at ``contour``."""
         return Bounds()
 
-    def add_formed(self, contour: Contour, offset: Array, history: History) -> None:  # noqa: B027
-        """``contour`` is formed with ``offset`` (N, 3) m, by this method's prediction or by another method's."""
+    def add_formed(self, formed: FormedContour, history: History) -> None:  # noqa: B027
+        """The contour is formed so, by this method's prediction or by another method's."""
 
     def add_result(self, contour: Contour, result: ContourResult, history: History) -> None:  # noqa: B027
         """What was measured while ``contour``, as corrected, was formed; never raises."""

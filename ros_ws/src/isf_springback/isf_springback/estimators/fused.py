@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
-from isf_springback.estimators.estimator import Bounds, Estimator, History, Prediction
+from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
 from isf_springback.estimators.sheet_model import SheetModel
 from isf_springback.lift_feedback import LiftReading
-from isf_springback.loop_path import LoopPath, change_per_contour, forming_radius, nearest_points
+from isf_springback.loop_path import LoopSamples, change_per_contour, forming_radii, nearest_points
 from isf_springback.scan import FormedShape
 from isf_springback.scan.readings import PLACES, READING_DEVIATION, read_errors, shape_remarks
 from isf_springback.sheet_edge import held_by_plate
@@ -96,6 +96,8 @@ class FusedEstimator(Estimator):
     def __init__(self, job_file: JobFile, model: Callable[[JobFile], SheetModel] = steady_model) -> None:
         super().__init__(job_file)
         self._model = model(job_file)
+        self._radius = forming_radii(job_file)
+        self._change = change_per_contour(job_file)
         self._wall: BiasField | None = None
         self._bottom: BiasField | None = None
         self._steps: list[ModelledContour] = []
@@ -143,26 +145,25 @@ class FusedEstimator(Estimator):
 
     def bounds(self, contour: Contour, history: History) -> Bounds:
         """Careful until a scan has confirmed the model: what was formed too deep stays."""
-        rise = change_per_contour(self.job_file)
+        rise = self._change
         if contour.forming_tool == 1 and self._unconfirmed():
             rise = min(rise, UNCONFIRMED_RISE * self.job_file.job.path.incremental_depth)
         return Bounds(pulls_back=True, rise=rise, by_force=True)
 
-    def add_formed(self, contour: Contour, offset: Array, history: History) -> None:
+    def add_formed(self, formed: FormedContour, history: History) -> None:
         """As the base class; asking again for a contour replaces it."""
+        contour = formed.contour
         if self._predicted is None or self._predicted[0] is not contour:
             try:
                 self._predicted = contour, self._model.estimate(contour, history).springback
             except IsfError:
                 self._predicted = contour, np.zeros(len(contour))
-        current = history.current
-        if current is not None and current.over_floor:
+        if formed.over_floor:
             return  # it says nothing of the wall
         before = [step for step in self._steps if step.contour.index < contour.index and _same_wall(step, contour)]
         if not before:
             self._wall_begins = contour.index
-        pushed = np.asarray(contour.push_sign * offset[:, 2])
-        self._steps = [*before[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, pushed, self._predicted[1])]
+        self._steps = [*before[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, self._predicted[1])]
 
     def add_result(self, contour: Contour, result: ContourResult, history: History) -> None:
         """Forces for the model."""
@@ -200,7 +201,7 @@ class FusedEstimator(Estimator):
         if current.over_floor:
             self._remarks = (*shape.remarks, *found)
             return
-        reading = read_errors(contour, shape, target, forming_radius(self.job_file, contour.forming_tool))
+        reading = read_errors(contour, shape, target, self._radius[contour.forming_tool])
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         known = self._fields(reading.place)
         surprise = reading.wall - expected_error(self._steps, reading.place)
@@ -245,19 +246,14 @@ class FusedEstimator(Estimator):
 
     def _bias(self, contour: Contour, history: History) -> tuple[Array, Array, Array]:
         """Places (M, 3) m, bias and its standard deviation along the contour (N,), (N,) m."""
-        path = LoopPath.of(contour)
-        position = path.even_positions(PLACES)
-        place = np.column_stack([path.at(contour.contact[:, axis], position) for axis in range(3)])
-        wall, bottom = self._fields(place[:, :2])
+        samples = LoopSamples.of(contour, PLACES)
+        wall, bottom = self._fields(samples.contact[:, :2])
         share = self._floor_share(contour, history)
-        period = path.length if path.closed else None
-
-        def along(values: Array) -> Array:
-            return np.asarray(np.interp(path.position, position, values, period=period))
-
-        bias = (1.0 - share) * along(wall.bias) + share * along(bottom.bias)
-        deviation = np.maximum(along(wall.deviation), along(bottom.deviation))
-        return place, bias, deviation
+        on_wall, on_floor, wall_deviation, floor_deviation = samples.along(
+            wall.bias, bottom.bias, wall.deviation, bottom.deviation
+        )
+        bias = (1.0 - share) * on_wall + share * on_floor
+        return samples.contact, bias, np.maximum(wall_deviation, floor_deviation)
 
     def _floor_share(self, contour: Contour, history: History) -> Array:
         """(N,) 0 on the wall .. 1 where the contour makes the floor."""
@@ -265,7 +261,7 @@ class FusedEstimator(Estimator):
         if target is None or self.job_file.job.path.floor_step is not None:
             return np.zeros(len(contour))  # passes over the floor make it
         remaining = np.abs(contour.forming_tip[:, 2] - float(np.nanmin(target.z)))
-        height = forming_radius(self.job_file, contour.forming_tool) * (1.0 - np.cos(np.radians(50.0)))
+        height = self._radius[contour.forming_tool] * (1.0 - np.cos(np.radians(50.0)))
         return np.asarray(np.clip(1.0 - remaining / height, 0.0, 1.0))
 
 

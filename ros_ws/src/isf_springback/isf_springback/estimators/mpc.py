@@ -107,8 +107,7 @@ class ModelPredictiveEstimator(Estimator):
         fault = self._fault or history.scans.fault_before(contour)
         if fault is not None:
             raise fault
-        last = history.last_offset(contour)
-        push = contour.push_sign * last[:, 2]
+        last = history.last(contour)
         move = None
         if contour.index >= self.job_file.job.springback.open_loop_contours:
             move = self._move(contour, history)
@@ -116,13 +115,13 @@ class ModelPredictiveEstimator(Estimator):
         remarks: tuple[str, ...] = () if shape is None else shape.remarks
         radial = _radial(contour)
         if move is None:
-            return Prediction(np.empty(0), push=push, horizontal=Horizontal(radial, None), remarks=remarks)
+            return Prediction(np.empty(0), push=last.push, horizontal=Horizontal(radial, None), remarks=remarks)
         if move.bounded:
             remarks = ("the step depth is at its bound: the lag is made good over several contours", *remarks)
         return Prediction(
             np.empty(0),
-            push=push + contour.push_sign * move.vertical,
-            horizontal=Horizontal(radial, np.sum(last[:, :2] * radial, axis=1) + move.radial),
+            push=last.push + contour.push_sign * move.vertical,
+            horizontal=Horizontal(radial, np.sum(last.offset[:, :2] * radial, axis=1) + move.radial),
             expected_error=move.residual,
             remarks=remarks,
         )

@@ -146,31 +146,33 @@ class MeasuredLoad:
     steepest: Array
     planned: Array = field(default_factory=lambda: np.empty(0))
 
-    def load_at(self, points: Array) -> Array:
-        """(M,) N, load at the nearest place in plan view of ``points`` (M, 2) m."""
-        return np.asarray(self.load[nearest_points(points, self.place)])
-
-    def steepest_at(self, points: Array) -> Array:
-        """(M,) rad, steepest wall at the nearest place of ``points`` (M, 2) m."""
-        return np.asarray(self.steepest[nearest_points(points, self.place)])
-
-    def planned_at(self, points: Array) -> Array:
-        """(M,) N, planned force at the nearest place of ``points`` (M, 2) m, or (0,)."""
-        return np.asarray(self.planned[nearest_points(points, self.place)]) if len(self.planned) else self.planned
+    def seen_from(self, points: Array) -> MeasuredLoad:
+        """The same at the nearest places in plan view of ``points`` (M, 2) m."""
+        near = nearest_points(points, self.place)
+        planned = self.planned[near] if len(self.planned) else self.planned
+        return MeasuredLoad(self.index, points, self.load[near], self.steepest[near], planned)
 
 
-def steepest_wall(angle: Array, place: Array, before: list[MeasuredLoad]) -> Array:
-    """(N,) rad, ``angle`` (N,) or the steepest wall at the nearest place of the contour before, if that is more."""
-    return np.maximum(angle, before[0].steepest_at(place)) if before else np.array(angle)
+@dataclass(frozen=True)
+class ExpectedForce:
+    """Force expected at M places of a contour: ``force`` (M,) N, and ``steepest`` (M,) rad, steepest wall met there."""
+
+    force: Array
+    steepest: Array
 
 
-def planned_force(contour: Contour, place: Array, before: list[MeasuredLoad]) -> Array:
-    """(M,) N, predicted force at ``place`` (M, 2) m, or that of the contour before, if that is more; (0,): none."""
+def predicted_force(contour: Contour, place: Array) -> Array:
+    """(M,) N, force that the plan predicts at ``place`` (M, 2) m; (0,): none."""
     if not len(contour.predicted_force):
         return np.empty(0)
-    force = np.asarray(contour.predicted_force[nearest_points(place, contour.forming_tip[:, :2])])
-    known = before and len(before[0].planned)
-    return np.maximum(force, before[0].planned_at(place)) if known else force
+    return np.asarray(contour.predicted_force[nearest_points(place, contour.forming_tip[:, :2])])
+
+
+def largest_planned(force: Array, before: MeasuredLoad | None) -> Array:
+    """(M,) N, ``force`` (M,) N, or that of the contour before at the same places, if that is more; (0,): none."""
+    if not len(force) or before is None or not len(before.planned):
+        return force
+    return np.maximum(force, before.planned)
 
 
 class AxialForce:
@@ -244,7 +246,9 @@ class AxialForce:
         mean = moving_average(path, load, path.length / SECTORS)
         place = contour.forming_tip[:, :2].copy()
         older = [known for known in self._loads if known.index != result.index][-1:]
-        steepest, planned = steepest_wall(contour.wall_angle, place, older), planned_force(contour, place, older)
+        before = older[0].seen_from(place) if older else None
+        steepest = np.array(contour.wall_angle) if before is None else np.maximum(contour.wall_angle, before.steepest)
+        planned = largest_planned(predicted_force(contour, place), before)
         self._loads = [*older, MeasuredLoad(result.index, place, mean, steepest, planned)]
         self._blocks[-1].append(self._loads[-1])
         if len(self._blocks[-1]) >= self._block:
@@ -261,34 +265,41 @@ class AxialForce:
 
     def last_at(self, place: Array) -> Array:
         """(M,) N, newest measured load at ``place`` (M, 2) m; 0 before one."""
-        return self._loads[-1].load_at(place) if self._loads else np.zeros(len(place))
+        return self._loads[-1].seen_from(place).load if self._loads else np.zeros(len(place))
 
     def steepest(self, angle: Array, place: Array) -> Array:
         """(M,) rad, steepest wall met so far at ``place`` (M, 2) m where it is ``angle`` (M,) rad now."""
-        return steepest_wall(angle, place, self._loads[-1:])
+        return np.maximum(angle, self._loads[-1].seen_from(place).steepest) if self._loads else np.array(angle)
 
-    def at(self, contour: Contour, tip: Array, angle: Array) -> Array:
-        """(M,) N, force expected on ``contour`` at ``tip`` (M, 2) m; the measured one where it has been formed.
+    def at(self, contour: Contour, tip: Array, angle: Array) -> ExpectedForce:
+        """Force expected on ``contour`` at ``tip`` (M, 2) m; the measured one where it has been formed.
 
         ``angle`` (M,) rad is the wall angle there. Raises IsfError NO_FORCE_HISTORY.
         """
+        newest = self._loads[-1].seen_from(tip) if self._loads else None
+        steepest = np.array(angle) if newest is None else np.maximum(angle, newest.steepest)
+        return ExpectedForce(self._force_at(contour, tip, angle, newest), steepest)
+
+    def _force_at(self, contour: Contour, tip: Array, angle: Array, newest: MeasuredLoad | None) -> Array:
+        """(M,) N, after the ``newest`` load seen from ``tip``."""
         if self._block > 1 and not self.measured(contour):
             whole = [block for block in self._blocks if len(block) >= self._block]
             if whole:
-                means = [np.mean([known.load_at(tip) for known in block], axis=0) for block in whole[-2:]]
+                means = [np.mean([known.seen_from(tip).load for known in block], axis=0) for block in whole[-2:]]
                 return forecast(means[-1], means[0] if len(means) == 2 else None, self._law)
             if contour.index - self._first_index <= self._block:
                 return np.zeros(len(tip))
-        if self.measured(contour):
-            return self._loads[-1].load_at(tip)
-        if self._loads and self._loads[-1].index == contour.index - 1:
-            last = self._loads[-1].load_at(tip)
+        if newest is not None and newest.index == contour.index:
+            return newest.load
+        if newest is not None and newest.index == contour.index - 1:
+            last = newest.load
             if self._swapped and self._first != "zero":
                 # where the support tool presses more than the forming tool nothing was formed
                 last = np.where(last > 0.0, last, self._expected(contour, tip, angle))
-            consecutive = len(self._loads) == 2 and self._loads[0].index == contour.index - 2
-            before_last = self._loads[0].load_at(tip) if consecutive else None
-            planned = [load.planned_at(tip) for load in self._loads] + [planned_force(contour, tip, self._loads[-1:])]
+            older = self._loads[0].seen_from(tip) if len(self._loads) == 2 else None
+            before_last = older.load if older is not None and older.index == contour.index - 2 else None
+            planned = [load.planned for load in (older, newest) if load is not None]
+            planned.append(largest_planned(predicted_force(contour, tip), newest))
             return forecast_along(planned, last, before_last, self._law)
         if contour.index != self._first_index or (contour.feature == contour.stage == 0 and contour.index > 0):
             raise IsfError(
@@ -324,6 +335,7 @@ class SheetModel(Estimator):
     ----------
     force : measured loads and their forecast
     scale : factor on the computed springback, from tool lifts
+    lift_remarks : what the newest tool lift says, for a person
     """
 
     uses_lifts = True
@@ -333,7 +345,7 @@ class SheetModel(Estimator):
         self.force = force
         self.scale = LawScale()
         self._contour: Contour | None = None
-        self._lift_remark = ""
+        self.lift_remarks: tuple[str, ...] = ()
 
     @abstractmethod
     def predict(self, contour: Contour) -> Prediction:
@@ -353,7 +365,7 @@ class SheetModel(Estimator):
         before = self._contour
         if before is not None and before.plan_id != contour.plan_id:
             self.scale.clear()
-            self._lift_remark = ""
+            self.lift_remarks = ()
         self.force.begin(contour, before)
         self._contour = contour
 
@@ -370,20 +382,17 @@ class SheetModel(Estimator):
         """Scale the law by the tool lift after contour ``index``; a useless one is reported by a remark."""
         contour = self._contour
         if reading is None or contour is None or contour.index != index:
-            self._lift_remark = f"the tool lift after {contour_label(index)} told nothing; the model stays as it was"
+            self.lift_remarks = (f"the tool lift after {contour_label(index)} told nothing; the model stays as it was",)
             return
         point = int(nearest_points(reading.place[None, :2], contour.forming_tip[:, :2])[0])
         try:
             law = self.springback_under(contour, point, reading.force)
         except IsfError as error:
-            self._lift_remark = f"the tool lift after {contour_label(index)} is not used: {error.message}"
+            self.lift_remarks = (f"the tool lift after {contour_label(index)} is not used: {error.message}",)
             return
         self.scale.add(contour.contact[point], reading, law)
-        self._lift_remark = self.scale.remark()
-
-    def lift_remarks(self) -> tuple[str, ...]:
-        """What the newest tool lift says, for a person."""
-        return (self._lift_remark,) if self._lift_remark else ()
+        remark = self.scale.remark()
+        self.lift_remarks = (remark,) if remark else ()
 
     def lifted_share(self, place: Array) -> Array:
         """(M,) factor on the springback at ``place`` (M, 3) m by tool lifts, at the last measured forces; 1: none."""

@@ -24,8 +24,8 @@ TARGET = HeightMap(GRID, GRID, np.clip((np.hypot(X, Y) - 36e-3) * np.tan(np.radi
 class LinearModel(AnalyticModel):
     """A sheet whose springback is proportional to the force."""
 
-    def _springback(self, contour, place, tip, angle, force):
-        return COMPLIANCE * np.asarray(force)
+    def _springback(self, contour, place, angle, expected):
+        return COMPLIANCE * expected.force
 
 
 def formed(true, stiffness, bump=0.0, edge=0.0):

@@ -12,8 +12,8 @@ from isf_springback.corrector import apply
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import curvature, learn_part
 from isf_springback.methods import make_corrector
+from scanned_sheet import COUNT, GRID, Sheet, cone
 from springback_parts import JOB_TEXT, cone_contour
-from test_shape_feedback import COUNT, GRID, Sheet, cone
 
 CLAMP = (0.25, 0.25)
 TARGET = HeightMap(GRID, GRID, cone(0.5e-3 * COUNT + 5e-3 * (1 - np.cos(np.radians(50.0)))))

@@ -18,7 +18,7 @@ from scipy.spatial import KDTree
 from springback_parts import cone_contour, corrector_of
 from test_scan_over_die import scan, with_die_cut_off
 
-ROOT = Path(__file__).resolve().parents[4]
+ROOT = Path(__file__).resolve().parents[5]
 FACETS = 20e-6
 """m, what faceting of part and die takes of the room on the planned path."""
 
