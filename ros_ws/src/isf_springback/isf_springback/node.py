@@ -199,16 +199,6 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self._corrected.publish(contour_to_message(outcome.corrected, stamp))
 
 
-def main() -> None:
-    """Entry point of the executable ``springback``."""
-    quantity.parse("1 mm", "m")  # loads the units now: with the first job they would hold up the first contour
-    sys.exit(process.run(SpringbackNode))
-
-
-if __name__ == "__main__":
-    main()
-
-
 _KINDS = {7: "f4", 8: "f8"}
 """PointField datatypes that coordinates may have."""
 
@@ -235,3 +225,13 @@ def cloud_points(message: Any) -> NDArray[np.float64]:
 def stamp_seconds(message: Any) -> float:
     """s, stamp of the message."""
     return float(stamps.to_seconds(message.header.stamp))
+
+
+def main() -> None:
+    """Entry point of the executable ``springback``."""
+    quantity.parse("1 mm", "m")  # loads the units now: with the first job they would hold up the first contour
+    sys.exit(process.run(SpringbackNode))
+
+
+if __name__ == "__main__":
+    main()
