@@ -16,6 +16,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr, model_validator
 
 from isf_core.contour import Process
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.material import Material, load_material
 from isf_core.files.quantity import Acceleration, Angle, Force, Frequency, Length, Speed, Stress
@@ -535,6 +537,33 @@ def correction_refusal(process: str, method: str) -> str:
     return f"process ADSIF forms at a constant depth: {method} would push both tools off the plane they must stay in"
 
 
+BUILT_IN = ("SPIF", "TPIF", "DSIF", "ADSIF")
+"""Processes that machine, force control and simulated sheet know."""
+
+PROCESSES = "isf.processes"
+"""Entry points of processes: classes of the planner, or of a package beside it."""
+
+
+def process_names() -> list[str]:
+    """Names of all processes that are installed, sorted."""
+    return sorted({*BUILT_IN, *entry_points(group=PROCESSES).names})
+
+
+def load_process(name: str) -> Any:
+    """The class registered as process ``name``; raises IsfError FILE_FIELD when it is missing or cannot be loaded."""
+    found = [entry for entry in entry_points(group=PROCESSES) if entry.name == name]
+    try:
+        return found[0].load()
+    except Exception as error:  # a process of another package may fail in any way while it is loaded
+        why = f"{type(error).__name__}: {error}" if found else "no package registers it"
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"the process {name} cannot be loaded: {why}",
+            where=found[0].value if found else "process",
+            advice=f"known: {', '.join(process_names())}",
+        ) from error
+
+
 class Job(FileModel):
     """One part to be formed."""
 
@@ -551,6 +580,8 @@ class Job(FileModel):
     adsif: AdsifSpec | None = None
     control: ControlSpec = ControlSpec()
     springback: SpringbackSpec = SpringbackSpec()
+    strategy: str = ""
+    """Process of another package that plans the contours; ``process: NAME`` sets it, and its kind as the process."""
     wall_angle_limit: Angle | None = Field(default=None, gt=0.0, lt=1.5708)
     """Overrides the material's largest wall angle."""
     _support_window: SupportWindow | None = PrivateAttr(default=None)
@@ -612,6 +643,22 @@ class Job(FileModel):
         if "machine" in wanted and self.tool_2 is None:
             raise ValueError("path.compensation machine needs two tools: it corrects the distance between them")
         return self
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_process(cls, data: Any) -> Any:
+        """A process of another package: its kind is the process, its name the strategy."""
+        name = data.get("process") if isinstance(data, dict) else None
+        if not isinstance(name, str) or name in BUILT_IN:
+            return data
+        if name not in process_names():
+            raise ValueError(
+                f"no package that is installed has the process {name}; known: {', '.join(process_names())}"
+            )
+        kind = getattr(load_process(name), "kind", None)
+        if kind not in BUILT_IN:
+            raise ValueError(f"the process {name} has the kind {kind!r}: it must be one of {', '.join(BUILT_IN)}")
+        return {**data, "process": kind, "strategy": name}
 
     @model_validator(mode="before")
     @classmethod
