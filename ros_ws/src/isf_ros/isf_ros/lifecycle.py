@@ -198,8 +198,7 @@ class CellNode(LifecycleNode, Generic[P]):
             try:
                 result = await execute(handle)
             except Exception as error:
-                found = self.fault(error, where)
-                self.make_safe(found)
+                found = self._react(error, where)
                 result = refuse(kind.Result(), int(found.code), found.message)
             if handle.is_active:
                 handle.abort()
@@ -273,7 +272,7 @@ class CellNode(LifecycleNode, Generic[P]):
                 self._destroy_created()
             return TransitionCallbackReturn.FAILURE
         except Exception as error:
-            self.make_safe(self.fault(error, f"transition to {label}"))
+            self._react(error, f"transition to {label}")
             return TransitionCallbackReturn.ERROR
         finally:
             self._in_transition = False
@@ -287,11 +286,16 @@ class CellNode(LifecycleNode, Generic[P]):
     # -- faults and entities -----------------------------------------------------------------------
 
     def _callback_failed(self, where: str, error: Exception, *_: Any) -> None:
+        self._react(error, where)
+
+    def _react(self, error: Exception, where: str) -> IsfError:
+        """Report a fault that leaves the work undone, and make the tools safe."""
         found = self.fault(error, where)
         try:
             self.make_safe(found)
         except Exception as another:
             self.fault(another, f"reaction to a fault in {where}")
+        return found
 
     def _service_failed(self, name: str, error: Exception, _: Any, response: Any) -> Any:
         found = self.fault(error, f"service {name}")
