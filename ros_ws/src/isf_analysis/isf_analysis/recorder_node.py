@@ -46,7 +46,9 @@ _COUNTED = ("STREAM", "LATCHED", "EVENT")
 class RecorderParameters:
     """Parameters of the recorder."""
 
-    output: str = parameter("", "folder of the bag; must not exist; empty: recording-DATE-TIME in the present folder")
+    output: str = parameter(
+        "", "folder of the bag; must not exist; empty: recording-DATE-TIME here; the next of this process: NAME-2"
+    )
     topics: tuple[str, ...] = parameter(tuple(topic.name for topic in CELL), "topics to record, as in topics.CELL")
     compression: str = parameter("none", "none or zstd (a fifth of the size, more processor time)")
 
@@ -70,7 +72,8 @@ class RecorderNode(CellNode[RecorderParameters]):
     def __init__(self) -> None:
         super().__init__("recorder", RecorderParameters)
         self._topics: list[Topic] = []
-        self._output = Path()
+        self._output = self._first = Path()
+        self._recordings = 0
         self._recording: Recording | None = None
         self._subscriptions_polled: list[Subscription] = []
         self._timer: Any = None
@@ -88,14 +91,20 @@ class RecorderNode(CellNode[RecorderParameters]):
     def configure(self) -> None:
         values = self.values()
         self._topics = [_topic(name) for name in values.topics]
-        self._output = Path(values.output or time.strftime("recording-%Y%m%d-%H%M%S")).absolute()
-        check_free(self._output)
+        output = Path(values.output or time.strftime("recording-%Y%m%d-%H%M%S")).absolute()
+        if output != self._first:
+            check_free(output)
+            self._first, self._recordings = output, 0
 
     def activate(self) -> None:
         self._received = {topic.name: 0 for topic in self._topics}
         self._lost = {}
         self._sequence = {}
         names = [self.resolve_topic_name(topic.name) for topic in self._topics]
+        self._recordings += 1
+        self._output = self._first
+        if self._recordings > 1:  # activated once more: beside the one before
+            self._output = self._first.with_name(f"{self._first.name}-{self._recordings}")
         recording = Recording(
             self._output, list(zip(self._topics, names, strict=True)), compression=self.values().compression
         )

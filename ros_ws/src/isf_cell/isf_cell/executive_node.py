@@ -19,7 +19,6 @@ from isf_ros.background import in_thread
 from isf_ros.conversion import correction_from_message, result_from_message
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
@@ -74,14 +73,17 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self.create_subscription(MachineState, "machine/state", self._on_machine_state, qos.STREAM)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
         self.create_service(SetBool, "executive/pause", self._on_pause)
-        self._server = ActionServer(
-            self,
-            FormPart,
-            "form_part",
-            self._execute,
-            goal_callback=self._on_goal,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        self.create_action_server(
+            FormPart, "form_part", self._execute, lambda _: self.is_active and self._handle is None
         )
+
+    def deactivate(self) -> None:
+        """Raises IsfError BUSY while a part is formed: what it needs would be gone."""
+        if self._handle is not None:
+            raise IsfError(ErrorCode.BUSY, "a part is being formed", advice="cancel it first")
+
+    def cleanup(self) -> None:
+        self._client.close()
 
     def health_values(self) -> dict[str, object]:
         return {"busy": self._handle is not None, "paused": self._paused}
@@ -134,9 +136,6 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             self._handle.publish_feedback(feedback)
 
     # -- callbacks -----------------------------------------------------------------------------------
-
-    def _on_goal(self, _: FormPart.Goal) -> GoalResponse:
-        return GoalResponse.ACCEPT if self.is_active and self._handle is None else GoalResponse.REJECT
 
     async def _execute(self, handle: ServerGoalHandle) -> FormPart.Result:
         self._handle, self._paused = handle, False

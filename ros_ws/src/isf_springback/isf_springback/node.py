@@ -68,7 +68,6 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         self._done = 0
         self._last_code = 0
         self._solve_time = 0.0
-        self._entities: list[Callable[[], Any]] = []
         self.add_on_set_parameters_callback(self._check_parameters)
 
     def configure(self) -> None:
@@ -80,29 +79,16 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self._session.set_job(load_job(values.job))
         self._correction = self.create_publisher(ContourCorrection, "contour/correction", qos.EVENT)
         self._corrected = self.create_publisher(Contour, "contour/corrected", qos.LATCHED)
-        subscriptions = [
-            self.create_subscription(JobInfo, "part/info", self._on_info, qos.LATCHED),
-            self.create_subscription(Contour, "contour/nominal", self._on_nominal, qos.LATCHED),
-            self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT),
-            self.create_subscription(PointCloud2, "part/target", self._on_target, qos.LATCHED),
-            self.create_subscription(PointCloud2, "tool_lift", self._on_lift, qos.LATCHED),
-            self.create_subscription(PointCloud2, "scan", self._on_scan, qos.LATCHED),
-        ]
-        timer = self.create_timer(WAITING_PERIOD, self._advance, clock=self.steady_clock)
-        self._entities = [
-            lambda: self.destroy_publisher(self._correction),
-            lambda: self.destroy_publisher(self._corrected),
-            lambda: self.destroy_timer(timer),
-            *(lambda entity=entity: self.destroy_subscription(entity) for entity in subscriptions),  # type: ignore[misc]
-        ]
+        self.create_subscription(JobInfo, "part/info", self._on_info, qos.LATCHED)
+        self.create_subscription(Contour, "contour/nominal", self._on_nominal, qos.LATCHED)
+        self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT)
+        self.create_subscription(PointCloud2, "part/target", self._on_target, qos.LATCHED)
+        self.create_subscription(PointCloud2, "tool_lift", self._on_lift, qos.LATCHED)
+        self.create_subscription(PointCloud2, "scan", self._on_scan, qos.LATCHED)
+        self.create_timer(WAITING_PERIOD, self._advance, clock=self.steady_clock)
 
     def deactivate(self) -> None:
         self._session.drop()
-
-    def cleanup(self) -> None:
-        for destroy in self._entities:
-            destroy()
-        self._entities = []
 
     def health_values(self) -> dict[str, object]:
         return {

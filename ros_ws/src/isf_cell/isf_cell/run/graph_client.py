@@ -34,6 +34,15 @@ class GraphClient:
         self._timeout = timeout
         self._clients: dict[str, Any] = {}
 
+    def close(self) -> None:
+        """Leave the graph: destroy every client."""
+        for client in self._clients.values():
+            if isinstance(client, ActionClient):
+                client.destroy()
+            else:
+                self._node.destroy_client(client)
+        self._clients.clear()
+
     def call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
         """Response of a service; raises IsfError NODE_MISSING (no server) or SERVICE_TIMEOUT."""
         client = self._clients.get(name) or self._clients.setdefault(name, self._node.create_client(kind, name))

@@ -12,7 +12,6 @@ from isf_core.files.job import JobFile
 from isf_msgs.action import Identify
 from isf_ros.background import in_thread
 from isf_ros.lifecycle import CellNode
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 
 from isf_force_ctrl.identify.identification import finding
@@ -40,18 +39,7 @@ class IdentifyAction:
         begun: Callable[[], None],
     ) -> None:
         self._node, self._lock, self._ready, self._armed, self._begun = node, lock, ready, armed, begun
-        self._server = ActionServer(
-            node,
-            Identify,
-            "identify",
-            self._identify,
-            goal_callback=lambda _: GoalResponse.ACCEPT if node.is_active else GoalResponse.REJECT,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
-
-    def close(self) -> None:
-        """Destroy the action server."""
-        self._server.destroy()
+        node.create_action_server(Identify, "identify", self._identify, lambda _: node.is_active)
 
     async def _identify(self, handle: ServerGoalHandle) -> Identify.Result:
         try:

@@ -11,7 +11,6 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.action import LiftTool, MoveAside
 from isf_ros.background import in_thread
 from isf_ros.lifecycle import CellNode
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 
 from isf_force_ctrl.measurements.tool_lift import LiftSettings
@@ -36,25 +35,8 @@ class MeasurementActions:
         begun: Callable[[], None],
     ) -> None:
         self._node, self._lock, self._controller, self._begun = node, lock, controller, begun
-        self._servers = [
-            ActionServer(
-                node,
-                kind,
-                name,
-                serve,
-                goal_callback=lambda _: GoalResponse.ACCEPT if node.is_active else GoalResponse.REJECT,
-                cancel_callback=lambda _: CancelResponse.ACCEPT,
-            )
-            for kind, name, serve in (
-                (LiftTool, "lift_tool", self._lift_tool),
-                (MoveAside, "move_aside", self._move_aside),
-            )
-        ]
-
-    def close(self) -> None:
-        """Destroy the action servers."""
-        for server in self._servers:
-            server.destroy()
+        node.create_action_server(LiftTool, "lift_tool", self._lift_tool, lambda _: node.is_active)
+        node.create_action_server(MoveAside, "move_aside", self._move_aside, lambda _: node.is_active)
 
     async def _lift_tool(self, handle: ServerGoalHandle) -> LiftTool.Result:
         goal = handle.request

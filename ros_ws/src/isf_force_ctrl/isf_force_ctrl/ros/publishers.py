@@ -51,11 +51,6 @@ class ForceCtrlOutlet:
         self.last_publish = 0.0
         """s, monotonic time of the last targets."""
 
-    def close(self) -> None:
-        """Destroy the publishers."""
-        for publisher in (*self._targets, self._holder, self._states, self._results):
-            self._node.destroy_publisher(publisher)
-
     def start(self, tip_1: Vector, tip_2: Vector, rate: float) -> None:
         """Targets follow, ``rate`` per second; the tools are at ``tip_1``, ``tip_2`` m."""
         self.has_targets = False

@@ -37,12 +37,6 @@ class MachineOutlet:
         self._wrench_messages = [conversion.make_wrench() for _ in (1, 2)]
         self._pose_messages = [conversion.make_pose() for _ in (1, 2)]
 
-    def close(self) -> None:
-        """Destroy the publishers."""
-        publishers = [*self._wrenches, *self._poses, self._state, self._event, self._scan]
-        for publisher in [*publishers, self._clock] if self._clock else publishers:
-            self._node.destroy_publisher(publisher)
-
     def wrenches(self, sample: MachineSample, nanoseconds: int) -> None:
         """Both wrenches with the stamp ``nanoseconds``."""
         stamp = stamps.to_stamp(nanoseconds)
