@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from isf_analysis.measures.events import event_of
 from isf_analysis.measures.record import PartRecord
 from isf_core import __version__
 from isf_core.errors import ErrorCode
@@ -91,6 +90,6 @@ def form(
         lost_messages=0,
         sim_time=cell.sample.time,
         wall_time=time.perf_counter() - started,
-        events=tuple(event_of(event) for event in cell.machine.events),
+        events=tuple(cell.machine.events),
         scans=tuple(cell.scans),
     )

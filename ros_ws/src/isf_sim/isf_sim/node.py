@@ -293,7 +293,7 @@ class MachineNode(CellNode[MachineParameters]):
             outlet.wrenches(sample, self._stamp)
             for event in machine.events[self._told :]:
                 outlet.event(event, self._stamp)
-                self.get_logger().warning(f"{event.kind.name}: {event.text}")
+                self.get_logger().warning(f"{event.name}: {event.text}")
             self._told = len(machine.events)
             self._sample, self._published = sample, time.monotonic()
 

@@ -12,9 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from isf_core.events import EventKind
 
 from isf_sim.jit import kernel
-from isf_sim.machine.events import ENGAGED, ENGAGED_AFTER, LOADED, EventKind, EventLimits, EventWatch
+from isf_sim.machine.events import ENGAGED, ENGAGED_AFTER, LOADED, EventLimits, EventWatch
 from isf_sim.machine.load_cells import CellState
 from isf_sim.machine.tick import Axes
 from isf_sim.sheet.sheet_point import Contact

@@ -16,8 +16,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import NamedTuple
+
+from isf_core.events import Event, EventKind
 
 GALLING_FACTOR = 0.42
 """c_g, calibrated: geometric mean between the fine and the shedding support force of Ren 2018, 2.4.1."""
@@ -34,36 +35,6 @@ LOADED, ENGAGED = 50.0, 10.0
 """N, forming tool presses; support tool carries load."""
 LOST_AFTER, ABSENT_AFTER, ENGAGED_AFTER, BRIEF = 0.1, 0.5, 0.1, 0.01
 """s"""
-
-
-class EventKind(IntEnum):
-    """Kinds, values as in isf_msgs/msg/MachineEvent."""
-
-    FRACTURE = 1
-    GALLING = 2
-    BUCKLING = 3
-    CONTACT_LOST = 4
-    DIE_CONTACT = 5
-    SATURATION = 6
-
-
-@dataclass(frozen=True)
-class MachineEvent:
-    """Something that happened.
-
-    Attributes
-    ----------
-    kind : EventKind ; tick, time : of the simulated machine, s ; position : (3,) m, frame sheet
-    value, limit : the quantity at fault and its limit, unit in ``text`` ; text : for people
-    """
-
-    kind: EventKind
-    tick: int
-    time: float
-    position: tuple[float, float, float]
-    value: float
-    limit: float
-    text: str
 
 
 @dataclass(frozen=True)
@@ -135,7 +106,7 @@ class EventWatch:
     thinned_from: float = -1.0
     broken: bool = False
 
-    def look(self, facts: TickFacts) -> list[MachineEvent]:
+    def look(self, facts: TickFacts) -> list[Event]:
         """Events that begin with this tick."""
         limits, found = self.limits, []
         force = facts.support_force
@@ -158,7 +129,7 @@ class EventWatch:
         broken = self._fracture(facts)
         return found if broken is None else [*found, broken]
 
-    def _fracture(self, facts: TickFacts) -> MachineEvent | None:
+    def _fracture(self, facts: TickFacts) -> Event | None:
         """Once per part: thinning over the forming limit along four tool radii of way."""
         limit = self.limits.fracture * (1.0 + SQUEEZE_GAIN * min(facts.support_force / REFERENCE_FORCE, 1.0))
         if self.broken or facts.strain <= limit:
@@ -206,5 +177,5 @@ class EventWatch:
         value: float,
         limit: float,
         text: str,
-    ) -> MachineEvent:
-        return MachineEvent(kind, facts.tick, facts.tick / self.limits.rate, position, value, limit, text)
+    ) -> Event:
+        return Event(kind, facts.tick / self.limits.rate, position, value, limit, text)

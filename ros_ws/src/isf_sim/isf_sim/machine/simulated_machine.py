@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import Event
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics, make_kinematics
@@ -21,7 +22,7 @@ from isf_core.types import Array
 from isf_sim.machine import tick as mt
 from isf_sim.machine.build import make_parts
 from isf_sim.machine.event_conditions import NEVER, TOUCHING, event_bounds, settled
-from isf_sim.machine.events import EventWatch, MachineEvent, TickFacts
+from isf_sim.machine.events import EventWatch, TickFacts
 from isf_sim.machine.kernel_bundle import UNCHECKED, TickParts
 from isf_sim.machine.load_cells import BLOCK, DRAWS, take_zero
 from isf_sim.machine.tick import Axes
@@ -71,7 +72,7 @@ class SimulatedMachine:
         self.control_rate = job.control.rate
         self.tick_count = 0
         self.faults: list[tuple[ErrorCode, str]] = []
-        self.events: list[MachineEvent] = []
+        self.events: list[Event] = []
         self.limits = 0
         self.tared = False
         self.holder_height = 0.0

@@ -23,11 +23,11 @@ import numpy as np
 import pydantic
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import Event, EventKind
 from isf_core.files.job import JobFile
 from numpy.typing import NDArray
 from scipy import sparse
 
-from isf_sim.machine.events import EventKind, MachineEvent
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.shell.shell_assembly import SupportPoints
@@ -116,7 +116,7 @@ def plant_digest() -> str:
 
 def _encoder() -> Encoder:
     # a fresh machine has neither events nor, before its first coarse solution, points of a support
-    return Encoder(records=(MachineEvent, SupportPoints), enums=(ErrorCode, EventKind))
+    return Encoder(records=(Event, SupportPoints), enums=(ErrorCode, EventKind))
 
 
 def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_core.events import Event
 from isf_msgs.msg import MachineEvent as EventMessage
 from isf_msgs.msg import MachineState
 from isf_ros import conversion, qos, stamps
@@ -16,7 +17,6 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2, PointField
 
-from isf_sim.machine.events import MachineEvent
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
 SCAN_PATIENCE = 5.0
@@ -62,7 +62,7 @@ class MachineOutlet:
         message.header.stamp = stamps.to_stamp(nanoseconds)
         self._state.publish(message)
 
-    def event(self, event: MachineEvent, nanoseconds: int) -> None:
+    def event(self, event: Event, nanoseconds: int) -> None:
         """One event of the part."""
         message = EventMessage(kind=int(event.kind), value=event.value, limit=event.limit, text=event.text)
         message.header.frame_id = conversion.FRAME

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from isf_core.events import Event
 from isf_core.files.material import load_material
 from isf_core.files.rig import load_rig
 from isf_sim.machine.axes import make_axis_errors
 from isf_sim.machine.event_conditions import NEVER, conditions, event_bounds, settled
-from isf_sim.machine.events import EventWatch, MachineEvent, event_limits
+from isf_sim.machine.events import EventWatch, event_limits
 from isf_sim.machine.load_cells import CellState
 from isf_sim.machine.simulated_machine import tick_facts
 from isf_sim.machine.tick import parked_axes
@@ -65,7 +66,7 @@ STRETCHES = st.builds(
 @given(stretches=st.lists(STRETCHES, min_size=1, max_size=7), way=st.sampled_from([0.06e-3, 0.4e-3]))
 def test_a_watch_that_looks_only_when_something_changes_finds_the_same(stretches: list[Stretch], way: float) -> None:
     always, seldom = EventWatch(LIMITS), EventWatch(LIMITS)
-    found: tuple[list[MachineEvent], list[MachineEvent]] = ([], [])
+    found: tuple[list[Event], list[Event]] = ([], [])
     bounds = event_bounds(LIMITS, (RADIUS, RADIUS), BLANK)
     axes = parked_axes(np.zeros(3), np.zeros(3), make_axis_errors(RIG))
     squeeze, contact = no_squeeze(), PLANT.contact
