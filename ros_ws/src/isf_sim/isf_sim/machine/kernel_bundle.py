@@ -17,7 +17,7 @@ from numba import types
 from numba.experimental import structref
 
 from isf_sim.jit import kernel
-from isf_sim.machine.event_conditions import EventBounds, conditions
+from isf_sim.machine.events import EventBounds, conditions
 from isf_sim.machine.load_cells import CellState
 from isf_sim.machine.tick import NEEDS_JUDGEMENT, Axes, MachineConstants, TargetLimits, advance_tick, check_target
 from isf_sim.sheet.control_points import ControlPoints
@@ -92,7 +92,7 @@ class TickParts(_Kept):
         :func:`isf_sim.machine.tick.advance_tick`.
 
         Returns what is asked for and, with NEEDS_JUDGEMENT, what is wrong with the target, with DONE the conditions of
-        events (:func:`isf_sim.machine.event_conditions.conditions`).
+        events (:func:`isf_sim.machine.events.conditions`).
         """
         answer = _advance_tick(target, draws, waited, self._of(parts, _bundle_tick))
         return answer & REQUESTS, answer >> REQUEST_BITS
