@@ -430,16 +430,6 @@ class MachineNode(CellNode[MachineParameters]):
             self._outlet.scan(cloud_message(points, self._stamp))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Entry point of the node."""
-    warm_up()  # before the node exists: compiling would make it look dead
-    return process.run(MachineNode, args, streams=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
-
-
 class MachineServices:
     """Answers for a node; every answer owns the machine while it works on it."""
 
@@ -551,3 +541,13 @@ class MachineServices:
             except IsfError as error:
                 response.code, response.message = int(error.code), error.message
                 self._node.get_logger().warning(str(error))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the node."""
+    warm_up()  # before the node exists: compiling would make it look dead
+    return process.run(MachineNode, args, streams=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
