@@ -243,6 +243,8 @@ class PartRun:
         response = self._client.checked_call(
             GetContour, "planner/get_contour", GetContour.Request(plan_id=self._plan_id, index=index), self._watch
         )
+        with self._news:  # what came before it was sent is no result of this contour
+            self._results.pop(index, None)
         self._outlet.publish_nominal(response.contour)
         result = self._wait_for_result(index)
         self._begin = result.start if self._begin is None else self._begin
