@@ -7,6 +7,7 @@ import importlib
 import inspect
 import textwrap
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -22,6 +23,9 @@ NODES = {
     "isf_analysis.recorder_node": "RecorderNode",
     "isf_cell.executive_node": "ExecutiveNode",
 }
+
+
+SOURCES = Path(__file__).resolve().parents[2] / "ros_ws" / "src"
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +70,16 @@ def test_every_node_of_the_cell_is_looked_at() -> None:
         importlib.import_module(module)
     ours = {kind.__name__ for kind in CellNode.__subclasses__() if kind.__module__.startswith("isf_")}
     assert ours == set(NODES.values())
+
+
+def test_a_program_is_all_there_when_it_is_run_as_a_module() -> None:
+    """What stands below ``if __name__ == "__main__"`` does not exist while ``python -m`` runs the module."""
+    programs = [path for path in SOURCES.glob("*/isf_*/**/*.py") if 'if __name__ == "__main__":' in path.read_text()]
+    assert len(programs) >= len(NODES)
+    for path in programs:
+        last = ast.parse(path.read_text(encoding="utf-8")).body[-1]
+        assert isinstance(last, ast.If), path
+        assert "__main__" in ast.unparse(last.test), path
 
 
 def _generic() -> set[str]:

@@ -24,6 +24,7 @@ class ErrorCode(IntEnum):
     FILE_FIELD = 1003
     FILE_UNIT = 1004
     FILE_NOT_WRITABLE = 1005
+    FILE_OUTSIDE = 1006
 
     # planner
     MESH_UNREADABLE = 1101

@@ -109,7 +109,7 @@ class ForceController:
         where = contour_name(contour)
         if self._mode is Mode.HOLD and self.fault is not None:
             raise IsfError(ErrorCode.NOT_ARMED, f"held: {self.fault[1]}", where=where, advice="arm again")
-        if self._mode not in (Mode.ARMED, Mode.FREEZE):
+        if self._mode is Mode.IDLE:
             raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where=where, advice="arm the plan first")
         self._plan.check(contour, busy=self.busy)
         here = posture_of(self._playback.row)
@@ -193,6 +193,10 @@ class ForceController:
     def busy(self) -> bool:
         """True while targets change: from start of a contour to its end (of the last: until parked)."""
         return bool(self._playback) or (self._mode is not Mode.IDLE and self._stopping is not None)
+
+    def started(self, plan_id: str, index: int) -> bool:
+        """True for the contour that was started last."""
+        return (plan_id, index + 1) == (self._plan.plan_id, self._plan.next)
 
     @property
     def on_sheet(self) -> bool:
@@ -415,8 +419,20 @@ class ArmedPlan:
         """Raise IsfError CONTOUR_REJECTED unless ``contour`` is the one expected now."""
         where = contour_name(contour)
         if contour.plan_id != self.plan_id:
-            raise IsfError(ErrorCode.CONTOUR_REJECTED, f"plan '{self.plan_id}' is armed", where=where)
-        if busy or contour.index != self.next:
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED,
+                f"plan '{self.plan_id}' is armed",
+                where=where,
+                advice="arm the plan of this contour first",
+            )
+        if busy:
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED,
+                "too early, the tools are still moving",
+                where=where,
+                advice="send a contour when the result of the one before, or of the measurement, has come",
+            )
+        if contour.index != self.next:
             raise IsfError(
                 ErrorCode.CONTOUR_REJECTED, f"out of order, {contour_label(self.next)} is expected", where=where
             )

@@ -302,9 +302,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             controller = self._controller
             try:
                 if not self.is_active or controller is None:
-                    raise IsfError(
-                        ErrorCode.NOT_ARMED, "a contour came, but no plan is armed", where=contour_label(message.index)
-                    )
+                    what, advice = ("no plan is armed", "arm the plan first")
+                    if not self.is_active:
+                        what, advice = ("force_ctrl is not active", "activate it, then arm the plan")
+                    raise IsfError(ErrorCode.NOT_ARMED, what, where=contour_label(message.index), advice=advice)
                 contour = conversion.contour_from_message(message)
                 self._ready.check_forming(contour.forming_tool)
                 controller.start(contour)
@@ -320,8 +321,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._step_in_lockstep()
 
     def _publish_refusal(self, message: isf.Contour, error: IsfError) -> None:
-        """A result that says why, so that nobody waits for the contour; a contour of another plan is only logged."""
-        if self._controller is None or message.plan_id != self._controller.plan_id or self._controller.busy:
+        """A result that says why, so that nobody waits for the contour; not for one that is being formed already."""
+        controller = self._controller
+        if controller is not None and controller.busy and controller.started(message.plan_id, message.index):
             return
         self._outlet.refusal(message, int(error.code), error.message)
 

@@ -20,6 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
+from isf_core.files.own_folder import path_below
 from isf_core.geometry.height_map import HeightMap
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
@@ -52,6 +53,9 @@ class MachineParameters:
     )
     real_time_priority: int = parameter(
         0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", least=0, most=98
+    )
+    state_folder: str = parameter(
+        "machine_states", "folder below which machine/save writes and machine/load reads; relative to the present one"
     )
     pose_decimation: int = parameter(0, "ticks per pose, clock and state message; 0: 50 messages per second")
 
@@ -388,6 +392,11 @@ class MachineNode(CellNode[MachineParameters]):
     # -- for the services ------------------------------------------------------------------------
 
     @property
+    def state_folder(self) -> Path:
+        """Folder of the saved machines."""
+        return Path(self._settings.state_folder).absolute()
+
+    @property
     def in_lockstep(self) -> bool:
         """True when a tick needs targets of its stamp."""
         return self._settings.lockstep
@@ -494,7 +503,10 @@ class MachineServices:
 
     def _on_save(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
         with self._answering(response):
-            path = save_machine(self._node.needed(), self._path_of(request))
+            machine, path = self._node.needed(), self._path_of(request)
+            with contextlib.suppress(OSError):  # the file that cannot be written says why
+                path.parent.mkdir(parents=True, exist_ok=True)
+            save_machine(machine, path)
             self._node.targets_not_served()
             self._node.get_logger().info(f"state saved to {path}")
         return response
@@ -526,11 +538,8 @@ class MachineServices:
             return JobFile(request.job_text, Path(request.base_folder), "job")
         return self._node.needed().job_file
 
-    @staticmethod
-    def _path_of(request: StateFile.Request) -> Path:
-        if not request.path:
-            raise IsfError(ErrorCode.FILE_NOT_FOUND, "no path is given", where="path", advice="name a file")
-        return Path(request.path)
+    def _path_of(self, request: StateFile.Request) -> Path:
+        return path_below(self._node.state_folder, request.path)
 
     @contextlib.contextmanager
     def _answering(self, response: Any) -> Iterator[None]:

@@ -209,6 +209,8 @@ class GraphCell:
         """As in the protocol."""
         request = GetContour.Request(plan_id=self._plan_id, index=index)
         response = self._client.checked_call(GetContour, "planner/get_contour", request, self.check)
+        with self._news:  # what came before it was sent is no result of this contour
+            self._results.pop(index, None)
         self._outlet.publish_nominal(response.contour)
         result = self._wait_for_result(index)
         return FormedContour(contour_from_message(response.contour), self._corrections.get(index), result)

@@ -60,6 +60,7 @@ def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
     arrays: dict[str, Any] = {f"a{k}": array for k, array in enumerate(encoder.arrays)}
     partial = path.with_name(path.name + ".partial")
     try:
+        partial.unlink(missing_ok=True)  # a link of that name is not followed
         with partial.open("wb") as file:
             np.savez_compressed(file, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
         partial.replace(path)  # a file that is there is a whole one
