@@ -9,7 +9,7 @@ come 50 ms late, after newer ones; real time), ``jump_at``, ``jump`` (tick from 
 ``gap`` (m by which the tools stand too far apart), ``twist`` (true: integrates twists instead of following poses, and
 publishes poses; real time), ``drift`` (m/s in x that it adds to the twists), ``cell_drift`` (N by which the cell of
 tool_2 is off in z), ``poses_until``, ``states_until`` (ticks after
-which it publishes no poses, no machine/state). ``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and ``gap`` may
+which it publishes no poses, no machine/state), ``best_effort`` (wrenches and states are published so). ``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and ``gap`` may
 change at run time.
 """
 
