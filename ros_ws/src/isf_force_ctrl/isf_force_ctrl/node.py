@@ -112,7 +112,11 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._publish_state(controller, self.get_clock().now().nanoseconds)
                 self._publish_result()
             else:
-                self._controller = None
+                try:  # the ticks that should have braked failed, too
+                    controller.fail(error.code, error.message)
+                    self._publish_result()
+                finally:
+                    self._controller = None
 
     def close(self) -> None:
         self._stop_loop()

@@ -8,7 +8,6 @@ from isf_core.errors import ErrorCode, IsfError
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 
-
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
 """What the middleware says of a node whose topics it has heard of before its name."""
 
