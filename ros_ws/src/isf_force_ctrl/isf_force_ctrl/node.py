@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -30,7 +29,6 @@ from isf_ros.executive_watch import ExecutiveWatch
 from isf_ros.lifecycle import CellNode
 from isf_ros.thread_priority import RealTimeSettings
 from isf_ros.watchdog import RegularLook
-from rclpy.event_handler import SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
 from isf_force_ctrl.control_state import Mode
@@ -79,19 +77,17 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if p.output == "twist" and p.lockstep:
             raise IsfError(ErrorCode.FILE_FIELD, "twists are velocities by the clock, not in lockstep", where="output")
         self._outlet = ForceCtrlOutlet(self, twist=p.output == "twist")
-        # Each event handler is one more entity in every wait of the executor.
-        into: dict[str, Any] = {"event_callbacks": SubscriptionEventCallbacks(use_default_callbacks=False)}
-        self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM, **into)
-        self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM, **into)
-        self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR, **into)
-        self.create_subscription(PoseStamped, "tool_2/pose", lambda m: self._on_pose(2, m), qos.SENSOR, **into)
-        self.create_subscription(isf.MachineState, "machine/state", self._on_machine, qos.STREAM, **into)
-        self.create_subscription(isf.Contour, "contour/corrected", self._on_contour, qos.LATCHED, **into)
+        self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM)
+        self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM)
+        self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR)
+        self.create_subscription(PoseStamped, "tool_2/pose", lambda m: self._on_pose(2, m), qos.SENSOR)
+        self.create_subscription(isf.MachineState, "machine/state", self._on_machine, qos.STREAM)
+        self.create_subscription(isf.Contour, "contour/corrected", self._on_contour, qos.LATCHED)
         self.create_service(Arm, "force_ctrl/arm", self._on_arm)
         self.create_service(Trigger, "force_ctrl/stop", self._on_stop)
         self._attended = Attendance(ExecutiveWatch(self, EXECUTIVE_SILENCE), p.contour_wait)
         heard = self._attended.executive.on_diagnostics
-        self.create_subscription(DiagnosticArray, "/diagnostics", heard, 50, **into)
+        self.create_subscription(DiagnosticArray, "/diagnostics", heard, 50)
         self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)
         MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep)
         IdentifyAction(self, self._lock, self._ready, self._armed_job, self._step_in_lockstep)
@@ -116,7 +112,11 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._publish_state(controller, self.get_clock().now().nanoseconds)
                 self._publish_result()
             else:
-                self._controller = None
+                try:  # the ticks that should have braked failed, too
+                    controller.fail(error.code, error.message)
+                    self._publish_result()
+                finally:
+                    self._controller = None
 
     def close(self) -> None:
         self._stop_loop()

@@ -25,10 +25,13 @@ from isf_core.errors import ErrorCode, IsfError, coded
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 
 from isf_ros import parameters
 from isf_ros.guard import guarded, refuse
+from isf_ros.qos_match import best_effort, nothing_comes, nothing_goes, profile_of, taken_best_effort
 
 HEARTBEAT_PERIOD = 0.5
 """s of wall time between two messages on ``/diagnostics``."""
@@ -44,6 +47,7 @@ OVERRIDES = (
     "create_subscription",
     "create_timer",
     "destroy_node",
+    "destroy_subscription",
     "on_activate",
     "on_cleanup",
     "on_configure",
@@ -64,6 +68,8 @@ class CellNode(LifecycleNode, Generic[P]):
         self._in_transition = False
         self._fault_times: dict[str, float] = {}
         self._fault_count = 0
+        self._successors: dict[int, Any] = {}
+        self._apart: set[str] = set()
         super().__init__(name, **options)
         for service in self.services:  # those of the lifecycle are not made by create_service
             service.callback = guarded(service.callback, partial(self._service_failed, service.srv_name))
@@ -165,12 +171,45 @@ class CellNode(LifecycleNode, Generic[P]):
 
     # -- entities: guarded, and destroyed by cleanup when made in a transition -------------------
 
-    def create_subscription(self, kind: Any, topic: str, callback: Callable[..., Any], *args: Any, **kw: Any) -> Any:
-        made = super().create_subscription(kind, topic, self.guard(callback, f"topic {topic}"), *args, **kw)
-        return self._noted(self.destroy_subscription, made)
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Callable[..., Any], profile: QoSProfile | int, **options: Any
+    ) -> Any:
+        """As rclpy's; a stream that somebody publishes best effort is taken so, and both are told with a code."""
+        asked = profile_of(profile)
+        served = self.guard(callback, f"topic {topic}")
+        make = partial(super().create_subscription, kind, topic, served)
+        made: list[Any] = []
 
-    def create_publisher(self, kind: Any, topic: str, *args: Any, **kw: Any) -> Any:
-        return self._noted(self.destroy_publisher, super().create_publisher(kind, topic, *args, **kw))
+        def incompatible(event: Any) -> None:
+            looser = best_effort(asked)
+            if looser is None or event.last_policy_kind != QoSPolicyKind.RELIABILITY:
+                policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
+                self._kept_apart(topic, self.report, nothing_comes(self, topic, asked, policy))
+            else:  # not here, where the subscription is in use
+                self._once(lambda: self._take_best_effort(topic, asked, made[0], partial(make, looser, **options)))
+
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=self.guard(incompatible, f"delivery of {topic}"), use_default_callbacks=False
+        )
+        made.append(make(asked, **{"event_callbacks": events, **options}))
+        return self._noted(self.destroy_subscription, made[0])
+
+    def destroy_subscription(self, subscription: Any) -> bool:
+        """As rclpy's; what took the place of the subscription ends with it."""
+        return bool(super().destroy_subscription(self._successors.pop(id(subscription), subscription)))
+
+    def create_publisher(self, kind: Any, topic: str, profile: QoSProfile | int, **options: Any) -> Any:
+        """As rclpy's; a subscription that asks for more than is offered is told with a code."""
+
+        def incompatible(event: Any) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
+            self._kept_apart(topic, self.warn, nothing_goes(self, topic, profile_of(profile), policy))
+
+        events = PublisherEventCallbacks(
+            incompatible_qos=self.guard(incompatible, f"delivery of {topic}"), use_default_callbacks=False
+        )
+        made = super().create_publisher(kind, topic, profile, **{"event_callbacks": events, **options})
+        return self._noted(self.destroy_publisher, made)
 
     def create_timer(self, period: float, callback: Callable[..., Any], *args: Any, **kw: Any) -> Any:
         name = getattr(callback, "__name__", "timer")
@@ -305,6 +344,28 @@ class CellNode(LifecycleNode, Generic[P]):
         self.fault(error, where)
         return answer
 
+    # -- delivery ----------------------------------------------------------------------------------
+
+    def _kept_apart(self, topic: str, tell: Callable[[IsfError], None], error: IsfError) -> None:
+        self._apart.add(topic)
+        tell(error)
+
+    def _take_best_effort(self, topic: str, asked: QoSProfile, before: Any, make: Callable[[], Any]) -> None:
+        if before not in list(self.subscriptions):
+            return  # destroyed meanwhile
+        self._kept_apart(topic, self.warn, taken_best_effort(self, topic, asked))
+        self.destroy_subscription(before)
+        self._successors[id(before)] = make()
+
+    def _once(self, action: Callable[[], None]) -> None:
+        """Have ``action`` done soon, by itself."""
+
+        def act() -> None:
+            self.destroy_timer(timer)
+            action()
+
+        timer = self.create_timer(0.0, act, clock=self.steady_clock)
+
     def _noted(self, destroy: Callable[[Any], Any], entity: Any) -> Any:
         if self._in_transition:
             self._created.append((destroy, entity))
@@ -315,6 +376,7 @@ class CellNode(LifecycleNode, Generic[P]):
         for destroy, entity in self._created:
             destroy(entity)
         self._created = []
+        self._apart.clear()
 
     def _bring_up(self) -> None:
         self._autostart.cancel()
@@ -328,6 +390,8 @@ class CellNode(LifecycleNode, Generic[P]):
             level=self._level, name=self.get_fully_qualified_name(), message=self._text, hardware_id="isf"
         )
         values = {"state": self._state_label, "pid": os.getpid(), **self.health_values()}
+        if self._apart:
+            values["qos_incompatible"] = ", ".join(sorted(self._apart))
         if self._fault_count:
             values["software_faults"] = self._fault_count
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
