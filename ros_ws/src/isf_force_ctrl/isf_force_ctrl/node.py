@@ -32,7 +32,7 @@ from isf_ros.watchdog import RegularLook
 from std_srvs.srv import Trigger
 
 from isf_force_ctrl.control_state import Mode
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.ros.control_clock import PeriodicLoop
 from isf_force_ctrl.ros.identify_action import IdentifyAction
 from isf_force_ctrl.ros.measurement_actions import MeasurementActions
@@ -52,11 +52,11 @@ LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 
 
 class ForceCtrlNode(CellNode[ForceCtrlParameters]):
-    """ROS side of :class:`isf_force_ctrl.measuring_controller.MeasuringController`."""
+    """ROS side of :class:`isf_force_ctrl.measuring_controller.ForceController`."""
 
     def __init__(self) -> None:
         super().__init__("force_ctrl", ForceCtrlParameters)
-        self._controller: MeasuringController | None = None
+        self._controller: ForceController | None = None
         self._loop: PeriodicLoop | None = None
         self._lock = threading.RLock()
         self._latency = LatencyMeter()
@@ -213,7 +213,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         finally:
             self._lock.release()
 
-    def _after_tick(self, controller: MeasuringController, stamp: int) -> None:
+    def _after_tick(self, controller: ForceController, stamp: int) -> None:
         self._latency.targets()
         self._ticks += 1
         if self._ticks % self._settings.state_decimation == 0 or controller.mode is not self._last_mode:
@@ -223,7 +223,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     # -- results and states --------------------------------------------------------------------
 
-    def _publish_state(self, controller: MeasuringController, stamp: int) -> None:
+    def _publish_state(self, controller: ForceController, stamp: int) -> None:
         self._last_mode = controller.mode
         self._outlet.state(controller.state(), stamp, self._latency.last)
 
@@ -266,7 +266,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if self._outlet.has_targets and time.monotonic() - self._outlet.last_publish >= HEARTBEAT:
                 self._outlet.repeat()
 
-    def _lift_unattended(self, controller: MeasuringController, alone: IsfError) -> None:
+    def _lift_unattended(self, controller: ForceController, alone: IsfError) -> None:
         """Nobody is there to go on with the part: take the tools off the sheet; the next contour ends with why."""
         self.report(alone)
         if controller.fault is None:
@@ -351,7 +351,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
         self._ready.needed = tools_with_load_cell(job_file.job)
         self._ready.check()
-        controller = MeasuringController(control_config(job_file, self._settings))
+        controller = ForceController(control_config(job_file, self._settings))
         park = controller.config.park_height
         tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))
         override = None if math.isnan(request.support_force) else request.support_force
@@ -376,7 +376,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self.get_logger().warning(f"ticks by the clock without what the system refused: {refused}", once=True)
         self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index + 1} to {request.count}")
 
-    def _armed_job(self) -> tuple[MeasuringController, JobFile] | None:
+    def _armed_job(self) -> tuple[ForceController, JobFile] | None:
         return (self._controller, self._job_file) if self._controller is not None else None
 
     def _disarm(self) -> None:

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from isf_force_ctrl import node
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
 
 
-class DefectiveController(MeasuringController):
+class DefectiveController(ForceController):
     def tick(self, *arguments: Any) -> Any:
         file = Path(os.environ["FAULT"])
         word = file.read_text() if file.exists() else ""
@@ -25,5 +25,5 @@ class DefectiveController(MeasuringController):
 
 
 if __name__ == "__main__":
-    node.MeasuringController = DefectiveController  # type: ignore[misc]
+    node.ForceController = DefectiveController  # type: ignore[misc]
     sys.exit(node.main())

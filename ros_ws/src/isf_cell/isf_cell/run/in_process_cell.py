@@ -11,7 +11,8 @@ from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.measurements.tool_lift import lift_tool
 from isf_planner import Plan, plan
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_springback.corrector import Corrector, apply
@@ -22,7 +23,7 @@ from isf_cell.run.cell import FormedContour, PartGoal, PlannedPart
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
 
-def run_ticks(controller: MeasuringController, machine: SimulatedMachine, sample: MachineSample) -> MachineSample:
+def run_ticks(controller: ForceController, machine: SimulatedMachine, sample: MachineSample) -> MachineSample:
     """Tick from ``sample`` until the controller rests; the last sample.
 
     A fault of the machine, which holds from then on, ends what the controller is doing with the machine's code.
@@ -56,7 +57,7 @@ class InProcessCell:
         self.results: list[ContourResult] = []
         self.scans: list[ContourScan] = []
         self._corrector: Corrector
-        self._controller: MeasuringController
+        self._controller: ForceController
         self._sensor = False
 
     def bring_up(self) -> None:
@@ -82,9 +83,7 @@ class InProcessCell:
         job_file, sample = goal.job_file, self.sample
         self._corrector = make_corrector(goal.method, job_file)
         self._corrector.set_target(self.part_plan.target)
-        self._controller = MeasuringController(
-            ControlConfig.from_job(job_file, support_force=goal.options.support_force)
-        )
+        self._controller = ForceController(ControlConfig.from_job(job_file, support_force=goal.options.support_force))
         tips = sample.tip_1.tolist(), sample.tip_2.tolist()
         self._controller.arm(planned.plan_id, goal.first_index, planned.count, *tips)
         self._sensor = job_file.job.springback.scan_sensor
@@ -115,7 +114,7 @@ class InProcessCell:
         """As in the protocol."""
         rows = NO_ROWS
         try:
-            lift = self._controller.lift_tool(SETTINGS)
+            lift = lift_tool(self._controller, SETTINGS)
         except IsfError:  # the tools are not on the sheet, as between two features
             pass
         else:

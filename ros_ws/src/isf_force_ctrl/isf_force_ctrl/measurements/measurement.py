@@ -1,7 +1,12 @@
 """Measurements made by the tools between contours: a sequence of small moves, one row per control tick.
 
 :class:`Measurement` is what the controller asks for, :class:`Probe` a measurement written as a program of moves,
-:class:`Glide` a straight move whose end is not known beforehand. Frame ``sheet``, SI units.
+:class:`Glide` a straight move whose end is not known beforehand. Measurements of other packages, which actions of the
+node begin, are found by name (:func:`load_measurement`)::
+
+    entry_points={"isf_force_ctrl.measurements": ["identify = my_package.my_module:MyMeasurement"]}
+
+Frame ``sheet``, SI units.
 """
 
 from __future__ import annotations
@@ -9,17 +14,46 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import Protocol
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any, Protocol
 
 import numpy as np
+from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
 
 from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.control_state import Targets
 from isf_force_ctrl.motion import tool_moves
 from isf_force_ctrl.motion.segments import Column, Row, posture_of, rows_of
 from isf_force_ctrl.motion.tool_moves import Posture, Tools
 from isf_force_ctrl.motion.trajectory import Motion
+
+
+@dataclass(frozen=True)
+class Stand:
+    """How the tools stand: which, the sheet's normal (3,) there, and whether they are ``clear`` of it."""
+
+    tools: Tools
+    lift_normal: Array
+    clear: bool
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """Where a measurement begins.
+
+    Attributes
+    ----------
+    config : of the controller ; row : that is commanded ; stand : of the tools
+    formed : contour formed last, None on an unformed blank
+    """
+
+    config: ControlConfig
+    row: Row
+    stand: Stand
+    formed: Contour | None
 
 
 class Measurement(Protocol):
@@ -41,11 +75,43 @@ class Measurement(Protocol):
     def message(self) -> str:
         """Text of the code; empty when OK."""
 
-    def step(self, forces: tuple[float, ...]) -> Row:
-        """Row of the next tick from the ``forces`` (6,) N of the sheet on tool 1 and tool 2 at the present one."""
+    @property
+    def stand(self) -> Stand:
+        """Of the tools after the last step."""
+
+    @property
+    def keeps_offsets(self) -> bool:
+        """True when the offsets of force loop and compliance stay as they are; else they go back to zero."""
+
+    def step(self, time: float, targets: Targets, forces: tuple[float, ...]) -> Row:
+        """Row of the next tick from ``forces`` (6,) N of the sheet on tool 1 and tool 2 at the present one.
+
+        ``time`` s is the present one, ``targets`` what was commanded for it, offsets included.
+        """
+
+    def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:
+        """The machine has reported the ``tip`` (3,) m of ``tool`` (1, 2) at ``time`` s."""
 
     def give_up(self, code: ErrorCode, text: str, *, stay: bool) -> None:
         """End early: come to rest and ``stay`` there, or return to the begin first."""
+
+
+GROUP = "isf_force_ctrl.measurements"
+
+
+def load_measurement(name: str) -> Any:
+    """What is registered as measurement ``name``; raises IsfError MEASUREMENT_REFUSED when nothing can be loaded."""
+    found = [entry for entry in entry_points(group=GROUP) if entry.name == name]
+    try:
+        return found[0].load()
+    except Exception as error:  # another package may fail in any way while it is loaded
+        why = f"{type(error).__name__}: {error}" if found else "no package that is installed has it"
+        raise IsfError(
+            ErrorCode.MEASUREMENT_REFUSED,
+            f"the measurement '{name}' cannot be loaded: {why}",
+            where=found[0].value if found else name,
+            advice="install the package that registers it, such as isf_identify",
+        ) from error
 
 
 Program = Iterator[Row]
@@ -57,17 +123,18 @@ ACCELERATION = 0.05
 class Probe(ABC):
     """Base of measurements that begin anywhere and end with the tools parked."""
 
-    def __init__(self, config: ControlConfig, row: Row, tools: Tools, lift_normal: Array, *, clear: bool) -> None:
-        """Begins at ``row``; ``tools`` and ``lift_normal`` (3,) say how they are lifted unless they are ``clear``."""
-        self._config = config
-        self._row = list(row)
+    keeps_offsets = False
+
+    def __init__(self, rest: AtRest) -> None:
+        self._config, stand = rest.config, rest.stand
+        self._row = list(rest.row)
         self._row[Column.SET_POINT] = self._row[Column.COORDINATE] = float("nan")
         self._row[Column.SPEED] = self._row[Column.LEARNED] = 0.0
         self._before = self._row
-        self._lift_tools, self.lift_normal = tools, np.asarray(lift_normal, dtype=float)
-        self.clear = clear
+        self._lift_tools, self._lift_normal = stand.tools, np.asarray(stand.lift_normal, dtype=float)
+        self.clear = stand.clear
         """The tools are off the sheet."""
-        self.tools = Tools(tools.forming, with_support=True)
+        self.tools = Tools(stand.tools.forming, with_support=True)
         self.forces: tuple[float, ...] = (0.0,) * 6
         self.targets = self._row[:6]
         """(6,) m, tips that were commanded for the present tick, offsets included."""
@@ -81,9 +148,14 @@ class Probe(ABC):
 
     # -- what the controller calls ---------------------------------------------------------------
 
-    def step(self, forces: tuple[float, ...]) -> Row:
-        """Row of the next tick from ``forces`` (6,) N at the present one."""
-        self.forces = forces
+    @property
+    def stand(self) -> Stand:
+        """As in the protocol."""
+        return Stand(self.tools, self._lift_normal, self.clear)
+
+    def step(self, time: float, targets: Targets, forces: tuple[float, ...]) -> Row:
+        """As in the protocol."""
+        self.time, self.targets, self.forces = time, [*targets.tip_1, *targets.tip_2], forces
         present = self._row
         try:
             if not self._leaving:
@@ -174,7 +246,7 @@ class Probe(ABC):
             if max(np.abs(high.tip_1 - here.tip_1).max(), np.abs(high.tip_2 - here.tip_2).max()) > 1e-9:
                 yield from self.follow([tool_moves.move(config, here, high, config.rapid_speed)])
         else:
-            yield from self.follow(tool_moves.lift(config, here, self.lift_normal, self._lift_tools))
+            yield from self.follow(tool_moves.lift(config, here, self._lift_normal, self._lift_tools))
             self.clear = True
         self._lift_tools = self.tools
         yield from self.follow(tool_moves.park(config, self.here(), self.tools))

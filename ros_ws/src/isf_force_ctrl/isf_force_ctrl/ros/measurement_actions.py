@@ -13,8 +13,8 @@ from isf_ros.background import in_thread
 from isf_ros.lifecycle import CellNode
 from rclpy.action.server import ServerGoalHandle
 
-from isf_force_ctrl.measurements.tool_lift import LiftSettings
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.measurements.tool_lift import LiftSettings, lift_tool
 
 PERIOD = 0.1
 """s of wall time between two feedback messages."""
@@ -31,7 +31,7 @@ class MeasurementActions:
         self,
         node: CellNode[Any],
         lock: threading.RLock,
-        controller: Callable[[], MeasuringController | None],
+        controller: Callable[[], ForceController | None],
         begun: Callable[[], None],
     ) -> None:
         self._node, self._lock, self._controller, self._begun = node, lock, controller, begun
@@ -43,7 +43,7 @@ class MeasurementActions:
         try:
             controller = self._armed("lift_tool")
             with self._lock:
-                lift = controller.lift_tool(LiftSettings(goal.speed, goal.zero_force, goal.max_lift))
+                lift = lift_tool(controller, LiftSettings(goal.speed, goal.zero_force, goal.max_lift))
                 self._begun()
         except IsfError as error:
             self._node.report(error)
@@ -99,7 +99,7 @@ class MeasurementActions:
             handle.abort()
         return MoveAside.Result(code=int(code), message=message)
 
-    def _armed(self, action: str) -> MeasuringController:
+    def _armed(self, action: str) -> ForceController:
         controller = self._controller()
         if controller is None:
             raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where=action, advice="arm the plan first")

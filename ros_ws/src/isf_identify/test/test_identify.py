@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl.control_state import Mode
-from isf_force_ctrl.identify.fits import fit_compliance, fit_signs, fit_stiffness
-from isf_force_ctrl.identify.identification import finding
-from isf_force_ctrl.identify.servo_probe import ServoProbe, chirp_way, fit_servo
-from isf_force_ctrl.identify.settings import IdentifySettings, Property, ToolGeometry
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
+from isf_identify.fits import fit_compliance, fit_signs, fit_stiffness
+from isf_identify.identification import finding, make_probe
+from isf_identify.servo_probe import ServoProbe, chirp_way, fit_servo
+from isf_identify.settings import IdentifySettings, Property, ToolGeometry
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.world import STANDARD_WORLDS, make_world
 from plant_cell import PlantCell
@@ -32,7 +32,7 @@ class Bench:
     """The small cone on a machine of another world, some contours formed."""
 
     def __init__(self, contours: int, world: int = 0) -> None:
-        self.cell = PlantCell(MeasuringController)
+        self.cell = PlantCell(ForceController)
         self.cell.machine = SimulatedMachine(self.cell.job_file, world=world)
         self.cell.machine.tare()
         self.cell.sample = self.cell.machine.sample()
@@ -46,7 +46,7 @@ class Bench:
         self.tool_2 = np.array(squeeze.support_compliance) / gain
 
     def begin(self, settings: Any) -> Any:
-        return self.cell.controller.identify(settings, self.geometry)
+        return self.cell.controller.measure(lambda rest: make_probe(rest, settings, self.geometry))
 
     def run(self, change: Readings | None = None, until: Callable[[], bool] | None = None) -> np.ndarray:
         """(T, 6) m targets until the controller rests; the true forces stay below what the cells may read."""
@@ -230,14 +230,14 @@ def test_refused_goals(goal_fields: dict[str, Any], parked_cell: PlantCell) -> N
     geometry = ToolGeometry.from_job(parked_cell.job_file)
     fields = {"kind": Property.TOOL_COMPLIANCE, **goal_fields}
     with pytest.raises(IsfError) as caught:
-        parked_cell.controller.identify(goal(**fields), geometry)
+        parked_cell.controller.measure(lambda rest: make_probe(rest, goal(**fields), geometry))
     assert caught.value.code is ErrorCode.MEASUREMENT_REFUSED
     assert not parked_cell.controller.busy
 
 
 @pytest.fixture(scope="module")
 def parked_cell() -> PlantCell:
-    return PlantCell(MeasuringController)
+    return PlantCell(ForceController)
 
 
 @pytest.mark.parametrize("guess", [20.0, 45.0])
@@ -302,4 +302,4 @@ def test_one_tool_is_not_enough(parked_cell: PlantCell) -> None:
     geometry = ToolGeometry.from_job(parked_cell.job_file)
     spif = replace(geometry, radii=(5e-3, 0.0))
     with pytest.raises(IsfError, match="both tools"):
-        parked_cell.controller.identify(goal(Property.LOAD_CELL_SIGNS), spif)
+        parked_cell.controller.measure(lambda rest: make_probe(rest, goal(Property.LOAD_CELL_SIGNS), spif))

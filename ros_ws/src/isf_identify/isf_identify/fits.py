@@ -19,8 +19,8 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
 from numpy.typing import NDArray
 
-from isf_force_ctrl.identify.settings import Place, ToolGeometry
-from isf_force_ctrl.identify.squeeze_probe import Reading
+from isf_identify.settings import Place, ToolGeometry
+from isf_identify.squeeze_probe import Reading
 
 MOST_REJECTED = 0.2
 """Share of readings that may be outliers."""

@@ -5,16 +5,19 @@ Ren 2018: 2.2.1 (compliance), eq. 2-8 (contact stiffness), 2.3.3 (servo); signs 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import date
 
 import numpy as np
-from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
 from isf_core.files.rig import Rig
 from isf_core.types import Array
-
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.identify.fits import (
+from isf_force_ctrl.measurements.measurement import AtRest, Probe
+
+from isf_identify.fits import (
     ComplianceFit,
     SignFit,
     StiffnessFit,
@@ -22,13 +25,10 @@ from isf_force_ctrl.identify.fits import (
     fit_signs,
     fit_stiffness,
 )
-from isf_force_ctrl.identify.rig_piece import compliance_piece, servo_piece, signs_piece, stiffness_piece
-from isf_force_ctrl.identify.servo_probe import ServoFit, ServoProbe, fit_servo
-from isf_force_ctrl.identify.settings import IdentifySettings, Property, ToolGeometry, places_for
-from isf_force_ctrl.identify.squeeze_probe import SqueezeProbe
-from isf_force_ctrl.measurements.measurement import Probe
-from isf_force_ctrl.motion.segments import Row
-from isf_force_ctrl.motion.tool_moves import Tools
+from isf_identify.rig_piece import compliance_piece, rig_reference, servo_piece, signs_piece, stiffness_piece
+from isf_identify.servo_probe import ServoFit, ServoProbe, fit_servo
+from isf_identify.settings import IdentifySettings, Property, ToolGeometry, places_for
+from isf_identify.squeeze_probe import SqueezeProbe
 
 
 @dataclass(frozen=True)
@@ -53,23 +53,30 @@ class Finding:
     fit: ComplianceFit | StiffnessFit | ServoFit | SignFit | None = None
 
 
-def make_probe(
-    config: ControlConfig,
-    settings: IdentifySettings,
-    geometry: ToolGeometry,
-    formed: Contour | None,
-    row: Row,
-    tools: Tools,
-    lift_normal: Array,
-    *,
-    clear: bool,
-) -> Probe:
-    """The measurement that identifies ``settings.property``, beginning at ``row``.
+class Identification:
+    """The measurement ``identify`` of node ``force_ctrl``, found by its entry point; made of a job and a goal.
 
-    ``formed`` is the contour formed last (None: an unformed blank); ``tools``, ``lift_normal`` (3,) and ``clear`` say
-    how the tools stand. Raises IsfError MEASUREMENT_REFUSED.
+    Raises IsfError MEASUREMENT_REFUSED, as :meth:`IdentifySettings.of`.
     """
-    settings.check_force(config)
+
+    def __init__(
+        self, job_file: JobFile, property: int, tool: int, repeats: int, places: Sequence[float], max_force: float
+    ) -> None:
+        self._settings = IdentifySettings.of(property, tool, repeats, places, max_force)
+        self._job_file = job_file
+
+    def probe(self, rest: AtRest) -> Probe:
+        """What the controller plays."""
+        return make_probe(rest, self._settings, ToolGeometry.from_job(self._job_file))
+
+    def finding(self, probe: Probe, config: ControlConfig) -> Finding:
+        """What the ended ``probe`` found."""
+        return finding(probe, config, self._job_file.rig, rig_reference(self._job_file), date.today().isoformat())
+
+
+def make_probe(rest: AtRest, settings: IdentifySettings, geometry: ToolGeometry) -> Probe:
+    """The measurement that identifies ``settings.property``; raises IsfError MEASUREMENT_REFUSED."""
+    settings.check_force(rest.config)
     if min(geometry.radii) <= 0.0:
         raise IsfError(
             ErrorCode.MEASUREMENT_REFUSED,
@@ -78,9 +85,8 @@ def make_probe(
             advice="use a job with tool_2 (DSIF)",
         )
     if settings.property is Property.SERVO_RESPONSE:
-        return ServoProbe(config, settings, row, tools, lift_normal, clear=clear)
-    places = places_for(settings, config, geometry, formed)
-    return SqueezeProbe(config, settings, geometry, places, row, tools, lift_normal, clear=clear)
+        return ServoProbe(rest, settings)
+    return SqueezeProbe(rest, settings, geometry, places_for(settings, rest.config, geometry, rest.formed))
 
 
 def finding(probe: Probe, config: ControlConfig, rig: Rig, rig_name: str, date: str) -> Finding:

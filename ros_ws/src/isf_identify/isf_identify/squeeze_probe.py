@@ -7,7 +7,7 @@ At each place tool 1 goes onto the sheet, tool 2 comes from a standoff until it 
   gap stays the same (Ren 2018 eq. 2-9: what the gap does then is the deflection of tool 1 alone);
 * for the contact stiffness, tool 2 alone makes small horizontal steps along d_n instead.
 
-Every rest gives one :class:`Reading`; what follows from them is computed in :mod:`isf_force_ctrl.identify.fits`.
+Every rest gives one :class:`Reading`; what follows from them is computed in :mod:`isf_identify.fits`.
 """
 
 from __future__ import annotations
@@ -17,13 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
-
-from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.identify.settings import IdentifySettings, Place, Property, ToolGeometry
-from isf_force_ctrl.measurements.measurement import Probe, Program
+from isf_force_ctrl.measurements.measurement import AtRest, Probe, Program
 from isf_force_ctrl.motion import tool_moves
-from isf_force_ctrl.motion.segments import Row
-from isf_force_ctrl.motion.tool_moves import Posture, Tools
+from isf_force_ctrl.motion.tool_moves import Posture
+
+from isf_identify.settings import IdentifySettings, Place, Property, ToolGeometry
 
 LEVELS = 6
 """Squeezes at each place (published: six locations of three places; here six loads)."""
@@ -83,26 +81,15 @@ class Reading:
 class SqueezeProbe(Probe):
     """Collects :attr:`readings` at ``places``."""
 
-    def __init__(
-        self,
-        config: ControlConfig,
-        settings: IdentifySettings,
-        geometry: ToolGeometry,
-        places: list[Place],
-        row: Row,
-        tools: Tools,
-        lift_normal: Array,
-        *,
-        clear: bool,
-    ) -> None:
-        super().__init__(config, row, tools, lift_normal, clear=clear)
+    def __init__(self, rest: AtRest, settings: IdentifySettings, geometry: ToolGeometry, places: list[Place]) -> None:
+        super().__init__(rest)
         self.settings, self.geometry, self.places = settings, geometry, places
         self.readings: list[Reading] = []
         self.largest = 0.0
         """N, largest force that either load cell has read."""
         self._ground = np.zeros(6)
         self._smooth = np.zeros(6)
-        self._share = 1.0 / (1.0 + 0.01 * config.rate)
+        self._share = 1.0 / (1.0 + 0.01 * rest.config.rate)
         self._guarding = False
 
     # -- what the base class asks for ------------------------------------------------------------

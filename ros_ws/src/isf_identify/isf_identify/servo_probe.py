@@ -13,15 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
+from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.measurements.measurement import AtRest, Probe, Program
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq, least_squares
 from scipy.signal import cont2discrete, lfilter
 
-from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.identify.settings import IdentifySettings
-from isf_force_ctrl.measurements.measurement import Probe, Program
-from isf_force_ctrl.motion.segments import Row
-from isf_force_ctrl.motion.tool_moves import Tools
+from isf_identify.settings import IdentifySettings
 
 DURATION = 4.0
 """s of the chirp on each axis."""
@@ -47,17 +45,8 @@ _FAILED_ADVICE = "see that the machine publishes tool_1/pose and tool_2/pose, an
 class ServoProbe(Probe):
     """Collects commands and reports of one tool; :attr:`commands` and :attr:`reports` per axis."""
 
-    def __init__(
-        self,
-        config: ControlConfig,
-        settings: IdentifySettings,
-        row: Row,
-        tools: Tools,
-        lift_normal: Array,
-        *,
-        clear: bool,
-    ) -> None:
-        super().__init__(config, row, tools, lift_normal, clear=clear)
+    def __init__(self, rest: AtRest, settings: IdentifySettings) -> None:
+        super().__init__(rest)
         self.settings = settings
         self.commands: list[list[tuple[float, float]]] = [[], [], []]
         """(time s, m) per axis; the time is when the command is to be reached."""

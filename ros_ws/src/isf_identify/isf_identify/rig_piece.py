@@ -7,9 +7,9 @@ from isf_core.files.job import JobFile
 from isf_core.files.yaml_file import find_named
 from isf_core.types import Array
 
-from isf_force_ctrl.identify.fits import SignFit, StiffnessFit
-from isf_force_ctrl.identify.servo_probe import ServoFit, ServoProbe
-from isf_force_ctrl.identify.squeeze_probe import SqueezeProbe
+from isf_identify.fits import SignFit, StiffnessFit
+from isf_identify.servo_probe import ServoFit, ServoProbe
+from isf_identify.squeeze_probe import SqueezeProbe
 
 
 def compliance_piece(

@@ -15,7 +15,6 @@ from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
-
 from isf_force_ctrl.control_config import ControlConfig
 
 ON_CONTOUR = 3.0e-3

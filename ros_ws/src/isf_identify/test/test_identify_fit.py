@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
-from isf_force_ctrl.identify.fits import MOST_RESIDUAL, fit_linear
+from isf_identify.fits import MOST_RESIDUAL, fit_linear
 from numpy.typing import NDArray
 
 COMPLIANCE = np.array([1.4e-6, 0.2e-6])
