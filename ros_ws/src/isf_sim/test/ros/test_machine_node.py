@@ -122,7 +122,8 @@ class Client:
 
 LONG_TICKS = """
 import sys, time
-from isf_sim import machine, node
+from isf_sim import node
+from isf_sim.machine import simulated_machine as machine
 hold = machine.SimulatedMachine.hold
 def long_hold(self):
     time.sleep(0.1)  # the fault itself: a tick that takes 50 periods
