@@ -64,7 +64,7 @@ class ServoProbe(Probe):
 
     def program(self) -> Program:
         """A chirp on x, y and z, ``repeats`` times."""
-        chirp = chirp_way(self._config)
+        chirp = chirp_way(self.config)
         count = 3 * self.settings.repeats
         for number in range(count):
             axis = number % 3
@@ -72,12 +72,12 @@ class ServoProbe(Probe):
             self.phase = f"chirp on {'xyz'[axis]} of tool_{self.settings.tool}"
             yield from self.rest(0.3)
             self._axis = axis
-            start = list(self._row)
+            start = list(self.row)
             column = 3 * (self.settings.tool - 1) + axis
             for way in chirp:
                 row = list(start)
                 row[column] += way
-                self.commands[axis].append((self.time + 1.0 / self._config.rate, row[column]))
+                self.commands[axis].append((self.time + 1.0 / self.config.rate, row[column]))
                 yield row
             self._axis = -1
         self.progress = 1.0

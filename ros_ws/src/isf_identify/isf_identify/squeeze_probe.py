@@ -140,11 +140,11 @@ class SqueezeProbe(Probe):
         if self.settings.property is Property.TOOL_COMPLIANCE:
             self.phase = f"{name}: carrying"
             yield from self._carry(place, index, repeat)
-        yield from self._away()
+        yield from self.away()
 
     def _go_to(self, place: Place) -> Program:
         """Tool 1 onto the sheet, tool 2 to its standoff."""
-        config = self._config
+        config = self.config
         off = STANDOFF * place.normal
         heading = float(np.arctan2(place.normal[1], place.normal[0])) if not place.flat else 0.0
         # the normal of the sheet towards tool 1, for lifting
@@ -197,7 +197,7 @@ class SqueezeProbe(Probe):
         """Back to half the squeeze, then both tools up together, and down again."""
         squeezes = [item for item in self.readings if (item.place, item.repeat) == (index, repeat)][1:]
         half = squeezes[LEVELS // 2 - 1]
-        way = half.tip_2 - np.array(self._row[3:6])
+        way = half.tip_2 - np.array(self.row[3:6])
         length = _length(way)
         still, up = np.zeros(3), np.array([0.0, 0.0, 1.0])
         yield from self.glide(still, way / max(length, 1e-12), length, FEEL)

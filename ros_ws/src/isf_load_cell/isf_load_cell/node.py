@@ -270,7 +270,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         elif self._told:
             self._told = ""
             self.report_ok()
-            self._publish_health()
+            self.publish_health()
             self.get_logger().info("wrenches are published")
 
     def _tell(self, error: IsfError, level: bytes) -> None:

@@ -85,7 +85,7 @@ class CellNode(LifecycleNode, Generic[P]):
         self._level = DiagnosticStatus.OK
         self._text = "ok"
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._heartbeat = self.create_timer(HEARTBEAT_PERIOD, self._publish_health, clock=self.steady_clock)
+        self._heartbeat = self.create_timer(HEARTBEAT_PERIOD, self.publish_health, clock=self.steady_clock)
         self._autostart = self.create_timer(0.0, self._bring_up, clock=self.steady_clock)
 
     def values(self) -> P:
@@ -137,14 +137,14 @@ class CellNode(LifecycleNode, Generic[P]):
         """Log an expected failure and keep it in ``/diagnostics`` until :meth:`report_ok`."""
         self.get_logger().error(str(error))
         self._level, self._text = DiagnosticStatus.ERROR, str(error)
-        self._publish_health()
+        self.publish_health()
 
     def warn(self, warning: IsfError) -> None:
         """Log what a person should look at though the work goes on; in ``/diagnostics`` until :meth:`report_ok`."""
         self.get_logger().warning(str(warning))
         if self._level != DiagnosticStatus.ERROR:
             self._level, self._text = DiagnosticStatus.WARN, str(warning)
-            self._publish_health()
+            self.publish_health()
 
     def report_ok(self) -> None:
         """Clear the failure shown in ``/diagnostics``."""
@@ -298,7 +298,7 @@ class CellNode(LifecycleNode, Generic[P]):
                 self.get_logger().error(f"{undo.__name__} after a fault: {coded(error)}")
         self._destroy_created()
         self._state_label = "unconfigured"
-        self._publish_health()
+        self.publish_health()
         return TransitionCallbackReturn.SUCCESS
 
     def _transition(self, action: Callable[[], None], label: str) -> TransitionCallbackReturn:
@@ -319,7 +319,7 @@ class CellNode(LifecycleNode, Generic[P]):
             self._destroy_created()
         self._state_label = label
         self.report_ok()
-        self._publish_health()
+        self.publish_health()
         return TransitionCallbackReturn.SUCCESS
 
     # -- faults and entities -----------------------------------------------------------------------
@@ -385,7 +385,7 @@ class CellNode(LifecycleNode, Generic[P]):
         if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
             self.trigger_activate()
 
-    def _publish_health(self) -> None:
+    def publish_health(self) -> None:
         status = DiagnosticStatus(
             level=self._level, name=self.get_fully_qualified_name(), message=self._text, hardware_id="isf"
         )

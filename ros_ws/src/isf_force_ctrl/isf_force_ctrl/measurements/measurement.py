@@ -126,17 +126,18 @@ class Probe(ABC):
     keeps_offsets = False
 
     def __init__(self, rest: AtRest) -> None:
-        self._config, stand = rest.config, rest.stand
-        self._row = list(rest.row)
-        self._row[Column.SET_POINT] = self._row[Column.COORDINATE] = float("nan")
-        self._row[Column.SPEED] = self._row[Column.LEARNED] = 0.0
-        self._before = self._row
+        self.config, stand = rest.config, rest.stand
+        self.row = list(rest.row)
+        """Commanded for the present tick."""
+        self.row[Column.SET_POINT] = self.row[Column.COORDINATE] = float("nan")
+        self.row[Column.SPEED] = self.row[Column.LEARNED] = 0.0
+        self._before = self.row
         self._lift_tools, self._lift_normal = stand.tools, np.asarray(stand.lift_normal, dtype=float)
         self.clear = stand.clear
         """The tools are off the sheet."""
         self.tools = Tools(stand.tools.forming, with_support=True)
         self.forces: tuple[float, ...] = (0.0,) * 6
-        self.targets = self._row[:6]
+        self.targets = self.row[:6]
         """(6,) m, tips that were commanded for the present tick, offsets included."""
         self.time = 0.0
         """s, of the present tick."""
@@ -156,18 +157,18 @@ class Probe(ABC):
     def step(self, time: float, targets: Targets, forces: tuple[float, ...]) -> Row:
         """As in the protocol."""
         self.time, self.targets, self.forces = time, [*targets.tip_1, *targets.tip_2], forces
-        present = self._row
+        present = self.row
         try:
             if not self._leaving:
                 self.watch()
-            self._row = next(self._program)
+            self.row = next(self._program)
         except IsfError as error:
             self._retreat(error.code, error.message, stay=False)
-            self._row = next(self._program, self._row)
+            self.row = next(self._program, self.row)
         except StopIteration:
             self.ended = True
         self._before = present
-        return self._row
+        return self.row
 
     def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:  # noqa: B027 - few probes want it
         """The machine has reported the ``tip`` (3,) m of ``tool`` (1, 2) at ``time`` s."""
@@ -191,20 +192,20 @@ class Probe(ABC):
 
     def here(self) -> Posture:
         """Where the tools are commanded to be, offsets left out."""
-        return posture_of(self._row)
+        return posture_of(self.row)
 
     def follow(self, motions: list[Motion]) -> Program:
         """Rows of moves, one after the other."""
         for motion in motions:
             for row in rows_of(motion)[1:]:  # the first one is where the tools are
                 row[Column.SET_POINT] = row[Column.COORDINATE] = float("nan")
-                row[Column.HOLDER] = self._row[Column.HOLDER]
+                row[Column.HOLDER] = self.row[Column.HOLDER]
                 yield row
 
     def rest(self, time: float, each_tick: Callable[[], None] | None = None) -> Program:
         """Stand still for ``time`` s; ``each_tick`` is called with the forces of every tick."""
-        for _ in range(max(1, round(time * self._config.rate))):
-            yield self._row
+        for _ in range(max(1, round(time * self.config.rate))):
+            yield self.row
             if each_tick is not None:
                 each_tick()
 
@@ -212,8 +213,8 @@ class Probe(ABC):
         self, way_1: Array, way_2: Array, length: float, speed: float, enough: Callable[[], bool] | None = None
     ) -> Program:
         """Move tool 1 along ``way_1`` and tool 2 along ``way_2`` (3,) by up to ``length`` m, until ``enough()``."""
-        start = list(self._row)
-        glide = Glide(length, speed, ACCELERATION, self._config.rate)
+        start = list(self.row)
+        glide = Glide(length, speed, ACCELERATION, self.config.rate)
         while length > 0.0:
             moved = glide.step()
             row = list(start)
@@ -230,14 +231,14 @@ class Probe(ABC):
     # -- inside ----------------------------------------------------------------------------------
 
     def _whole(self) -> Program:
-        yield from self._away()
+        yield from self.away()
         yield from self.program()
         self._leaving = True
-        yield from self._away()
+        yield from self.away()
 
-    def _away(self) -> Program:
+    def away(self) -> Program:
         """Lift both tools clear of the sheet, and park them."""
-        config, here = self._config, self.here()
+        config, here = self.config, self.here()
         self.phase = "lifting the tools"
         if self.clear:
             height = config.park_height
@@ -261,19 +262,19 @@ class Probe(ABC):
 
     def _velocity(self) -> Array:
         """(6,) m/s of both tips."""
-        return self._config.rate * (np.array(self._row[:6]) - np.array(self._before[:6]))
+        return self.config.rate * (np.array(self.row[:6]) - np.array(self._before[:6]))
 
     def _leave(self, velocity: Array, *, stay: bool) -> Program:
         """Brake straight on from ``velocity`` (6,) m/s, then lift and park unless the tools ``stay``."""
         if np.abs(velocity).max() > 1e-9:
             self.phase = "stopping"
-            yield from self.follow([tool_moves.brake(self._config, self.here(), (velocity[:3], velocity[3:]))])
+            yield from self.follow([tool_moves.brake(self.config, self.here(), (velocity[:3], velocity[3:]))])
         if not stay:
-            yield from self._away()
+            yield from self.away()
         elif self.clear:
             # who stays over (or under) the sheet is lifted before anything else; at park height there is no need
-            heights = min(self._row[Column.TIP_1 + 2], -self._row[Column.TIP_2 + 2])
-            self.clear = heights > self._config.park_height - self._config.clearance
+            heights = min(self.row[Column.TIP_1 + 2], -self.row[Column.TIP_2 + 2])
+            self.clear = heights > self.config.park_height - self.config.clearance
 
 
 _BRAKING = 0.8
