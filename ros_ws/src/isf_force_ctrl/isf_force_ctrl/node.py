@@ -309,6 +309,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 contour = conversion.contour_from_message(message)
                 self._ready.check_forming(contour.forming_tool)
                 controller.start(contour)
+                self._inlet.begin_contour()
                 if warning := self._chips.look(contour):
                     self.get_logger().warning(warning)
             except Exception as fault:

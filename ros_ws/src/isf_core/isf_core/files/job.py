@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from isf_core.contour import Process
 from isf_core.errors import ErrorCode, IsfError
@@ -564,12 +564,19 @@ def load_process(name: str) -> Any:
         ) from error
 
 
+def _installed(name: Any) -> Any:
+    """Of another package's process its kind stands here already."""
+    if isinstance(name, str) and name not in BUILT_IN:
+        raise ValueError(f"no installed package has the process {name}; known: {', '.join(process_names())}")
+    return name
+
+
 class Job(FileModel):
     """One part to be formed."""
 
     name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.-]+$")
     part: PartSpec
-    process: Literal["SPIF", "TPIF", "DSIF", "ADSIF"]
+    process: Annotated[Literal["SPIF", "TPIF", "DSIF", "ADSIF"], BeforeValidator(_installed)]
     rig: str
     sheet: SheetSpec
     tool_1: ToolSpec
@@ -646,22 +653,6 @@ class Job(FileModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _own_process(cls, data: Any) -> Any:
-        """A process of another package: its kind is the process, its name the strategy."""
-        name = data.get("process") if isinstance(data, dict) else None
-        if not isinstance(name, str) or name in BUILT_IN:
-            return data
-        if name not in process_names():
-            raise ValueError(
-                f"no package that is installed has the process {name}; known: {', '.join(process_names())}"
-            )
-        kind = getattr(load_process(name), "kind", None)
-        if kind not in BUILT_IN:
-            raise ValueError(f"the process {name} has the kind {kind!r}: it must be one of {', '.join(BUILT_IN)}")
-        return {**data, "process": kind, "strategy": name}
-
-    @model_validator(mode="before")
-    @classmethod
     def _support_force_left_out(cls, data: Any) -> Any:
         """A support tool that nothing presses on the sheet is not left to chance: see ``ControlSpec.support_force``."""
         if not isinstance(data, dict) or data.get("process") != "DSIF":
@@ -671,6 +662,18 @@ class Job(FileModel):
         if on_blank or not isinstance(control, dict) or "support_force" in control:
             return data
         return {**data, "control": {**control, "support_force": "auto"}}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_process(cls, data: Any) -> Any:
+        """A process of another package: its kind is the process, its name the strategy. The last one runs first."""
+        name = data.get("process") if isinstance(data, dict) else None
+        if not isinstance(name, str) or name in BUILT_IN or name not in process_names():
+            return data  # an unknown one is told with its place by _installed
+        kind = getattr(load_process(name), "kind", None)
+        if kind not in BUILT_IN:
+            raise ValueError(f"the process {name} has the kind {kind!r}: it must be one of {', '.join(BUILT_IN)}")
+        return {**data, "process": kind, "strategy": name}
 
     @property
     def support_window(self) -> SupportWindow | None:

@@ -132,7 +132,7 @@ class Probe(ABC):
         self.row[Column.SET_POINT] = self.row[Column.COORDINATE] = float("nan")
         self.row[Column.SPEED] = self.row[Column.LEARNED] = 0.0
         self._before = self.row
-        self._lift_tools, self._lift_normal = stand.tools, np.asarray(stand.lift_normal, dtype=float)
+        self._lift_tools, self.lift_normal = stand.tools, np.asarray(stand.lift_normal, dtype=float)
         self.clear = stand.clear
         """The tools are off the sheet."""
         self.tools = Tools(stand.tools.forming, with_support=True)
@@ -152,7 +152,7 @@ class Probe(ABC):
     @property
     def stand(self) -> Stand:
         """As in the protocol."""
-        return Stand(self.tools, self._lift_normal, self.clear)
+        return Stand(self.tools, self.lift_normal, self.clear)
 
     def step(self, time: float, targets: Targets, forces: tuple[float, ...]) -> Row:
         """As in the protocol."""
@@ -247,7 +247,7 @@ class Probe(ABC):
             if max(np.abs(high.tip_1 - here.tip_1).max(), np.abs(high.tip_2 - here.tip_2).max()) > 1e-9:
                 yield from self.follow([tool_moves.move(config, here, high, config.rapid_speed)])
         else:
-            yield from self.follow(tool_moves.lift(config, here, self._lift_normal, self._lift_tools))
+            yield from self.follow(tool_moves.lift(config, here, self.lift_normal, self._lift_tools))
             self.clear = True
         self._lift_tools = self.tools
         yield from self.follow(tool_moves.park(config, self.here(), self.tools))
