@@ -33,6 +33,8 @@ from isf_sim.machine.simulated_machine import MachineState, SimulatedMachine
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.shell.shell_assembly import SupportPoints
 
+_SOURCES = Path(__file__).resolve().parents[1]
+
 FORMAT, VERSION = "isf-machine-state", 3
 
 
@@ -106,7 +108,7 @@ def load_machine(path: str | Path) -> SimulatedMachine:
 
 
 @cache
-def plant_digest(folder: Path = Path(__file__).resolve().parents[1]) -> str:
+def plant_digest(folder: Path = _SOURCES) -> str:
     """Digest of what this package computes, comments and docstrings left out: another one goes on otherwise."""
     text = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
