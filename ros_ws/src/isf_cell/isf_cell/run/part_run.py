@@ -1,4 +1,4 @@
-"""One part through the node graph: the sequence of docs/architecture.md, its faults and its end.
+"""One part through the node graph: the sequence of docs/reference/architecture.md, its faults and its end.
 
 Runs in a worker thread of the executive; messages reach it through the ``on_...`` methods, which the node's
 executor calls.
