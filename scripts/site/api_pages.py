@@ -33,7 +33,7 @@ def rooms(package: str) -> list[Path]:
 
 def page(name: str, folder: Path) -> str:
     """Markdown of one room: the package's text, then every module."""
-    lines = [f"# {name}", "", f"::: {name}", "    options:", "      show_root_heading: false", "      members: false", ""]
+    lines = [f"# {name}", f"::: {name}", "    options: {show_root_heading: false, members: false}", ""]
     for module in modules(folder):
         lines += [f"::: {name}.{module}", ""]
     return "\n".join(lines)
