@@ -130,7 +130,7 @@ def form(case: Loops) -> tuple[Seen, Deviation, int, int]:
                 seen.force.append(_normal(before.tip_1, before.tip_2, sample))
                 seen.axial.append(float(sample.true_force_1[2]))
             sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
-        result = controller.add_result()
+        result = controller.take_result()
         assert result is not None
         backoffs, code = backoffs + result.backoffs, code or result.code
         if not result.completed:

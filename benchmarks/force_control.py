@@ -140,7 +140,7 @@ def form(case: Case) -> Ticks:
                 row = (state.set_point, state.normal_force, true, nominal.force_controlled, state.mode, state.flags)
                 ticks.rows.append(row)
             sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
-        result = controller.add_result()
+        result = controller.take_result()
         assert result is not None
         ticks.backoffs += result.backoffs
         ticks.code = ticks.code or result.code

@@ -75,6 +75,7 @@ def drive(rate: float, seconds: float) -> None:
     node = rclpy.create_node("machine")
     publishers = [node.create_publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM) for k in (1, 2)]
     machine = node.create_publisher(MachineState, "machine/state", qos.STREAM)
+    poses = [node.create_publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
     messages = (conversion.make_wrench(), conversion.make_wrench())
     noise = np.random.default_rng(0).normal(0.0, 1.2, (1000, 6)).tolist()
     tips = [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
@@ -99,6 +100,11 @@ def drive(rate: float, seconds: float) -> None:
             publisher.publish(message)
         if count % max(1, rate // 10) == 0:
             machine.publish(MachineState(tared=True))
+            for publisher, tip in zip(poses, tips, strict=True):
+                pose = conversion.make_pose()
+                pose.header.stamp = stamp
+                conversion.set_tip(pose, tip)
+                publisher.publish(pose)
 
     def on_target(tool: int, message: PoseStamped) -> None:
         position = message.pose.position

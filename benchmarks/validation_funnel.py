@@ -15,10 +15,10 @@ import tempfile
 from pathlib import Path
 
 import trimesh
-from isf_analysis.measures.events import EventKind, PartEvent
 from isf_analysis.measures.record import PartRecord
 from isf_cell.in_process import form
 from isf_cell.options import RunOptions
+from isf_core.events import Event, EventKind
 from isf_core.files.job import JobFile
 from isf_planner import plan
 from isf_planner.part_library.part_mesh import part_mesh
@@ -51,7 +51,7 @@ def formed_funnel(limit: float, force: float) -> PartRecord:
     return form(file, RunOptions(correction="none", support_force=force), part_plan=planned)
 
 
-def torn(record: PartRecord) -> tuple[float, PartEvent | None]:
+def torn(record: PartRecord) -> tuple[float, Event | None]:
     """mm, planned depth of the tip when the sheet tore, and the event; the depth of the part when it did not."""
     for event in record.events:
         if event.kind == EventKind.FRACTURE:

@@ -47,7 +47,7 @@ def test_the_tool_that_forms_carries_the_force(record: PartRecord) -> None:
         side = 1.0 if contour.forming_tool == 1 else -1.0
         axial = side * float(result.forming_force[:, 2].mean())
         assert axial > 150.0
-        assert -side * float(result.support_force[:, 2].mean()) < 0.2 * axial
+        assert -side * float(result.support_force[:, 2].mean()) < 0.6 * axial
 
 
 def test_the_second_feature_stands_on_the_floor(record: PartRecord) -> None:

@@ -18,4 +18,8 @@ setup(
     maintainer_email="maintainers@isf-cell.invalid",
     description="Identification of a forming machine with tools or dial indicator, and tuning of its force loop.",
     license="Apache-2.0",
+    entry_points={
+        # measurements that actions of node force_ctrl begin, by name
+        "isf_force_ctrl.measurements": ["identify = isf_identify.identification:Identification"],
+    },
 )

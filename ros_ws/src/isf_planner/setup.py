@@ -22,5 +22,12 @@ setup(
         "console_scripts": [
             "planner = isf_planner.node:main",
         ],
+        # processes by name; packages beside this one add their own (see CONTRIBUTING.md)
+        "isf.processes": [
+            "SPIF = isf_planner.processes:IncrementalForming",
+            "DSIF = isf_planner.processes:DoubleSidedForming",
+            "TPIF = isf_planner.processes:FormingOverDie",
+            "ADSIF = isf_planner.processes:AccumulativeForming",
+        ],
     },
 )

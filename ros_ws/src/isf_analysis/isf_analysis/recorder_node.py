@@ -20,6 +20,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_ros import process, qos
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
+from isf_ros.qos_match import best_effort, kept_apart, taken_best_effort
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
@@ -35,6 +36,9 @@ EXIT_INCOMPLETE = 6
 POLL_PERIOD = 0.02
 """s between two looks at the subscriptions."""
 
+DELIVERY_PERIOD = 0.5
+"""s between two looks at who publishes what did not come yet."""
+
 QUEUE_DEPTHS = {"STREAM": 4000, "SENSOR": 2000, "LATCHED": 100, "EVENT": 500, "DEFAULT": 500}
 """Messages a subscription holds between two looks: 4 s of a stream at 1 kHz, should this process be held up."""
 
@@ -46,7 +50,9 @@ _COUNTED = ("STREAM", "LATCHED", "EVENT")
 class RecorderParameters:
     """Parameters of the recorder."""
 
-    output: str = parameter("", "folder of the bag; must not exist; empty: recording-DATE-TIME in the present folder")
+    output: str = parameter(
+        "", "folder of the bag; must not exist; empty: recording-DATE-TIME here; the next of this process: NAME-2"
+    )
     topics: tuple[str, ...] = parameter(tuple(topic.name for topic in CELL), "topics to record, as in topics.CELL")
     compression: str = parameter("none", "none or zstd (a fifth of the size, more processor time)")
 
@@ -70,7 +76,8 @@ class RecorderNode(CellNode[RecorderParameters]):
     def __init__(self) -> None:
         super().__init__("recorder", RecorderParameters)
         self._topics: list[Topic] = []
-        self._output = Path()
+        self._output = self._first = Path()
+        self._recordings = 0
         self._recording: Recording | None = None
         self._subscriptions_polled: list[Subscription] = []
         self._timer: Any = None
@@ -88,38 +95,34 @@ class RecorderNode(CellNode[RecorderParameters]):
     def configure(self) -> None:
         values = self.values()
         self._topics = [_topic(name) for name in values.topics]
-        self._output = Path(values.output or time.strftime("recording-%Y%m%d-%H%M%S")).absolute()
-        check_free(self._output)
+        output = Path(values.output or time.strftime("recording-%Y%m%d-%H%M%S")).absolute()
+        if output != self._first:
+            check_free(output)
+            self._first, self._recordings = output, 0
 
     def activate(self) -> None:
         self._received = {topic.name: 0 for topic in self._topics}
         self._lost = {}
         self._sequence = {}
         names = [self.resolve_topic_name(topic.name) for topic in self._topics]
+        self._recordings += 1
+        self._output = self._first
+        if self._recordings > 1:  # activated once more: beside the one before
+            self._output = self._first.with_name(f"{self._first.name}-{self._recordings}")
         recording = Recording(
             self._output, list(zip(self._topics, names, strict=True)), compression=self.values().compression
         )
-        group = _Polled()
-        events = SubscriptionEventCallbacks(use_default_callbacks=False)
-        self._subscriptions_polled = [
-            self.create_subscription(
-                _message_class(topic.type),
-                topic.name,
-                _never,
-                _profile(topic),
-                callback_group=group,
-                event_callbacks=events,
-                raw=True,
-            )
-            for topic in self._topics
-        ]
+        self._group = _Polled()
+        self._subscriptions_polled = [self._subscribe(topic, _profile(topic)) for topic in self._topics]
         self._recording = recording
+        self._delivery = self.create_timer(DELIVERY_PERIOD, self._check_delivery, clock=self.steady_clock)
         self._timer = self.create_timer(POLL_PERIOD, self._poll, clock=self.steady_clock)
 
     def deactivate(self) -> None:
         try:
             self._finish()
         finally:
+            self.destroy_timer(self._delivery)
             for subscription in self._subscriptions_polled:
                 self.destroy_subscription(subscription)
             self._subscriptions_polled = []
@@ -146,6 +149,28 @@ class RecorderNode(CellNode[RecorderParameters]):
         return values
 
     # -- recording -------------------------------------------------------------------------------
+
+    def _subscribe(self, topic: Topic, profile: QoSProfile) -> Any:
+        return self.create_subscription(
+            _message_class(topic.type),
+            topic.name,
+            _never,
+            profile,
+            callback_group=self._group,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # polled as the messages are
+            raw=True,
+        )
+
+    def _check_delivery(self) -> None:
+        """Topics of which nothing comes since they are published best effort are taken so."""
+        for number, (topic, subscription) in enumerate(zip(self._topics, self._subscriptions_polled, strict=True)):
+            asked = subscription.qos_profile
+            looser = best_effort(asked)
+            if self._received[topic.name] or looser is None or not kept_apart(self, topic.name, asked):
+                continue
+            self.warn(taken_best_effort(self, topic.name, asked))
+            self.destroy_subscription(subscription)
+            self._subscriptions_polled[number] = self._subscribe(topic, looser)
 
     def _poll(self) -> None:
         recording = self._recording

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from isf_analysis.measures.events import EventKind, PartEvent
 from isf_analysis.measures.record import PartRecord
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.errors import ErrorCode
+from isf_core.events import Event, EventKind
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
@@ -157,14 +157,14 @@ def make_part(
     )
 
 
-def make_events(part: PartRecord) -> tuple[PartEvent, ...]:
+def make_events(part: PartRecord) -> tuple[Event, ...]:
     """Two losses of contact, one galling and the first touch of the die, on contours of ``part``."""
 
-    def event(kind: EventKind, contour: int, share: float, value: float, limit: float, text: str) -> PartEvent:
+    def event(kind: EventKind, contour: int, share: float, value: float, limit: float, text: str) -> Event:
         result = part.results[contour]
         x, y, z = part.nominal[contour].contact[int(share * 100)]
         time = round(result.start + share * (result.end - result.start), 6)
-        return PartEvent(int(kind), time, (float(x), float(y), float(z)), value, limit, text)
+        return Event(int(kind), time, (float(x), float(y), float(z)), value, limit, text)
 
     return (
         event(EventKind.DIE_CONTACT, 0, 0.1, 40.0, 0.0, "the sheet under the tool touches its support"),

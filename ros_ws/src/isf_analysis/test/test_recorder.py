@@ -140,6 +140,22 @@ def test_raw_readings_are_kept_whatever_their_names_and_delivery(tmp_path: Path,
     assert "/tool_2/raw" not in found  # nobody published there
 
 
+def test_wrenches_published_best_effort_are_recorded_and_told(tmp_path: Path, observer: Node) -> None:
+    with recorder(tmp_path / "bag") as process:
+        loose = observer.create_publisher(WrenchStamped, "tool_1/wrench", qos.SENSOR)
+
+        def recorded() -> bool:
+            loose.publish(WrenchStamped())
+            return any("1509 QOS_INCOMPATIBLE" in text and "tool_1/wrench" in text for text in heard(observer))
+
+        assert spin_until(observer, recorded)
+        for _ in range(20):  # best effort promises nothing of one message
+            loose.publish(WrenchStamped())
+            spin_until(observer, lambda: False, timeout=0.05)
+        end(process, signal.SIGINT)
+    assert messages(tmp_path / "bag")["/tool_1/wrench"]
+
+
 def test_an_existing_folder_is_refused(tmp_path: Path, observer: Node) -> None:
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "precious").write_text("keep")

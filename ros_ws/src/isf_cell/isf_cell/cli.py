@@ -14,6 +14,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_cell.commands import springback_cli, terminal
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import LARGEST_NUMBER, RunOptions
+from isf_cell.processes.results_stream import keep_for_results
 
 app = typer.Typer(
     help="Incremental sheet forming: plan, form and report parts.",
@@ -297,6 +298,8 @@ def version() -> None:
 def main() -> None:
     """Entry point; ends with a code of :class:`isf_cell.commands.exit_codes.Exit`, never with a traceback."""
     as_json = "--json" in sys.argv
+    if sys.argv[1:2] not in (["run"], ["record"]):  # these become the process of a node
+        keep_for_results()
     try:
         app(prog_name="isf")
     except IsfError as error:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
-import threading
+import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from isf_core.errors import ErrorCode
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
 from isf_msgs.action import FormPart
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo, MachineState
 from isf_ros import process, qos
@@ -16,14 +19,17 @@ from isf_ros.background import in_thread
 from isf_ros.conversion import correction_from_message, result_from_message
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
-from isf_cell.run.graph_cell import GraphClient
+from isf_cell.options import RunOptions
+from isf_cell.run.cell import PartGoal
+from isf_cell.run.graph_cell import MANAGED, GraphCell, GraphSettings
+from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
-from isf_cell.run.part_run import MANAGED, PartRun, RunSettings
+from isf_cell.run.part_run import PartRun
+from isf_cell.run.part_step import PartStep
 
 
 @dataclass(frozen=True)
@@ -43,21 +49,19 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
 
     def __init__(self) -> None:
         super().__init__("executive", ExecutiveParameters, autostart=True)
-        self._lock = threading.Lock()
-        self._run: PartRun | None = None
+        self._cell: GraphCell | None = None
         self._handle: ServerGoalHandle | None = None
         self._paused = False
 
     def configure(self) -> None:
         values = self.values()
-        checkpoint = Path(values.checkpoint) if values.checkpoint else None
-        self._settings = RunSettings(
+        self._checkpoint = Path(values.checkpoint) if values.checkpoint else None
+        self._settings = GraphSettings(
             values.lockstep,
             values.service_timeout,
             values.plan_timeout,
             values.contour_timeout,
             values.silence_timeout,
-            checkpoint,
         )
         self._monitor = HeartbeatMonitor(MANAGED, values.silence_timeout)
         self._client = GraphClient(self, values.service_timeout)
@@ -69,19 +73,22 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self.create_subscription(MachineState, "machine/state", self._on_machine_state, qos.STREAM)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
         self.create_service(SetBool, "executive/pause", self._on_pause)
-        self._server = ActionServer(
-            self,
-            FormPart,
-            "form_part",
-            self._execute,
-            goal_callback=self._on_goal,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        self.create_action_server(
+            FormPart, "form_part", self._execute, lambda _: self.is_active and self._handle is None
         )
+
+    def deactivate(self) -> None:
+        """Raises IsfError BUSY while a part is formed: what it needs would be gone."""
+        if self._handle is not None:
+            raise IsfError(ErrorCode.BUSY, "a part is being formed", advice="cancel it first")
+
+    def cleanup(self) -> None:
+        self._client.close()
 
     def health_values(self) -> dict[str, object]:
         return {"busy": self._handle is not None, "paused": self._paused}
 
-    # -- Outlet of the run -------------------------------------------------------------------------
+    # -- what the cell publishes -------------------------------------------------------------------
 
     def publish_nominal(self, contour: Contour) -> None:
         self._nominal.publish(contour)
@@ -93,30 +100,50 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
     def publish_lift(self, cloud: PointCloud2) -> None:
         self._lift.publish(cloud)
 
-    def publish_feedback(self, feedback: FormPart.Feedback) -> None:
-        if feedback.phase != "forming":
-            self.get_logger().info(feedback.phase)
-        if self._handle is not None:
-            self._handle.publish_feedback(feedback)
+    # -- the operator, who is behind the action --------------------------------------------------------
 
-    def cancel_requested(self) -> bool:
+    def phase(self, text: str, index: int = 0, count: int = 0) -> None:
+        self.get_logger().info(text)
+        nan = float("nan")
+        self._publish_feedback(
+            FormPart.Feedback(
+                phase=text, index=index, count=count, support_force=nan, predicted_springback=nan, correction=nan
+            )
+        )
+
+    def formed(self, step: PartStep) -> None:
+        self._publish_feedback(
+            FormPart.Feedback(
+                phase="forming",
+                index=step.index,
+                count=step.count,
+                depth=step.depth,
+                forming_force=step.forming_force,
+                support_force=step.support_force,
+                predicted_springback=step.springback,
+                correction=step.correction,
+            )
+        )
+
+    def cancelled(self) -> bool:
         return self._handle is not None and bool(self._handle.is_cancel_requested)
 
     def paused(self) -> bool:
         return self._paused
 
-    # -- callbacks -----------------------------------------------------------------------------------
+    def _publish_feedback(self, feedback: FormPart.Feedback) -> None:
+        if self._handle is not None:
+            self._handle.publish_feedback(feedback)
 
-    def _on_goal(self, _: FormPart.Goal) -> GoalResponse:
-        return GoalResponse.ACCEPT if self.is_active and self._handle is None else GoalResponse.REJECT
+    # -- callbacks -----------------------------------------------------------------------------------
 
     async def _execute(self, handle: ServerGoalHandle) -> FormPart.Result:
         self._handle, self._paused = handle, False
-        self._run = PartRun(handle.request, self._client, self._monitor, self, self._settings)
+        self._cell = GraphCell(self._client, self._monitor, self, self, self._settings)
         try:
-            result = await in_thread(self._run.run, self.executor)
+            result = await in_thread(partial(self._form, self._cell, handle.request), self.executor)
         finally:
-            self._run, self._handle = None, None
+            self._cell, self._handle = None, None
         if result.code == ErrorCode.OK:
             handle.succeed()
         elif result.code == ErrorCode.CANCELLED:
@@ -126,17 +153,39 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             handle.abort()
         return result
 
+    def _form(self, cell: GraphCell, request: FormPart.Goal) -> FormPart.Result:
+        """Form the part in a worker thread."""
+        started = time.monotonic()
+        try:
+            goal = _goal_of(request)
+        except IsfError as error:
+            return FormPart.Result(code=int(error.code), message=error.message)
+        run = PartRun(cell, goal, self, self._checkpoint)
+        failed = run.run()
+        results, counts = run.results, cell.counts
+        return FormPart.Result(
+            code=int(failed.code) if failed else 0,
+            message=failed.message if failed else "",
+            plan_id=run.planned.plan_id if run.planned else "",
+            contours=run.completed,
+            ticks=counts.ticks,
+            late_ticks=counts.late + sum(result.late_ticks for result in results),
+            lost_messages=counts.lost + sum(result.lost_messages for result in results),
+            sim_time=results[-1].end - results[0].start if results else 0.0,
+            wall_time=time.monotonic() - started,
+        )
+
     def _on_result(self, message: ContourResult) -> None:
-        if self._run:
-            self._run.on_result(result_from_message(message))
+        if self._cell:
+            self._cell.on_result(result_from_message(message))
 
     def _on_correction(self, message: ContourCorrection) -> None:
-        if self._run:
-            self._run.on_correction(correction_from_message(message))
+        if self._cell:
+            self._cell.on_correction(correction_from_message(message))
 
     def _on_machine_state(self, message: MachineState) -> None:
-        if self._run:
-            self._run.on_machine_state(message)
+        if self._cell:
+            self._cell.on_machine_state(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         own = self.get_namespace().rstrip("/") + "/"
@@ -147,12 +196,19 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data
-        response.success = self._run is not None
+        response.success = self._cell is not None
         response.message = "pausing after this contour" if request.data else "going on"
         if not response.success:
             response.message = "no part is being formed"
             self._paused = False
         return response
+
+
+def _goal_of(request: FormPart.Goal) -> PartGoal:
+    """Raises IsfError of job and options."""
+    force = None if np.isnan(request.support_force) else float(request.support_force)
+    options = RunOptions(request.correction or None, force, request.world, request.seed)
+    return PartGoal(JobFile(request.job_text, Path(request.base_folder), "job"), options, request.first_index)
 
 
 def main(args: list[str] | None = None) -> None:

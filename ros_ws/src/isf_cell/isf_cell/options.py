@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal
 
+UNCORRECTED = "none"
+"""Springback method of a part that is not corrected."""
+
 LARGEST_NUMBER = 2**31 - 1
 """Largest world and seed: what the messages of the node graph carry."""
 

@@ -10,10 +10,9 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.types import Array
+from isf_core.types import Array, Mask, Points, Stamp
 
 
 class Process(IntEnum):
@@ -70,12 +69,12 @@ class Contour:
     count: int
     process: Process
     feed: float
-    contact: Array
-    normal: Array
+    contact: Points
+    normal: Points
     wall_angle: Array
     thickness: Array
-    forming_tip: Array
-    support_tip: Array = field(default_factory=_empty3)
+    forming_tip: Points
+    support_tip: Points = field(default_factory=_empty3)
     support_force: Array = field(default_factory=_empty)
     speed: Array = field(default_factory=_empty)
     predicted_force: Array = field(default_factory=_empty)
@@ -180,12 +179,12 @@ class ContourCorrection:
     plan_id: str
     index: int
     method: str
-    offset: Array
+    offset: Points
     springback: Array
-    control_point: Array = field(default_factory=_empty3)
+    control_point: Points = field(default_factory=_empty3)
     control_point_springback: Array = field(default_factory=_empty)
     control_point_force: Array = field(default_factory=_empty)
-    saturated: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
+    saturated: Mask = field(default_factory=lambda: np.empty(0, dtype=bool))
     code: int = 0
     message: str = ""
     solve_time: float = 0.0
@@ -218,21 +217,21 @@ class ContourResult:
 
     plan_id: str
     index: int
-    start: float
-    end: float
+    start: Stamp
+    end: Stamp
     completed: bool
-    forming_force: Array
-    support_force: Array
-    forming_target: Array
-    support_target: Array
+    forming_force: Points
+    support_force: Points
+    forming_target: Points
+    support_target: Points
     force_offset: Array
-    compliance_offset: Array
+    compliance_offset: Points
     tick_time: Array
     tick_set_point: Array
     tick_normal_force: Array
-    tick_engaged: NDArray[np.bool_]
-    forming_measured: Array = field(default_factory=_empty3)
-    support_measured: Array = field(default_factory=_empty3)
+    tick_engaged: Mask
+    forming_measured: Points = field(default_factory=_empty3)
+    support_measured: Points = field(default_factory=_empty3)
     contact_fraction: float = 0.0
     saturations: int = 0
     backoffs: int = 0

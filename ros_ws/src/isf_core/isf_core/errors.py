@@ -24,6 +24,7 @@ class ErrorCode(IntEnum):
     FILE_FIELD = 1003
     FILE_UNIT = 1004
     FILE_NOT_WRITABLE = 1005
+    FILE_OUTSIDE = 1006
 
     # planner
     MESH_UNREADABLE = 1101
@@ -120,6 +121,7 @@ class ErrorCode(IntEnum):
     SERVICE_TIMEOUT = 1506
     CONTOUR_TIMEOUT = 1507
     NODE_INACTIVE = 1508
+    QOS_INCOMPATIBLE = 1509
 
     # recorder and analysis
     BAG_UNREADABLE = 1601
@@ -173,3 +175,10 @@ class IsfError(Exception):
 
     def __str__(self) -> str:
         return f"[{self.code.value} {self.code.name}] {self.message}"
+
+
+def coded(error: Exception, *, where: str = "", advice: str = "a fault of this software") -> IsfError:
+    """``error`` itself when it was expected, else INTERNAL with its kind and text."""
+    if isinstance(error, IsfError):
+        return error
+    return IsfError(ErrorCode.INTERNAL, f"{type(error).__name__}: {error}", where=where, advice=advice)

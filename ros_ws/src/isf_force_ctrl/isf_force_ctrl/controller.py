@@ -1,15 +1,17 @@
 """The force controller: streams targets for both tools, one pair per tick of the load cells.
 
 Holds what an armed plan allows, when a contour may start, how fast it is travelled, the tick-by-tick log with the
-result made from it, and the feed-forward learned from the contour before. Frame ``sheet``, SI units.
+result made from it, and the feed-forward learned from the contour before. Between contours it plays measurements
+(:mod:`isf_force_ctrl.measurements.measurement`). Frame ``sheet``, SI units.
 """
 
 from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult, contour_label
@@ -21,6 +23,7 @@ from scipy.spatial import cKDTree
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_laws import TRACKING, ControlLaws
 from isf_force_ctrl.control_state import ControlState, Flag, Mode, Targets
+from isf_force_ctrl.measurements.measurement import AtRest, Measurement, Stand
 from isf_force_ctrl.motion.contour_path import contour_path
 from isf_force_ctrl.motion.segments import (
     RESTING,
@@ -37,9 +40,11 @@ from isf_force_ctrl.motion.segments import (
 )
 from isf_force_ctrl.motion.tool_moves import Tools
 from isf_force_ctrl.motion.trajectory import ToolPath
-from isf_force_ctrl.supervision.wrench_watch import DriftWatch, WrenchWatch
+from isf_force_ctrl.supervision.wrench_watch import DriftWatch, WrenchWatch, fault_of, plausible
 
 NAN = float("nan")
+
+M = TypeVar("M", bound=Measurement)
 
 
 class ForceController:
@@ -56,6 +61,9 @@ class ForceController:
         self._result: ContourResult | None = None
         self._plan = ArmedPlan()
         self._ticks = 0
+        self._formed: Contour | None = None
+        self._measurement: Measurement | None = None
+        self._mode_before = Mode.IDLE
         self.drift = DriftWatch(config)
         """Drift of both load cells."""
 
@@ -109,7 +117,7 @@ class ForceController:
         where = contour_name(contour)
         if self._mode is Mode.HOLD and self.fault is not None:
             raise IsfError(ErrorCode.NOT_ARMED, f"held: {self.fault[1]}", where=where, advice="arm again")
-        if self._mode not in (Mode.ARMED, Mode.FREEZE):
+        if self._mode is Mode.IDLE:
             raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where=where, advice="arm the plan first")
         self._plan.check(contour, busy=self.busy)
         here = posture_of(self._playback.row)
@@ -143,19 +151,55 @@ class ForceController:
         self._index = contour.index
         self._plan.take(contour)
         self._clear = False
+        self._formed = contour
         self._play(segments)
 
+    def measure(self, make: Callable[[AtRest], M], *, on_sheet: bool = False) -> M:
+        """Begin the measurement made by ``make``; targets follow from the next ticks on.
+
+        Raises IsfError NOT_ARMED (also when the tools must be ``on_sheet`` and are not), and what ``make`` raises.
+        """
+        self._check_at_rest(on_sheet=on_sheet)
+        normal = np.array([0.0, 0.0, 1.0]) if self._clear else self._lift_normal
+        stand = Stand(self._tools, normal, self._clear)
+        measurement = make(AtRest(self.config, self._playback.row, stand, self._formed))
+        self._measurement, self._mode_before, self._mode = measurement, self._mode, Mode.FREEZE
+        return measurement
+
+    def move_aside(self) -> None:
+        """Lift both tools clear of the sheet and move them aside; the next contour approaches again.
+
+        Raises IsfError NOT_ARMED.
+        """
+        self._check_at_rest()
+        if self.fault is not None:
+            raise IsfError(ErrorCode.NOT_ARMED, f"held: {self.fault[1]}", advice="arm again")
+        if not self._clear:
+            here = posture_of(self._playback.row)
+            self._play(lift_segments(self.config, here, self._lift_normal, self._tools, aside=True))
+
+    def cancel(self) -> None:
+        """End a measurement early: the tools return to where it began, or are lifted and parked."""
+        if self._measurement is not None:
+            self._measurement.give_up(ErrorCode.STOPPED, "the measurement was cancelled", stay=False)
+
     def stop(self, reason: str) -> None:
-        """Decelerate smoothly and hold; the contour's result carries STOPPED."""
-        if self._mode is not Mode.IDLE:
+        """Decelerate smoothly and hold; the contour's result, or the measurement, carries STOPPED."""
+        if self._measurement is not None:
+            self._fail_measurement(self._measurement, ErrorCode.STOPPED, f"stopped: {reason}")
+        elif self._mode is not Mode.IDLE:
             self._stop(ErrorCode.STOPPED, f"stopped: {reason}")
             self._brake()
             if not self._playback and self._stopping is not None:
                 self._hold()
 
     def fail(self, code: ErrorCode, text: str, *, ticking: bool = False) -> None:
-        """End the contour with ``code`` and hold: after braking when ticks go on, at once when none will come."""
-        if self._mode is not Mode.IDLE:
+        """End contour or measurement with ``code`` and hold: after braking when ticks go on, at once when none will."""
+        if self._measurement is not None:
+            self._fail_measurement(self._measurement, code, text)
+            if not ticking:
+                self._end_measurement(self._measurement)
+        elif self._mode is not Mode.IDLE:
             self._stop(code, text)
             if self._stopping is not None and not (ticking and self._playback):
                 self._hold()
@@ -165,6 +209,10 @@ class ForceController:
         if self._mode is Mode.IDLE:
             return
         self._idle_after = True
+        if self._measurement is not None:
+            self._lift_after_stop = True
+            self._fail_measurement(self._measurement, ErrorCode.STOPPED, "stopped: disarmed")
+            return
         if self._playback and self._stopping is None:
             self._stop(ErrorCode.STOPPED, "stopped: disarmed")
         if self._stopping is not None:
@@ -191,8 +239,18 @@ class ForceController:
 
     @property
     def busy(self) -> bool:
-        """True while targets change: from start of a contour to its end (of the last: until parked)."""
-        return bool(self._playback) or (self._mode is not Mode.IDLE and self._stopping is not None)
+        """True while targets change: from start of contour or measurement to its end (of the last: until parked)."""
+        stopping = self._mode is not Mode.IDLE and self._stopping is not None
+        return self._measurement is not None or bool(self._playback) or stopping
+
+    @property
+    def measuring(self) -> bool:
+        """True from the begin of a measurement to its end."""
+        return self._measurement is not None
+
+    def started(self, plan_id: str, index: int) -> bool:
+        """True for the contour that was started last."""
+        return (plan_id, index + 1) == (self._plan.plan_id, self._plan.next)
 
     @property
     def on_sheet(self) -> bool:
@@ -205,9 +263,11 @@ class ForceController:
         return self._targets
 
     def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:
-        """Keep the tip (3,) m of ``tool`` (1, 2) that the machine reported for ``time`` (s), for the result."""
+        """Keep the tip (3,) m of ``tool`` (1, 2) that the machine reported for ``time`` (s)."""
         if self._log is not None:
             self._log.add_measured(tool, time, tip)
+        if self._measurement is not None:
+            self._measurement.add_measured(tool, time, tip)
 
     def take_result(self) -> ContourResult | None:
         """Result of the contour that ended, once; None when there is none."""
@@ -250,6 +310,8 @@ class ForceController:
         """
         if self._mode is Mode.IDLE:
             raise IsfError(ErrorCode.NOT_ARMED, "tick without a plan", advice="arm the plan first")
+        if self._measurement is not None:
+            return self._tick_measuring(self._measurement, tick, time, wrench_1, wrench_2)
         if self._log is not None and self._last_tick >= 0 and tick > self._last_tick + 1:
             self._log.lost_messages += tick - self._last_tick - 1
         self._last_tick = tick
@@ -340,6 +402,55 @@ class ForceController:
             code, text = self.drift.news()
             self._result, self._log = self._log.result(True, code, text, backoffs=self._laws.backoffs), None
 
+    # -- measurements --------------------------------------------------------------------------
+
+    def _check_at_rest(self, *, on_sheet: bool = False) -> None:
+        stopped = self._mode is Mode.HOLD and self.fault is not None and self.fault[0] is ErrorCode.STOPPED
+        if self.busy or self._playback.moving:
+            raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="wait for the contour, or stop it")
+        if self._mode not in (Mode.ARMED, Mode.FREEZE) and not stopped:
+            raise IsfError(ErrorCode.NOT_ARMED, f"not possible in {self._mode.name}", advice="arm a plan first")
+        if on_sheet and self._clear:
+            raise IsfError(ErrorCode.NOT_ARMED, "the tools are not on the sheet", advice="form a contour first")
+
+    def _tick_measuring(
+        self, measurement: Measurement, tick: int, time: float, wrench_1: Sequence[float], wrench_2: Sequence[float]
+    ) -> Targets:
+        self._last_tick = tick
+        self._ticks += 1
+        forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
+        if plausible(wrench_1, wrench_2, self.config.force_limit):
+            self._laws.sense(self._playback.row, forces)
+        elif measurement.code is ErrorCode.OK:
+            self._fail_measurement(measurement, *fault_of(wrench_1, wrench_2, self.config.force_limit))
+        row = self._playback.row = measurement.step(time, self._targets, forces)
+        stand = measurement.stand
+        self._tools, self._lift_normal, self._clear = stand.tools, stand.lift_normal, stand.clear
+        if measurement.keeps_offsets:
+            self._targets = self._laws.step(Mode.FREEZE, row, row, None)
+        else:
+            self._targets = self._laws.step(Mode.LIFT, row, row, (0.0,) * 6)
+        if measurement.ended:
+            self._end_measurement(measurement)
+        return self._targets
+
+    def _fail_measurement(self, measurement: Measurement, code: ErrorCode, text: str) -> None:
+        """Come to rest where the tools are, and hold."""
+        if self.fault is None:
+            self.fault = (code, text)
+        self._mode_before = Mode.HOLD
+        measurement.give_up(code, text, stay=True)
+
+    def _end_measurement(self, measurement: Measurement) -> None:
+        if not measurement.keeps_offsets:
+            self._engaged = False
+            if self._clear and self._mode_before is not Mode.HOLD:
+                self._mode_before = Mode.ARMED
+        self._measurement, self._mode = None, self._mode_before
+        if self._lift_after_stop:
+            self._lift_after_stop = False
+            self._lift()
+
     # -- stopping ------------------------------------------------------------------------------
 
     def _stop(self, code: ErrorCode, text: str) -> None:
@@ -415,8 +526,20 @@ class ArmedPlan:
         """Raise IsfError CONTOUR_REJECTED unless ``contour`` is the one expected now."""
         where = contour_name(contour)
         if contour.plan_id != self.plan_id:
-            raise IsfError(ErrorCode.CONTOUR_REJECTED, f"plan '{self.plan_id}' is armed", where=where)
-        if busy or contour.index != self.next:
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED,
+                f"plan '{self.plan_id}' is armed",
+                where=where,
+                advice="arm the plan of this contour first",
+            )
+        if busy:
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED,
+                "too early, the tools are still moving",
+                where=where,
+                advice="send a contour when the result of the one before, or of the measurement, has come",
+            )
+        if contour.index != self.next:
             raise IsfError(
                 ErrorCode.CONTOUR_REJECTED, f"out of order, {contour_label(self.next)} is expected", where=where
             )

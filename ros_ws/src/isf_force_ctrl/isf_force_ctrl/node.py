@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -30,11 +29,10 @@ from isf_ros.executive_watch import ExecutiveWatch
 from isf_ros.lifecycle import CellNode
 from isf_ros.thread_priority import RealTimeSettings
 from isf_ros.watchdog import RegularLook
-from rclpy.event_handler import SubscriptionEventCallbacks
 from std_srvs.srv import Trigger
 
 from isf_force_ctrl.control_state import Mode
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.ros.control_clock import PeriodicLoop
 from isf_force_ctrl.ros.identify_action import IdentifyAction
 from isf_force_ctrl.ros.measurement_actions import MeasurementActions
@@ -54,21 +52,20 @@ LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 
 
 class ForceCtrlNode(CellNode[ForceCtrlParameters]):
-    """ROS side of :class:`isf_force_ctrl.measuring_controller.MeasuringController`."""
+    """ROS side of :class:`isf_force_ctrl.measuring_controller.ForceController`."""
 
     def __init__(self) -> None:
         super().__init__("force_ctrl", ForceCtrlParameters)
-        self._controller: MeasuringController | None = None
+        self._controller: ForceController | None = None
         self._loop: PeriodicLoop | None = None
         self._lock = threading.RLock()
         self._latency = LatencyMeter()
-        self._entities: list[tuple[Any, Any]] = []
         self._refused = 0
 
     # -- lifecycle -----------------------------------------------------------------------------
 
     def configure(self) -> None:
-        self._parameters = p = self.values()
+        self._settings = p = self.values()
         self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
         self._inlet = WrenchInlet(p.wrench_frame, math.inf if p.lockstep else p.wrench_delay, self._timeout)
         self._pair = self._inlet.pair
@@ -80,35 +77,20 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if p.output == "twist" and p.lockstep:
             raise IsfError(ErrorCode.FILE_FIELD, "twists are velocities by the clock, not in lockstep", where="output")
         self._outlet = ForceCtrlOutlet(self, twist=p.output == "twist")
-        # Each event handler is one more entity in every wait of the executor.
-        into: dict[str, Any] = {"event_callbacks": SubscriptionEventCallbacks(use_default_callbacks=False)}
-        subscriptions = [
-            self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM, **into),
-            self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM, **into),
-            self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR, **into),
-            self.create_subscription(PoseStamped, "tool_2/pose", lambda m: self._on_pose(2, m), qos.SENSOR, **into),
-            self.create_subscription(isf.MachineState, "machine/state", self._on_machine, qos.STREAM, **into),
-            self.create_subscription(isf.Contour, "contour/corrected", self._on_contour, qos.LATCHED, **into),
-        ]
-        services = [
-            self.create_service(Arm, "force_ctrl/arm", self._on_arm),
-            self.create_service(Trigger, "force_ctrl/stop", self._on_stop),
-        ]
+        self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM)
+        self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM)
+        self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR)
+        self.create_subscription(PoseStamped, "tool_2/pose", lambda m: self._on_pose(2, m), qos.SENSOR)
+        self.create_subscription(isf.MachineState, "machine/state", self._on_machine, qos.STREAM)
+        self.create_subscription(isf.Contour, "contour/corrected", self._on_contour, qos.LATCHED)
+        self.create_service(Arm, "force_ctrl/arm", self._on_arm)
+        self.create_service(Trigger, "force_ctrl/stop", self._on_stop)
         self._attended = Attendance(ExecutiveWatch(self, EXECUTIVE_SILENCE), p.contour_wait)
-        subscriptions.append(
-            self.create_subscription(
-                DiagnosticArray, "/diagnostics", self._attended.executive.on_diagnostics, 50, **into
-            )
-        )
-        timers = [self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)]
-        lift = MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep)
-        identify = IdentifyAction(self, self._lock, self._ready, self._armed_job, self._step_in_lockstep)
-        self._entities = [
-            *((lambda item: item.close(), item) for item in (lift, identify)),
-            *((self.destroy_subscription, item) for item in subscriptions),
-            *((self.destroy_service, item) for item in services),
-            *((self.destroy_timer, item) for item in timers),
-        ]
+        heard = self._attended.executive.on_diagnostics
+        self.create_subscription(DiagnosticArray, "/diagnostics", heard, 50)
+        self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)
+        MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep)
+        IdentifyAction(self, self._lock, self._ready, self._armed_job, self._step_in_lockstep)
 
     def deactivate(self) -> None:
         """End the stream where it is; the machine releases contact if tools are loaded."""
@@ -119,11 +101,22 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._publish_result()
             self._controller = None
 
-    def cleanup(self) -> None:
-        for destroy, entity in self._entities:
-            destroy(entity)
-        self._entities = []
-        self._outlet.close()
+    def make_safe(self, error: IsfError) -> None:
+        """End the contour and hold; where that was done already or fails, end the stream: the machine lifts then."""
+        with self._lock:
+            controller = self._controller
+            if controller is None or not (controller.busy or self._loop is not None):
+                return
+            if controller.fault is None:
+                controller.fail(error.code, error.message, ticking=self._loop is not None)
+                self._publish_state(controller, self.get_clock().now().nanoseconds)
+                self._publish_result()
+            else:
+                try:  # the ticks that should have braked failed, too
+                    controller.fail(error.code, error.message)
+                    self._publish_result()
+                finally:
+                    self._controller = None
 
     def close(self) -> None:
         self._stop_loop()
@@ -138,7 +131,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if controller is not None:
             values |= {"mode": controller.mode.name, "contour": controller.state().index, "ticks": controller.ticks}
             values |= controller.drift.values()
-        values |= self._inlet.values() if self._entities else {}
+        values |= self._inlet.values() if self.is_configured else {}
         values |= self._latency.values()
         values |= self._loop.values() if self._loop is not None else {}
         return values
@@ -209,7 +202,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
                 controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost), ticking=True)
-            blind = self._parameters.output == "twist" and not waiting and controller.fault is None
+            blind = self._settings.output == "twist" and not waiting and controller.fault is None
             if blind and (text := self._ready.pose_lost_text()):
                 controller.fail(ErrorCode.POSE_LOST, text, ticking=True)
             self._tick_number += 1 if self._pair.fresh(self._ready.needed) else 2  # a gap: its wrenches were lost
@@ -220,17 +213,17 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         finally:
             self._lock.release()
 
-    def _after_tick(self, controller: MeasuringController, stamp: int) -> None:
+    def _after_tick(self, controller: ForceController, stamp: int) -> None:
         self._latency.targets()
         self._ticks += 1
-        if self._ticks % self._parameters.state_decimation == 0 or controller.mode is not self._last_mode:
+        if self._ticks % self._settings.state_decimation == 0 or controller.mode is not self._last_mode:
             self._publish_state(controller, stamp)
         if not controller.busy:
             self._publish_result()
 
     # -- results and states --------------------------------------------------------------------
 
-    def _publish_state(self, controller: MeasuringController, stamp: int) -> None:
+    def _publish_state(self, controller: ForceController, stamp: int) -> None:
         self._last_mode = controller.mode
         self._outlet.state(controller.state(), stamp, self._latency.last)
 
@@ -273,7 +266,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if self._outlet.has_targets and time.monotonic() - self._outlet.last_publish >= HEARTBEAT:
                 self._outlet.repeat()
 
-    def _lift_unattended(self, controller: MeasuringController, alone: IsfError) -> None:
+    def _lift_unattended(self, controller: ForceController, alone: IsfError) -> None:
         """Nobody is there to go on with the part: take the tools off the sheet; the next contour ends with why."""
         self.report(alone)
         if controller.fault is None:
@@ -309,15 +302,18 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             controller = self._controller
             try:
                 if not self.is_active or controller is None:
-                    raise IsfError(
-                        ErrorCode.NOT_ARMED, "a contour came, but no plan is armed", where=contour_label(message.index)
-                    )
+                    what, advice = ("no plan is armed", "arm the plan first")
+                    if not self.is_active:
+                        what, advice = ("force_ctrl is not active", "activate it, then arm the plan")
+                    raise IsfError(ErrorCode.NOT_ARMED, what, where=contour_label(message.index), advice=advice)
                 contour = conversion.contour_from_message(message)
                 self._ready.check_forming(contour.forming_tool)
                 controller.start(contour)
+                self._inlet.begin_contour()
                 if warning := self._chips.look(contour):
                     self.get_logger().warning(warning)
-            except IsfError as error:
+            except Exception as fault:
+                error = fault if isinstance(fault, IsfError) else self.fault(fault, contour_label(message.index))
                 self._refused += 1
                 self.get_logger().warning(f"contour refused: {error}")
                 self._publish_refusal(message, error)
@@ -326,8 +322,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._step_in_lockstep()
 
     def _publish_refusal(self, message: isf.Contour, error: IsfError) -> None:
-        """A result that says why, so that nobody waits for the contour; a contour of another plan is only logged."""
-        if self._controller is None or message.plan_id != self._controller.plan_id or self._controller.busy:
+        """A result that says why, so that nobody waits for the contour; not for one that is being formed already."""
+        controller = self._controller
+        if controller is not None and controller.busy and controller.started(message.plan_id, message.index):
             return
         self._outlet.refusal(message, int(error.code), error.message)
 
@@ -355,7 +352,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
         self._ready.needed = tools_with_load_cell(job_file.job)
         self._ready.check()
-        controller = MeasuringController(control_config(job_file, self._parameters))
+        controller = ForceController(control_config(job_file, self._settings))
         park = controller.config.park_height
         tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))
         override = None if math.isnan(request.support_force) else request.support_force
@@ -369,17 +366,18 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._controller, self._job_file = controller, job_file
         self._attended.begin()
         self._publish_state(controller, self.get_clock().now().nanoseconds)
-        if not self._parameters.lockstep:
+        if not self._settings.lockstep:
             self._tick_number = -1
             self._clock_offset = self.get_clock().now().nanoseconds - time.monotonic_ns()
-            settings = RealTimeSettings(self._parameters.real_time_priority, self._parameters.lock_memory)
-            self._loop = PeriodicLoop(controller.config.rate, self._step_in_real_time, settings)
+            settings = RealTimeSettings(self._settings.real_time_priority, self._settings.lock_memory)
+            step = self.guard(self._step_in_real_time, "control tick")
+            self._loop = PeriodicLoop(controller.config.rate, step, settings)
             self._loop.start()
             if refused := self._loop.privileges.reason:
                 self.get_logger().warning(f"ticks by the clock without what the system refused: {refused}", once=True)
         self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index + 1} to {request.count}")
 
-    def _armed_job(self) -> tuple[MeasuringController, JobFile] | None:
+    def _armed_job(self) -> tuple[ForceController, JobFile] | None:
         return (self._controller, self._job_file) if self._controller is not None else None
 
     def _disarm(self) -> None:

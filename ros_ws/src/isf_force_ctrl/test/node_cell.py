@@ -81,16 +81,18 @@ class Cell:
         self.targets += 1
 
     def start(
-        self, machine: dict[str, object] | None = None, remap: dict[str, str] | None = None, **parameters: object
+        self,
+        machine: dict[str, object] | None = None,
+        remap: dict[str, str] | None = None,
+        program: tuple[str, ...] = ("-m", "isf_force_ctrl.node"),
+        **parameters: object,
     ) -> None:
         here = Path(__file__)
         options: dict[str, Any] = machine or {}
         self.stack.enter_context(started(str(here.with_name("standin_machine.py")), remap=remap, **options))
         # as long as a busy computer may hold a process up
         values: dict[str, Any] = {"wrench_timeout": 60.0, **parameters}
-        self.process = self.stack.enter_context(
-            started("-m", "isf_force_ctrl.node", autostart=True, remap=remap, **values)
-        )
+        self.process = self.stack.enter_context(started(*program, autostart=True, remap=remap, **values))
         assert self._arm.wait_for_service(LIMIT)
 
     def wait(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:

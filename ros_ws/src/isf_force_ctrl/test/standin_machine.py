@@ -9,7 +9,8 @@ come 50 ms late, after newer ones; real time), ``jump_at``, ``jump`` (tick from 
 ``gap`` (m by which the tools stand too far apart), ``twist`` (true: integrates twists instead of following poses, and
 publishes poses; real time), ``drift`` (m/s in x that it adds to the twists), ``cell_drift`` (N by which the cell of
 tool_2 is off in z), ``poses_until``, ``states_until`` (ticks after
-which it publishes no poses, no machine/state). ``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and ``gap`` may
+which it publishes no poses, no machine/state), ``best_effort`` (wrenches and states are published so).
+``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and ``gap`` may
 change at run time.
 """
 
@@ -76,8 +77,9 @@ class StandInMachine(Node):
         self.wrench = [conversion.make_wrench(), conversion.make_wrench()]
         for message in self.wrench:
             message.header.frame_id = frame
-        self.out = [self.create_publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM) for k in (1, 2)]
-        self.state = self.create_publisher(MachineState, "machine/state", qos.STREAM)
+        delivery = qos.SENSOR if self.declare_parameter("best_effort", False).value else qos.STREAM
+        self.out = [self.create_publisher(WrenchStamped, f"tool_{k}/wrench", delivery) for k in (1, 2)]
+        self.state = self.create_publisher(MachineState, "machine/state", delivery)
         for k in (0, 1):
             tool = f"tool_{k + 1}"
             if self.twist:

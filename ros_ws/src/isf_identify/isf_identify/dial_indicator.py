@@ -4,7 +4,7 @@ The tools are squeezed against each other through a pad; at several loads the fo
 of a dial indicator at the tip of one tool d are written down, for every tool, axis and place, and repeated. Per series
 (one place, one repetition) d = C f + zero: the zero of the dial and the pad between the tools do not matter. The dial
 tells one tool from the other and from the contact, which a squeeze alone cannot
-(:mod:`isf_force_ctrl.identify.fits`); it needs hands, and nothing of the cell but its readings.
+(:mod:`isf_identify.fits`); it needs hands, and nothing of the cell but its readings.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
-from isf_force_ctrl.identify.fits import MOST_RESIDUAL, OBSERVED, LinearFit, fit_linear
-from isf_force_ctrl.identify.rig_piece import rig_piece
 from numpy.typing import NDArray
 from scipy import stats
+
+from isf_identify.fits import MOST_RESIDUAL, OBSERVED, LinearFit, fit_linear
+from isf_identify.rig_piece import rig_piece
 
 LEAST_FORCES = 3
 """Different loads per series, of any sign: fewer do not show whether the deflection is proportional."""

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.identify.fits import ComplianceFit, SignFit, StiffnessFit
-from isf_force_ctrl.identify.servo_probe import ServoFit
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from isf_identify.fits import ComplianceFit, SignFit, StiffnessFit
+from isf_identify.servo_probe import ServoFit
 from isf_identify.tuning import Law, Plant, corner_case, margin_map, ramp_case, respond, step_case
 
 

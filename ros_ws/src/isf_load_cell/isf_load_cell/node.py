@@ -57,14 +57,12 @@ class PoseInlet:
         self._grace = -math.inf
         if kind == "tf":
             message = _tf_message(frame)
-            self.subscriptions: list[Any] = [
-                node.create_subscription(message, "/tf", self._on_tf, qos.TF),
-                node.create_subscription(message, "/tf_static", self._on_tf_static, qos.TF_STATIC),
-            ]
+            node.create_subscription(message, "/tf", self._on_tf, qos.TF)
+            node.create_subscription(message, "/tf_static", self._on_tf_static, qos.TF_STATIC)
         else:
             types = {"pose": (PoseStamped, self._on_pose), "transform": (TransformStamped, self._on_transform)}
             message, handler = types.get(kind, (Odometry, self._on_odometry))
-            self.subscriptions = [node.create_subscription(message, "pose", handler, qos.SENSOR)]
+            node.create_subscription(message, "pose", handler, qos.SENSOR)
 
     def restart(self) -> None:
         """From now on a pose has to come, within the timeout."""
@@ -174,14 +172,13 @@ class LoadCellNode(CellNode[LoadCellParameters]):
     def __init__(self) -> None:
         super().__init__("load_cell", LoadCellParameters)
         self._stream: CellStream | None = None
-        self._entities: list[tuple[Any, Any]] = []
         self._told = ""
         self._readings = self._wrenches = 0
 
     # -- lifecycle -----------------------------------------------------------------------------
 
     def configure(self) -> None:
-        self._parameters = p = self.values()
+        self._settings = p = self.values()
         if not p.with_pose and (p.pose_type, p.pose_frame) != ("pose", ""):
             what = "pose_type and pose_frame mean nothing without it"
             raise IsfError(ErrorCode.FILE_FIELD, what, where="parameter with_pose", advice="with_pose:=true")
@@ -196,24 +193,13 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         self._wrench.header.frame_id = p.frame
         self._publisher = self.create_publisher(WrenchStamped, "wrench", qos.STREAM_SOURCE)
         profile = qos.SENSOR if p.best_effort else qos.STREAM
-        subscriptions = [
+        if set_up.channels:
             self.create_subscription(JointState, "raw_cells", self._on_channels, profile)
-            if set_up.channels
-            else self.create_subscription(WrenchStamped, "raw", self._on_raw, profile)
-        ]
-        if self._pose is not None:
-            subscriptions += self._pose.subscriptions
-        services = [
-            self.create_service(Trigger, "~/tare", self._on_tare),
-            self.create_service(Trigger, "~/check_drift", self._on_check_drift),
-        ]
-        timer = self.create_timer(LOOK, self._look, clock=self.steady_clock)
-        self._entities = [
-            (self.destroy_publisher, self._publisher),
-            *((self.destroy_subscription, item) for item in subscriptions),
-            *((self.destroy_service, item) for item in services),
-            (self.destroy_timer, timer),
-        ]
+        else:
+            self.create_subscription(WrenchStamped, "raw", self._on_raw, profile)
+        self.create_service(Trigger, "~/tare", self._on_tare)
+        self.create_service(Trigger, "~/check_drift", self._on_check_drift)
+        self.create_timer(LOOK, self._look, clock=self.steady_clock)
 
     def activate(self) -> None:
         self._told = ""
@@ -222,9 +208,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
             self._pose.restart()
 
     def cleanup(self) -> None:
-        for destroy, entity in self._entities:
-            destroy(entity)
-        self._entities, self._stream = [], None
+        self._stream = None
 
     def health_values(self) -> dict[str, object]:
         if self._stream is None:
@@ -286,7 +270,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         elif self._told:
             self._told = ""
             self.report_ok()
-            self._publish_health()
+            self.publish_health()
             self.get_logger().info("wrenches are published")
 
     def _tell(self, error: IsfError, level: bytes) -> None:
@@ -301,7 +285,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
 
     def _lost(self) -> IsfError | None:
         """What has stopped coming, or has never come."""
-        p = self._parameters
+        p = self._settings
         if self._raw.expired():
             topic = "raw_cells" if self._names else "raw"
             return IsfError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from isf_ros.conversion import contour_to_message, height_map_to_message, path_t
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
 from nav_msgs.msg import Path as PathMessage
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
@@ -45,45 +43,24 @@ class PlannerNode(CellNode[PlannerParameters]):
         super().__init__("planner", PlannerParameters)
         self._plans: OrderedDict[str, Plan] = OrderedDict()
         self._busy = False
-        self._entities: list[Callable[[], Any]] = []
 
     # -- lifecycle ---------------------------------------------------------------------------------
 
     def configure(self) -> None:
-        self._parameters = self.values()
+        self._settings = self.values()
         self._target = self.create_publisher(PointCloud2, "part/target", qos.LATCHED)
         self._markers = self.create_publisher(MarkerArray, "part/markers", qos.LATCHED)
         self._paths = [self.create_publisher(PathMessage, f"tool_{k}/path", qos.LATCHED) for k in (1, 2)]
-        service = self.create_service(GetContour, "planner/get_contour", self._on_get_contour)
-        server = ActionServer(
-            self,
-            PlanPart,
-            "plan_part",
-            self._execute,
-            goal_callback=self._on_goal,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
-        self._entities = [
-            *(
-                lambda item=item: self.destroy_publisher(item)  # type: ignore[misc]
-                for item in (self._target, self._markers, *self._paths)
-            ),
-            lambda: self.destroy_service(service),
-            server.destroy,
-        ]
+        self.create_service(GetContour, "planner/get_contour", self._on_get_contour)
+        self.create_action_server(PlanPart, "plan_part", self._execute, lambda _: self.is_active and not self._busy)
 
     def cleanup(self) -> None:
-        for destroy in self._entities:
-            destroy()
-        self._entities = []
+        self._plans.clear()
 
     def health_values(self) -> dict[str, object]:
         return {"plans": len(self._plans), "busy": self._busy}
 
     # -- planning --------------------------------------------------------------------------------
-
-    def _on_goal(self, _: PlanPart.Goal) -> GoalResponse:
-        return GoalResponse.ACCEPT if self.is_active and not self._busy else GoalResponse.REJECT
 
     async def _execute(self, handle: ServerGoalHandle) -> PlanPart.Result:
         self._busy = True
@@ -116,7 +93,7 @@ class PlannerNode(CellNode[PlannerParameters]):
     def _keep(self, made: Plan) -> None:
         self._plans[made.plan_id] = made
         self._plans.move_to_end(made.plan_id)
-        while len(self._plans) > max(self._parameters.plans_kept, 1):
+        while len(self._plans) > max(self._settings.plans_kept, 1):
             self._plans.popitem(last=False)
 
     def _on_get_contour(self, request: GetContour.Request, response: GetContour.Response) -> GetContour.Response:
@@ -139,7 +116,7 @@ class PlannerNode(CellNode[PlannerParameters]):
         support = np.vstack([contour.support_tip for contour in made.contours])
         tips = (forming, support) if made.contours[0].forming_tool == 1 else (support, forming)
         for publisher, tip in zip(self._paths, tips, strict=True):
-            publisher.publish(path_to_message(tip, stamp, self._parameters.path_poses))
+            publisher.publish(path_to_message(tip, stamp, self._settings.path_poses))
         self._markers.publish(plan_markers(made, stamp))
 
     def _now(self) -> Any:

@@ -33,7 +33,6 @@ def contour_to_message(contour: Contour, stamp: Time | None = None) -> isf.Conto
     """Message of a contour; ``stamp`` defaults to zero."""
     message = isf.Contour()
     _fill(message, contour, fields.CONTOUR, stamp)
-    message.process = int(contour.process)
     return message
 
 

@@ -1,89 +1,33 @@
-"""Which fields the core dataclasses and the messages of the same name share, and how they convert.
+"""How the core dataclasses and the messages of the same name convert, by the types of their fields.
 
-This table is the one place that knows both sides. It needs no ROS: it serves rclpy messages
-(:mod:`isf_ros.conversion`) as well as messages read from a bag.
+It needs no ROS: it serves rclpy messages (:mod:`isf_ros.conversion`) as well as messages read from a bag.
 """
 
 from __future__ import annotations
 
 import array
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array, Mask, Points, Stamp
 from numpy.typing import NDArray
 
 SCALAR, TIME, N, N3, FLAGS, TEXTS = "scalar", "time", "(N,)", "(N, 3)", "(N,) bool", "(K,) str"
 
-CONTOUR = {
-    "plan_id": SCALAR,
-    "index": SCALAR,
-    "count": SCALAR,
-    "feature": SCALAR,
-    "stage": SCALAR,
-    "process": SCALAR,
-    "forming_tool": SCALAR,
-    "closed": SCALAR,
-    "retract": SCALAR,
-    "holder_height": SCALAR,
-    "feed": SCALAR,
-    "contact": N3,
-    "normal": N3,
-    "wall_angle": N,
-    "thickness": N,
-    "forming_tip": N3,
-    "support_tip": N3,
-    "support_force": N,
-    "speed": N,
-    "predicted_force": N,
-}
+_KINDS = {Points: N3, Array: N, Mask: FLAGS, Stamp: TIME, tuple[str, ...]: TEXTS}
 
-CORRECTION = {
-    "plan_id": SCALAR,
-    "index": SCALAR,
-    "method": SCALAR,
-    "offset": N3,
-    "springback": N,
-    "control_point": N3,
-    "control_point_springback": N,
-    "control_point_force": N,
-    "saturated": FLAGS,
-    "uncertainty": N,
-    "residual": N,
-    "remarks": TEXTS,
-    "code": SCALAR,
-    "message": SCALAR,
-    "solve_time": SCALAR,
-}
 
-RESULT = {
-    "plan_id": SCALAR,
-    "index": SCALAR,
-    "start": TIME,
-    "end": TIME,
-    "completed": SCALAR,
-    "code": SCALAR,
-    "message": SCALAR,
-    "forming_force": N3,
-    "support_force": N3,
-    "forming_target": N3,
-    "support_target": N3,
-    "forming_measured": N3,
-    "support_measured": N3,
-    "force_offset": N,
-    "compliance_offset": N3,
-    "contact_fraction": SCALAR,
-    "saturations": SCALAR,
-    "backoffs": SCALAR,
-    "late_ticks": SCALAR,
-    "lost_messages": SCALAR,
-    "tick_time": N,
-    "tick_set_point": N,
-    "tick_normal_force": N,
-    "tick_engaged": FLAGS,
-}
+def table_of(of: type) -> dict[str, str]:
+    """How every field of the dataclass ``of`` stands in the message of the same name, by its type."""
+    return {name: _KINDS.get(kind, SCALAR) for name, kind in get_type_hints(of, include_extras=True).items()}
+
+
+CONTOUR = table_of(Contour)
+CORRECTION = table_of(ContourCorrection)
+RESULT = table_of(ContourResult)
 
 
 def to_flat(value: Any) -> array.array[float]:

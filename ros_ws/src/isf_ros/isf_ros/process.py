@@ -9,13 +9,16 @@ from typing import Any
 
 import rclpy
 from isf_core.errors import IsfError
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from isf_ros.lifecycle import CellNode
 
 EXIT_OK, EXIT_ERROR = 0, 2
+
+MAX_FAILURES = 100
+"""Failures of the executor one after the other after which its process cannot serve and ends."""
 
 
 def spin(node: Node, ended: Callable[[], bool], *, streams: bool = False) -> None:
@@ -29,10 +32,21 @@ def spin(node: Node, ended: Callable[[], bool], *, streams: bool = False) -> Non
     if executor is None:
         executor = SingleThreadedExecutor()
     executor.add_node(node)
+    failures = 0
     try:
         while not ended() and rclpy.ok():
-            # spin() without a time limit never returns from the EventsExecutor of rclpy 7.1.6
-            executor.spin_once(timeout_sec=0.1)
+            try:
+                # spin() without a time limit never returns from the EventsExecutor of rclpy 7.1.6
+                executor.spin_once(timeout_sec=0.1)
+            except (ExternalShutdownException, ShutdownException):
+                raise
+            except Exception as error:  # not of a callback, these are guarded: of rclpy itself, or of a bad message
+                failures += 1
+                if failures >= MAX_FAILURES or not isinstance(node, CellNode):
+                    raise
+                node.fault(error, "executor")
+            else:
+                failures = 0
     finally:
         executor.remove_node(node)
 

@@ -20,6 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
+from isf_core.files.own_folder import path_below
 from isf_core.geometry.height_map import HeightMap
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
@@ -53,6 +54,9 @@ class MachineParameters:
     real_time_priority: int = parameter(
         0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", least=0, most=98
     )
+    state_folder: str = parameter(
+        "machine_states", "folder below which machine/save writes and machine/load reads; relative to the present one"
+    )
     pose_decimation: int = parameter(0, "ticks per pose, clock and state message; 0: 50 messages per second")
 
 
@@ -80,7 +84,6 @@ class MachineNode(CellNode[MachineParameters]):
         self._machine: SimulatedMachine | None = None
         self._outlet: MachineOutlet | None = None
         self._thread: PeriodicThread | None = None
-        self._entities: list[tuple[Any, Any]] = []
         self._targets = TargetPair()
         self.lock = threading.RLock()
         self._first_tick = 0
@@ -99,27 +102,19 @@ class MachineNode(CellNode[MachineParameters]):
     # -- lifecycle ---------------------------------------------------------------------------------
 
     def configure(self) -> None:
-        self._parameters = values = self.values()
+        self._settings = values = self.values()
         timeout = values.target_timeout or (LOCKSTEP_TIMEOUT if values.lockstep else REAL_TIME_TIMEOUT)
         self._stream, self._look = TargetStream(timeout), RegularLook(0.5 * timeout)
         if values.job:
             self.clamp(SimulatedMachine(load_job(values.job), world=values.world, seed=values.seed))
         self._outlet = MachineOutlet(self, clock=values.lockstep)
-        subscriptions = [
-            self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM),
-            self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM),
-        ]
+        self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM)
+        self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM)
         self._executive = ExecutiveWatch(self, EXECUTIVE_SILENCE)
-        heard = self._executive.on_diagnostics
-        subscriptions.append(self.create_subscription(DiagnosticArray, "/diagnostics", heard, 50))
-        services = MachineServices(self).create()
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._executive.on_diagnostics, 50)
+        MachineServices(self).create()
         look = 0.25 * HEARTBEAT_PERIOD if values.lockstep else 0.5 * BRIDGE_PERIOD
-        timer = self.create_timer(look, self._on_timer, clock=self.steady_clock)
-        self._entities = [
-            *((self.destroy_subscription, item) for item in subscriptions),
-            *((self.destroy_service, item) for item in services),
-            (self.destroy_timer, timer),
-        ]
+        self.create_timer(look, self._on_timer, clock=self.steady_clock)
 
     def activate(self) -> None:
         self._targets.clear()
@@ -133,12 +128,18 @@ class MachineNode(CellNode[MachineParameters]):
         self.stop_thread()
 
     def cleanup(self) -> None:
-        for destroy, entity in self._entities:
-            destroy(entity)
-        self._entities = []
-        if self._outlet is not None:
-            self._outlet.close()
-            self._outlet = None
+        self._outlet = None
+        self._listen_to_holder(False)
+
+    def make_safe(self, error: IsfError) -> None:
+        """Protective stop: positions are held, contact is released."""
+        machine = self._machine
+        if machine is None or not self.is_active:
+            return
+        with self.lock:
+            machine.latch(error.code, error.message)
+            if self.in_lockstep and self._release is None:
+                self.finish_tick(machine, machine.sample())
 
     def close(self) -> None:
         self.stop_thread()
@@ -153,7 +154,7 @@ class MachineNode(CellNode[MachineParameters]):
             "faults": ", ".join(code.name for code, _ in machine.faults) or "none",
             "late_ticks": self._late_ticks(),
             **machine.plant.worker.values(),
-            **({} if self._parameters.lockstep else self._privileges.values()),
+            **({} if self._settings.lockstep else self._privileges.values()),
         }
 
     # -- blank and time ------------------------------------------------------------------------------
@@ -188,15 +189,15 @@ class MachineNode(CellNode[MachineParameters]):
 
     def start(self) -> None:
         machine = self.needed()
-        if self._parameters.lockstep:
+        if self._settings.lockstep:
             self.publish(machine.sample(), decimated=True)
         else:
-            self._privileges = acquire(RealTimeSettings(self._parameters.real_time_priority))
+            self._privileges = acquire(RealTimeSettings(self._settings.real_time_priority))
             if refused := self._privileges.reason:
                 self.get_logger().warning(f"ticks by the clock without what the system refused: {refused}", once=True)
             worker = machine.plant.worker
             worker.ahead, worker.priority = True, self._privileges.below
-            self._thread = PeriodicThread(machine.control_rate, self._on_period)
+            self._thread = PeriodicThread(machine.control_rate, self.guard(self._on_period, "tick"))
             self._begin, self._started, self._period = self.get_clock().now().nanoseconds, time.monotonic(), -1
             self._thread.start()
 
@@ -230,7 +231,7 @@ class MachineNode(CellNode[MachineParameters]):
     def _tick_in_lockstep(self, stamp: int) -> None:
         """One tick when all targets of the stamp that is due have come."""
         machine = self._machine
-        if machine is None or not self._parameters.lockstep or machine.faulted:
+        if machine is None or not self._settings.lockstep or machine.faulted:
             return
         due = stamps.tick_nanoseconds(self._tick() + 1, machine.control_rate)
         if stamp > due:
@@ -279,16 +280,16 @@ class MachineNode(CellNode[MachineParameters]):
         self.publish(sample, decimated=self._tick() % self._decimation(machine) == 0)
 
     def _decimation(self, machine: SimulatedMachine) -> int:
-        return self._parameters.pose_decimation or max(1, round(machine.control_rate / 50.0))
+        return self._settings.pose_decimation or max(1, round(machine.control_rate / 50.0))
 
     def publish(self, sample: MachineSample, *, decimated: bool) -> None:
         outlet, machine = self._outlet, self.needed()
         if outlet is None:
             return
-        if self._parameters.lockstep:
+        if self._settings.lockstep:
             self._stamp = stamps.tick_nanoseconds(self._tick(), machine.control_rate)
         with self._publishing:
-            if not self._parameters.lockstep:  # a tick that took long ends after the readings that bridged it
+            if not self._settings.lockstep:  # a tick that took long ends after the readings that bridged it
                 self._stamp = max(self._stamp, self._bridged)
             if decimated:  # before the wrenches: who answers them knows where the tools are
                 outlet.poses(sample, self._stamp)
@@ -296,14 +297,14 @@ class MachineNode(CellNode[MachineParameters]):
             outlet.wrenches(sample, self._stamp)
             for event in machine.events[self._told :]:
                 outlet.event(event, self._stamp)
-                self.get_logger().warning(f"{event.kind.name}: {event.text}")
+                self.get_logger().warning(f"{event.name}: {event.text}")
             self._told = len(machine.events)
             self._sample, self._published = sample, time.monotonic()
 
     def _on_timer(self) -> None:
         if self._machine is None or not self.is_active:
             return
-        if self._parameters.lockstep:
+        if self._settings.lockstep:
             self._wait_in_lockstep(self._machine)
         else:
             self._bridge_a_long_tick(self._machine)
@@ -348,7 +349,7 @@ class MachineNode(CellNode[MachineParameters]):
 
     def _resting(self, machine: SimulatedMachine) -> bool:
         """True between contours; in lockstep time stands still then, also for tools that were left in motion."""
-        if self._parameters.lockstep:
+        if self._settings.lockstep:
             return time.monotonic() - self._ticked > REST
         return not machine.moving
 
@@ -360,7 +361,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._release = machine.release_steps()
         if self._outlet is not None:
             self._outlet.state(self._state_message(machine), self._stamp)
-        if self._parameters.lockstep:
+        if self._settings.lockstep:
             for _ in self._release:
                 pass
 
@@ -380,7 +381,7 @@ class MachineNode(CellNode[MachineParameters]):
             received=self._targets.received,
             lost=self._stream.lost,
             late=self._late_ticks(),
-            lockstep=self._parameters.lockstep,
+            lockstep=self._settings.lockstep,
         )
 
     def needed(self) -> SimulatedMachine:
@@ -391,9 +392,14 @@ class MachineNode(CellNode[MachineParameters]):
     # -- for the services ------------------------------------------------------------------------
 
     @property
+    def state_folder(self) -> Path:
+        """Folder of the saved machines."""
+        return Path(self._settings.state_folder).absolute()
+
+    @property
     def in_lockstep(self) -> bool:
         """True when a tick needs targets of its stamp."""
-        return self._parameters.lockstep
+        return self._settings.lockstep
 
     def stop_machine(self, reason: str) -> None:
         """Latch a stop that was asked for, and release contact."""
@@ -433,33 +439,21 @@ class MachineNode(CellNode[MachineParameters]):
             self._outlet.scan(cloud_message(points, self._stamp))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Entry point of the node."""
-    warm_up()  # before the node exists: compiling would make it look dead
-    return process.run(MachineNode, args, streams=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
-
-
 class MachineServices:
     """Answers for a node; every answer owns the machine while it works on it."""
 
     def __init__(self, node: MachineNode) -> None:
         self._node = node
 
-    def create(self) -> list[Any]:
-        """Create the services; the node destroys them."""
+    def create(self) -> None:
+        """Create the services."""
         create = self._node.create_service
-        return [
-            create(Tare, "machine/tare", self._on_tare),
-            create(Scan, "machine/scan", self._on_scan),
-            create(Stop, "machine/stop", self._on_stop),
-            create(Reset, "machine/reset", self._on_reset),
-            create(StateFile, "machine/save", self._on_save),
-            create(StateFile, "machine/load", self._on_load),
-        ]
+        create(Tare, "machine/tare", self._on_tare)
+        create(Scan, "machine/scan", self._on_scan)
+        create(Stop, "machine/stop", self._on_stop)
+        create(Reset, "machine/reset", self._on_reset)
+        create(StateFile, "machine/save", self._on_save)
+        create(StateFile, "machine/load", self._on_load)
 
     def _on_tare(self, _: Tare.Request, response: Tare.Response) -> Tare.Response:
         with self._answering(response):
@@ -509,7 +503,10 @@ class MachineServices:
 
     def _on_save(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
         with self._answering(response):
-            path = save_machine(self._node.needed(), self._path_of(request))
+            machine, path = self._node.needed(), self._path_of(request)
+            with contextlib.suppress(OSError):  # the file that cannot be written says why
+                path.parent.mkdir(parents=True, exist_ok=True)
+            save_machine(machine, path)
             self._node.targets_not_served()
             self._node.get_logger().info(f"state saved to {path}")
         return response
@@ -541,11 +538,8 @@ class MachineServices:
             return JobFile(request.job_text, Path(request.base_folder), "job")
         return self._node.needed().job_file
 
-    @staticmethod
-    def _path_of(request: StateFile.Request) -> Path:
-        if not request.path:
-            raise IsfError(ErrorCode.FILE_NOT_FOUND, "no path is given", where="path", advice="name a file")
-        return Path(request.path)
+    def _path_of(self, request: StateFile.Request) -> Path:
+        return path_below(self._node.state_folder, request.path)
 
     @contextlib.contextmanager
     def _answering(self, response: Any) -> Iterator[None]:
@@ -556,3 +550,13 @@ class MachineServices:
             except IsfError as error:
                 response.code, response.message = int(error.code), error.message
                 self._node.get_logger().warning(str(error))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the node."""
+    warm_up()  # before the node exists: compiling would make it look dead
+    return process.run(MachineNode, args, streams=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,5 +1,8 @@
 """Node ``springback``: corrects every contour before it is formed.
 
+A solution may take longer than the silence after which a node counts as dead: corrections are made in a thread of their
+own, in the order of the messages; services and heartbeat go on meanwhile.
+
 Scans may come from any scanner: ``sensor_msgs/PointCloud2`` with float32 or float64 coordinates at any offset.
 """
 
@@ -8,6 +11,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +21,7 @@ from isf_core.files import quantity
 from isf_core.files.job import JobFile, load_job
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo
 from isf_ros import process, qos, stamps
+from isf_ros.background import Worker
 from isf_ros.conversion import (
     contour_from_message,
     contour_to_message,
@@ -60,15 +65,16 @@ class SpringbackParameters:
 
 
 class SpringbackNode(CellNode[SpringbackParameters]):
-    """Thin shell around :class:`isf_springback.session.CorrectionSession`."""
+    """Thin shell around :class:`isf_springback.session.CorrectionSession`, which belongs to the worker."""
 
     def __init__(self) -> None:
         super().__init__("springback", SpringbackParameters)
         self._session = CorrectionSession(self.values().result_timeout)
+        self._worker = Worker(lambda error: self.fault(error, "correction"))
+        self._activation = 0
         self._done = 0
         self._last_code = 0
         self._solve_time = 0.0
-        self._entities: list[Callable[[], Any]] = []
         self.add_on_set_parameters_callback(self._check_parameters)
 
     def configure(self) -> None:
@@ -80,29 +86,18 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self._session.set_job(load_job(values.job))
         self._correction = self.create_publisher(ContourCorrection, "contour/correction", qos.EVENT)
         self._corrected = self.create_publisher(Contour, "contour/corrected", qos.LATCHED)
-        subscriptions = [
-            self.create_subscription(JobInfo, "part/info", self._on_info, qos.LATCHED),
-            self.create_subscription(Contour, "contour/nominal", self._on_nominal, qos.LATCHED),
-            self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT),
-            self.create_subscription(PointCloud2, "part/target", self._on_target, qos.LATCHED),
-            self.create_subscription(PointCloud2, "tool_lift", self._on_lift, qos.LATCHED),
-            self.create_subscription(PointCloud2, "scan", self._on_scan, qos.LATCHED),
-        ]
-        timer = self.create_timer(WAITING_PERIOD, self._advance, clock=self.steady_clock)
-        self._entities = [
-            lambda: self.destroy_publisher(self._correction),
-            lambda: self.destroy_publisher(self._corrected),
-            lambda: self.destroy_timer(timer),
-            *(lambda entity=entity: self.destroy_subscription(entity) for entity in subscriptions),  # type: ignore[misc]
-        ]
+        self.create_subscription(JobInfo, "part/info", self._on_info, qos.LATCHED)
+        self.create_subscription(Contour, "contour/nominal", self._on_nominal, qos.LATCHED)
+        self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT)
+        self.create_subscription(PointCloud2, "part/target", self._on_target, qos.LATCHED)
+        self.create_subscription(PointCloud2, "tool_lift", self._on_lift, qos.LATCHED)
+        self.create_subscription(PointCloud2, "scan", self._on_scan, qos.LATCHED)
+        self.create_timer(WAITING_PERIOD, self._on_timer, clock=self.steady_clock)
 
     def deactivate(self) -> None:
-        self._session.drop()
-
-    def cleanup(self) -> None:
-        for destroy in self._entities:
-            destroy()
-        self._entities = []
+        """What is being solved is not published any more."""
+        self._activation += 1
+        self._worker.put(self._session.drop)
 
     def health_values(self) -> dict[str, object]:
         return {
@@ -118,7 +113,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
                 try:
                     if change.value:
                         check_name(change.value)
-                    self._session.choose(change.value)
+                    self._worker.put(partial(self._session.choose, change.value))
                 except IsfError as error:
                     return SetParametersResult(successful=False, reason=error.message)
         return SetParametersResult(successful=True)
@@ -129,28 +124,27 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         except IsfError as error:
             self.report(error)
             return
-        self._session.set_job(job_file, message.plan_id, message.correction)
-        self._advance()
+        self._go_on_with(lambda session: session.set_job(job_file, message.plan_id, message.correction))
 
     def _on_nominal(self, message: Contour) -> None:
         if not self.is_active:
             return
         contour = self._convert(contour_from_message, message)
         if contour is not None:
-            self._session.add_contour(contour)
-            self._advance()
+            self._go_on_with(lambda session: session.add_contour(contour))
 
     def _on_result(self, message: ContourResult) -> None:
         result = self._convert(result_from_message, message)
         if result is not None:
-            self._session.add_result(result)
-            self._advance()
+            self._go_on_with(lambda session: session.add_result(result))
 
     def _on_target(self, message: PointCloud2) -> None:
         try:
-            self._session.set_target(height_map_from_message(message))
+            target = height_map_from_message(message)
         except ValueError as error:
             self.report(IsfError(ErrorCode.CORRECTION_FAILED, f"the target is not a height map: {error}"))
+            return
+        self._worker.put(partial(self._session.set_target, target))
 
     def _on_lift(self, message: PointCloud2) -> None:
         try:
@@ -158,8 +152,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         except ValueError as error:
             self.report(IsfError(ErrorCode.LIFT_MISSING, f"not a tool lift: {error}", where="topic tool_lift"))
             return
-        self._session.add_lift(rows, stamp_seconds(message))
-        self._advance()
+        self._go_on_with(lambda session: session.add_lift(rows, stamp_seconds(message)))
 
     def _on_scan(self, message: PointCloud2) -> None:
         try:
@@ -167,8 +160,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         except ValueError as error:
             self.report(IsfError(ErrorCode.SCAN_INCOMPLETE, f"not a cloud of points: {error}", where="topic scan"))
             return
-        self._session.add_scan(points, stamp_seconds(message))
-        self._advance()
+        self._go_on_with(lambda session: session.add_scan(points, stamp_seconds(message)))
 
     def _convert(self, convert: Callable[[Any], T], message: Any) -> T | None:
         """Core object of a message; a malformed one is reported and dropped."""
@@ -179,11 +171,23 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self.report(IsfError(ErrorCode.CONTOUR_REJECTED, f"malformed message: {error}", where=where))
             return None
 
-    def _advance(self) -> None:
-        if not self.is_active:
+    def _go_on_with(self, news: Callable[[CorrectionSession], None]) -> None:
+        """Have the worker tell the session the ``news``, and correct the contour that waits if its time has come."""
+        session, activation = self._session, self._activation
+        self._worker.put(lambda: news(session))
+        self._worker.put(lambda: self._advance(session, activation))
+
+    def _on_timer(self) -> None:
+        if self.is_active and self._worker.idle:
+            session, activation = self._session, self._activation
+            self._worker.put(lambda: self._advance(session, activation))
+
+    def _advance(self, session: CorrectionSession, activation: int) -> None:
+        """In the worker; ``activation`` is the one in which it was asked for."""
+        if not self.is_active or activation != self._activation:
             return
-        outcome = self._session.advance()
-        if outcome is None:
+        outcome = session.advance()
+        if outcome is None or not self.is_active or activation != self._activation:
             return
         stamp = self.get_clock().now().to_msg()
         correction = outcome.correction
@@ -197,16 +201,6 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         self._correction.publish(correction_to_message(correction, stamp))
         if outcome.corrected is not None:
             self._corrected.publish(contour_to_message(outcome.corrected, stamp))
-
-
-def main() -> None:
-    """Entry point of the executable ``springback``."""
-    quantity.parse("1 mm", "m")  # loads the units now: with the first job they would hold up the first contour
-    sys.exit(process.run(SpringbackNode))
-
-
-if __name__ == "__main__":
-    main()
 
 
 _KINDS = {7: "f4", 8: "f8"}
@@ -235,3 +229,13 @@ def cloud_points(message: Any) -> NDArray[np.float64]:
 def stamp_seconds(message: Any) -> float:
     """s, stamp of the message."""
     return float(stamps.to_seconds(message.header.stamp))
+
+
+def main() -> None:
+    """Entry point of the executable ``springback``."""
+    quantity.parse("1 mm", "m")  # loads the units now: with the first job they would hold up the first contour
+    sys.exit(process.run(SpringbackNode))
+
+
+if __name__ == "__main__":
+    main()

@@ -8,13 +8,14 @@ contour: the new method is given all that happened so far, so that it continues 
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import ErrorCode, IsfError, coded
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
@@ -24,6 +25,8 @@ from isf_springback.estimators.estimator import NoCorrection
 from isf_springback.lift_feedback import lift_awaited, reading_of
 from isf_springback.methods import check_method, check_name, make_corrector
 from isf_springback.scan.feedback import scan_awaited
+
+_log = logging.getLogger(__name__)
 
 STAMP_TOLERANCE = 1e-6
 """s by which the stamp of a scan may lie before the end of the contour it was made after (rounding)."""
@@ -166,7 +169,10 @@ class CorrectionSession:
             corrector = self._corrector_for(contour)
             correction = self._with_missing(contour, corrector.correct(contour))
             corrected = apply(contour, correction)
-        except IsfError as error:
+        except Exception as fault:  # a method may be of another package; whoever waits for the contour learns of it
+            if not isinstance(fault, IsfError):
+                _log.exception("%s: method '%s' failed", contour_label(contour.index), self.method_name)
+            error = coded(fault, where=contour_label(contour.index), advice=f"a fault of method '{self.method_name}'")
             return Outcome(_refusal(contour, self.method_name, error), None)
         self._history = [f for f in self._history if f.nominal.index != contour.index]
         self._history.append(_Formed(contour, correction, corrected))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.events import Event
 from isf_core.geometry.height_map import HeightMap
 from isf_ros import fields
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from isf_analysis.bag import topics
 from isf_analysis.bag.bag_file import BagFile
 from isf_analysis.bag.topics import Topic, cell_types, make_message
 from isf_analysis.measures.contour_scan import ContourScan
-from isf_analysis.measures.events import PartEvent
 from isf_analysis.measures.record import PartRecord
 
 FRAME = "sheet"
@@ -150,7 +150,7 @@ def _result(result: ContourResult) -> Any:
     return make_message(topics.RESULT.type, header=_header(result.end), **_values(result, fields.RESULT))
 
 
-def _event(event: PartEvent) -> Any:
+def _event(event: Event) -> Any:
     x, y, z = event.position
     return make_message(
         topics.EVENT.type,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from isf_core.events import Event, EventKind, kind_name
 from isf_core.geometry.height_map import HeightMap
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,7 +17,6 @@ from scipy import ndimage
 from isf_analysis.figures import style
 from isf_analysis.figures.error_map import draw_errors, draw_opening
 from isf_analysis.measures.deviation import REGIONS, Deviation, directions, flange_level
-from isf_analysis.measures.events import EventKind, PartEvent, kind_name
 
 MM = 1e3
 MARGIN = 25e-3
@@ -52,7 +52,7 @@ def map_limit(*deviations: Deviation | None) -> float:
     return style.rounded_limit(max(largest, default=0.0))
 
 
-def deviation_map(deviation: Deviation, target: HeightMap, limit: float, events: Sequence[PartEvent] = ()) -> Figure:
+def deviation_map(deviation: Deviation, target: HeightMap, limit: float, events: Sequence[Event] = ()) -> Figure:
     """Plan view of one part's deviation, with marks where events happened."""
     x0, x1, y0, y1 = _frame(deviation)
     wide = y1 - y0 < 0.75 * (x1 - x0)
@@ -278,7 +278,7 @@ def _frame(deviation: Deviation) -> tuple[float, float, float, float]:
     )
 
 
-def _draw_events(axes: Axes, events: Sequence[PartEvent]) -> None:
+def _draw_events(axes: Axes, events: Sequence[Event]) -> None:
     """A mark where each event happened, the kinds with shapes and fills of their own."""
     for kind in dict.fromkeys(event.kind for event in events):
         same = [event for event in events if event.kind == kind]

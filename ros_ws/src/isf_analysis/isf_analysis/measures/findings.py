@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 import numpy as np
+from isf_core.events import kind_name
 
 from isf_analysis.measures import events, remarks
 from isf_analysis.measures.force_regions import (
@@ -44,7 +45,7 @@ def findings(record: PartRecord) -> dict[str, Any]:
 def _group(group: events.EventGroup, record: PartRecord) -> dict[str, Any]:
     first = group.first
     return {
-        "kind": events.kind_name(group.kind),
+        "kind": kind_name(group.kind),
         "count": group.count,
         "harmless": group.harmless,
         "first": {

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
+from isf_core.events import Event
 from isf_core.geometry.height_map import HeightMap
 
 from isf_analysis.measures.contour_scan import ContourScan
-from isf_analysis.measures.events import PartEvent
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class PartRecord:
     wall_time: float
     faults: tuple[tuple[int, str], ...] = ()
     notes: tuple[str, ...] = ()
-    events: tuple[PartEvent, ...] = ()
+    events: tuple[Event, ...] = ()
     scans: tuple[ContourScan, ...] = ()
 
     @property

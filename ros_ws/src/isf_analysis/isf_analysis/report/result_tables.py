@@ -10,13 +10,13 @@ from typing import Any
 
 import yaml
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import EventKind, kind_name
 from isf_core.files import yaml_file
 from isf_core.files.job import JobFile
 from isf_core.files.yaml_file import find_named
 
 from isf_analysis.figures.shape_figures import REGION_LABELS
 from isf_analysis.measures.deviation import REGIONS
-from isf_analysis.measures.events import EventKind, kind_name
 from isf_analysis.measures.force_metrics import by_place, force_metrics
 from isf_analysis.measures.record import PartRecord
 

@@ -290,7 +290,7 @@ def test_a_bag_of_an_older_version_names_what_it_lacks(bag: Path, tmp_path: Path
     assert len(record.results) == len(PART.results)
     error = error_of(older(bag, tmp_path / "very old", "forming_force|tick_time|backoffs"))
     assert error.code == ErrorCode.BAG_INCOMPLETE
-    assert "another version of the software: contour/result has no forming_force, backoffs, tick_time" in error.what
+    assert "another version of the software: contour/result has no forming_force, tick_time, backoffs" in error.what
 
 
 def test_a_part_of_another_version_is_noted(tmp_path: Path) -> None:

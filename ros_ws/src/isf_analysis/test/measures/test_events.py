@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,9 @@ from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.bag.topics import cell_types, make_message
 from isf_analysis.measures import scan_cloud
-from isf_analysis.measures.events import EventKind, PartEvent, contour_at, event_of, groups, kind_name
+from isf_analysis.measures.events import contour_at, groups
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import EventKind, kind_name
 from isf_core.geometry.height_map import HeightMap
 from rosbags.rosbag2 import Reader
 from synthetic_part import make_events, make_part
@@ -36,21 +37,6 @@ def topics_folder() -> Path:
     from isf_analysis.bag.topics import message_folder
 
     return message_folder()
-
-
-def test_what_the_machine_of_this_process_tells_is_taken_over() -> None:
-    @dataclass(frozen=True)
-    class Told:
-        kind: EventKind
-        tick: int
-        time: float
-        position: tuple[float, float, float]
-        value: float
-        limit: float
-        text: str
-
-    event = event_of(Told(EventKind.GALLING, 7, 0.014, (1.0, 2.0, 3.0), 210.0, 155.0, "chips"))
-    assert event == PartEvent(2, 0.014, (1.0, 2.0, 3.0), 210.0, 155.0, "chips")
 
 
 def test_events_come_back_from_a_bag(tmp_path: Path) -> None:

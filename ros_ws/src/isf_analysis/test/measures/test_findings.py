@@ -12,12 +12,12 @@ from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.figures import process_figures, shape_figures, style
 from isf_analysis.measures.deviation import compare, directions
-from isf_analysis.measures.events import EventKind, PartEvent
 from isf_analysis.measures.remarks import grouped, spans
 from isf_analysis.measures.summary import summary
 from isf_analysis.report import finding_tables, result_tables
 from isf_analysis.report.page import write_report
 from isf_core.contour import ContourCorrection
+from isf_core.events import Event, EventKind
 from isf_core.geometry.height_map import HeightMap
 from synthetic_part import Cone, make_events, make_part
 
@@ -118,7 +118,7 @@ def test_the_report_tells_it_all_and_escapes_what_others_wrote(tmp_path: Path) -
     assert "Support force by region" in html
     assert (tmp_path / "contact.png").is_file()
     assert "Event: " not in html  # nothing that makes the part scrap
-    torn = PartEvent(int(EventKind.FRACTURE), 3.0, (0.02, 0.0, -0.01), 1.2, 1.0, "the sheet tears")
+    torn = Event(int(EventKind.FRACTURE), 3.0, (0.02, 0.0, -0.01), 1.2, 1.0, "the sheet tears")
     banners = result_tables.banners(summary(replace(PART, events=(torn,))), has_reference=True)
     assert "Event: fracture</strong>the sheet tears." in banners
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from isf_analysis.measures.events import EventKind, PartEvent
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import summary
 from isf_analysis.report.result_tables import banners
 from isf_core.contour import ContourCorrection
 from isf_core.errors import ErrorCode
+from isf_core.events import Event, EventKind
 from isf_core.geometry.height_map import HeightMap
 from synthetic_part import make_part
 
@@ -58,7 +58,7 @@ FLAWS = {
     ),
     "no scan": (replace(EXACT, scan=None), "the shape was not measured"),
     "torn": (
-        replace(EXACT, events=(PartEvent(EventKind.GALLING, 1.0, (0.0, 0.0, 0.0), 2.0, 1.0, "the tool galls"),)),
+        replace(EXACT, events=(Event(EventKind.GALLING, 1.0, (0.0, 0.0, 0.0), 2.0, 1.0, "the tool galls"),)),
         "galling, 1 times: the tool galls",
     ),
     "no contact": (without_contact(), "contact lost: the support tool is under position control"),

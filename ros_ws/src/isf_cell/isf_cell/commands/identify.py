@@ -14,9 +14,9 @@ import trimesh
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.yaml_file import find_named
-from isf_force_ctrl.identify.identification import Finding
-from isf_force_ctrl.identify.rig_piece import rig_reference
-from isf_force_ctrl.identify.settings import IdentifySettings, Property
+from isf_identify.identification import Finding
+from isf_identify.rig_piece import rig_reference
+from isf_identify.settings import IdentifySettings, Property
 from isf_planner.part_library import PARTS, part_mesh
 
 from isf_cell.commands import terminal

@@ -18,8 +18,8 @@ from isf_cell import in_process
 from isf_cell.commands import terminal
 from isf_cell.commands.report import finish, first_failure
 from isf_cell.commands.run_folder import run_folder
-from isf_cell.options import RunOptions
-from isf_cell.processes.reference_run import UNCORRECTED, ReferenceRun
+from isf_cell.options import UNCORRECTED, RunOptions
+from isf_cell.processes.reference_run import ReferenceRun
 from isf_cell.run.part_step import PartStep
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import IsfError, coded
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -175,13 +175,9 @@ def _warnings(summary: Mapping[str, Any]) -> list[str]:
     return [*map(str, summary.get("notes") or ()), *remarks]
 
 
-def unexpected(error: BaseException) -> IsfError:
+def unexpected(error: Exception) -> IsfError:
     """An unforeseen failure in the same form as the expected ones."""
-    return IsfError(
-        ErrorCode.INTERNAL,
-        f"{type(error).__name__}: {error}",
-        advice="a fault of this software; ISF_TRACEBACK=1 shows more",
-    )
+    return coded(error, advice="a fault of this software; ISF_TRACEBACK=1 shows more")
 
 
 def without_nan(value: Any) -> Any:

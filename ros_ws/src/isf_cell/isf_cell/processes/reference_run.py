@@ -16,10 +16,8 @@ from types import TracebackType
 
 from isf_core.errors import ErrorCode, IsfError
 
-from isf_cell.options import RunOptions
+from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.processes.process_group import ends_with_owner
-
-UNCORRECTED = "none"
 
 
 class ReferenceRun:

@@ -1,7 +1,6 @@
-"""The cell through the node graph: blocking calls to its nodes, and the tool lift and the scan between two contours.
+"""The cell through the node graph: machine, planner, springback and force_ctrl by their services, actions and topics.
 
-For a worker thread: services, actions, parameters and lifecycle, all with a watch that ends the wait. Lift and scan are
-the actions of force_ctrl and the service of the machine; the counterpart is :mod:`isf_cell.run.in_process_cell`.
+For a worker thread; messages reach it through the ``on_...`` methods, which the node's executor calls.
 """
 
 from __future__ import annotations
@@ -9,191 +8,360 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
-from isf_core.contour import ContourResult, contour_label
+from isf_core import __version__
+from isf_core.contour import ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
-from isf_msgs.action import LiftTool, MoveAside
-from isf_msgs.srv import Scan
+from isf_msgs.action import LiftTool, MoveAside, PlanPart
+from isf_msgs.msg import Contour, JobInfo, MachineState
+from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
 from isf_ros import stamps
-from isf_ros.conversion import lift_to_cloud
+from isf_ros.conversion import contour_from_message, lift_to_cloud
 from isf_ros.lifecycle import failure
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
-from rclpy.action import ActionClient
-from rclpy.node import Node
-from rclpy.task import Future
+from isf_ros.watchdog import RegularLook
 from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
 
-from isf_cell.run.in_process_cell import NO_ROWS, SETTINGS, lift_rows, tools_aside
+from isf_cell.run.cell import FormedContour, Operator, PartGoal, PlannedPart
+from isf_cell.run.graph_client import GraphClient
+from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
+from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
-POLL = 0.05
-"""s between two looks at the watch function while waiting."""
+MANAGED = ("machine", "planner", "springback", "force_ctrl")
+"""Nodes brought up in this order, down in reverse."""
 
-Watch = Callable[[], None]
+_SYMPTOMS = (ErrorCode.TARGET_LOST, ErrorCode.WRENCH_LOST, ErrorCode.MACHINE_FAULTED, ErrorCode.SERVICE_TIMEOUT)
+"""Failures that may only be the consequence of a node that died; the death is then the thing to tell."""
+
+_NOT_HEARD_YET = (ErrorCode.WRENCH_LOST, ErrorCode.POSE_LOST, ErrorCode.NO_TARE)
+"""What force_ctrl refuses to arm with until it has heard the machine."""
+
+_END_THE_PART = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
+"""Failures of a lift or a scan that the part does not go on after."""
 
 
-class GraphClient:
-    """Clients of the services and actions that a part needs, made once and reused."""
+class Outlet(Protocol):
+    """What is published on the way."""
 
-    def __init__(self, node: Node, timeout: float) -> None:
-        self._node = node
-        self._timeout = timeout
-        self._clients: dict[str, Any] = {}
+    def publish_nominal(self, contour: Contour) -> None: ...
 
-    def call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
-        """Response of a service; raises IsfError NODE_MISSING (no server) or SERVICE_TIMEOUT."""
-        client = self._clients.get(name) or self._clients.setdefault(name, self._node.create_client(kind, name))
-        self.wait_until(client.service_is_ready, watch, f"service '{name}' is not there", ErrorCode.NODE_MISSING)
-        return self._await(client.call_async(request), watch, name, timeout)
+    def publish_info(self, info: JobInfo) -> None: ...
 
-    def checked_call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
-        """As :meth:`call`, and raises the IsfError of a response whose ``code`` is not 0."""
-        response = self.call(kind, name, request, watch, timeout=timeout)
-        if response.code:
-            raise failure(response.code, response.message)
-        return response
+    def publish_lift(self, cloud: PointCloud2) -> None: ...
 
-    def run_action(
-        self, kind: Any, name: str, goal: Any, watch: Watch, on_feedback: Callable[[Any], None], *, timeout: float
-    ) -> Any:
-        """Result of an action; cancels it when the watch raises."""
-        client = self._clients.get(name) or self._clients.setdefault(name, ActionClient(self._node, kind, name))
-        self.wait_until(client.server_is_ready, watch, f"action '{name}' is not there", ErrorCode.NODE_MISSING)
-        handle = self._await(
-            client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback)), watch, name
-        )
-        if not handle.accepted:
-            raise IsfError(ErrorCode.BUSY, f"'{name}' refused the goal", advice="wait until its present goal ends")
-        try:
-            return self._await(handle.get_result_async(), watch, name, timeout).result
-        except IsfError:
-            handle.cancel_goal_async()
-            raise
 
-    def set_parameter(self, node_name: str, name: str, text: str, watch: Watch) -> None:
-        """Set a string parameter of another node; raises the reason of a refusal."""
-        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
-        request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
-        response = self.call(SetParameters, f"{node_name}/set_parameters", request, watch)
-        if not response.results[0].successful:
-            raise IsfError(ErrorCode.METHOD_UNKNOWN, response.results[0].reason)
+@dataclass(frozen=True)
+class GraphSettings:
+    """Times of a run, s of wall time; see the executive's parameters."""
 
-    def state_of(self, node_name: str, watch: Watch) -> int:
-        """Lifecycle state id of a node."""
-        return int(self.call(GetState, f"{node_name}/get_state", GetState.Request(), watch).current_state.id)
+    lockstep: bool
+    service_timeout: float
+    plan_timeout: float
+    contour_timeout: float
+    silence_timeout: float
 
-    def bring_up(self, node_name: str, watch: Watch) -> None:
-        """Configure and activate a node; raises IsfError TRANSITION_FAILED."""
-        if self.state_of(node_name, watch) == State.PRIMARY_STATE_UNCONFIGURED:
-            self._transition(node_name, Transition.TRANSITION_CONFIGURE, "configure", watch)
-        if self.state_of(node_name, watch) == State.PRIMARY_STATE_INACTIVE:
-            self._transition(node_name, Transition.TRANSITION_ACTIVATE, "activate", watch)
 
-    def bring_down(self, node_name: str, watch: Watch) -> None:
-        """Deactivate a node when it is active."""
-        if self.state_of(node_name, watch) == State.PRIMARY_STATE_ACTIVE:
-            self._transition(node_name, Transition.TRANSITION_DEACTIVATE, "deactivate", watch)
+@dataclass(frozen=True)
+class TickCounts:
+    """What the machine counted: ticks, late ones, and targets that were lost."""
 
-    def wait_until(
-        self, condition: Callable[[], bool], watch: Watch, what: str, code: ErrorCode, *, timeout: float | None = None
+    ticks: int = 0
+    late: int = 0
+    lost: int = 0
+
+
+class GraphCell:
+    """A cell of :mod:`isf_cell.run.cell` for one part."""
+
+    def __init__(
+        self,
+        client: GraphClient,
+        monitor: HeartbeatMonitor,
+        outlet: Outlet,
+        operator: Operator,
+        settings: GraphSettings,
     ) -> None:
-        """Wait for a condition; raises IsfError ``code`` with ``what`` after the timeout."""
-        deadline = time.monotonic() + (timeout or self._timeout)
+        self._client = client
+        self._monitor = monitor
+        self._outlet = outlet
+        self._operator = operator
+        self._settings = settings
+        self._look = RegularLook(0.5 * settings.silence_timeout)
+        self._news = threading.Condition()
+        self._results: dict[int, ContourResult] = {}
+        self._corrections: dict[int, ContourCorrection] = {}
+        self._machine: MachineState | None = None
+        self._at_start = TickCounts()
+        self._plan_id = ""
+        self._sensor = False
+
+    # -- news from the graph (executor thread) -------------------------------------------------
+
+    def on_result(self, result: ContourResult) -> None:
+        """A contour ended."""
+        if result.plan_id == self._plan_id:
+            with self._news:
+                self._results[result.index] = result
+                self._news.notify_all()
+
+    def on_correction(self, correction: ContourCorrection) -> None:
+        """A contour was corrected."""
+        if correction.plan_id == self._plan_id:
+            self._corrections[correction.index] = correction
+
+    def on_machine_state(self, state: MachineState) -> None:
+        """The machine told its state."""
+        self._machine = state
+
+    # -- the cell (worker thread) --------------------------------------------------------------
+
+    @property
+    def counts(self) -> TickCounts:
+        """Of the machine since the part began."""
+        state, begin = self._machine, self._at_start
+        if state is None:
+            return TickCounts()
+        return TickCounts(
+            max(0, state.tick - begin.ticks),
+            max(0, state.late_ticks - begin.late),
+            max(0, state.targets_lost - begin.lost),
+        )
+
+    def bring_up(self) -> None:
+        """As in the protocol."""
+        self._monitor.forget_states()
+        for name in MANAGED:
+            # a node may compile or load for long and be silent meanwhile; its answer is a sign of life
+            self._client.bring_up(name, self._watch_operator)
+            self._monitor.hear(name, "")
+
+    def reset(self, goal: PartGoal) -> None:
+        """As in the protocol."""
+        request = Reset.Request(
+            new_blank=goal.first_index == 0,
+            job_text=goal.job_file.text,
+            base_folder=str(goal.job_file.base),
+            world=goal.options.world,
+            seed=goal.options.seed,
+        )
+        self._machine = None
+        timeout = 6 * self._settings.service_timeout
+        self._client.checked_call(Reset, "machine/reset", request, self._watch_nodes, timeout=timeout)
+
+    def tare(self) -> None:
+        """As in the protocol."""
+        self._client.checked_call(Tare, "machine/tare", Tare.Request(), self._watch_nodes)
+        self._client.wait_until(
+            lambda: self._machine is not None and not self._machine.fault_codes and self._machine.tared,
+            self._watch_nodes,
+            "the machine does not tell its state",
+            ErrorCode.SERVICE_TIMEOUT,
+        )
+        state = self._machine
+        assert state is not None  # waited for
+        self._at_start = TickCounts(state.tick, state.late_ticks, state.targets_lost)
+
+    def plan(self, goal: PartGoal) -> PlannedPart:
+        """As in the protocol."""
+        result = self._client.run_action(
+            PlanPart,
+            "plan_part",
+            PlanPart.Goal(job_text=goal.job_file.text, base_folder=str(goal.job_file.base)),
+            self.check,
+            lambda feedback: self._operator.phase(f"planning: {feedback.phase}"),
+            timeout=self._settings.plan_timeout,
+        )
+        if result.code:
+            raise IsfError(ErrorCode(result.code), result.message)
+        self._plan_id = result.plan_id
+        return PlannedPart(result.plan_id, int(result.count))
+
+    def arm(self, goal: PartGoal, planned: PlannedPart) -> None:
+        """As in the protocol; the force controller may first have to hear the machine, just activated."""
+        base, options = str(goal.job_file.base), goal.options
+        self._sensor = goal.job_file.job.springback.scan_sensor
+        self._client.set_parameter("springback", "base_folder", base, self.check)
+        self._client.set_parameter("springback", "method", goal.method, self.check)
+        self._outlet.publish_info(self._info(goal, planned))
+        request = Arm.Request(
+            plan_id=planned.plan_id,
+            first_index=goal.first_index,
+            count=planned.count,
+            job_text=goal.job_file.text,
+            base_folder=base,
+            support_force=options.support_force_field(),
+        )
+        deadline = time.monotonic() + self._settings.service_timeout
         pause = threading.Event()
-        while not condition():
-            watch()
-            if time.monotonic() > deadline:
-                raise IsfError(code, what, advice="see isf doctor and the log of the node")
-            pause.wait(POLL)
+        while True:
+            response = self._client.call(Arm, "force_ctrl/arm", request, self.check)
+            if not response.code:
+                return
+            error = failure(response.code, response.message)
+            if error.code not in _NOT_HEARD_YET or time.monotonic() > deadline:
+                raise error
+            pause.wait(0.2)
 
-    def _transition(self, node_name: str, transition: int, label: str, watch: Watch) -> None:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        # configure may load and compile; it is bounded, but not by the time of an ordinary answer
-        response = self.call(ChangeState, f"{node_name}/change_state", request, watch, timeout=6 * self._timeout)
-        if not response.success:
-            raise IsfError(
-                ErrorCode.TRANSITION_FAILED, f"'{node_name}' could not {label}", advice="its reason is in /diagnostics"
-            )
+    def form_contour(self, index: int) -> FormedContour:
+        """As in the protocol."""
+        request = GetContour.Request(plan_id=self._plan_id, index=index)
+        response = self._client.checked_call(GetContour, "planner/get_contour", request, self.check)
+        with self._news:  # what came before it was sent is no result of this contour
+            self._results.pop(index, None)
+        self._outlet.publish_nominal(response.contour)
+        result = self._wait_for_result(index)
+        return FormedContour(contour_from_message(response.contour), self._corrections.get(index), result)
 
-    def _await(self, future: Future, watch: Watch, name: str, timeout: float | None = None) -> Any:
-        done = threading.Event()
-        future.add_done_callback(lambda _: done.set())
-        limit = timeout or self._timeout
-        deadline = time.monotonic() + limit
-        while not done.wait(POLL):
-            watch()
-            if time.monotonic() > deadline:
-                future.cancel()
-                raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"'{name}' did not answer within {limit:g} s")
-        return future.result()
-
-
-def lift_in_graph(
-    client: GraphClient, watch: Watch, result: ContourResult, timeout: float, tell: Callable[[str], None]
-) -> PointCloud2:
-    """Lift the tool after the contour of ``result``; the message for ``tool_lift``, without points when it failed.
-
-    Raises
-    ------
-    IsfError : NODE_DIED, CANCELLED; every other failure is told, and the part goes on without
-    """
-    goal = LiftTool.Goal(speed=SETTINGS.speed, zero_force=SETTINGS.zero_force, max_lift=SETTINGS.max_lift)
-    rows = NO_ROWS
-    try:
-        found = client.run_action(LiftTool, "lift_tool", goal, watch, lambda _: None, timeout=timeout)
-        if found.code:
-            tell(f"the tool lift after {contour_label(result.index)} failed: {found.message}")
-        else:
-            rows = lift_rows(
-                result, found.springback, found.force, np.asarray(found.lift_z), np.asarray(found.lift_force)
-            )
-    except IsfError as error:
-        if error.code in (ErrorCode.NODE_DIED, ErrorCode.CANCELLED):
-            raise
-        tell(f"no tool lift after {contour_label(result.index)}: {error}")
-    return lift_to_cloud(rows, stamps.from_seconds(result.end))
-
-
-def scan_in_graph(
-    client: GraphClient,
-    watch: Watch,
-    job_file: JobFile,
-    index: int,
-    timeout: float,
-    tell: Callable[[str], None],
-    *,
-    closed: bool,
-) -> None:
-    """Measure the shape after contour ``index``, ``closed`` or not, for springback; ``timeout`` s of the tools' move.
-
-    Tools that cannot be moved aside and a scanner that fails are told, and the part goes on with what there is.
-
-    Raises
-    ------
-    IsfError : NODE_DIED, CANCELLED
-    """
-    after = contour_label(index)
-    if tools_aside(job_file, closed=closed):
+    def lift(self, formed: FormedContour) -> None:
+        """As in the protocol; a lift that failed is published without points."""
+        goal = LiftTool.Goal(speed=SETTINGS.speed, zero_force=SETTINGS.zero_force, max_lift=SETTINGS.max_lift)
+        after, rows, result = contour_label(formed.nominal.index), NO_ROWS, formed.result
         try:
-            moved = client.run_action(MoveAside, "move_aside", MoveAside.Goal(), watch, lambda _: None, timeout=timeout)
-            if moved.code:
-                tell(f"the tools were not moved aside after {after}: {moved.message}")
+            found = self._act(LiftTool, "lift_tool", goal)
+            curve = np.asarray(found.lift_z), np.asarray(found.lift_force)
+            rows = lift_rows(result, found.springback, found.force, *curve)
         except IsfError as error:
-            _unless_over(error)
-            tell(f"the tools were not moved aside after {after}: {error}")
-    request = Scan.Request(clamped=True, sensor=job_file.job.springback.scan_sensor)
-    try:
-        client.checked_call(Scan, "machine/scan", request, watch)
-    except IsfError as error:
-        _unless_over(error)
-        tell(f"no scan after {after}: {error}")
+            self._go_on_after(error, f"no tool lift after {after}")
+        self._outlet.publish_lift(lift_to_cloud(rows, stamps.from_seconds(result.end)))
+
+    def scan(self, formed: FormedContour, *, aside: bool) -> None:
+        """As in the protocol."""
+        after = contour_label(formed.nominal.index)
+        if aside:
+            try:
+                self._act(MoveAside, "move_aside", MoveAside.Goal())
+            except IsfError as error:
+                self._go_on_after(error, f"the tools were not moved aside after {after}")
+        try:
+            self._client.checked_call(Scan, "machine/scan", Scan.Request(clamped=True, sensor=self._sensor), self.check)
+        except IsfError as error:
+            self._go_on_after(error, f"no scan after {after}")
+
+    def check(self) -> None:
+        """Raise IsfError when a node died or was taken down, the operator cancelled, the machine has a fault, or a
+        contour was not corrected."""
+        self._watch_nodes()
+        self._watch_operator()
+        self._watch_states()
+        state = self._machine
+        if state is not None and state.fault_codes:
+            raise IsfError(ErrorCode(state.fault_codes[0]), state.fault_messages[0], where="machine")
+        for correction in list(self._corrections.values()):
+            if correction.code and not len(correction.offset):  # refused: no corrected contour will follow
+                where = f"springback, {contour_label(correction.index)}"
+                raise IsfError(ErrorCode(correction.code), correction.message, where=where)
+
+    def explain(self, error: IsfError) -> IsfError:
+        """A fault that a dead node explains is told as its death."""
+        if error.code not in _SYMPTOMS:
+            return error
+        try:
+            self._client.wait_until(
+                lambda: False, self._watch_nodes, "", error.code, timeout=self._settings.silence_timeout + 1.0
+            )
+        except IsfError as cause:
+            if cause.code == ErrorCode.NODE_DIED:
+                return IsfError(ErrorCode.NODE_DIED, cause.what, where=cause.where, advice=error.message)
+        return error
+
+    def stop(self, error: IsfError) -> None:
+        """Each step may fail without stopping the next; only time limits count, the part has failed already."""
+        if error.code == ErrorCode.CANCELLED:
+            self._attempt(lambda: self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), _no_watch))
+            release = Arm.Request(plan_id="")
+            self._attempt(lambda: self._client.call(Arm, "force_ctrl/arm", release, _no_watch, timeout=60.0))
+        else:
+            reason = f"part ended with {error.code.name}"
+            self._attempt(lambda: self._client.call(Stop, "machine/stop", Stop.Request(reason=reason), _no_watch))
+
+    def finish(self) -> None:
+        """As in the protocol."""
+        dead = set(self._monitor.silent())
+        if self._plan_id and "machine" not in dead:
+            self._attempt(lambda: self._client.call(Scan, "machine/scan", Scan.Request(clamped=True), _no_watch))
+        for name in reversed(MANAGED):
+            if name not in dead and self._monitor.heard(name):
+                self._attempt(lambda name=name: self._client.bring_down(name, _no_watch))  # type: ignore[misc]
+
+    # -- inside ----------------------------------------------------------------------------------
+
+    def _act(self, kind: Any, name: str, goal: Any) -> Any:
+        """Result of an action of force_ctrl between two contours; raises its code."""
+        found = self._client.run_action(
+            kind, name, goal, self.check, lambda _: None, timeout=self._settings.contour_timeout
+        )
+        if found.code:
+            raise failure(found.code, found.message)
+        return found
+
+    def _go_on_after(self, error: IsfError, told: str) -> None:
+        if error.code in _END_THE_PART:
+            raise error
+        self._operator.phase(f"{told}: {error}")
+
+    def _wait_for_result(self, index: int) -> ContourResult:
+        deadline = time.monotonic() + self._settings.contour_timeout
+        with self._news:
+            while index not in self._results:
+                self.check()
+                if time.monotonic() > deadline:
+                    raise IsfError(
+                        ErrorCode.CONTOUR_TIMEOUT,
+                        f"no result within {self._settings.contour_timeout:g} s",
+                        where=contour_label(index),
+                    )
+                self._news.wait(0.1)
+            return self._results[index]
+
+    def _watch_operator(self) -> None:
+        if self._operator.cancelled():
+            raise IsfError(ErrorCode.CANCELLED, "cancelled by the operator")
+
+    def _watch_states(self) -> None:
+        for name, state in self._monitor.deactivated().items():
+            raise IsfError(
+                ErrorCode.NODE_INACTIVE,
+                f"node '{name}' is {state} in the middle of the part",
+                advice="another program deactivated it, or it was started anew; form the part again",
+            )
+
+    def _watch_nodes(self) -> None:
+        if self._look.late():
+            self._monitor.not_served()
+        for name in self._monitor.silent():
+            words = self._monitor.last_words(name)
+            told = f"; its last words: {words}" if words not in ("", "ok") else ""
+            raise IsfError(
+                ErrorCode.NODE_DIED,
+                f"node '{name}' gives no sign of life{told}",
+                advice="the machine holds and releases contact; see the log of the node, restart it",
+            )
+
+    def _attempt(self, action: Callable[[], Any]) -> None:
+        try:
+            action()
+        except IsfError as error:
+            self._operator.phase(f"while ending the part: {error}")
+
+    def _info(self, goal: PartGoal, planned: PlannedPart) -> JobInfo:
+        job, options = goal.job_file.job, goal.options
+        return JobInfo(
+            job_name=job.name,
+            job_text=goal.job_file.text,
+            plan_id=planned.plan_id,
+            process=job.process,
+            correction=goal.method,
+            support_force=float(options.set_point(goal.job_file)),
+            world=options.world,
+            seed=options.seed,
+            control_rate=float(job.control.rate),
+            lockstep=self._settings.lockstep,
+            software=__version__,
+        )
 
 
-def _unless_over(error: IsfError) -> None:
-    if error.code in (ErrorCode.NODE_DIED, ErrorCode.CANCELLED):
-        raise error
+def _no_watch() -> None:
+    """Nothing ends the wait but its time limit."""

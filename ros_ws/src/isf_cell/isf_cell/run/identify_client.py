@@ -10,8 +10,8 @@ from contextlib import suppress
 import numpy as np
 import rclpy
 from isf_core.errors import ErrorCode, IsfError
-from isf_force_ctrl.identify.identification import Finding
-from isf_force_ctrl.identify.settings import IdentifySettings
+from isf_identify.identification import Finding
+from isf_identify.settings import IdentifySettings
 from isf_msgs.action import Identify
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor

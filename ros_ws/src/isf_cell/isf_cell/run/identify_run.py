@@ -8,10 +8,10 @@ from datetime import date
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.identify.identification import Finding, finding
-from isf_force_ctrl.identify.rig_piece import rig_reference
-from isf_force_ctrl.identify.settings import IdentifySettings, Property, ToolGeometry
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
+from isf_identify.identification import Finding, finding, make_probe
+from isf_identify.rig_piece import rig_reference
+from isf_identify.settings import IdentifySettings, Property, ToolGeometry
 from isf_planner import plan
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
@@ -42,7 +42,7 @@ def identify(
     part = plan(job_file)
     machine = machine or SimulatedMachine(job_file, world=world, seed=seed)
     machine.tare()
-    controller = MeasuringController(ControlConfig.from_job(job_file))
+    controller = ForceController(ControlConfig.from_job(job_file))
     sample = machine.sample()
     count = len(part.contours)
     controller.arm(part.plan_id, 0, count, sample.tip_1.tolist(), sample.tip_2.tolist())
@@ -62,7 +62,7 @@ def identify(
         result = controller.take_result()
         if result is None or result.code:
             raise IsfError(ErrorCode(result.code if result else 1), result.message if result else "no result")
-    probe = controller.identify(settings, ToolGeometry.from_job(job_file))
+    probe = controller.measure(lambda rest: make_probe(rest, settings, ToolGeometry.from_job(job_file)))
     _run(controller, machine, sample, (lambda: progress(probe.phase, probe.progress)) if progress else None)
     return finding(probe, controller.config, job_file.rig, rig_reference(job_file), date.today().isoformat())
 
@@ -72,7 +72,7 @@ def _contours(settings: IdentifySettings, count: int) -> int:
 
 
 def _run(
-    controller: MeasuringController, machine: SimulatedMachine, sample: MachineSample, tell: Callable[[], None] | None
+    controller: ForceController, machine: SimulatedMachine, sample: MachineSample, tell: Callable[[], None] | None
 ) -> MachineSample:
     every = max(1, round(machine.control_rate / POSES))
     while controller.busy:

@@ -1,22 +1,29 @@
-"""The cell in one process: control ticks, and the tool lift and the scan between contours.
+"""The cell in one process: the same cores as in the nodes, tick by tick, and the record of what they did.
 
-Counterpart of :mod:`isf_cell.run.graph_cell`, which takes from here how a lift is made and where the tools go aside.
 SI units, frame ``sheet``.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from isf_core.contour import Contour, ContourResult
+from dataclasses import replace
+
+from isf_analysis.measures.contour_scan import ContourScan, kept_scan
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
-from isf_core.types import Array
-from isf_force_ctrl.measurements.tool_lift import LiftSettings
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.measurements.tool_lift import lift_tool
+from isf_planner import Plan, plan
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
+from isf_springback.corrector import Corrector, apply
+from isf_springback.lift_feedback import reading_of
+from isf_springback.methods import make_corrector
+
+from isf_cell.run.cell import FormedContour, PartGoal, PlannedPart
+from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
 
-def run_ticks(controller: MeasuringController, machine: SimulatedMachine, sample: MachineSample) -> MachineSample:
+def run_ticks(controller: ForceController, machine: SimulatedMachine, sample: MachineSample) -> MachineSample:
     """Tick from ``sample`` until the controller rests; the last sample.
 
     A fault of the machine, which holds from then on, ends what the controller is doing with the machine's code.
@@ -29,62 +36,123 @@ def run_ticks(controller: MeasuringController, machine: SimulatedMachine, sample
     return sample
 
 
-SETTINGS = LiftSettings(speed=5e-3, zero_force=5.0, max_lift=12e-3)
-"""Slow against the forming feed, threshold of two to three steps of a load cell, more than twice any published
-springback (assumed)."""
+class InProcessCell:
+    """A cell of :mod:`isf_cell.run.cell`, and what happened in it; ``part_plan``: the plan to form, None: made anew.
 
-NO_ROWS = np.empty((0, 4))
-
-
-def lift_rows(result: ContourResult, springback: float, force: float, lift_z: Array, lift_force: Array) -> Array:
-    """Rows of a lift at the last point of the contour of ``result``; lift_z, lift_force (K,) of the way there and back.
-
-    ``springback`` m and ``force`` N as the force controller tells them.
+    Attributes
+    ----------
+    part_plan : once planned
+    nominal, corrected, corrections, results : one per contour formed
+    scans : made between contours
     """
-    if not np.isfinite(springback) or not len(lift_z) or not len(result.forming_target):
-        return NO_ROWS
-    x, y = result.forming_target[-1, :2]
-    up = float(np.sign(springback)) or 1.0
-    top = int(np.argmax(up * lift_z)) + 1
-    begin = float(lift_z[0])
-    z = np.concatenate([[begin], lift_z[:top], [begin + springback]])
-    forces = np.concatenate([[abs(force)], np.abs(lift_force[:top]), [0.0]])
-    return np.column_stack([np.full(len(z), x), np.full(len(z), y), z, forces])
 
+    machine: SimulatedMachine
+    sample: MachineSample
 
-def lift_in_process(
-    controller: MeasuringController, machine: SimulatedMachine, sample: MachineSample, result: ContourResult
-) -> tuple[Array, MachineSample]:
-    """Lift the tool after the contour of ``result``; the rows and the sample after it."""
-    try:
-        lift = controller.lift_tool(SETTINGS)
-    except IsfError:  # the tools are not on the sheet, as between two features
-        return NO_ROWS, sample
-    sample = run_ticks(controller, machine, sample)
-    if lift.code is not ErrorCode.OK:
-        return NO_ROWS, sample
-    found = lift.record()
-    return lift_rows(result, found.springback, found.force, found.lift_z, found.lift_force), sample
+    def __init__(self, part_plan: Plan | None = None) -> None:
+        self.part_plan = part_plan
+        self.nominal: list[Contour] = []
+        self.corrected: list[Contour] = []
+        self.corrections: list[ContourCorrection] = []
+        self.results: list[ContourResult] = []
+        self.scans: list[ContourScan] = []
+        self._corrector: Corrector
+        self._controller: ForceController
+        self._sensor = False
 
+    def bring_up(self) -> None:
+        """Nothing has to be started."""
 
-def tools_aside(job_file: JobFile, *, closed: bool) -> bool:
-    """True when the tools leave the sheet for the scan after a contour that is ``closed`` or not."""
-    return job_file.job.springback.scan_clear and closed
+    def reset(self, goal: PartGoal) -> None:
+        """A new machine with a fresh blank."""
+        self.machine = SimulatedMachine(goal.job_file, world=goal.options.world, seed=goal.options.seed)
 
+    def tare(self) -> None:
+        """As in the protocol."""
+        self.machine.tare()
+        self.sample = self.machine.sample()
 
-def scan_in_process(
-    job_file: JobFile,
-    contour: Contour,
-    controller: MeasuringController,
-    machine: SimulatedMachine,
-    sample: MachineSample,
-) -> tuple[Array, MachineSample]:
-    """(P, 3) m, points of the upper surface in the clamp after ``contour``, and the sample after the scan."""
-    if tools_aside(job_file, closed=contour.closed):
-        controller.move_aside()
-        sample = run_ticks(controller, machine, sample)
-    if job_file.job.springback.scan_sensor:
-        points = machine.measured_cloud(duration=not machine.moving)
-    else:
-        points = machine.measured_shape().points()
-    return points, machine.sample()  # a scan takes its time
+    def plan(self, goal: PartGoal) -> PlannedPart:
+        """Plan, unless a plan was given."""
+        self.part_plan = self.part_plan or plan(goal.job_file)
+        return PlannedPart(self.part_plan.plan_id, len(self.part_plan.contours))
+
+    def arm(self, goal: PartGoal, planned: PlannedPart) -> None:
+        """As in the protocol."""
+        assert self.part_plan is not None  # planned before
+        job_file, sample = goal.job_file, self.sample
+        self._corrector = make_corrector(goal.method, job_file)
+        self._corrector.set_target(self.part_plan.target)
+        self._controller = ForceController(ControlConfig.from_job(job_file, support_force=goal.options.support_force))
+        tips = sample.tip_1.tolist(), sample.tip_2.tolist()
+        self._controller.arm(planned.plan_id, goal.first_index, planned.count, *tips)
+        self._sensor = job_file.job.springback.scan_sensor
+
+    def form_contour(self, index: int) -> FormedContour:
+        """As in the protocol."""
+        assert self.part_plan is not None  # planned before
+        nominal = self.part_plan.contours[index]
+        correction = self._corrector.correct(nominal)
+        corrected = apply(nominal, correction)
+        self._controller.start(corrected)
+        self._run()
+        result = self._controller.take_result()
+        if result is None:
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED,
+                "the force controller ended without a result",
+                where=contour_label(index),
+            )
+        self._corrector.add_result(corrected, result)
+        self.nominal.append(nominal)
+        self.corrected.append(corrected)
+        self.corrections.append(correction)
+        self.results.append(result)
+        return FormedContour(nominal, correction, result)
+
+    def lift(self, formed: FormedContour) -> None:
+        """As in the protocol."""
+        rows = NO_ROWS
+        try:
+            lift = lift_tool(self._controller, SETTINGS)
+        except IsfError:  # the tools are not on the sheet, as between two features
+            pass
+        else:
+            self._run()
+            if lift.code is ErrorCode.OK:
+                found = lift.record()
+                rows = lift_rows(formed.result, found.springback, found.force, found.lift_z, found.lift_force)
+        self._corrector.add_lift(reading_of(rows), formed.nominal.index)
+
+    def scan(self, formed: FormedContour, *, aside: bool) -> None:
+        """As in the protocol: the upper surface in the clamp."""
+        if aside:
+            self._controller.move_aside()
+            self._run()
+        machine = self.machine
+        points = (
+            machine.measured_cloud(duration=not machine.moving) if self._sensor else machine.measured_shape().points()
+        )
+        self.sample = machine.sample()  # a scan takes its time
+        self._corrector.add_scan(points, formed.nominal.index)
+        self.scans.append(kept_scan(formed.nominal.index, self.sample.time, points))
+
+    def check(self) -> None:
+        """A fault between two contours is told by the result of the one before."""
+        if self._controller.fault is not None:
+            code, text = self._controller.fault
+            self.results[-1] = replace(self.results[-1], completed=False, code=int(code), message=text)
+            raise IsfError(code, text)
+
+    def explain(self, error: IsfError) -> IsfError:
+        """Nothing else can be known."""
+        return error
+
+    def stop(self, error: IsfError) -> None:
+        """Time stands still: nothing moves."""
+
+    def finish(self) -> None:
+        """The shape is read from the machine by whoever wants it."""
+
+    def _run(self) -> None:
+        self.sample = run_ticks(self._controller, self.machine, self.sample)

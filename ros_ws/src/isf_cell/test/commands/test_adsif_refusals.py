@@ -43,9 +43,9 @@ def test_a_method_set_by_parameter_corrects_no_adsif_contour() -> None:
     for name in method_names():
         session = CorrectionSession(timeout=0.0)
         session.choose(name)
-        session.take_job(job_file)
-        session.take_contour(contour)
-        outcome = session.work()
+        session.set_job(job_file)
+        session.add_contour(contour)
+        outcome = session.advance()
         assert outcome is not None
         if name == "none":
             assert outcome.corrected is not None

@@ -14,7 +14,7 @@ from isf_cell.run.identify_run import identify
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import load_rig
-from isf_force_ctrl.identify.settings import IdentifySettings, Property
+from isf_identify.settings import IdentifySettings, Property
 from typer.testing import CliRunner
 
 JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"

@@ -10,8 +10,8 @@ from isf_cell.commands import identify, springback_compare, terminal
 from isf_cell.commands.calibrate_cell import calibrate_file
 from isf_cell.commands.springback import calibrate_clamp, predict_part
 from isf_core.errors import ErrorCode, IsfError
-from isf_force_ctrl.identify.identification import Finding
-from isf_force_ctrl.identify.settings import IdentifySettings, Property
+from isf_identify.identification import Finding
+from isf_identify.settings import IdentifySettings, Property
 
 JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 

@@ -25,6 +25,7 @@ WAITING = "#!/bin/sh\nexec sleep 1000  # ended by the test\n"
 OWNER = """
 import signal, sys
 from pathlib import Path
+from isf_cell.processes.process_group import ProcessGroup
 node = ProcessGroup(Path(sys.argv[1])).start("some_package", "waiting", {})
 print(node.popen.pid, flush=True)
 signal.pause()

@@ -44,7 +44,7 @@ def first_loss(force: float, compensation: float) -> int:
         while controller.busy:
             targets = controller.tick(sample.tick, sample.time, sample.wrench_1.tolist(), sample.wrench_2.tolist())
             sample = machine.tick(targets.tip_1, targets.tip_2)
-        result = controller.add_result()
+        result = controller.take_result()
         assert result is not None
         assert result.completed
         method.add_result(contour, result)

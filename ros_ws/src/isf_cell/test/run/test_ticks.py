@@ -8,7 +8,7 @@ from isf_cell.run.in_process_cell import run_ticks
 from isf_core.errors import ErrorCode
 from isf_core.files.job import load_job
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
 from isf_planner import plan
 from isf_sim.machine.simulated_machine import SimulatedMachine
 
@@ -21,7 +21,7 @@ def test_a_faulted_machine_does_not_complete_a_contour() -> None:
     part = plan(job_file)
     machine = SimulatedMachine(job_file)
     machine.tare()
-    controller = MeasuringController(ControlConfig.from_job(job_file))
+    controller = ForceController(ControlConfig.from_job(job_file))
     sample = machine.sample()
     controller.arm(part.plan_id, 0, len(part.contours), sample.tip_1.tolist(), sample.tip_2.tolist())
     controller.start(part.contours[0])

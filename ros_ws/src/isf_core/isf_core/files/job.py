@@ -16,14 +16,16 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from isf_core.contour import Process
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.material import Material, load_material
 from isf_core.files.quantity import Acceleration, Angle, Force, Frequency, Length, Speed, Stress
@@ -535,12 +537,46 @@ def correction_refusal(process: str, method: str) -> str:
     return f"process ADSIF forms at a constant depth: {method} would push both tools off the plane they must stay in"
 
 
+BUILT_IN = ("SPIF", "TPIF", "DSIF", "ADSIF")
+"""Processes that machine, force control and simulated sheet know."""
+
+PROCESSES = "isf.processes"
+"""Entry points of processes: classes of the planner, or of a package beside it."""
+
+
+def process_names() -> list[str]:
+    """Names of all processes that are installed, sorted."""
+    return sorted({*BUILT_IN, *entry_points(group=PROCESSES).names})
+
+
+def load_process(name: str) -> Any:
+    """The class registered as process ``name``; raises IsfError FILE_FIELD when it is missing or cannot be loaded."""
+    found = [entry for entry in entry_points(group=PROCESSES) if entry.name == name]
+    try:
+        return found[0].load()
+    except Exception as error:  # a process of another package may fail in any way while it is loaded
+        why = f"{type(error).__name__}: {error}" if found else "no package registers it"
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"the process {name} cannot be loaded: {why}",
+            where=found[0].value if found else "process",
+            advice=f"known: {', '.join(process_names())}",
+        ) from error
+
+
+def _installed(name: Any) -> Any:
+    """Of another package's process its kind stands here already."""
+    if isinstance(name, str) and name not in BUILT_IN:
+        raise ValueError(f"no installed package has the process {name}; known: {', '.join(process_names())}")
+    return name
+
+
 class Job(FileModel):
     """One part to be formed."""
 
     name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.-]+$")
     part: PartSpec
-    process: Literal["SPIF", "TPIF", "DSIF", "ADSIF"]
+    process: Annotated[Literal["SPIF", "TPIF", "DSIF", "ADSIF"], BeforeValidator(_installed)]
     rig: str
     sheet: SheetSpec
     tool_1: ToolSpec
@@ -551,6 +587,8 @@ class Job(FileModel):
     adsif: AdsifSpec | None = None
     control: ControlSpec = ControlSpec()
     springback: SpringbackSpec = SpringbackSpec()
+    strategy: str = ""
+    """Process of another package that plans the contours; ``process: NAME`` sets it, and its kind as the process."""
     wall_angle_limit: Angle | None = Field(default=None, gt=0.0, lt=1.5708)
     """Overrides the material's largest wall angle."""
     _support_window: SupportWindow | None = PrivateAttr(default=None)
@@ -624,6 +662,18 @@ class Job(FileModel):
         if on_blank or not isinstance(control, dict) or "support_force" in control:
             return data
         return {**data, "control": {**control, "support_force": "auto"}}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_process(cls, data: Any) -> Any:
+        """A process of another package: its kind is the process, its name the strategy. The last one runs first."""
+        name = data.get("process") if isinstance(data, dict) else None
+        if not isinstance(name, str) or name in BUILT_IN or name not in process_names():
+            return data  # an unknown one is told with its place by _installed
+        kind = getattr(load_process(name), "kind", None)
+        if kind not in BUILT_IN:
+            raise ValueError(f"the process {name} has the kind {kind!r}: it must be one of {', '.join(BUILT_IN)}")
+        return {**data, "process": kind, "strategy": name}
 
     @property
     def support_window(self) -> SupportWindow | None:

@@ -66,7 +66,7 @@ def _mapping(text: str) -> dict[str, Any] | None:
     """The mapping of ``text``, None where it is none: the checks of :mod:`isf_core.files.yaml_file` say why."""
     try:
         data = yaml.safe_load(text)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError, RecursionError):
         return None
     return data if isinstance(data, dict) else None
 

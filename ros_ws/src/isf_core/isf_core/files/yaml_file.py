@@ -53,8 +53,8 @@ def parse(text: str, model: type[Model], name: str) -> Model:
 
     Raises
     ------
-    IsfError : FILE_SYNTAX (not YAML, not a mapping), FILE_UNIT (missing or wrong unit),
-        FILE_FIELD (unknown, missing or out-of-range field)
+    IsfError : FILE_SYNTAX (not YAML, not a mapping, nested too deeply), FILE_UNIT (missing or wrong unit),
+        FILE_FIELD (unknown, missing or out-of-range field; a date or number that is none)
     """
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -65,6 +65,11 @@ def parse(text: str, model: type[Model], name: str) -> Model:
         problem = getattr(error, "problem", None) or "not valid YAML"
         advice = "check indentation and colons"
         raise IsfError(ErrorCode.FILE_SYNTAX, str(problem), where=where, advice=advice) from error
+    except ValueError as error:  # what looks like a date or a number and is none
+        what = f"a value cannot be read: {error}"
+        raise IsfError(ErrorCode.FILE_FIELD, what, where=name, advice="put a text in quotes") from error
+    except RecursionError as error:
+        raise IsfError(ErrorCode.FILE_SYNTAX, "is nested too deeply", where=name) from error
     if not isinstance(data, dict) or root is None:
         raise IsfError(
             ErrorCode.FILE_SYNTAX, "is empty or not a mapping of fields", where=name, advice="start from an example"

@@ -1,7 +1,12 @@
 """Measurements made by the tools between contours: a sequence of small moves, one row per control tick.
 
 :class:`Measurement` is what the controller asks for, :class:`Probe` a measurement written as a program of moves,
-:class:`Glide` a straight move whose end is not known beforehand. Frame ``sheet``, SI units.
+:class:`Glide` a straight move whose end is not known beforehand. Measurements of other packages, which actions of the
+node begin, are found by name (:func:`load_measurement`)::
+
+    entry_points={"isf_force_ctrl.measurements": ["identify = my_package.my_module:MyMeasurement"]}
+
+Frame ``sheet``, SI units.
 """
 
 from __future__ import annotations
@@ -9,17 +14,46 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import Protocol
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any, Protocol
 
 import numpy as np
+from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
 
 from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.control_state import Targets
 from isf_force_ctrl.motion import tool_moves
 from isf_force_ctrl.motion.segments import Column, Row, posture_of, rows_of
 from isf_force_ctrl.motion.tool_moves import Posture, Tools
 from isf_force_ctrl.motion.trajectory import Motion
+
+
+@dataclass(frozen=True)
+class Stand:
+    """How the tools stand: which, the sheet's normal (3,) there, and whether they are ``clear`` of it."""
+
+    tools: Tools
+    lift_normal: Array
+    clear: bool
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """Where a measurement begins.
+
+    Attributes
+    ----------
+    config : of the controller ; row : that is commanded ; stand : of the tools
+    formed : contour formed last, None on an unformed blank
+    """
+
+    config: ControlConfig
+    row: Row
+    stand: Stand
+    formed: Contour | None
 
 
 class Measurement(Protocol):
@@ -41,11 +75,43 @@ class Measurement(Protocol):
     def message(self) -> str:
         """Text of the code; empty when OK."""
 
-    def step(self, forces: tuple[float, ...]) -> Row:
-        """Row of the next tick from the ``forces`` (6,) N of the sheet on tool 1 and tool 2 at the present one."""
+    @property
+    def stand(self) -> Stand:
+        """Of the tools after the last step."""
+
+    @property
+    def keeps_offsets(self) -> bool:
+        """True when the offsets of force loop and compliance stay as they are; else they go back to zero."""
+
+    def step(self, time: float, targets: Targets, forces: tuple[float, ...]) -> Row:
+        """Row of the next tick from ``forces`` (6,) N of the sheet on tool 1 and tool 2 at the present one.
+
+        ``time`` s is the present one, ``targets`` what was commanded for it, offsets included.
+        """
+
+    def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:
+        """The machine has reported the ``tip`` (3,) m of ``tool`` (1, 2) at ``time`` s."""
 
     def give_up(self, code: ErrorCode, text: str, *, stay: bool) -> None:
         """End early: come to rest and ``stay`` there, or return to the begin first."""
+
+
+GROUP = "isf_force_ctrl.measurements"
+
+
+def load_measurement(name: str) -> Any:
+    """What is registered as measurement ``name``; raises IsfError MEASUREMENT_REFUSED when nothing can be loaded."""
+    found = [entry for entry in entry_points(group=GROUP) if entry.name == name]
+    try:
+        return found[0].load()
+    except Exception as error:  # another package may fail in any way while it is loaded
+        why = f"{type(error).__name__}: {error}" if found else "no package that is installed has it"
+        raise IsfError(
+            ErrorCode.MEASUREMENT_REFUSED,
+            f"the measurement '{name}' cannot be loaded: {why}",
+            where=found[0].value if found else name,
+            advice="install the package that registers it, such as isf_identify",
+        ) from error
 
 
 Program = Iterator[Row]
@@ -57,19 +123,21 @@ ACCELERATION = 0.05
 class Probe(ABC):
     """Base of measurements that begin anywhere and end with the tools parked."""
 
-    def __init__(self, config: ControlConfig, row: Row, tools: Tools, lift_normal: Array, *, clear: bool) -> None:
-        """Begins at ``row``; ``tools`` and ``lift_normal`` (3,) say how they are lifted unless they are ``clear``."""
-        self._config = config
-        self._row = list(row)
-        self._row[Column.SET_POINT] = self._row[Column.COORDINATE] = float("nan")
-        self._row[Column.SPEED] = self._row[Column.LEARNED] = 0.0
-        self._before = self._row
-        self._lift_tools, self.lift_normal = tools, np.asarray(lift_normal, dtype=float)
-        self.clear = clear
+    keeps_offsets = False
+
+    def __init__(self, rest: AtRest) -> None:
+        self.config, stand = rest.config, rest.stand
+        self.row = list(rest.row)
+        """Commanded for the present tick."""
+        self.row[Column.SET_POINT] = self.row[Column.COORDINATE] = float("nan")
+        self.row[Column.SPEED] = self.row[Column.LEARNED] = 0.0
+        self._before = self.row
+        self._lift_tools, self.lift_normal = stand.tools, np.asarray(stand.lift_normal, dtype=float)
+        self.clear = stand.clear
         """The tools are off the sheet."""
-        self.tools = Tools(tools.forming, with_support=True)
+        self.tools = Tools(stand.tools.forming, with_support=True)
         self.forces: tuple[float, ...] = (0.0,) * 6
-        self.targets = self._row[:6]
+        self.targets = self.row[:6]
         """(6,) m, tips that were commanded for the present tick, offsets included."""
         self.time = 0.0
         """s, of the present tick."""
@@ -81,21 +149,26 @@ class Probe(ABC):
 
     # -- what the controller calls ---------------------------------------------------------------
 
-    def step(self, forces: tuple[float, ...]) -> Row:
-        """Row of the next tick from ``forces`` (6,) N at the present one."""
-        self.forces = forces
-        present = self._row
+    @property
+    def stand(self) -> Stand:
+        """As in the protocol."""
+        return Stand(self.tools, self.lift_normal, self.clear)
+
+    def step(self, time: float, targets: Targets, forces: tuple[float, ...]) -> Row:
+        """As in the protocol."""
+        self.time, self.targets, self.forces = time, [*targets.tip_1, *targets.tip_2], forces
+        present = self.row
         try:
             if not self._leaving:
                 self.watch()
-            self._row = next(self._program)
+            self.row = next(self._program)
         except IsfError as error:
             self._retreat(error.code, error.message, stay=False)
-            self._row = next(self._program, self._row)
+            self.row = next(self._program, self.row)
         except StopIteration:
             self.ended = True
         self._before = present
-        return self._row
+        return self.row
 
     def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:  # noqa: B027 - few probes want it
         """The machine has reported the ``tip`` (3,) m of ``tool`` (1, 2) at ``time`` s."""
@@ -119,20 +192,20 @@ class Probe(ABC):
 
     def here(self) -> Posture:
         """Where the tools are commanded to be, offsets left out."""
-        return posture_of(self._row)
+        return posture_of(self.row)
 
     def follow(self, motions: list[Motion]) -> Program:
         """Rows of moves, one after the other."""
         for motion in motions:
             for row in rows_of(motion)[1:]:  # the first one is where the tools are
                 row[Column.SET_POINT] = row[Column.COORDINATE] = float("nan")
-                row[Column.HOLDER] = self._row[Column.HOLDER]
+                row[Column.HOLDER] = self.row[Column.HOLDER]
                 yield row
 
     def rest(self, time: float, each_tick: Callable[[], None] | None = None) -> Program:
         """Stand still for ``time`` s; ``each_tick`` is called with the forces of every tick."""
-        for _ in range(max(1, round(time * self._config.rate))):
-            yield self._row
+        for _ in range(max(1, round(time * self.config.rate))):
+            yield self.row
             if each_tick is not None:
                 each_tick()
 
@@ -140,8 +213,8 @@ class Probe(ABC):
         self, way_1: Array, way_2: Array, length: float, speed: float, enough: Callable[[], bool] | None = None
     ) -> Program:
         """Move tool 1 along ``way_1`` and tool 2 along ``way_2`` (3,) by up to ``length`` m, until ``enough()``."""
-        start = list(self._row)
-        glide = Glide(length, speed, ACCELERATION, self._config.rate)
+        start = list(self.row)
+        glide = Glide(length, speed, ACCELERATION, self.config.rate)
         while length > 0.0:
             moved = glide.step()
             row = list(start)
@@ -158,14 +231,14 @@ class Probe(ABC):
     # -- inside ----------------------------------------------------------------------------------
 
     def _whole(self) -> Program:
-        yield from self._away()
+        yield from self.away()
         yield from self.program()
         self._leaving = True
-        yield from self._away()
+        yield from self.away()
 
-    def _away(self) -> Program:
+    def away(self) -> Program:
         """Lift both tools clear of the sheet, and park them."""
-        config, here = self._config, self.here()
+        config, here = self.config, self.here()
         self.phase = "lifting the tools"
         if self.clear:
             height = config.park_height
@@ -189,19 +262,19 @@ class Probe(ABC):
 
     def _velocity(self) -> Array:
         """(6,) m/s of both tips."""
-        return self._config.rate * (np.array(self._row[:6]) - np.array(self._before[:6]))
+        return self.config.rate * (np.array(self.row[:6]) - np.array(self._before[:6]))
 
     def _leave(self, velocity: Array, *, stay: bool) -> Program:
         """Brake straight on from ``velocity`` (6,) m/s, then lift and park unless the tools ``stay``."""
         if np.abs(velocity).max() > 1e-9:
             self.phase = "stopping"
-            yield from self.follow([tool_moves.brake(self._config, self.here(), (velocity[:3], velocity[3:]))])
+            yield from self.follow([tool_moves.brake(self.config, self.here(), (velocity[:3], velocity[3:]))])
         if not stay:
-            yield from self._away()
+            yield from self.away()
         elif self.clear:
             # who stays over (or under) the sheet is lifted before anything else; at park height there is no need
-            heights = min(self._row[Column.TIP_1 + 2], -self._row[Column.TIP_2 + 2])
-            self.clear = heights > self._config.park_height - self._config.clearance
+            heights = min(self.row[Column.TIP_1 + 2], -self.row[Column.TIP_2 + 2])
+            self.clear = heights > self.config.park_height - self.config.clearance
 
 
 _BRAKING = 0.8

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +19,10 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
 
 from isf_force_ctrl.control_config import ControlConfig
-from isf_force_ctrl.measurements.measurement import Glide
+from isf_force_ctrl.control_state import Targets
+from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.measurements.measurement import AtRest, Glide
 from isf_force_ctrl.motion.segments import Column, Row
-from isf_force_ctrl.motion.tool_moves import Tools
 
 SUPPORT_CLEAR = 2.0e-3
 """m along the sheet's normal, way of the support tool out of contact."""
@@ -68,11 +70,20 @@ class LiftRecord:
     lift_force: Array
 
 
-class ToolLift:
-    """A :class:`~isf_force_ctrl.measurements.measurement.Measurement`; begins at ``row``, ``tools`` on the sheet."""
+def lift_tool(controller: ForceController, settings: LiftSettings) -> ToolLift:
+    """Begin to measure springback where the tools are; raises IsfError NOT_ARMED."""
+    return controller.measure(lambda rest: ToolLift(rest, settings), on_sheet=True)
 
-    def __init__(self, config: ControlConfig, settings: LiftSettings, row: Row, tools: Tools, normal: Array) -> None:
-        """``normal`` (3,) of the sheet where the tools are. Raises IsfError NOT_ARMED for settings out of range."""
+
+class ToolLift:
+    """A :class:`~isf_force_ctrl.measurements.measurement.Measurement`; begins and ends with the tools on the sheet."""
+
+    keeps_offsets = True
+
+    def __init__(self, rest: AtRest, settings: LiftSettings) -> None:
+        """Raises IsfError NOT_ARMED for settings out of range."""
+        config, row, tools, normal = rest.config, rest.row, rest.stand.tools, rest.stand.lift_normal
+        self.stand = rest.stand
         self._up = 1.0 if tools.forming == 1 else -1.0
         _check(config, settings, row[_z_column(tools.forming)] * self._up)
         self._config, self._settings, self._tools = config, settings, tools
@@ -103,8 +114,11 @@ class ToolLift:
 
     # -- every tick ----------------------------------------------------------------------------
 
-    def step(self, forces: tuple[float, ...]) -> Row:
-        """Row of the next tick from ``forces`` (6,) N at the present one."""
+    def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:
+        """Heights are those commanded."""
+
+    def step(self, time: float, targets: Targets, forces: tuple[float, ...]) -> Row:
+        """As in the protocol."""
         axial = self._up * forces[self._axis]
         self._recent.append(axial)
         if self.phase in ("lifting", "returning"):

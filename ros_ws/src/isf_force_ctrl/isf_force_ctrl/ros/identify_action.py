@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from datetime import date
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
@@ -12,14 +11,10 @@ from isf_core.files.job import JobFile
 from isf_msgs.action import Identify
 from isf_ros.background import in_thread
 from isf_ros.lifecycle import CellNode
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 
-from isf_force_ctrl.identify.identification import finding
-from isf_force_ctrl.identify.rig_piece import rig_reference
-from isf_force_ctrl.identify.settings import IdentifySettings, ToolGeometry
-from isf_force_ctrl.measurements.measurement import Probe
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.measurements.measurement import Probe, load_measurement
 from isf_force_ctrl.ros.measurement_actions import follow
 from isf_force_ctrl.ros.readiness import Readiness
 
@@ -36,26 +31,15 @@ class IdentifyAction:
         node: CellNode[Any],
         lock: threading.RLock,
         ready: Readiness,
-        armed: Callable[[], tuple[MeasuringController, JobFile] | None],
+        armed: Callable[[], tuple[ForceController, JobFile] | None],
         begun: Callable[[], None],
     ) -> None:
         self._node, self._lock, self._ready, self._armed, self._begun = node, lock, ready, armed, begun
-        self._server = ActionServer(
-            node,
-            Identify,
-            "identify",
-            self._identify,
-            goal_callback=lambda _: GoalResponse.ACCEPT if node.is_active else GoalResponse.REJECT,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
-
-    def close(self) -> None:
-        """Destroy the action server."""
-        self._server.destroy()
+        node.create_action_server(Identify, "identify", self._identify, lambda _: node.is_active)
 
     async def _identify(self, handle: ServerGoalHandle) -> Identify.Result:
         try:
-            controller, job_file, probe = self._start(handle.request)
+            controller, identification, probe = self._start(handle.request)
         except IsfError as error:
             self._node.report(error)
             handle.abort()
@@ -68,7 +52,7 @@ class IdentifyAction:
             follow(handle, lambda: controller.measuring, controller.cancel, self._lock, tell)
             if not probe.ended and probe.code is ErrorCode.OK:  # the controller was put away
                 probe.give_up(ErrorCode.STOPPED, "the measurement was ended from outside", stay=True)
-            found = finding(probe, controller.config, job_file.rig, rig_reference(job_file), date.today().isoformat())
+            found = identification.finding(probe, controller.config)
             result = Identify.Result(code=int(found.code), message=found.message, file_text=found.piece)
             result.value, result.uncertainty = found.value.tolist(), found.uncertainty.tolist()
             if found.notes:
@@ -85,14 +69,17 @@ class IdentifyAction:
             handle.abort()
         return result
 
-    def _start(self, goal: Identify.Goal) -> tuple[MeasuringController, JobFile, Probe]:
+    def _start(self, goal: Identify.Goal) -> tuple[ForceController, Any, Probe]:
+        """The controller, the measurement and its probe, begun."""
         armed = self._armed()
         if armed is None:
             raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where="identify", advice="arm the plan first")
-        settings = IdentifySettings.of(goal.property, goal.tool, goal.repeats, goal.places, goal.max_force)
-        self._ready.check()
         controller, job_file = armed
+        identification = load_measurement("identify")(
+            job_file, goal.property, goal.tool, goal.repeats, goal.places, goal.max_force
+        )
+        self._ready.check()
         with self._lock:
-            probe = controller.identify(settings, ToolGeometry.from_job(job_file))
+            probe = controller.measure(identification.probe)
             self._begun()
-        return controller, job_file, probe
+        return controller, identification, probe

@@ -11,11 +11,10 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.action import LiftTool, MoveAside
 from isf_ros.background import in_thread
 from isf_ros.lifecycle import CellNode
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 
-from isf_force_ctrl.measurements.tool_lift import LiftSettings
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.measurements.tool_lift import LiftSettings, lift_tool
 
 PERIOD = 0.1
 """s of wall time between two feedback messages."""
@@ -32,36 +31,19 @@ class MeasurementActions:
         self,
         node: CellNode[Any],
         lock: threading.RLock,
-        controller: Callable[[], MeasuringController | None],
+        controller: Callable[[], ForceController | None],
         begun: Callable[[], None],
     ) -> None:
         self._node, self._lock, self._controller, self._begun = node, lock, controller, begun
-        self._servers = [
-            ActionServer(
-                node,
-                kind,
-                name,
-                serve,
-                goal_callback=lambda _: GoalResponse.ACCEPT if node.is_active else GoalResponse.REJECT,
-                cancel_callback=lambda _: CancelResponse.ACCEPT,
-            )
-            for kind, name, serve in (
-                (LiftTool, "lift_tool", self._lift_tool),
-                (MoveAside, "move_aside", self._move_aside),
-            )
-        ]
-
-    def close(self) -> None:
-        """Destroy the action servers."""
-        for server in self._servers:
-            server.destroy()
+        node.create_action_server(LiftTool, "lift_tool", self._lift_tool, lambda _: node.is_active)
+        node.create_action_server(MoveAside, "move_aside", self._move_aside, lambda _: node.is_active)
 
     async def _lift_tool(self, handle: ServerGoalHandle) -> LiftTool.Result:
         goal = handle.request
         try:
             controller = self._armed("lift_tool")
             with self._lock:
-                lift = controller.lift_tool(LiftSettings(goal.speed, goal.zero_force, goal.max_lift))
+                lift = lift_tool(controller, LiftSettings(goal.speed, goal.zero_force, goal.max_lift))
                 self._begun()
         except IsfError as error:
             self._node.report(error)
@@ -117,7 +99,7 @@ class MeasurementActions:
             handle.abort()
         return MoveAside.Result(code=int(code), message=message)
 
-    def _armed(self, action: str) -> MeasuringController:
+    def _armed(self, action: str) -> ForceController:
         controller = self._controller()
         if controller is None:
             raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where=action, advice="arm the plan first")

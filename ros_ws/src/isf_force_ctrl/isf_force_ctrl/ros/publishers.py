@@ -16,7 +16,6 @@ from isf_core.contour import ContourResult
 from isf_msgs import msg as isf
 from isf_ros import conversion, qos, stamps
 from isf_ros.lifecycle import CellNode
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 
 from isf_force_ctrl.control_state import ControlState, Targets, Vector
@@ -50,11 +49,6 @@ class ForceCtrlOutlet:
         self.has_targets = False
         self.last_publish = 0.0
         """s, monotonic time of the last targets."""
-
-    def close(self) -> None:
-        """Destroy the publishers."""
-        for publisher in (*self._targets, self._holder, self._states, self._results):
-            self._node.destroy_publisher(publisher)
 
     def start(self, tip_1: Vector, tip_2: Vector, rate: float) -> None:
         """Targets follow, ``rate`` per second; the tools are at ``tip_1``, ``tip_2`` m."""
@@ -147,9 +141,7 @@ class ForceCtrlOutlet:
         self._results.publish(result)
 
     def _publisher(self, kind: Any, topic: str, profile: Any) -> Publisher[Any]:
-        # Each event handler is one more entity in every wait of the executor: a third of the time of a tick.
-        callbacks = PublisherEventCallbacks(use_default_callbacks=False)
-        return self._node.create_publisher(kind, topic, profile, event_callbacks=callbacks)
+        return self._node.create_publisher(kind, topic, profile)
 
 
 PULL = 5.0

@@ -30,6 +30,12 @@ class WrenchInlet:
         for watch in self._watches:
             watch.restart()
 
+    def begin_contour(self) -> None:
+        """In lockstep time may have gone on since the last contour, as a scan takes its time: that is no jump."""
+        if not self._by_clock:
+            for watch in self._watches:
+                watch.restart()
+
     def put(self, tool: int, frame: str, stamp: int, wrench: Sequence[float]) -> tuple[bool, Fault | None]:
         """Take the wrench (6,) of ``tool`` (1, 2) with ``stamp`` ns.
 
@@ -96,7 +102,7 @@ class StampWatch:
             self._stamp, self._received, self._fastest = stamp, now, now - stamp * _NANO
             return True, None
         step = (stamp - last) * _NANO
-        passed = now - self._received if self._most < float("inf") else 0.0
+        passed = 0.0 if math.isinf(self._most) else now - self._received
         # Waiting messages may come all at once, so time that passed here excuses a step forwards, never one backwards.
         if step < -JUMP or step - passed > JUMP:
             return False, (

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl import Mode
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
 from plant_cell import PlantCell
 
 
 def formed(count: int) -> PlantCell:
-    cell = PlantCell(MeasuringController)
+    cell = PlantCell(ForceController)
     cell.form(count)
     return cell
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl import Mode
-from isf_force_ctrl.measurements.tool_lift import LiftSettings
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.measurements.tool_lift import LiftSettings, lift_tool
 from plant_cell import PlantCell
 
 SETTINGS = LiftSettings(speed=5e-3, zero_force=5.0, max_lift=8e-3)
@@ -16,7 +16,7 @@ SETTINGS = LiftSettings(speed=5e-3, zero_force=5.0, max_lift=8e-3)
 @pytest.fixture(scope="module")
 def formed() -> PlantCell:
     """Six contours of the cone, tools in contact under force control."""
-    cell = PlantCell(MeasuringController)
+    cell = PlantCell(ForceController)
     cell.form(6)
     return cell
 
@@ -55,7 +55,7 @@ def test_springback_is_found_and_the_tools_return_to_their_place(cell):
     found = []
     for _ in range(4):
         before = cell.controller.targets
-        lift = cell.controller.lift_tool(SETTINGS)
+        lift = lift_tool(cell.controller, SETTINGS)
         targets = cell.run()
         assert (lift.code, lift.message, cell.controller.mode) == (ErrorCode.OK, "", Mode.FREEZE)
         # back where it was, within what the offsets still had to settle
@@ -73,9 +73,9 @@ def test_springback_is_found_and_the_tools_return_to_their_place(cell):
 
 
 def test_forming_goes_on_after_a_lift():
-    cell = PlantCell(MeasuringController)
+    cell = PlantCell(ForceController)
     cell.form(3)
-    cell.controller.lift_tool(SETTINGS)
+    lift_tool(cell.controller, SETTINGS)
     cell.run()
     cell.controller.start(cell.plan.contours[3])
     targets = cell.run()
@@ -85,7 +85,7 @@ def test_forming_goes_on_after_a_lift():
 
 def test_a_lift_that_is_too_short_is_told_and_returns(cell):
     before = cell.controller.targets
-    lift = cell.controller.lift_tool(LiftSettings(5e-3, 5.0, 0.3e-3))
+    lift = lift_tool(cell.controller, LiftSettings(5e-3, 5.0, 0.3e-3))
     targets = cell.run()
     assert lift.code is ErrorCode.MEASUREMENT_FAILED
     assert "max_lift" in lift.message
@@ -97,7 +97,7 @@ def test_a_lift_that_is_too_short_is_told_and_returns(cell):
 @pytest.mark.parametrize("ticks", [50, 350, 450, 700, 1100])
 def test_cancelling_returns_from_any_phase(cell, ticks):
     before = cell.controller.targets
-    lift = cell.controller.lift_tool(SETTINGS)
+    lift = lift_tool(cell.controller, SETTINGS)
     cell.run(ticks)
     cell.controller.cancel()
     targets = cell.run()
@@ -116,32 +116,32 @@ def test_refusals(cell):
         LiftSettings(5e-3, 5.0, 1.0),
     ):
         with pytest.raises(IsfError) as caught:
-            cell.controller.lift_tool(settings)
+            lift_tool(cell.controller, settings)
         assert caught.value.code == ErrorCode.NOT_ARMED
     assert caught.value.what == "max_lift of 1 m is not possible"
-    cell.controller.lift_tool(SETTINGS)
+    lift_tool(cell.controller, SETTINGS)
     with pytest.raises(IsfError, match="moving"):
-        cell.controller.lift_tool(SETTINGS)
+        lift_tool(cell.controller, SETTINGS)
     cell.run()
 
 
 def test_parked_tools_are_not_lifted():
-    cell = PlantCell(MeasuringController)
+    cell = PlantCell(ForceController)
     with pytest.raises(IsfError, match="not on the sheet"):
-        cell.controller.lift_tool(SETTINGS)
+        lift_tool(cell.controller, SETTINGS)
 
 
 def test_stop_and_bad_wrench_hold_where_the_tools_are():
-    cell = PlantCell(MeasuringController)
+    cell = PlantCell(ForceController)
     cell.form(3)
-    lift = cell.controller.lift_tool(SETTINGS)
+    lift = lift_tool(cell.controller, SETTINGS)
     cell.run(600)
     cell.controller.stop("test")
     targets = cell.run()
     assert (lift.code, cell.controller.mode) == (ErrorCode.STOPPED, Mode.HOLD)
     assert np.abs(np.diff(targets, 2, axis=0)).max() * 500.0**2 <= 0.2
     # at rest after a stop the measurement is allowed again; a NaN wrench then holds as well
-    again = cell.controller.lift_tool(SETTINGS)
+    again = lift_tool(cell.controller, SETTINGS)
     cell.run(100)
     cell.sample.wrench_1[1] = np.nan
     cell.run()

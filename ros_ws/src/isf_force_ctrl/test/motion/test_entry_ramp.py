@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from isf_force_ctrl.measuring_controller import MeasuringController
+from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.motion.contour_path import LENGTH, ramped
 from isf_force_ctrl.motion.trajectory import ToolPath
 from plant_cell import PlantCell
@@ -52,7 +52,7 @@ def test_nothing_changes_where_there_is_no_step_from_the_contour_before():
 
 @pytest.mark.parametrize("forced", [False, True])
 def test_only_contours_from_the_air_are_entered_so(forced: bool):
-    cell = PlantCell(MeasuringController, seam_speed=5e-3)
+    cell = PlantCell(ForceController, seam_speed=5e-3)
     cell.form(2)
     third, fourth = cell.plan.contours[2], cell.plan.contours[3]
     assert fourth.force_controlled

@@ -135,6 +135,14 @@ def test_clocks_that_jump_in_lockstep(cell: Observed) -> None:
     cell.lifted()
 
 
+def test_wrenches_published_best_effort_are_taken_and_told(cell: Observed) -> None:
+    cell.start({"best_effort": True})
+    cell.armed()
+    assert cell.form(small_ring()).code == 0
+    assert cell.wait(lambda: "qos_incompatible" in cell.health)
+    assert cell.health["qos_incompatible"] == "machine/state, tool_1/wrench, tool_2/wrench"
+
+
 def test_places_that_cannot_be(cell: Observed) -> None:
     cell.start()
     cell.armed(count=3)

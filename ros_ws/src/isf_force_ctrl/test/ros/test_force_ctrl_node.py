@@ -90,7 +90,6 @@ def test_refusals(cell: Cell) -> None:
     while "not tared" not in response.message and time.monotonic() < deadline:
         response = cell.arm()
     assert cell.targets == 0  # the contour came before anything was armed
-    assert cell.results == []
     disarmed = cell.arm(plan_id="")
     assert disarmed.code == 0
 
@@ -101,6 +100,34 @@ def test_contours_out_of_order_are_answered(cell: Cell) -> None:
     result = cell.form(small_ring(1, 3))
     assert (result.completed, result.code, result.index) == (False, ErrorCode.CONTOUR_REJECTED, 1)
     assert cell.targets == 0
+
+
+def test_a_contour_sent_early_is_told_what_is_the_case(cell: Cell) -> None:
+    cell.start()
+    unarmed = cell.form(small_ring(0, 2))
+    assert (unarmed.completed, unarmed.code, unarmed.index) == (False, ErrorCode.NOT_ARMED, 0)
+    assert "no plan is armed" in unarmed.message
+    cell.armed(plan_id="another", count=2)
+    other = cell.form(small_ring(0, 2))
+    assert (other.completed, other.code) == (False, ErrorCode.CONTOUR_REJECTED)
+    assert "plan 'another' is armed" in other.message
+    assert "arm the plan of this contour" in other.message
+    assert cell.targets == 0
+
+    # While a contour is formed the next one is early; the same one once more is no news.
+    cell.armed(count=2)
+    begun = len(cell.states)
+    cell._contours.publish(conversion.contour_to_message(small_ring(0, 2)))
+    assert cell.wait(lambda: any(state.mode == ForceCtrlState.CONTROL for state in cell.states[begun:]))
+    cell._contours.publish(conversion.contour_to_message(small_ring(0, 2)))
+    early = cell.form(small_ring(1, 2))
+    assert (early.completed, early.code, early.index) == (False, ErrorCode.CONTOUR_REJECTED, 1)
+    assert "too early" in early.message
+    assert "arm" not in early.message.split("(")[-1]
+    assert cell.wait(lambda: len(cell.results) > 3)
+    assert (cell.results[3].completed, cell.results[3].code, cell.results[3].index) == (True, 0, 0)
+    last = cell.form(small_ring(1, 2))  # now it is time
+    assert (last.completed, last.code) == (True, 0)
 
 
 def test_stop_and_disarm(cell: Cell) -> None:

@@ -76,12 +76,12 @@ def test_what_a_driver_told_that_tells_no_more_does_not_arm(cell: Cell, ends: st
     cell.armed()
     assert cell.form(small_ring()).code == 0
     assert cell.rests_in(ForceCtrlState.IDLE)
-    before = cell.targets
-    response = cell.ask_to_arm()
+    before, response = cell.targets, cell.ask_to_arm()
     deadline = time.monotonic() + 30.0
     while response.code == 0 and time.monotonic() < deadline:  # still fresh
         assert cell.arm(plan_id="").code == 0
-        response = cell.ask_to_arm()
+        assert cell.rests_in(ForceCtrlState.IDLE)
+        before, response = cell.targets, cell.ask_to_arm()
     assert response.code == code
     assert topic in response.message
     assert "the driver has to publish" in response.message

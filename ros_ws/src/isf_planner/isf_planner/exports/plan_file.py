@@ -9,22 +9,22 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.geometry.height_map import HeightMap
-from isf_core.types import Array
+from isf_core.types import Array, Points
 
 from isf_planner.planning import Plan
 
 VERSION = 1
 
-_ARRAYS = tuple(item.name for item in fields(Contour) if item.type == "Array")
-_VALUES = tuple(item.name for item in fields(Contour) if item.type != "Array")
+_TYPES = get_type_hints(Contour, include_extras=True)
+_ARRAYS = tuple(name for name, kind in _TYPES.items() if kind in (Array, Points))
+_VALUES = tuple(name for name in _TYPES if name not in _ARRAYS)
 
 
 def save_plan(plan: Plan, path: Path) -> Path:
@@ -100,7 +100,7 @@ def _contours(heads: list[dict[str, Any]], stored: dict[str, Array]) -> tuple[Co
     for head in heads:
         values: dict[str, Any] = {}
         for name, array in stored.items():
-            width = 3 if _is_vector(name) else 1
+            width = 3 if _TYPES[name] == Points else 1
             size = head["lengths"][name] * width
             piece = array[at[name] : at[name] + size]
             if len(piece) != size:
@@ -111,14 +111,6 @@ def _contours(heads: list[dict[str, Any]], stored: dict[str, Array]) -> tuple[Co
         values["process"] = Process(values["process"])
         contours.append(Contour(**values).validate())
     return tuple(contours)
-
-
-def _is_vector(name: str) -> bool:
-    """True for fields of shape (N, 3)."""
-    default = next(item.default_factory for item in fields(Contour) if item.name == name)
-    if default is not MISSING:
-        return default().ndim == 2
-    return name in ("contact", "normal", "forming_tip")
 
 
 def _plain(value: Any) -> Any:

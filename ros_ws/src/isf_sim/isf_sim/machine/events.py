@@ -10,14 +10,29 @@ die contact   the sheet under the tool reaches the die or the backing plate
 saturation    a load cell is at the end of its range, or an axis is not driven as hard as its controller asks
 
 A condition that holds on is one event; it can be told again after it was absent for 0.5 s (fracture: once per part).
+
+The compiled tick judges the conditions (:func:`conditions`), as bits; a watch counts how long they hold. To ask the
+watch takes longer than the tick, so it is left alone while the bits stay what they were and nothing is counted
+(:func:`settled`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import NamedTuple
+
+import numpy as np
+from isf_core.events import Event, EventKind
+from isf_core.types import Array
+
+from isf_sim.jit import kernel
+from isf_sim.machine.load_cells import CellState
+from isf_sim.machine.tick import Axes
+from isf_sim.sheet.sheet_point import Contact
+from isf_sim.sheet.squeeze import Squeeze
+from isf_sim.sheet.surface import Surface
+from isf_sim.sheet.thickness import thinning_up_the_wall
 
 GALLING_FACTOR = 0.42
 """c_g, calibrated: geometric mean between the fine and the shedding support force of Ren 2018, 2.4.1."""
@@ -34,36 +49,15 @@ LOADED, ENGAGED = 50.0, 10.0
 """N, forming tool presses; support tool carries load."""
 LOST_AFTER, ABSENT_AFTER, ENGAGED_AFTER, BRIEF = 0.1, 0.5, 0.1, 0.01
 """s"""
+TOUCHING = 1.0
+"""N between sheet and support, from which on they touch."""
 
+CHIPS, CARRIES, FREE, BESIDE, ON_SUPPORT, SATURATED, CLIPPED, THIN, LIMITED, BUCKLES = (1 << k for k in range(10))
+"""Bits: support force above the limit of chips, above ENGAGED, none at all; tools together and pressing; sheet on its
+support; an axis saturates; a reading clipped; wall thinner than the limit; bits of Axes.flags; an unstable ring."""
 
-class EventKind(IntEnum):
-    """Kinds, values as in isf_msgs/msg/MachineEvent."""
-
-    FRACTURE = 1
-    GALLING = 2
-    BUCKLING = 3
-    CONTACT_LOST = 4
-    DIE_CONTACT = 5
-    SATURATION = 6
-
-
-@dataclass(frozen=True)
-class MachineEvent:
-    """Something that happened.
-
-    Attributes
-    ----------
-    kind : EventKind ; tick, time : of the simulated machine, s ; position : (3,) m, frame sheet
-    value, limit : the quantity at fault and its limit, unit in ``text`` ; text : for people
-    """
-
-    kind: EventKind
-    tick: int
-    time: float
-    position: tuple[float, float, float]
-    value: float
-    limit: float
-    text: str
+NEVER = -1
+"""Conditions that no tick has."""
 
 
 @dataclass(frozen=True)
@@ -77,31 +71,37 @@ class EventLimits:
     thickness: float
 
 
+class EventBounds(NamedTuple):
+    """Limits of support force N and strain without squeeze, of the gap m; radii m of upper and lower ball (0: none);
+    blank thickness m."""
+
+    galling: float
+    strain: float
+    gap: float
+    upper: float
+    lower: float
+    thickness: float
+
+
 class TickFacts(NamedTuple):
-    """What :class:`EventWatch` looks at after a tick.
+    """What is told of an event that begins with a tick.
 
     Attributes
     ----------
-    tick : number ; forming, support : tips m ; axial : N on the forming tool ; support_force : N, magnitude
-    gap : m between the balls ; strain : ln(t0 / t) of the wall beside the tool, 0 without contact ; thinnest : its
-        place m ; travelled : m of path
-    buckles : gap / t0 of an unstable ring, NaN when stable ; on_support : sheet under the tool lies on the support
-    clipped : readings in a row at the end of a range ; saturated : an axis' controller saturates
+    time : s ; forming, support : tips m ; axial : N on the forming tool ; support_force : N, magnitude
+    strain : ln(t0 / t) of the wall beside the tool, 0 without contact ; thinnest : its place m
+    buckles : gap / t0 of an unstable ring, NaN when stable ; clipped : readings in a row at the end of a range
     """
 
-    tick: int
+    time: float
     forming: tuple[float, float, float]
     support: tuple[float, float, float]
     axial: float
     support_force: float
-    gap: float
     strain: float
     thinnest: tuple[float, float, float]
-    travelled: float
     buckles: float
-    on_support: bool
     clipped: int
-    saturated: bool
 
 
 def event_limits(
@@ -117,6 +117,104 @@ def event_limits(
     )
 
 
+def event_bounds(limits: EventLimits, radii: tuple[float, float], blank: float) -> EventBounds:
+    """Bounds for ``limits``, ``radii`` m of both balls (0: no second tool) and a ``blank`` m thick."""
+    return EventBounds(limits.galling, limits.fracture, 3.0 * limits.thickness, *radii, blank)
+
+
+@kernel
+def squeezed_limit(strain: float, support_force: float) -> float:
+    """Strain of fracture of a wall that is squeezed with ``support_force`` N; ``strain`` is that without."""
+    return strain * (1.0 + SQUEEZE_GAIN * min(support_force / REFERENCE_FORCE, 1.0))
+
+
+@kernel
+def wall_strain(
+    surface: Surface,
+    contact: Contact,
+    squeeze: Squeeze,
+    radius: float,
+    blank: float,
+    support_axial: float,
+    place: Array,
+) -> float:
+    """ln(t0 / t) of the thinnest wall beside the tool of ``radius`` m, its place m in ``place`` (3,); ``blank`` m.
+
+    What the support tool, loaded with ``support_axial`` N, has squeezed thin comes on top.
+    """
+    tip = contact.formed_tip
+    strain = thinning_up_the_wall(surface, tip[0], tip[1], contact.wall, radius, place)
+    if support_axial != 0.0:
+        slope = contact.wall[0]
+        formed = blank / math.sqrt(1.0 + slope * slope)
+        strain += max(math.log(formed / squeeze.thickness[0]), 0.0)
+    return strain
+
+
+@kernel
+def judge(
+    axial: float,
+    force: float,
+    gap: float,
+    strain: float,
+    on_die: float,
+    saturated: int,
+    clipped: int,
+    bounds: EventBounds,
+) -> int:
+    """Bits of a tick: N on forming and support tool, m between the balls, strain of the wall, N on the support."""
+    bits = 0
+    if force > bounds.galling:
+        bits |= CHIPS
+    if force > ENGAGED:
+        bits |= CARRIES
+    if force <= 0.0:
+        bits |= FREE
+    if gap < bounds.gap and axial > LOADED:
+        bits |= BESIDE
+    if on_die > TOUCHING:
+        bits |= ON_SUPPORT
+    if saturated != 0:
+        bits |= SATURATED
+    if clipped > 0:
+        bits |= CLIPPED
+    if strain > squeezed_limit(bounds.strain, force):
+        bits |= THIN
+    return bits
+
+
+@kernel
+def conditions(
+    turned: bool,
+    radius: float,
+    axes: Axes,
+    surface: Surface,
+    contact: Contact,
+    squeeze: Squeeze,
+    cell_1: CellState,
+    cell_2: CellState,
+    bounds: EventBounds,
+) -> int:
+    """Bits after a tick; ``turned``: the lower tool presses; ``radius`` m of the tool that presses."""
+    axial = -axes.force_2[2] if turned else axes.force_1[2]
+    support = axes.force_1 if turned else axes.force_2
+    fx, fy, fz = support[0], support[1], support[2]
+    gap = math.inf
+    if bounds.lower > 0.0:
+        dx, dy = axes.tips[0, 0] - axes.tips[1, 0], axes.tips[0, 1] - axes.tips[1, 1]
+        dz = axes.tips[1, 2] - bounds.lower - axes.tips[0, 2] - bounds.upper
+        gap = math.sqrt(dx * dx + dy * dy + dz * dz) - bounds.upper - bounds.lower
+    strain = 0.0
+    if contact.axial[0] > 0.0:
+        strain = wall_strain(surface, contact, squeeze, radius, bounds.thickness, fz, np.empty(3))
+    clipped = max(cell_1.clipped[0], cell_2.clipped[0])
+    force = math.sqrt(fx * fx + fy * fy + fz * fz)
+    bits = judge(axial, force, gap, strain, contact.on_die[0], axes.saturated[0], clipped, bounds)
+    if axes.flags[0] != 0:
+        bits |= LIMITED
+    return bits
+
+
 @dataclass
 class _Occurrence:
     present: float = 0.0
@@ -126,7 +224,7 @@ class _Occurrence:
 
 @dataclass
 class EventWatch:
-    """Finds events tick by tick; what it remembers is plain numbers, so that a machine's state can be saved."""
+    """Counts conditions tick by tick; what it remembers is plain numbers, so that a machine's state can be saved."""
 
     limits: EventLimits
     occurrences: dict[str, _Occurrence] = field(default_factory=lambda: {k.name: _Occurrence() for k in EventKind})
@@ -135,52 +233,35 @@ class EventWatch:
     thinned_from: float = -1.0
     broken: bool = False
 
-    def look(self, facts: TickFacts) -> list[MachineEvent]:
-        """Events that begin with this tick."""
-        limits, found = self.limits, []
-        force = facts.support_force
-        limit = limits.galling
-        if self._begins(EventKind.GALLING, force > limit, BRIEF):
-            text = f"the support tool sheds chips: {force:.0f} N, limit {limit:.0f} N"
-            found.append(self._event(EventKind.GALLING, facts, facts.support, force, limit, text))
-        if self._begins(EventKind.CONTACT_LOST, self._lost(facts), LOST_AFTER):
-            text = "the support tool lost the sheet while the forming tool presses"
-            found.append(self._event(EventKind.CONTACT_LOST, facts, facts.support, force, ENGAGED, text))
-        if self._begins(EventKind.BUCKLING, not math.isnan(facts.buckles), BRIEF):
-            text = f"the sheet buckles between the tools: gap {facts.buckles:.2f} of its thickness, 0.6 is stable"
-            found.append(self._event(EventKind.BUCKLING, facts, facts.forming, facts.buckles, 0.6, text))
-        if self._begins(EventKind.DIE_CONTACT, facts.on_support, 0.0):
-            text = "the sheet under the tool touches its support"
-            found.append(self._event(EventKind.DIE_CONTACT, facts, facts.forming, facts.axial, 0.0, text))
-        if self._begins(EventKind.SATURATION, facts.clipped > 0 or facts.saturated, BRIEF):
-            which = "a load cell is at the end of its range" if facts.clipped else "an axis saturates"
-            found.append(self._event(EventKind.SATURATION, facts, facts.forming, facts.axial, 0.0, which))
-        broken = self._fracture(facts)
-        return found if broken is None else [*found, broken]
+    def update(self, bits: int, travelled: float) -> list[EventKind]:
+        """Kinds of the events that begin with a tick of conditions ``bits``; ``travelled`` m of path."""
+        held = {
+            EventKind.GALLING: (bits & CHIPS, BRIEF),
+            EventKind.CONTACT_LOST: (self._lost(bits), LOST_AFTER),
+            EventKind.BUCKLING: (bits & BUCKLES, BRIEF),
+            EventKind.DIE_CONTACT: (bits & ON_SUPPORT, 0.0),
+            EventKind.SATURATION: (bits & (CLIPPED | SATURATED), BRIEF),
+        }
+        found = [kind for kind, (holds, after) in held.items() if self._begins(kind, bool(holds), after)]
+        return [*found, EventKind.FRACTURE] if self._breaks(bits, travelled) else found
 
-    def _fracture(self, facts: TickFacts) -> MachineEvent | None:
+    def _breaks(self, bits: int, travelled: float) -> bool:
         """Once per part: thinning over the forming limit along four tool radii of way."""
-        limit = self.limits.fracture * (1.0 + SQUEEZE_GAIN * min(facts.support_force / REFERENCE_FORCE, 1.0))
-        if self.broken or facts.strain <= limit:
+        if self.broken or not bits & THIN:
             self.thinned_from = -1.0
-            return None
+            return False
         if self.thinned_from < 0.0:
-            self.thinned_from = facts.travelled
-        if facts.travelled - self.thinned_from < TORN_WAY * self.limits.radius:
-            return None
-        self.broken = True
-        left = 1e3 * self.limits.thickness * math.exp(-facts.strain)
-        text = f"the sheet tears: {left:.2f} mm are left, limit {1e3 * self.limits.thickness * math.exp(-limit):.2f} mm"
-        return self._event(EventKind.FRACTURE, facts, facts.thinnest, facts.strain, limit, text)
+            self.thinned_from = travelled
+        self.broken = travelled - self.thinned_from >= TORN_WAY * self.limits.radius
+        return self.broken
 
-    def _lost(self, facts: TickFacts) -> bool:
-        self.engaged = self.engaged + 1.0 / self.limits.rate if facts.support_force > ENGAGED else 0.0
-        beside = facts.gap < 3.0 * self.limits.thickness and facts.axial > LOADED
+    def _lost(self, bits: int) -> bool:
+        self.engaged = self.engaged + 1.0 / self.limits.rate if bits & CARRIES else 0.0
         if self.engaged >= ENGAGED_AFTER:
             self.carrying = True
-        elif not beside:
+        elif not bits & BESIDE:
             self.carrying = False  # lifted or sent away, not lost
-        return self.carrying and facts.support_force <= 0.0
+        return self.carrying and bool(bits & FREE)
 
     def _begins(self, kind: EventKind, holds: bool, after: float) -> bool:
         """True at the tick at which a condition has held for ``after`` s, once until it was absent for long enough."""
@@ -198,13 +279,46 @@ class EventWatch:
         seen.told = True
         return True
 
-    def _event(
-        self,
-        kind: EventKind,
-        facts: TickFacts,
-        position: tuple[float, float, float],
-        value: float,
-        limit: float,
-        text: str,
-    ) -> MachineEvent:
-        return MachineEvent(kind, facts.tick, facts.tick / self.limits.rate, position, value, limit, text)
+
+def settled(watch: EventWatch, bits: int) -> bool:
+    """True when ``watch``, updated with a tick of ``bits``, would find nothing at another one, and change nothing that
+    counts."""
+    if bits & (CLIPPED | LIMITED):
+        return False
+    if bits & THIN and not watch.broken:
+        return False  # the way since it is thin is counted
+    if bits & CARRIES and watch.engaged < ENGAGED_AFTER:
+        return False
+    holds = {
+        EventKind.GALLING: bool(bits & CHIPS),
+        EventKind.CONTACT_LOST: watch.carrying and bool(bits & FREE),
+        EventKind.BUCKLING: bool(bits & BUCKLES),
+        EventKind.DIE_CONTACT: bool(bits & ON_SUPPORT),
+        EventKind.SATURATION: bool(bits & SATURATED),
+    }
+    # what holds and was told stays so; what neither holds nor was told long enough ago is not counted
+    return all(seen.told == holds.get(EventKind[name], False) for name, seen in watch.occurrences.items())
+
+
+def event_of(kind: EventKind, facts: TickFacts, limits: EventLimits) -> Event:
+    """The event of ``kind`` that began with a tick of these ``facts``."""
+    force = facts.support_force
+    if kind is EventKind.GALLING:
+        text = f"the support tool sheds chips: {force:.0f} N, limit {limits.galling:.0f} N"
+        return Event(kind, facts.time, facts.support, force, limits.galling, text)
+    if kind is EventKind.CONTACT_LOST:
+        text = "the support tool lost the sheet while the forming tool presses"
+        return Event(kind, facts.time, facts.support, force, ENGAGED, text)
+    if kind is EventKind.BUCKLING:
+        text = f"the sheet buckles between the tools: gap {facts.buckles:.2f} of its thickness, 0.6 is stable"
+        return Event(kind, facts.time, facts.forming, facts.buckles, 0.6, text)
+    if kind is EventKind.DIE_CONTACT:
+        text = "the sheet under the tool touches its support"
+        return Event(kind, facts.time, facts.forming, facts.axial, 0.0, text)
+    if kind is EventKind.SATURATION:
+        text = "a load cell is at the end of its range" if facts.clipped else "an axis saturates"
+        return Event(kind, facts.time, facts.forming, facts.axial, 0.0, text)
+    limit = squeezed_limit(limits.fracture, force)
+    left, least = (1e3 * limits.thickness * math.exp(-strain) for strain in (facts.strain, limit))
+    text = f"the sheet tears: {left:.2f} mm are left, limit {least:.2f} mm"
+    return Event(kind, facts.time, facts.thinnest, facts.strain, limit, text)

@@ -1,15 +1,7 @@
-"""State and constants handed to the kernels of a tick as one object instead of a hundred arrays.
-
-To take an array over from the interpreter costs a compiled function some 0.2 us, and three times that where other work
-has emptied the processor's caches since the last tick; for everything that a tick needs this is more than the tick
-itself. A bundle takes them over once, and again only when one of them is another object. It holds the arrays
-themselves, not copies.
-"""
+"""Everything that a tick needs but target and noise as one object: see :mod:`isf_sim.sheet.point_bundle`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from operator import is_
 from typing import Any
 
 from isf_core.types import Array
@@ -17,12 +9,13 @@ from numba import types
 from numba.experimental import structref
 
 from isf_sim.jit import kernel
-from isf_sim.machine.event_conditions import EventBounds, conditions
+from isf_sim.machine.events import EventBounds, conditions
 from isf_sim.machine.load_cells import CellState
 from isf_sim.machine.tick import NEEDS_JUDGEMENT, Axes, MachineConstants, TargetLimits, advance_tick, check_target
 from isf_sim.sheet.control_points import ControlPoints
+from isf_sim.sheet.point_bundle import KeptBundle
 from isf_sim.sheet.role import Role
-from isf_sim.sheet.sheet_point import DONE, Contact, PointConstants, advance_point
+from isf_sim.sheet.sheet_point import DONE, Contact
 from isf_sim.sheet.squeeze import Squeeze
 from isf_sim.sheet.surface import Surface, TipTrack
 
@@ -33,39 +26,7 @@ UNCHECKED = -1
 """Instead of the periods without a target: the target is not looked at."""
 
 
-class _Kept:
-    """A bundle that is made again when one of its parts is another object; never part of a state."""
-
-    constant_of_state = True
-
-    def __init__(self) -> None:
-        self._parts: tuple[Any, ...] = ()
-        self._bundle: Any = None
-
-    def _of(self, parts: tuple[Any, ...], make: Callable[..., Any]) -> Any:
-        if not (len(parts) == len(self._parts) and all(map(is_, parts, self._parts))):
-            self._parts, self._bundle = parts, make(*parts)
-        return self._bundle
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> _Kept:
-        return type(self)()
-
-
-class PointParts(_Kept):
-    """Surface, track, points, contact and constants for :func:`isf_sim.sheet.sheet_point.advance_point`."""
-
-    def advance(
-        self,
-        tip: Array,
-        pull: Array,
-        eased: float,
-        parts: tuple[Surface, TipTrack, ControlPoints, Contact, PointConstants],
-    ) -> int:
-        """:func:`isf_sim.sheet.sheet_point.advance_point` with ``parts``."""
-        return int(_advance_point(tip, pull, eased, self._of(parts, _bundle_point)))
-
-
-class TickParts(_Kept):
+class TickParts(KeptBundle):
     """Everything for a tick but target and noise."""
 
     def advance(
@@ -92,15 +53,10 @@ class TickParts(_Kept):
         :func:`isf_sim.machine.tick.advance_tick`.
 
         Returns what is asked for and, with NEEDS_JUDGEMENT, what is wrong with the target, with DONE the conditions of
-        events (:func:`isf_sim.machine.event_conditions.conditions`).
+        events (:func:`isf_sim.machine.events.conditions`).
         """
-        answer = _advance_tick(target, draws, waited, self._of(parts, _bundle_tick))
+        answer = _advance_tick(target, draws, waited, self.of(parts, _bundle_tick))
         return answer & REQUESTS, answer >> REQUEST_BITS
-
-
-@structref.register
-class _PointType(types.StructRef):
-    """numba's type of a bundle for a point."""
 
 
 @structref.register
@@ -108,15 +64,10 @@ class _TickType(types.StructRef):
     """numba's type of a bundle for a tick."""
 
 
-class _PointBundle(structref.StructRefProxy):
-    """The bundle as the interpreter sees it."""
-
-
 class _TickBundle(structref.StructRefProxy):
     """The bundle as the interpreter sees it."""
 
 
-structref.define_proxy(_PointBundle, _PointType, ["surface", "track", "points", "contact", "constants"])
 structref.define_proxy(
     _TickBundle,
     _TickType,
@@ -135,18 +86,6 @@ structref.define_proxy(
         "events",
     ],
 )
-
-
-@kernel
-def _bundle_point(
-    surface: Surface, track: TipTrack, points: ControlPoints, contact: Contact, constants: PointConstants
-) -> Any:
-    return _PointBundle(surface, track, points, contact, constants)
-
-
-@kernel
-def _advance_point(tip: Array, pull: Array, eased: float, of: Any) -> int:
-    return advance_point(tip, pull, eased, of.surface, of.track, of.points, of.contact, of.constants)
 
 
 @kernel

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import Event
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics, make_kinematics
@@ -20,8 +21,17 @@ from isf_core.types import Array
 
 from isf_sim.machine import tick as mt
 from isf_sim.machine.build import make_parts
-from isf_sim.machine.event_conditions import NEVER, TOUCHING, event_bounds, settled
-from isf_sim.machine.events import EventWatch, MachineEvent, TickFacts
+from isf_sim.machine.events import (
+    BUCKLES,
+    NEVER,
+    EventWatch,
+    TickFacts,
+    conditions,
+    event_bounds,
+    event_of,
+    settled,
+    wall_strain,
+)
 from isf_sim.machine.kernel_bundle import UNCHECKED, TickParts
 from isf_sim.machine.load_cells import BLOCK, DRAWS, take_zero
 from isf_sim.machine.tick import Axes
@@ -33,7 +43,6 @@ from isf_sim.sheet.role import NEEDS_TURN
 from isf_sim.sheet.sheet_plant import SheetPlant
 from isf_sim.sheet.sheet_point import DONE, TRAVELLED
 from isf_sim.sheet.squeeze import Squeeze, no_squeeze
-from isf_sim.sheet.thickness import thinning_up_the_wall
 from isf_sim.sheet.turned_sheet import pressing_tip, turn_over
 from isf_sim.world import World, make_world
 
@@ -71,7 +80,7 @@ class SimulatedMachine:
         self.control_rate = job.control.rate
         self.tick_count = 0
         self.faults: list[tuple[ErrorCode, str]] = []
-        self.events: list[MachineEvent] = []
+        self.events: list[Event] = []
         self.limits = 0
         self.tared = False
         self.holder_height = 0.0
@@ -297,14 +306,17 @@ class SimulatedMachine:
             outcome = mt.advance_adsif_tick(
                 target, draws, axes, surface, self._adsif, self._ring, self._cell_1, self._cell_2, self._constants
             )
-            self.tick_count += 1
-            self._look(outcome)
-            return self.sample()
-        conditions = self._advance_sheet(target, self._draws[row], waited)
+            cells = self._cell_1, self._cell_2
+            contact, radius = self.plant.contact, self.plant.radius
+            bits = conditions(False, radius, axes, surface, contact, self._squeeze, *cells, self._bounds)
+            bits |= BUCKLES if outcome == adsif.BUCKLES else 0
+        else:
+            bits = self._advance_sheet(target, self._draws[row], waited)
         self.tick_count += 1
-        if conditions != self._settled:
-            self._look(adsif.STABLE)
-            self._settled = conditions if settled(self._watch, conditions) else NEVER
+        if bits != self._settled:
+            self._check_limits()
+            self._update_events(bits)
+            self._settled = bits if settled(self._watch, bits) else NEVER
         return self.sample()
 
     def _advance_sheet(self, target: Array, draws: Array, waited: int) -> int:
@@ -329,31 +341,22 @@ class SimulatedMachine:
             else:
                 plant.serve(request, pressing_tip(self._axes.tips, plant.pressing, plant.thickness))
 
-    def _look(self, outcome: int) -> None:
-        """Limits that were hit, and events; ``outcome`` of accumulative forming, STABLE for the other processes."""
+    def _check_limits(self) -> None:
         axes = self._axes
         if axes.flags[0]:
             flags, found = force_faults(int(axes.flags[0]), axes.force_1, axes.force_2, self._constants.force_limit)
             self.limits |= flags
             for finding in found:
                 self.latch(*finding)
-        self._look_for_events(outcome)
 
-    def _look_for_events(self, outcome: int) -> None:
+    def _update_events(self, bits: int) -> None:
+        kinds = self._watch.update(bits, float(self.plant.contact.path[TRAVELLED]))
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
-        unstable = self._adsif is not None and outcome == adsif.BUCKLES
-        facts = tick_facts(
-            self.tick_count,
-            self._axes,
-            self.plant,
-            self._squeeze,
-            self._balls,
-            buckles=float(self._adsif.local[1]) if self._adsif is not None and unstable else math.nan,
-            clipped=clipped,
-        )
-        found = self._watch.look(facts)
-        if len(self.events) < MOST_EVENTS:
-            self.events += found
+        if kinds and len(self.events) < MOST_EVENTS:
+            buckles = float(self._adsif.local[1]) if self._adsif is not None and bits & BUCKLES else math.nan
+            time = self.tick_count / self.control_rate
+            facts = tick_facts(time, self._axes, self.plant, self._squeeze, buckles=buckles, clipped=clipped)
+            self.events += [event_of(kind, facts, self._watch.limits) for kind in kinds]
         if clipped >= LARGEST_CLIPPED and not self.faults:
             self.latch(
                 ErrorCode.LOAD_CELL_RANGE, f"a load cell has been at the end of its range for {clipped} readings"
@@ -479,48 +482,28 @@ def millimetres(position: Array) -> str:
 
 
 def tick_facts(
-    tick: int,
-    axes: Axes,
-    plant: SheetPlant,
-    squeeze: Squeeze,
-    radii: tuple[float, float],
-    *,
-    buckles: float,
-    clipped: int,
+    time: float, axes: Axes, plant: SheetPlant, squeeze: Squeeze, *, buckles: float, clipped: int
 ) -> TickFacts:
-    """Facts after tick number ``tick``; ``radii`` m of both balls (0: no second tool)."""
+    """Facts after the tick at ``time`` s."""
     contact = plant.contact
     upper, lower = axes.tips.tolist()
     turned = plant.pressing == 2
     forming, support = (lower, upper) if turned else (upper, lower)
     on_forming, on_support = (axes.force_2, axes.force_1) if turned else (axes.force_1, axes.force_2)
     fx, fy, fz = on_support.tolist()
-    gap = math.inf
-    if radii[1] > 0.0:
-        apart = math.dist(upper[:2], lower[:2])
-        gap = math.hypot(apart, lower[2] - radii[1] - upper[2] - radii[0]) - radii[0] - radii[1]
     strain, place = 0.0, np.zeros(3)
     if contact.axial[0] > 0.0:
-        tip = contact.formed_tip
-        strain = float(thinning_up_the_wall(plant.surface, tip[0], tip[1], contact.wall, plant.radius, place))
-        if fz != 0.0:  # what the support tool has squeezed thin comes on top
-            slope = float(contact.wall[0])
-            formed = plant.thickness / math.sqrt(1.0 + slope * slope)
-            strain += max(math.log(formed / float(squeeze.thickness[0])), 0.0)
+        strain = float(wall_strain(plant.surface, contact, squeeze, plant.radius, plant.thickness, fz, place))
     return TickFacts(
-        tick=tick,
+        time=time,
         forming=tuple(forming),
         support=tuple(support),
         axial=-float(on_forming[2]) if turned else float(on_forming[2]),
         support_force=math.sqrt(fx * fx + fy * fy + fz * fz),
-        gap=gap,
         strain=strain,
         thinnest=(float(place[0]), float(place[1]), -float(place[2]) if turned else float(place[2])),
-        travelled=float(contact.path[TRAVELLED]),
         buckles=buckles,
-        on_support=bool(contact.on_die[0] > TOUCHING),
         clipped=clipped,
-        saturated=bool(axes.saturated[0]),
     )
 
 

@@ -23,11 +23,11 @@ import numpy as np
 import pydantic
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import Event, EventKind
 from isf_core.files.job import JobFile
 from numpy.typing import NDArray
 from scipy import sparse
 
-from isf_sim.machine.events import EventKind, MachineEvent
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.shell.shell_assembly import SupportPoints
@@ -60,6 +60,7 @@ def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
     arrays: dict[str, Any] = {f"a{k}": array for k, array in enumerate(encoder.arrays)}
     partial = path.with_name(path.name + ".partial")
     try:
+        partial.unlink(missing_ok=True)  # a link of that name is not followed
         with partial.open("wb") as file:
             np.savez_compressed(file, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
         partial.replace(path)  # a file that is there is a whole one
@@ -116,7 +117,7 @@ def plant_digest() -> str:
 
 def _encoder() -> Encoder:
     # a fresh machine has neither events nor, before its first coarse solution, points of a support
-    return Encoder(records=(MachineEvent, SupportPoints), enums=(ErrorCode, EventKind))
+    return Encoder(records=(Event, SupportPoints), enums=(ErrorCode, EventKind))
 
 
 def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:

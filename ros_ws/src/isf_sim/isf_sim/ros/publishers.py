@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_core.events import Event
 from isf_msgs.msg import MachineEvent as EventMessage
 from isf_msgs.msg import MachineState
 from isf_ros import conversion, qos, stamps
@@ -16,7 +17,6 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2, PointField
 
-from isf_sim.machine.events import MachineEvent
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
 SCAN_PATIENCE = 5.0
@@ -36,12 +36,6 @@ class MachineOutlet:
         self._clock = self._publisher(Clock, "/clock", qos.SENSOR) if clock else None
         self._wrench_messages = [conversion.make_wrench() for _ in (1, 2)]
         self._pose_messages = [conversion.make_pose() for _ in (1, 2)]
-
-    def close(self) -> None:
-        """Destroy the publishers."""
-        publishers = [*self._wrenches, *self._poses, self._state, self._event, self._scan]
-        for publisher in [*publishers, self._clock] if self._clock else publishers:
-            self._node.destroy_publisher(publisher)
 
     def wrenches(self, sample: MachineSample, nanoseconds: int) -> None:
         """Both wrenches with the stamp ``nanoseconds``."""
@@ -68,7 +62,7 @@ class MachineOutlet:
         message.header.stamp = stamps.to_stamp(nanoseconds)
         self._state.publish(message)
 
-    def event(self, event: MachineEvent, nanoseconds: int) -> None:
+    def event(self, event: Event, nanoseconds: int) -> None:
         """One event of the part."""
         message = EventMessage(kind=int(event.kind), value=event.value, limit=event.limit, text=event.text)
         message.header.frame_id = conversion.FRAME

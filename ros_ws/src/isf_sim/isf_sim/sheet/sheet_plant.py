@@ -17,7 +17,6 @@ from isf_core.files.rig import Clamp
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
-from isf_sim.machine.kernel_bundle import PointParts
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.sheet import base_following
 from isf_sim.sheet.bulge import bulge_overlay
@@ -34,6 +33,7 @@ from isf_sim.sheet.control_points import (
     nearest_point,
     no_control_points,
 )
+from isf_sim.sheet.point_bundle import PointParts
 from isf_sim.sheet.role import Role, first_role
 from isf_sim.sheet.sheet_point import (
     DONE,

@@ -8,16 +8,12 @@ the sheet only; while the lower tool presses, the sheet is taken to be off it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from isf_core.types import Array
 
 from isf_sim.jit import kernel
+from isf_sim.sheet.sheet_plant import SheetPlant
 from isf_sim.sheet.sheet_point import LAST_BASE, LOOP, PRESSED, TRAVELLED
-
-if TYPE_CHECKING:
-    from isf_sim.sheet.sheet_plant import SheetPlant
 
 
 @kernel

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import EventKind
 from isf_core.files.job import JobFile
 from isf_core.types import Array
-from isf_sim.machine.events import EventKind
 from isf_sim.machine.simulated_machine import LIMIT_SPEED, LIMIT_TRAVEL, SimulatedMachine
 from isf_sim.machine.state import load_machine, save_machine
 from isf_sim.plant_constants import PlantConstants

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from isf_core.events import EventKind
 from isf_core.files.job import JobFile
 from isf_core.types import Array
-from isf_sim.machine.events import EventKind
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.sheet.adsif import AdsifConstants, horizontal_force, opened_gap

@@ -122,7 +122,8 @@ class Client:
 
 LONG_TICKS = """
 import sys, time
-from isf_sim import machine, node
+from isf_sim import node
+from isf_sim.machine import simulated_machine as machine
 hold = machine.SimulatedMachine.hold
 def long_hold(self):
     time.sleep(0.1)  # the fault itself: a tick that takes 50 periods
@@ -140,7 +141,8 @@ def machine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Client]:
     if "long_ticks" in parameters:
         program, parameters = ["-c", LONG_TICKS], parameters[1:]
     log = (tmp_path / "machine.log").open("w")
-    arguments = [part for item in ["autostart:=true", *parameters] for part in ("-p", item)]
+    options = ["autostart:=true", f"state_folder:={tmp_path / 'states'}", *parameters]
+    arguments = [part for item in options for part in ("-p", item)]
     process = subprocess.Popen(
         [sys.executable, *program, "--ros-args", *arguments], stdout=log, stderr=log, env=os.environ
     )
@@ -311,19 +313,39 @@ def test_state_is_saved_and_taken_up(machine: Client, tmp_path: Path) -> None:
     for number in range(last - 59, last + 1):  # the servo comes to rest
         assert machine.tick(number, held)
     pressed = machine.wrenches[0][machine.newest()][2]
-    path = str(tmp_path / "state.npz")
+    path = "part/state.npz"
     assert machine.call(StateFile, "machine/save", StateFile.Request(path=path)).code == 0
     assert machine.call(Reset, "machine/reset", Reset.Request(new_blank=True)).code == 0
     assert machine.call(StateFile, "machine/load", StateFile.Request(path=path)).code == 0
     assert machine.tick(last + 1, held)
     again = machine.wrenches[0][stamps.tick_nanoseconds(last + 1, RATE)][2]
     assert again == pytest.approx(pressed, rel=0.05)
-    foreign = tmp_path / "foreign.npz"
+    states = tmp_path / "states"
+    assert (states / path).is_file()
+
+    def both(name: str) -> list[int]:
+        request = StateFile.Request(path=name)
+        return [machine.call(StateFile, f"machine/{do}", request).code for do in ("save", "load")]
+
+    foreign = states / "foreign.npz"
     foreign.write_text("no machine")
-    assert machine.call(StateFile, "machine/load", StateFile.Request(path=str(foreign))).code == ErrorCode.FILE_SYNTAX
-    assert machine.call(StateFile, "machine/load", StateFile.Request()).code == ErrorCode.FILE_NOT_FOUND
-    nowhere = StateFile.Request(path=str(tmp_path / "no" / "folder.npz"))
-    assert machine.call(StateFile, "machine/save", nowhere).code == ErrorCode.FILE_NOT_WRITABLE
+    assert machine.call(StateFile, "machine/load", StateFile.Request(path="foreign.npz")).code == ErrorCode.FILE_SYNTAX
+    assert both("") == [ErrorCode.FILE_NOT_FOUND] * 2
+    assert both("foreign.npz/file.npz")[0] == ErrorCode.FILE_NOT_WRITABLE
+
+    # Nothing is written or read outside the machine's own folder, by no way.
+    outside = tmp_path / "outside.npz"
+    outside.write_text("precious")
+    (states / "link.npz").symlink_to(outside)
+    (states / "up").symlink_to(tmp_path)
+    (states / "loop.npz").symlink_to(states / "loop.npz")
+    (states / "fresh.npz.partial").symlink_to(outside)
+    ways = (str(outside), str(states / path), "../outside.npz", "part/../../outside.npz", "link.npz", "up/outside.npz")
+    for way in (*ways, "up/new.npz", "loop.npz", "."):
+        assert both(way) == [ErrorCode.FILE_OUTSIDE] * 2, way
+    assert machine.call(StateFile, "machine/save", StateFile.Request(path="fresh.npz")).code == 0
+    assert outside.read_text() == "precious"
+    assert not (tmp_path / "new.npz").exists()
 
 
 def test_sensor_scan_takes_its_time_and_force_limit_is_an_event(machine: Client) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from isf_core.contour import Contour, ContourResult, contour_label
+from isf_core.contour import Contour, ContourResult, contour_label, over_floor
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, MpcSpec
 from isf_core.geometry.height_map import HeightMap
@@ -129,7 +129,12 @@ class ModelPredictiveEstimator(Estimator):
     # -- inside --------------------------------------------------------------------------------------
 
     def _move(self, contour: Contour, history: History) -> Move | None:
-        """First move of the optimised horizon; None between scans. Raises CORRECTION_FAILED, QP_INFEASIBLE."""
+        """First move of the optimised horizon; None between scans, and over a floor, which the corrector presses.
+
+        Raises CORRECTION_FAILED, QP_INFEASIBLE.
+        """
+        if over_floor(contour, None if history.base is None else history.base.contour):
+            return None
         if contour.forming_tool != 1:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,

@@ -1,0 +1,131 @@
+"""Blocking calls to the nodes of a cell, for a worker thread: services, actions, parameters and lifecycle.
+
+All with a watch that ends the wait.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from isf_core.errors import ErrorCode, IsfError
+from isf_ros.lifecycle import failure
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
+
+POLL = 0.05
+"""s between two looks at the watch function while waiting."""
+
+Watch = Callable[[], None]
+
+
+class GraphClient:
+    """Clients of the services and actions that a part needs, made once and reused."""
+
+    def __init__(self, node: Node, timeout: float) -> None:
+        self._node = node
+        self._timeout = timeout
+        self._clients: dict[str, Any] = {}
+
+    def close(self) -> None:
+        """Leave the graph: destroy every client."""
+        for client in self._clients.values():
+            if isinstance(client, ActionClient):
+                client.destroy()
+            else:
+                self._node.destroy_client(client)
+        self._clients.clear()
+
+    def call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
+        """Response of a service; raises IsfError NODE_MISSING (no server) or SERVICE_TIMEOUT."""
+        client = self._clients.get(name) or self._clients.setdefault(name, self._node.create_client(kind, name))
+        self.wait_until(client.service_is_ready, watch, f"service '{name}' is not there", ErrorCode.NODE_MISSING)
+        return self._await(client.call_async(request), watch, name, timeout)
+
+    def checked_call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
+        """As :meth:`call`, and raises the IsfError of a response whose ``code`` is not 0."""
+        response = self.call(kind, name, request, watch, timeout=timeout)
+        if response.code:
+            raise failure(response.code, response.message)
+        return response
+
+    def run_action(
+        self, kind: Any, name: str, goal: Any, watch: Watch, on_feedback: Callable[[Any], None], *, timeout: float
+    ) -> Any:
+        """Result of an action; cancels it when the watch raises."""
+        client = self._clients.get(name) or self._clients.setdefault(name, ActionClient(self._node, kind, name))
+        self.wait_until(client.server_is_ready, watch, f"action '{name}' is not there", ErrorCode.NODE_MISSING)
+        handle = self._await(
+            client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback)), watch, name
+        )
+        if not handle.accepted:
+            raise IsfError(ErrorCode.BUSY, f"'{name}' refused the goal", advice="wait until its present goal ends")
+        try:
+            return self._await(handle.get_result_async(), watch, name, timeout).result
+        except IsfError:
+            handle.cancel_goal_async()
+            raise
+
+    def set_parameter(self, node_name: str, name: str, text: str, watch: Watch) -> None:
+        """Set a string parameter of another node; raises the reason of a refusal."""
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
+        response = self.call(SetParameters, f"{node_name}/set_parameters", request, watch)
+        if not response.results[0].successful:
+            raise IsfError(ErrorCode.METHOD_UNKNOWN, response.results[0].reason)
+
+    def state_of(self, node_name: str, watch: Watch) -> int:
+        """Lifecycle state id of a node."""
+        return int(self.call(GetState, f"{node_name}/get_state", GetState.Request(), watch).current_state.id)
+
+    def bring_up(self, node_name: str, watch: Watch) -> None:
+        """Configure and activate a node; raises IsfError TRANSITION_FAILED."""
+        if self.state_of(node_name, watch) == State.PRIMARY_STATE_UNCONFIGURED:
+            self._transition(node_name, Transition.TRANSITION_CONFIGURE, "configure", watch)
+        if self.state_of(node_name, watch) == State.PRIMARY_STATE_INACTIVE:
+            self._transition(node_name, Transition.TRANSITION_ACTIVATE, "activate", watch)
+
+    def bring_down(self, node_name: str, watch: Watch) -> None:
+        """Deactivate a node when it is active."""
+        if self.state_of(node_name, watch) == State.PRIMARY_STATE_ACTIVE:
+            self._transition(node_name, Transition.TRANSITION_DEACTIVATE, "deactivate", watch)
+
+    def wait_until(
+        self, condition: Callable[[], bool], watch: Watch, what: str, code: ErrorCode, *, timeout: float | None = None
+    ) -> None:
+        """Wait for a condition; raises IsfError ``code`` with ``what`` after the timeout."""
+        deadline = time.monotonic() + (timeout or self._timeout)
+        pause = threading.Event()
+        while not condition():
+            watch()
+            if time.monotonic() > deadline:
+                raise IsfError(code, what, advice="see isf doctor and the log of the node")
+            pause.wait(POLL)
+
+    def _transition(self, node_name: str, transition: int, label: str, watch: Watch) -> None:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        # configure may load and compile; it is bounded, but not by the time of an ordinary answer
+        response = self.call(ChangeState, f"{node_name}/change_state", request, watch, timeout=6 * self._timeout)
+        if not response.success:
+            raise IsfError(
+                ErrorCode.TRANSITION_FAILED, f"'{node_name}' could not {label}", advice="its reason is in /diagnostics"
+            )
+
+    def _await(self, future: Future, watch: Watch, name: str, timeout: float | None = None) -> Any:
+        done = threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        limit = timeout or self._timeout
+        deadline = time.monotonic() + limit
+        while not done.wait(POLL):
+            watch()
+            if time.monotonic() > deadline:
+                future.cancel()
+                raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"'{name}' did not answer within {limit:g} s")
+        return future.result()

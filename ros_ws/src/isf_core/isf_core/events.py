@@ -1,0 +1,49 @@
+"""Events: what happens to sheet or machine while a part is formed, as the messages of ``machine/event`` tell it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class EventKind(IntEnum):
+    """Kinds of events, values as in ``isf_msgs/msg/MachineEvent``."""
+
+    FRACTURE = 1
+    GALLING = 2
+    BUCKLING = 3
+    CONTACT_LOST = 4
+    DIE_CONTACT = 5
+    SATURATION = 6
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened.
+
+    Attributes
+    ----------
+    kind : value of :class:`EventKind`, or of a later version's kind
+    time : s, as in the ticks of the results ; position : (x, y, z) m, frame ``sheet``
+    value, limit : the quantity at fault and its limit, SI, as ``text`` says ; text : for people
+    """
+
+    kind: int
+    time: float
+    position: tuple[float, float, float]
+    value: float
+    limit: float
+    text: str
+
+    @property
+    def name(self) -> str:
+        """The kind in words."""
+        return kind_name(self.kind)
+
+
+def kind_name(kind: int) -> str:
+    """The kind in words; its number when this version does not know it."""
+    try:
+        return EventKind(kind).name.lower().replace("_", " ")
+    except ValueError:
+        return f"kind {kind}"

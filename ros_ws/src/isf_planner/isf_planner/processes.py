@@ -1,0 +1,215 @@
+"""Processes: how a part becomes contours. They are found by name as entry points, so that a cell adds its own.
+
+A package registers a process in its ``setup.py``::
+
+    entry_points={"isf.processes": ["MY_PROCESS = my_package.my_module:MyProcess"]}
+
+where ``MyProcess`` derives from :class:`FormingProcess` or one of the processes here. Its name then stands in a job as
+``process: MY_PROCESS``; machine, force control and simulated sheet treat its contours as those of its ``kind``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import Job, JobFile, load_process
+from isf_core.types import Array
+
+from isf_planner.checks import part_checks
+from isf_planner.forming import stages
+from isf_planner.forming.sides import UPSIDE_DOWN, HalfPart, Side, parts, swapped
+from isf_planner.loops import sections
+from isf_planner.part import mesh_checks
+from isf_planner.part.meshes import Mesh
+from isf_planner.part.warning_places import in_sheet
+from isf_planner.paths import adsif_path, tool_paths, tpif_path
+from isf_planner.surface import target_surface, tip_surface
+
+Progress = Callable[[str, float], None]
+Cancelled = Callable[[], bool]
+
+
+@dataclass(frozen=True)
+class PreparedPart:
+    """A part with the loops of its tools, before there are contours.
+
+    Attributes
+    ----------
+    mesh : placed in frame ``sheet``
+    sides : loops, features and sampled target as the forming tool of each side sees them
+    preforms : the same of the stages before the last one
+    warnings : what to look at
+    over_die : what is planned over a die, None without one
+    """
+
+    mesh: Mesh
+    sides: tuple[Side, ...]
+    preforms: tuple[Side, ...] = ()
+    warnings: tuple[str, ...] = ()
+    over_die: tpif_path.TpifPart | None = None
+
+
+class FormingProcess(ABC):
+    """How a part becomes contours."""
+
+    kind: ClassVar[str] = "SPIF"
+    """SPIF, DSIF, TPIF or ADSIF: what the contours are to machine, force control and simulated sheet."""
+
+    def prepare(self, loaded: Mesh, job_file: JobFile, step: Steps) -> PreparedPart:
+        """Loops of the part ``loaded`` of a job.
+
+        Raises
+        ------
+        IsfError : codes 1101-1112 with the place and an advice; PLAN_CANCELLED
+        """
+        sides, shifts, warnings = [], [], []
+        for half in _parts(loaded, job_file):
+            side, shift, told = _plan_half(half, job_file, step)
+            sides.append(side)
+            shifts.append(shift)
+            warnings += told
+        mesh = loaded.moved(shifts[0])  # the height of an island's floor is known from the others
+        preforms = [_plan_half(half, job_file, step)[0] for half in stages.preforms(loaded, sides, job_file.job)]
+        return PreparedPart(mesh, tuple(sides), tuple(preforms), tuple(warnings))
+
+    @abstractmethod
+    def contours(
+        self, part: PreparedPart, job_file: JobFile, plan_id: str
+    ) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
+        """Contours in the order of forming, and warnings; raises IsfError as :meth:`prepare`."""
+
+
+class IncrementalForming(FormingProcess):
+    """SPIF: loop by loop from the opening to the floor."""
+
+    def contours(
+        self, part: PreparedPart, job_file: JobFile, plan_id: str
+    ) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
+        """As the base class."""
+        groups = [
+            tool_paths.make_contours(sides, job_file, plan_id)
+            for sides in (*([side] for side in part.preforms), list(part.sides))
+        ]
+        return stages.joined(groups), ()
+
+
+class DoubleSidedForming(IncrementalForming):
+    """DSIF: the same with a second tool on the other face; what rises above the blank it may form itself."""
+
+    kind = "DSIF"
+
+
+class FormingOverDie(FormingProcess):
+    """TPIF: from the top of the part outwards over a die, the blank holder travelling down."""
+
+    kind = "TPIF"
+
+    def prepare(self, loaded: Mesh, job_file: JobFile, step: Steps) -> PreparedPart:
+        """As the base class; DIE_COLLISION too."""
+        part = tpif_path.plan_part(loaded, job_file, step)
+        return PreparedPart(part.mesh, (part.side,), warnings=part.warnings, over_die=part)
+
+    def contours(
+        self, part: PreparedPart, job_file: JobFile, plan_id: str
+    ) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
+        """As the base class."""
+        assert part.over_die is not None  # made by prepare
+        return tpif_path.make_contours(part.over_die, job_file, plan_id), ()
+
+
+class AccumulativeForming(FormingProcess):
+    """ADSIF: both tools at one depth from the centre outwards; the part sinks."""
+
+    kind = "ADSIF"
+
+    def contours(
+        self, part: PreparedPart, job_file: JobFile, plan_id: str
+    ) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
+        """As the base class."""
+        side = part.sides[0]
+        return adsif_path.make_contours(side.tree, side.surface, job_file, plan_id)
+
+
+def process_of(job: Job) -> FormingProcess:
+    """The process of a job; raises IsfError FILE_FIELD when it cannot be loaded or is none."""
+    name = job.strategy or job.process
+    found = load_process(name)()
+    if isinstance(found, FormingProcess):
+        return found
+    raise IsfError(
+        ErrorCode.FILE_FIELD,
+        f"the process {name} is a {type(found).__name__}",
+        where="process",
+        advice="a process derives from isf_planner.processes.FormingProcess",
+    )
+
+
+def numbered(contours: Sequence[Contour]) -> tuple[Contour, ...]:
+    """``contours`` with their index and count in this order."""
+    return tuple(replace(contour, index=k, count=len(contours)) for k, contour in enumerate(contours))
+
+
+def _parts(mesh: Mesh, job_file: JobFile) -> list[HalfPart]:
+    """What each tool forms; one tool forms everything alone."""
+    if job_file.job.process != "DSIF":
+        return [HalfPart(mesh, 1)]
+    return parts(mesh, swap_islands=job_file.job.path.islands == "swap")
+
+
+def _plan_half(half: HalfPart, job_file: JobFile, step: Steps) -> tuple[Side, Array, list[str]]:
+    """Loops of what one tool forms, in the view of that tool; the shift (3,) m of the mesh in frame ``sheet``.
+
+    What is told, also by an error, names places in frame ``sheet``.
+    """
+    try:
+        side, shift, warnings = _plan_view(half, job_file, step)
+    except IsfError as error:
+        what, where = (in_sheet(text, half.forming_tool, half.base) for text in (error.what, error.where))
+        raise IsfError(error.code, what, where=where, advice=error.advice) from error
+    upright = shift * (UPSIDE_DOWN if half.forming_tool == 2 else 1.0)
+    return side, upright, [in_sheet(text, half.forming_tool, half.base) for text in warnings]
+
+
+def _plan_view(half: HalfPart, job_file: JobFile, step: Steps) -> tuple[Side, Array, list[str]]:
+    job, rig = swapped(job_file.job, half.forming_tool), job_file.rig
+    radius = job.tool_1.ball_radius
+    part = mesh_checks.check_and_place(half.mesh, rig.clamp.size, job.tool_1.radius, place=job.part.place)
+    part_checks.check_fit(part, job, rig)
+    if job.process == "ADSIF":
+        adsif_path.check_reachable(part.mesh, adsif_path.surface_for(job_file))
+    limit = job.wall_angle_limit or job_file.material.max_wall_angle
+    moved = part.warnings if half.base == 0.0 else ()  # told once, with the height of the flange
+    warnings = list(moved + part_checks.check_wall_angle(part.mesh, limit))
+
+    step("sampling the surface", 0.05)
+    surface = target_surface.fine_surface(part.mesh, radius)
+    step("dropping the tool", 0.3)
+    x, y, height = tip_surface.tip_grid(surface, radius)
+    warnings += part_checks.check_reach(surface, height, part.depth, radius)
+
+    grid = sections.TipGrid(x, y, height, part.depth)
+    levels = sections.levels(grid, surface, job)
+    nodes, told = sections.trace(grid, levels, job)
+    warnings += told
+    part_checks.check_pockets(part.mesh, levels, nodes, radius)
+    tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
+    shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
+    return Side(tree, surface, half.forming_tool, half.base), shift, warnings
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Reports the progress and stops when the plan is cancelled."""
+
+    progress: Progress
+    cancelled: Cancelled
+
+    def __call__(self, phase: str, share: float) -> None:
+        if self.cancelled():
+            raise IsfError(ErrorCode.PLAN_CANCELLED, "planning was cancelled", where=phase)
+        self.progress(phase, share)

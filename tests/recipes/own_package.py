@@ -1,0 +1,39 @@
+"""What a reader of CONTRIBUTING.md does: one file of a package of their own, one entry that names it, and commands."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+GUIDE = Path(__file__).resolve().parents[2] / "CONTRIBUTING.md"
+
+Environment = dict[str, str]
+
+
+def recipe(file: str) -> str:
+    """The listing of ``file`` in CONTRIBUTING.md: the fenced block after the line that names it; at most ten lines."""
+    found = re.search(rf"`{re.escape(file)}`[^\n]*\n\n```\w*\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
+    assert found, f"CONTRIBUTING.md has no listing of {file}"
+    lines = found.group(1).splitlines()
+    assert len([line for line in lines if line.strip()]) <= 10
+    return found.group(1)
+
+
+def install(folder: Path, source: str, group: str, name: str, made_by: str) -> Environment:
+    """A package with the module ``mine`` and one entry point, as pip leaves it; the environment that finds it."""
+    site = folder / "site"
+    info = site / "mine-1.0.dist-info"
+    info.mkdir(parents=True)
+    (site / "mine.py").write_text(source, encoding="utf-8")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n", encoding="utf-8")
+    (info / "entry_points.txt").write_text(f"[{group}]\n{name} = mine:{made_by}\n", encoding="utf-8")
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])}
+
+
+def isf(environment: Environment, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """The ``isf`` command."""
+    command = [sys.executable, "-m", "isf_cell.cli", *map(str, arguments)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=False)
