@@ -7,5 +7,6 @@ cd "$root"
 scripts/setup.sh
 # shellcheck source=/dev/null
 source "$root/.isf/env.sh"
+export NO_MKDOCS_2_WARNING=1 # a banner of the theme, no finding
 mkdocs build --strict --quiet "$@"
 printf 'Site: %s\n' "$root/.isf/site/index.html"
