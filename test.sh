@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Every quality gate: format, lint, types, import contracts, tests with coverage.
+# Every quality gate: format, lint, types, import contracts, the manual's site with its links, tests with coverage.
 #
 # usage: ./test.sh [--quick | --slow] [pytest arguments]
 #   --quick   only the tests without a node graph, no coverage
@@ -35,7 +35,7 @@ started=$SECONDS
 failed=()
 passed=()
 number=0
-total=5
+total=6
 [ $# -eq 0 ] || total=1
 
 # gate NAME COMMAND...
@@ -95,6 +95,7 @@ if [ $# -eq 0 ]; then
   gate "lint" ruff check --quiet .
   gate "types" python -m mypy
   gate "imports" lint-imports
+  gate "docs" scripts/site.sh
 fi
 if [ $# -eq 0 ] && [ -z "$quick" ]; then
   gate "tests" run_all

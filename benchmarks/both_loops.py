@@ -2,7 +2,8 @@
 
     ./isf python benchmarks/both_loops.py                            # ren_cone, ren_pyramid; uncorrected and elastic
     ./isf python benchmarks/both_loops.py --jobs mini_cone --corrections none --factors 0 0.5 1
-    ./isf python benchmarks/both_loops.py --write                    # and put the table into docs/force_control.md
+    ./isf python benchmarks/both_loops.py --write                    # and put the table into
+    docs/results/force_control.md
 
 Three places where the loops show, because springback hides them in the finished part:
 

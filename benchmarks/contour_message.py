@@ -2,8 +2,8 @@
 
     ./isf python benchmarks/contour_message.py
 
-Claim of docs/architecture.md: a contour of 2,000 points converts and publishes in under 2 ms. As a yardstick of this
-computer the same contact points are sent as ``nav_msgs/Path``.
+Claim of docs/reference/architecture.md: a contour of 2,000 points converts and publishes in under 2 ms. As a yardstick
+of this computer the same contact points are sent as ``nav_msgs/Path``.
 """
 
 from __future__ import annotations

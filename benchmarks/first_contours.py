@@ -1,4 +1,5 @@
-"""First contour corrected by the predicted force or not at all, method by method: the table of docs/springback.md.
+"""First contour corrected by the predicted force or not at all, method by method: the table of
+docs/methods/springback.md.
 
     ./isf python benchmarks/first_contours.py [--jobs ren_cone ren_pyramid] [--world 0]
 

@@ -1,9 +1,9 @@
 """How well the contact force is held: set-points, parts and worlds, on the simulated machine in this process.
 
     ./isf python benchmarks/force_control.py                        # mini_cone and ren_pyramid, 120 N, nominal world
-    ./isf python benchmarks/force_control.py --full --write --processes 2    # everything in docs/force_control.md
-    ./isf python benchmarks/force_control.py --jobs mini_cone --worlds 1-5        # a piece of it
-    ./isf python benchmarks/force_control.py --set loop_gain=36     # with other values of ControlConfig
+    ./isf python benchmarks/force_control.py --full --write --processes 2    # everything in
+    docs/results/force_control.md ./isf python benchmarks/force_control.py --jobs mini_cone --worlds 1-5        # a
+    piece of it ./isf python benchmarks/force_control.py --set loop_gain=36     # with other values of ControlConfig
 
 One row per run. Every engaged tick counts (mode CONTROL, corners and the first contours included). Two errors: of the
 *reading*, unfiltered and with the noise of the cell, and of the *true* force, which only a simulated machine knows;
@@ -39,7 +39,7 @@ from isf_springback.methods import make_corrector
 ROOT = Path(__file__).resolve().parents[1]
 JOBS = ROOT / "examples" / "jobs"
 CACHE = ROOT / ".isf" / "cache" / "force_control.json"
-PAGE = ROOT / "docs" / "force_control.md"
+PAGE = ROOT / "docs" / "results" / "force_control.md"
 SOURCES = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "isf_sim")
 HEADER = (
     "| job | N | world | reading within 10 N [%] | RMS [N] | true force within 10 N [%] | RMS [N] | 99.9 % below [N] | "

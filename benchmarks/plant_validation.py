@@ -4,10 +4,10 @@
 
 Prints published value, plant, verdict, and what kind of agreement it is: P predicted, A depends on a dimension that the
 source does not print and that had to be assumed, C a constant was calibrated on that number. A number is met within
-15 %, a force within 20 %. ``--page`` writes docs/validation.md with its pictures; ``--quick`` runs what takes seconds.
-Names: see main(). The whole takes about ten minutes on one core. The cases of other sources than Ren 2018 are in
-validation_cases.py, validation_funnel.py and validation_two_slopes.py. Assumed here: cone with opening radius 36 mm at
-50 deg; 40 mm at 65 deg for the support force.
+15 %, a force within 20 %. ``--page`` writes docs/results/validation.md with its pictures; ``--quick`` runs what takes
+seconds. Names: see main(). The whole takes about ten minutes on one core. The cases of other sources than Ren 2018 are
+in validation_cases.py, validation_funnel.py and validation_two_slopes.py. Assumed here: cone with opening radius 36 mm
+at 50 deg; 40 mm at 65 deg for the support force.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def flat_sheet() -> None:
 
 
 def formed_cone() -> tuple[SheetPlant, float]:
-    """The cone of Ren 2018, 4.3.4 without correction, and the wall time, s."""
+    """The cone of Ren 2018, 4.3.3 without correction, and the wall time, s."""
     rig = load_rig("ren2018")
     plant = SheetPlant(rig.clamp, load_material("AA5754-O"), 1e-3, 5e-3, 0.2e-3, rig.tool_1.compliance)
     started = time.perf_counter()
@@ -284,7 +284,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="The plant against published numbers.")
     parser.add_argument("names", nargs="*", help=", ".join(NAMES))
     parser.add_argument("--quick", action="store_true", help="only what takes seconds")
-    parser.add_argument("--page", action="store_true", help="write docs/validation.md; other parts stay as they were")
+    parser.add_argument("--page", action="store_true", help="write docs/results/validation.md")
     arguments = parser.parse_args()
     unknown = set(arguments.names) - set(NAMES)
     if unknown:

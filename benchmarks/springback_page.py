@@ -208,13 +208,13 @@ def write(rows: Sequence[dict[str, Any]], digest: str, maps: Path, folder: Path)
 
 Written by `{COMMAND}`.
 {told}
-Every run is a line of [results_springback.jsonl](results_springback.jsonl), lengths in mm.
+Every run is a line of [springback.jsonl](springback.jsonl), lengths in mm.
 Simulated machine, formed in one process; vertical errors in the clamp, formed minus target, mm. World 0 is nominal; in
 the others sheet, machine and load cells are off by up to 20 %, which the controllers do not know. Methods that look at
 the shape see a scan with noise, holes and registration after every contour. First contours go by the predicted force
 (`springback.first_contour`); the plant is that of the sources named above. With `+push` the edge of the clamp was
 calibrated before the part, by one push on the flat sheet in that world (`isf springback calibrate`). With `-floor` the
-passes over the floor that the job asks for are left out ([planning](planning_paths.md#passes-over-the-floor)).
+passes over the floor that the job asks for are left out ([planning](../methods/paths.md#passes-over-the-floor)).
 
 ## Published
 
@@ -237,7 +237,7 @@ Left without correction, right the best method by the median of the first goal; 
 of the whole opening, whatever region the source measures.
 
 {chr(10).join(pictures(rows, maps, folder)) or "None yet."}"""
-    path = folder / "results_springback.md"
+    path = folder / "springback.md"
     lines = [json.dumps(row) for row in sorted(rows, key=lambda row: (row["job"], row["method"], row["world"]))]
     path.with_suffix(".jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     path.write_text(text.rstrip() + "\n", encoding="utf-8")

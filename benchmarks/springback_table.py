@@ -127,10 +127,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--worlds", nargs="+", default=["0"], help="for example: 0,1-20")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--rows", type=Path, default=ROWS, help="file of the rows")
-    parser.add_argument("--page", action="store_true", help="write docs/results_springback.md, pictures, rows")
+    parser.add_argument("--page", action="store_true", help="write docs/results/springback.md, pictures, rows")
     parser.add_argument("--only-page", action="store_true", help="compute nothing")
     parser.add_argument("--any-version", action="store_true", help="show rows of other sources too; the page says so")
-    parser.add_argument("--folder", type=Path, default=ROOT / "docs", help="where the page goes")
+    parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "results", help="where the page goes")
     options = parser.parse_args(arguments)
     console = Console()
     try:

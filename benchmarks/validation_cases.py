@@ -241,7 +241,7 @@ def circle(plant: SheetPlant, r: float, depth: float, spacing: float = 0.8e-3) -
 
 
 def lu_cone() -> None:
-    """Lu 2016, EX3: 50 deg cone, 30 mm deep, 2 mm steps, tool of 30 mm, AA7075-O 1.6 mm; radius assumed 75 mm."""
+    """Lu 2016, 4.2.1: 50 deg cone, 30 mm deep, 2 mm steps, tool of 30 mm, AA7075-O 1.6 mm; radius assumed 75 mm."""
     plant = backed_plant("lu2016", "AA7075-O", 1.6e-3, 15e-3, 2e-3, 0.2)
     errors = []
     for k in range(1, 16):
@@ -259,7 +259,7 @@ def lu_cone() -> None:
 
 
 def step_depth() -> None:
-    """Lu 2016, EX1 (accuracy falls with the step) and EX2 (small steps tear at 60 deg)."""
+    """Lu 2016, 4.1.1 (accuracy falls with the step) and 4.1.3 (small steps tear at 60 deg)."""
     errors = []
     for step in (0.6e-3, 1.1e-3, 2.2e-3):
         plant = backed_plant("lu2016", "AA7075-O", 1.6e-3, 15e-3, step, 0.2)
@@ -329,7 +329,7 @@ def rounded_square(half: float, radius: float, spacing: float) -> Array:
 
 
 def two_point() -> None:
-    """Lu 2016, EX8 in kind: base on the die within 0.3 mm, wall under-formed by up to 3 mm; other part and machine."""
+    """Lu 2016, 4.4 in kind: base on the die within 0.3 mm, wall under-formed by up to 3 mm; other part and machine."""
     record = form(load_job(JOBS / "tpif_cone.yaml"), RunOptions(correction="none"))
     r = np.linspace(0.0, 60e-3, 121)
     line = np.column_stack([r, 0 * r])

@@ -1,4 +1,4 @@
-"""Writes docs/validation.md and its pictures from the rows of plant_validation.py."""
+"""Writes docs/results/validation.md and its pictures from the rows of plant_validation.py."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from isf_core.types import Array
 from isf_sim.plant_constants import PlantConstants, provenance
 from isf_sim.world import STANDARD_WORLDS, make_world
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+DOCS = Path(__file__).resolve().parents[1] / "docs" / "results"
 DATA = Path(__file__).with_name("validation_rows.json")
 """Rows of the last run of every part."""
 
@@ -137,10 +137,10 @@ wall of several passes bears more. 1.15 is what the plant's own thinning of one 
 published went into it. The gain of squeeze is a ratio of depths (19.0 and 22.1 mm), taken as a ratio of strains
 (assumed). The funnel that this pair was measured on is formed on an assumed generatrix, an arc from the printed 65 deg
 that reaches 66 deg, by the sine law the limit, at 19.0 mm: the first depth is put in by the geometry, and only how much
-deeper force control gets is the plant's answer. It is too deep: [sheet.md](sheet.md) tells why. Small steps do not tear
-earlier than large ones, as they do in Lu 2016, 4.1.3: no damage is accumulated over passes. Bending to the ball and
-back takes no plastic strain after the first pass in this model, and what friction adds per pass is not published. The
-wall of 80 deg in four passes tore at ribs, which the cone that is formed for these rows does not have.
+deeper force control gets is the plant's answer. It is too deep: [the sheet](../methods/sheet.md) tells why. Small
+steps do not tear earlier than large ones, as they do in Lu 2016, 4.1.3: no damage is accumulated over passes. Bending
+to the ball and back takes no plastic strain after the first pass in this model, and what friction adds per pass is not
+published. The wall of 80 deg in four passes tore at ribs, which the cone that is formed for these rows does not have.
 """
 
 _WORLDS_HEAD = """## Standard set of off-nominal worlds

@@ -1,4 +1,4 @@
-"""``isf plan`` with exports and views, and ``isf part``, run as a user runs them (docs/planning_outputs.md)."""
+"""``isf plan`` with exports and views, and ``isf part``, run as a user runs them (docs/methods/plan_outputs.md)."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ MOST_TOLD = 15
 """Lines of a failure."""
 
 IN_GRAPH = {Quantity.LENGTH: 1000.0, Quantity.FORCE: 100.0}
-"""1 um and 0.1 N: the contract of docs/architecture.md between the node graph and one process."""
+"""1 um and 0.1 N: the contract of docs/reference/architecture.md between the node graph and one process."""
 
 
 def _case(name: str) -> Case:

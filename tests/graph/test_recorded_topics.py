@@ -1,4 +1,4 @@
-"""What the architecture page names as a topic of the cell is in a recording, with its type and delivery."""
+"""What the page of nodes names as a topic of the cell is in a recording, with its type and delivery."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from isf_analysis.bag.topics import CELL
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "nodes.md"
 INSTEAD = {"tool_1/target_twist", "tool_2/target_twist"}
 """Published in place of the targets by a cell whose driver takes velocities; recorded when asked for by name."""
 
@@ -23,7 +23,7 @@ def named_topics() -> dict[str, tuple[str, str]]:
     return found
 
 
-def test_every_topic_of_the_architecture_page_is_recorded() -> None:
+def test_every_topic_of_the_page_of_nodes_is_recorded() -> None:
     named = {name: value for name, value in named_topics().items() if name not in INSTEAD}
     assert len(named) > 15
     assert set(named) == {topic.name for topic in CELL}

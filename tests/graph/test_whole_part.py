@@ -60,7 +60,7 @@ def test_the_bag_holds_the_whole_part(graph_record: PartRecord) -> None:
 
 
 def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
-    """The contract of docs/architecture.md: 1 um and 0.1 N, contour by contour and in the final shape."""
+    """The contract of docs/reference/architecture.md: 1 um and 0.1 N, contour by contour and in the final shape."""
     alone = in_process.form(load_job(JOB), RunOptions(seed=3))
     assert len(alone.results) == len(graph_record.results)
     for mine, theirs in zip(alone.results, graph_record.results, strict=True):
@@ -167,7 +167,7 @@ TOO_BUSY = (
     ErrorCode.NO_TARE,
 )
 """Codes with which a computer that keeps nodes waiting for tenths of a second ends a part in real time: see
-docs/machine.md."""
+docs/methods/machine.md."""
 
 
 def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The code keeps to the package table of docs/architecture.md (layers between packages: import-linter)."""
+"""The code keeps to the package table of docs/reference/architecture.md (layers between packages: import-linter)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ROOT / "ros_ws" / "src"
-PAGE = ROOT / "docs" / "architecture.md"
+PAGE = ROOT / "docs" / "reference" / "architecture.md"
 
 ROS = re.compile(
     r"rclpy|\w+_msgs|builtin_interfaces|rcl_interfaces|\w+_srvs|ament_index_python|launch|launch_ros|rosidl\w*"

@@ -16,7 +16,7 @@ setup(
     zip_safe=False,
     maintainer="ISF cell maintainers",
     maintainer_email="maintainers@isf-cell.invalid",
-    description="Springback correction of every contour before it is formed: sheet models and force forecast.",
+    description="Springback correction of every contour before it is formed, by one of several methods.",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [

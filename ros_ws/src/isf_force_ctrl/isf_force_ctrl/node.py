@@ -1,8 +1,8 @@
 """Node ``force_ctrl``: forms corrected contours by streaming targets in answer to wrenches.
 
 In lockstep a pair of wrenches with stamp t_k is answered by a pair of targets with stamp t_(k+1); in real time ticks
-are due by the clock, and a pair of wrenches is answered when it comes (real_time.py). See docs/architecture.md for
-topics, lockstep and watchdogs.
+are due by the clock, and a pair of wrenches is answered when it comes (real_time.py). See
+docs/reference/architecture.md for topics, lockstep and watchdogs.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Series springs of Ren 2018 eq. 2-4 to 2-9 along the horizontal normal of a ring-shaped wall, a third-order 30 Hz servo
 per axis (2.3.3, Butterworth) fed through a first-order hold, 1 % or 0.5 N noise and 1 N steps at the load cell
-(2.2, O-2.6).
+(2.2, 2.3.4).
 """
 
 from __future__ import annotations

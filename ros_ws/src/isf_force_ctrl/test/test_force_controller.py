@@ -42,7 +42,7 @@ def test_part_is_formed_and_parked(formed):
 
 
 def test_force_is_held_with_both_loops_on(formed):
-    # F-2.31, 7.2: force control and compliance compensation at the same time; +-10 N, 99 % of the engaged time.
+    # Force control and compliance compensation at the same time; +-10 N, 99 % of the engaged time.
     error = engaged_error(formed)
     assert np.mean(np.abs(error) <= 10.0) >= 0.99
     assert abs(error.mean()) < 3.0  # inside the dead zone
@@ -78,7 +78,7 @@ def test_result_describes_the_contour(formed):
 
 
 def test_raising_the_set_point_moves_the_support_tool_towards_the_forming_tool():
-    # O-2.36, the sign check.
+    # The sign check: raising the set-point moves the support tool towards the forming tool.
     low = run(part(1), make_config(support_force=80.0)).results[0]
     high = run(part(1), make_config(support_force=200.0)).results[0]
     apart_low = np.linalg.norm((low.support_target - low.forming_target)[:, :2], axis=1)
@@ -89,7 +89,8 @@ def test_raising_the_set_point_moves_the_support_tool_towards_the_forming_tool()
 
 
 def test_position_control_loses_what_force_control_holds():
-    # O-2.10: the gap opens by 0.3 mm on half of the turn; position control loses contact there, force control does not.
+    # As on the cone of Ren 2018, 2.4.1: the gap opens by 0.3 mm on half of the turn; position control loses contact
+    # there, force control does not.
     gap = lambda time, angle: 0.15e-3 * (1 - np.cos(angle))  # noqa: E731
     position = run(part(1, force=None), make_config(), gap=gap)
     force = run(part(1), make_config(), gap=gap)
@@ -100,7 +101,7 @@ def test_position_control_loses_what_force_control_holds():
 
 
 def test_ramp_disturbance_within_ten_newton():
-    # 500 um/s ramps up and down, without dead zone 9.4 N (2.6.7); noise-free.
+    # 500 um/s ramps up and down, without dead zone 9.4 N (rate over K_i); noise-free.
     gap = lambda time, angle: 0.15e-3 + 500e-6 * abs((time % 1.2) - 0.6)  # noqa: E731
     outcome = run(part(1, radius=30e-3), make_config(dead_zone=0.0), gap=gap, noise=False)
     error = engaged_error(outcome)
@@ -131,7 +132,7 @@ def test_feed_is_reduced_where_the_force_is_off():
 
 @pytest.mark.parametrize("stiffness", [0.5, 1.0, 3.0])
 def test_contact_stiffness_may_be_wrong(stiffness):
-    # 2.6.7: safe for K_c errors up to about three times; F-5.3 asks for 0.5 to 2.
+    # Safe for K_c errors up to about three times; Ren 2018, 5.1.2, names errors of K_c as what a fixed gain must bear.
     outcome = run(part(1), make_config(), contact_stiffness=stiffness * 0.45e6)
     assert outcome.results[0].completed
     error = engaged_error(outcome)

@@ -27,7 +27,7 @@ def rise(forces, rate):
 
 
 def test_set_of_the_text():
-    # O-2.39 set A: 440 Hz, K_i 53-55 um/(N s): 90 % in 97 ms, overshoot 1 N, at rest within 1 N. The published
+    # Ren 2018, 2.3.4: 440 Hz, K_i 53-55 um/(N s): 90 % in 97 ms, overshoot 1 N, at rest within 1 N. The published
     # run has a smoother of 7 ms and a servo rate of its own: 10 ms of tolerance.
     forces = step_response(440.0, 24.0, 16e-6 / 2e-6 * 440.0)
     assert rise(forces, 440.0) == pytest.approx(0.097, abs=0.010)
@@ -36,7 +36,7 @@ def test_set_of_the_text():
 
 
 def test_set_of_the_listing():
-    # O-2.39 set B: 226 Hz, K_i 28.3 um/(N s): 90 % in 193 ms, rests 3 N short in its dead zone.
+    # Ren 2018, appendix B: 226 Hz, K_i 28.3 um/(N s): 90 % in 193 ms, rests 3 N short in its dead zone.
     forces = step_response(226.0, 28.3e-6 * STIFFNESS, 16e-6 / 2e-6 * 226.0)
     assert rise(forces, 226.0) == pytest.approx(0.193, abs=0.015)
     assert forces.max() <= 200.5

@@ -1,6 +1,6 @@
 """Identification of the machine with its own tools (action ``identify``): which measurement, and what it found.
 
-Ren 2018: 2.2.1 (compliance), eq. 2-8 (contact stiffness), 2.3.3 (servo); signs as in docs/architecture.md.
+Ren 2018: 2.2.1 (compliance), eq. 2-8 (contact stiffness), 2.3.3 (servo); signs as in docs/reference/architecture.md.
 """
 
 from __future__ import annotations

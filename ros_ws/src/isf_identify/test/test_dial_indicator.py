@@ -10,13 +10,13 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_identify.dial_indicator import DialTable, dial_piece, far_from, fit_dial
 
 TRUE = {1: np.array([1.0e-6, 1.1e-6, 0.1e-6]), 2: np.array([0.9e-6, 1.0e-6, 0.08e-6])}
-"""m/N, in plane ten times softer than in z (O-2.7)."""
+"""m/N, in plane ten times softer than in z (Ren 2018, 2.2.1)."""
 FORCES = np.array([20.0, 60.0, 100.0, 140.0, 180.0])
 
 
 def readings(seed: int = 0, *, apart: float = 0.0, dial: float = 1.0e-6, cell: float = 0.01) -> DialTable:
-    """Three places, six repetitions, both tools and all axes; a dial of 1 um and a cell of 1 % (O-2.6); ``apart`` is
-    the relative difference of the compliance from place to place."""
+    """Three places, six repetitions, both tools and all axes; a dial of 1 um and a cell of 1 % (Ren 2018, 2.3.4);
+    ``apart`` is the relative difference of the compliance from place to place."""
     random = np.random.default_rng(seed)
     rows = []
     for tool in (1, 2):

@@ -17,20 +17,20 @@ def test_integral_law():
 
 
 def test_proportional_law_leaves_an_error():
-    # O-2.22: 1 / (1 + K_p K_c) of the step is left: 50 N at 1.
+    # Ren 2018, 2.3.3: 1 / (1 + K_p K_c) of the step is left: 50 N at 1.
     response = respond(make_config(), NOMINAL, step_case(), "P")
     assert 200.0 - response.force[-1] == pytest.approx(50.0, abs=1.0)
 
 
 def test_proportional_law_becomes_unstable():
-    # O-2.22: from K_p K_c = 3 on with the servo alone; filter and hold take some of it.
+    # Proportional law of Ren 2018, 2.3.3: from K_p K_c = 3 on with the servo alone; filter and hold take some of it.
     config = make_config(oscillation_swing=np.inf)
     assert np.ptp(respond(config, NOMINAL, step_case(), "P", p_gain=1.0).force[-200:]) < 1.0
     assert np.ptp(respond(config, NOMINAL, step_case(), "P", p_gain=3.0).force[-200:]) > 50.0
 
 
 def test_proportional_part_makes_it_oscillate():
-    # O-2.21: PI is oscillatory.
+    # Ren 2018, 2.3.4: PI is oscillatory.
     config = make_config(oscillation_swing=np.inf)
     integral = respond(config, NOMINAL, step_case()).force[-300:]
     both = respond(config, NOMINAL, step_case(), "PI", p_gain=2.0).force[-300:]
@@ -38,7 +38,7 @@ def test_proportional_part_makes_it_oscillate():
 
 
 def test_ramp_error_is_that_of_theory():
-    # O-2.29: (d eps / dt) / K_i + dead zone: 300 / 53.3 + 1 = 6.6 N
+    # Ramp through the integral law: (d eps / dt) / K_i + dead zone: 300 / 53.3 + 1 = 6.6 N
     assert respond(make_config(), NOMINAL, ramp_case(300e-6)).largest_error() == pytest.approx(6.6, abs=0.5)
 
 

@@ -53,7 +53,7 @@ class CellStream:
         """(6,) wrench of ``reading`` (C,) with ``stamp`` ns, None when none is to be published; sets :attr:`fault`.
 
         ``rotation`` (3, 3) from axes of the cell to frame sheet, where it changes. A stamp that repeats is a sign of
-        life of a machine that waits (docs/architecture.md, lockstep): no new reading, the same wrench again.
+        life of a machine that waits (docs/reference/architecture.md, lockstep): no new reading, the same wrench again.
         """
         again = bool(stamp) and stamp == self._stamp
         if again and self._wrench is not None:

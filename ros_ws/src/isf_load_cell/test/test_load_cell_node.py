@@ -29,7 +29,7 @@ from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.graph
 
-DOCS = Path(__file__).resolve().parents[4] / "docs" / "other_cells.md"
+DOCS = Path(__file__).resolve().parents[4] / "docs" / "own_cell" / "load_cells.md"
 NODE = ("-m", "isf_load_cell.node")
 MATRIX = "calibration_matrix: [[2, 0.1, 0], [0, -3, 0], [0, 0.2, 4]]\n"
 
@@ -291,7 +291,7 @@ def test_what_cannot_be_used_leaves_the_node_unconfigured(tmp_path: Path, option
 
 
 def documented() -> tuple[list[dict[str, str]], list[str]]:
-    """Remaps of both nodes, and the examples of files, in the section of docs/other_cells.md."""
+    """Remaps of both nodes, and the examples of files, in the section of docs/own_cell/load_cells.md."""
     section = DOCS.read_text().split("## Readings of a load cell")[1].split("\n## ")[0]
     (block,) = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
     commands = block.replace("\\\n", " ").splitlines()

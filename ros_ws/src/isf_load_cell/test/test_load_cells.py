@@ -124,7 +124,7 @@ def test_any_one_cell_may_fail(force, height, lost):
     if lost is not None:
         readings[lost] = np.nan
     found = force_of(readings, height)
-    assert found.force == pytest.approx(np.array(force), abs=0.1)  # F20: within 0.1 N
+    assert found.force == pytest.approx(np.array(force), abs=0.1)  # Torrao 2013, 3.4.1, within 0.1 N
     assert found.missing == (0 if lost is None else lost + 1)
 
 
@@ -154,7 +154,7 @@ def counts(force, zero):
 
 
 def test_nothing_is_read_without_contact_at_any_tilt():
-    # F25: the weight turns with the cell; mass 2 kg.
+    # The weight turns with the cell; mass 2 kg.
     reading, zero = cell(mass=2.0), np.array([5.0, -3.0, 9.0])
 
     def free(angle):

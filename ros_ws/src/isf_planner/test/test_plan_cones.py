@@ -134,7 +134,7 @@ def test_target(cone_plan: Plan) -> None:
 def test_predictions(cone_plan: Plan) -> None:
     assert cone_plan.warnings == ()
     assert np.degrees(cone_plan.largest_wall_angle) == pytest.approx(45.0, abs=0.5)
-    # sine law O-1.3 of Ren 2018: 0.7071 mm at 45 deg
+    # sine law (Ren 2018, 1.1.2): 0.7071 mm at 45 deg
     assert cone_plan.smallest_thickness == pytest.approx(0.7071e-3, abs=7e-6)
     exact = sum(2 * np.pi * CONE.tip(contour.forming_tip[0, 2], R)[0] for contour in cone_plan.contours)
     assert cone_plan.path_length == pytest.approx(exact, rel=2e-3)
@@ -142,11 +142,11 @@ def test_predictions(cone_plan: Plan) -> None:
 
 
 def test_sample_program_line_of_ren() -> None:
-    """Ren 2018, Appendix C: X 42.5714, Z -0.0825, U 43.7223, W -1.0166; derived O-2.37: gap 0.9945 mm at 6.009 deg."""
+    """Ren 2018, Appendix C: X 42.5714, Z -0.0825, U 43.7223, W -1.0166; from that: gap 0.9945 mm at 6.009 deg."""
     job = load_job(EXAMPLES / "jobs" / "ren_pyramid.yaml").job
     slope = np.radians(6.009)
     normal = np.tile([-np.sin(slope), 0.0, np.cos(slope)], (3, 1))
-    points = np.array([[42.5714e-3, 0.0], [42.5714e-3, 0.5e-3], [42.5714e-3, 1.0e-3]])  # Y in steps of 0.5 mm, O-2.38
+    points = np.array([[42.5714e-3, 0.0], [42.5714e-3, 0.5e-3], [42.5714e-3, 1.0e-3]])  # Y in steps of 0.5 mm
     contour = make_contour(TipLoop(-0.0825e-3, points, normal), job, "program", 0, 1)
     # four decimals of mm are printed; the slope is known to 0.001 deg = 0.2 um at the distance of the ball centres
     np.testing.assert_allclose(contour.forming_tip[0], [42.5714e-3, 0.0, -0.0825e-3], atol=1e-12)

@@ -21,7 +21,7 @@ class PlantConstants:
     base_pillow: float = _constant(0.3, "assumed: pillow of the following base over the blank's thickness")
     squeeze_memory: float = _constant(0.5, "assumed: lasting part of the squeeze indentation")
     flow_factor: float = _constant(1.15, "assumed: plane-strain factor on the mean of yield and tensile strength")
-    indentation_factor: float = _constant(2.8, "published: constraint factor of indentation (Tabor)")
+    indentation_factor: float = _constant(2.8, "published: constraint factor of indentation (Tabor 1951)")
     window_radii: float = _constant(3.0, "assumed: path, in tool radii, in which a pass touches the same material")
     lag_length: float = _constant(2.0e-3, "assumed: travel over which lateral forces build up, m")
     fresh_depth: float = _constant(1.0e-3, "assumed: depth over which one coarse solution serves, m")

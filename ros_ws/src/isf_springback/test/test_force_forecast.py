@@ -21,7 +21,7 @@ def test_second_contour_holds_the_first_force():
 
 @pytest.mark.parametrize(("law", "lag"), [("hold", 1.0), ("half_step", 0.5), ("linear", 0.0)])
 def test_lag_on_a_ramp(law, lag):
-    # O-4.24: a force rising by c per contour is forecast c/2 low by the published law; linear has no lag
+    # Ren 2018 eq. 4-14: a force rising by c per contour is forecast c/2 low by the published law; linear has no lag
     step = 40.0
     found = forecast(np.array([500.0]), np.array([500.0 - step]), law)
     assert found == pytest.approx([500.0 + step - lag * step])

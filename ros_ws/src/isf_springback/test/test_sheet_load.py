@@ -19,7 +19,7 @@ def test_the_squeezing_pair_does_not_bend_the_sheet(tool):
 
 @pytest.mark.parametrize("tool", [1, 2])
 def test_without_support_reading_the_share_follows_from_the_set_point(tool):
-    # F_nz = F_nxy cot(phi) (Ren 2018, specification 7.2); the set-point of the contour is 120 N
+    # F_nz = F_nxy cot(phi) (Ren 2018, 2.3); the set-point of the contour is 120 N
     contour = cone_contour(10, tool=tool)
     result = replace(result_of(contour, 500.0, squeeze=120.0), support_force=np.empty((0, 3)))
     assert axial_sheet_load(contour, result) == pytest.approx(np.full(len(contour), 500.0), abs=1e-9)

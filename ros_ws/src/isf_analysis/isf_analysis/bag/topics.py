@@ -1,8 +1,8 @@
 """The topics of a cell: name, type and kind of delivery of each, and the message types to read and write them.
 
-As in docs/architecture.md. Names are relative to the namespace of the cell, except those that begin with a slash. The
-kinds are the names of the profiles in ``isf_ros.qos``; ``DEFAULT`` is the ROS default (reliable, volatile). Types come
-from the ``.msg`` files of ``isf_msgs``, without ROS.
+As in docs/reference/architecture.md. Names are relative to the namespace of the cell, except those that begin with a
+slash. The kinds are the names of the profiles in ``isf_ros.qos``; ``DEFAULT`` is the ROS default (reliable, volatile).
+Types come from the ``.msg`` files of ``isf_msgs``, without ROS.
 """
 
 from __future__ import annotations

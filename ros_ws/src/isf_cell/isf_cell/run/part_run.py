@@ -1,4 +1,4 @@
-"""One part from the blank to the last scan: the sequence of docs/architecture.md, over any cell; free of ROS."""
+"""One part from blank to last scan, over any cell; free of ROS. The sequence: docs/reference/architecture.md."""
 
 from __future__ import annotations
 

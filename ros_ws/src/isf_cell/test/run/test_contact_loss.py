@@ -1,6 +1,6 @@
 """Contact of the support tool on the plant: lost under position control, later with compensation, kept by control.
 
-Ren 2018, O-2.10 and O-2.19: contact is lost the later the more of the compliance is compensated.
+Ren 2018, 2.4.1 and 2.4.3: contact is lost the later the more of the compliance is compensated.
 """
 
 from __future__ import annotations

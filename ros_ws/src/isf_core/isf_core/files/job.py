@@ -486,7 +486,7 @@ class ElasticSpec(FileModel):
     is installed by itself, takes some twenty times as long and gives the same. While forming it is the former."""
     forecast: Literal["hold", "half_step", "linear"] = "hold"
     """Force forecast; half_step is the published 1.5 F_(i-1) - 0.5 F_(i-2). The more a forecast runs ahead, the more
-    the force that a deeper push raises swings the next push: see docs/springback.md."""
+    the force that a deeper push raises swings the next push: see docs/methods/springback.md."""
     block: int = Field(default=1, ge=1)
     """Contours per force forecast (published: 5)."""
     horizontal: bool = False

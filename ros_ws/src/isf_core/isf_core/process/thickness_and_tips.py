@@ -1,7 +1,7 @@
 """Thickness of the formed sheet, and where the tips of tools with ball ends stand on both of its sides.
 
 Thickness by the sine law and by the overlap method (Praveen 2020, 2.1); tips from contact points for spherical tools
-(Ren 2018, section 2.9; Praveen 2020 eq. 17-18). Contact points lie on the sheet surface that the forming tool touches;
+(Ren 2018, Appendix C; Praveen 2020 eq. 17-18). Contact points lie on the sheet surface that the forming tool touches;
 normals point out of the sheet towards the forming tool. Lengths in m, angles in rad.
 """
 

@@ -40,7 +40,7 @@ def test_the_nineteen_published_angles_are_returned_exactly() -> None:
 
 
 def test_between_the_runs() -> None:
-    assert np.degrees(stable_angle(SURFACE, np.radians(30), 0.75)) == pytest.approx(27.85, abs=1e-9)  # O-3.24
+    assert np.degrees(stable_angle(SURFACE, np.radians(30), 0.75)) == pytest.approx(27.85, abs=1e-9)
     # in the cell with the buckled run only the half away from it is known
     assert np.isnan(stable_angle(SURFACE, np.radians(27), 0.62))
     assert np.degrees(stable_angle(SURFACE, np.radians(33), 0.68)) == pytest.approx(32.56, abs=1e-9)
@@ -120,14 +120,14 @@ def test_a_surface_is_not_used_for_something_else(change: dict[str, object], tol
     ("theta", "exact"), [(0, 0.0018), (25, 0.0860), (35, 0.1159), (45, 0.1423), (55, 0.1644), (60, 0.1737)]
 )
 def test_gap_opens_under_load(theta: float, exact: float) -> None:
-    """O-3.12: r = 5, gap 1.0, deflection 0.2 mm."""
+    """Ren 2018, 3.3.1: r = 5, gap 1.0, deflection 0.2 mm."""
     opened = adsif_surface.opened_gap(1e-3, 0.2e-3, np.radians(theta), 5e-3) - 1e-3
     assert opened * 1e3 == pytest.approx(exact, abs=0.5e-4)
 
 
 @given(st.floats(0.6e-3, 1.0e-3), st.floats(25, 55))
 def test_compensated_gap_is_right_under_load(gap: float, theta: float) -> None:
-    """O-3.26: 0.6 to 1.6 um too wide at a deflection of 0.2 mm."""
+    """Ren 2018 eq. 3-14 against the exact geometry: 0.6 to 1.6 um too wide at a deflection of 0.2 mm."""
     commanded = adsif_surface.rigid_gap(np.array([gap]), np.array([0.2e-3]), np.radians([theta]))
     left = adsif_surface.opened_gap(commanded, 0.2e-3, np.radians(theta), 5e-3) - gap
     assert 0.5e-6 < left[0] < 1.7e-6

@@ -12,7 +12,7 @@ def test_groove_angle() -> None:
 
 
 def test_contact_area_at_the_reference_point() -> None:
-    """P3: 21.67 mm^2 at 60 deg, printed with four digits."""
+    """Praveen 2020 eq. 2: 21.67 mm^2 at 60 deg, printed with four digits."""
     assert contact_patch(np.radians(60), RADIUS, STEP).area == pytest.approx(21.67e-6, abs=5e-9)
 
 
@@ -24,7 +24,8 @@ def test_contact_area_is_continuous_where_wall_and_groove_agree() -> None:
 
 @pytest.mark.parametrize(("angle", "axial"), [(25, 351.2), (30, 384.9), (45, 452.5), (60, 433.1)])
 def test_axial_force_of_the_reference_table(angle: float, axial: float) -> None:
-    """P4 with the flow curve 144 strain^0.02 MPa; 0.1 % for the table's rounding of the groove angle."""
+    """Praveen 2020 eq. 1-3 with the flow curve 144 strain^0.02 MPa; 0.1 % for the table's rounding of the groove
+    angle."""
     wall = np.radians(angle)
     strain = 2 / np.sqrt(3) * np.log(1 / np.cos(wall))
     force = equilibrium_force(144e6 * strain**0.02, SHEET * np.cos(wall), wall, RADIUS, STEP)
@@ -38,5 +39,5 @@ def test_radial_force_is_never_negative() -> None:
 
 @pytest.mark.parametrize(("angle", "axial"), [(25, 338), (30, 376), (45, 432), (60, 393)])
 def test_regression_agrees_with_the_values_quoted_for_it(angle: float, axial: float) -> None:
-    """Praveen 2020 specification 2.2 (ii), printed as whole newtons."""
+    """Praveen 2020 eq. 1-3, as whole newtons."""
     assert aerens_axial_force(144e6, SHEET, RADIUS, STEP, np.radians(angle)) == pytest.approx(axial, abs=1.0)

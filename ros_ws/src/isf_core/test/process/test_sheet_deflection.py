@@ -1,4 +1,4 @@
-"""Sheet deflection against the numbers of Praveen 2020 (sections of the reference specification in brackets)."""
+"""Sheet deflection against the numbers of Praveen 2020; E and nu are not printed there."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from isf_core.process.deflection import SheetSection, deflection, line_load, membrane_share, ring_load_law
 
-# Al8011 of the paper; E and nu are not printed there, 70 GPa and 0.33 reproduce its finite elements [3.1]
+# Al8011 of the paper; 70 GPa and 0.33 reproduce its finite elements (3.1)
 PAPER = SheetSection(young_modulus=70e9, poisson_ratio=0.33, thickness=0.8e-3)
 LOAD = 16.50e3
-"""N/m, 381 N over the perimeter of the contact patch [3.2]."""
+"""N/m, 381 N over the perimeter of the contact patch (3.1)."""
 
-# r_b, r_l in mm; a N/mm^4, b N/mm^2, w mm at 16.50 N/mm [2.4]; Table 1 combined w in mm [3.2]
+# r_b, r_l in mm; a N/mm^4, b N/mm^2, w mm at 16.50 N/mm (eq. 5-16); combined w of Table 1 in mm
 ROWS = [
     (50, 42, 67.10, 25.45, 0.4335, 0.428, 0.33),
     (350, 300, 0.27196, 0.101185, 3.898, 4.05, 0.976),
@@ -20,7 +20,7 @@ ROWS = [
 
 
 def test_rigidities():
-    # D = 3351.66 N mm and C = 62 843.7 N/mm [2.4], printed to six digits
+    # D = 3351.66 N mm and C = 62 843.7 N/mm (2.3), to six digits
     assert PAPER.bending_rigidity == pytest.approx(3.35166, rel=1e-5)
     assert PAPER.in_plane_rigidity == pytest.approx(62_843.7e3, rel=1e-5)
 
@@ -33,14 +33,14 @@ def test_coefficients_root_and_table_1(clamp, ring, a, b, w, table, share):
     assert law.linear * 1e-6 == pytest.approx(b, rel=3e-4)
     found = deflection(law, LOAD)
     assert found * 1e3 == pytest.approx(w, rel=3e-4)
-    # Table 1 was computed with an unprinted l + m: reproduced to 4 % with one value for all rows [3.2 (i)]
+    # Table 1 was computed with an unprinted l + m: reproduced to 4 % with one value for all rows
     assert found * 1e3 == pytest.approx(table, rel=0.04)
-    # membrane share of the load, two printed digits [3.2 (iv)]
+    # membrane share of the load, to two digits
     assert membrane_share(law, found) == pytest.approx(share, abs=0.006)
 
 
 def test_root_of_the_unit_test_table():
-    # 3.8978 with the complex pair -1.949 +- 3.430i [3.5]
+    # 3.8978 with the complex pair -1.949 +- 3.430i
     law = ring_load_law(PAPER, 0.350, 0.300)
     assert deflection(law, LOAD) * 1e3 == pytest.approx(3.8978, abs=1e-4)
     roots = np.roots([float(law.cubic), 0.0, float(law.linear), -LOAD]) * 1e3
@@ -51,7 +51,7 @@ def test_root_of_the_unit_test_table():
 
 
 def test_small_deflection_theory_alone_is_far_too_soft():
-    # "w_small / w_combined > 40 for r_b >= 350" is all that Table 1 supports [3.2 (ii)]
+    # "w_small / w_combined > 40 for r_b >= 350" is all that Table 1 supports
     for clamp, ring in ((0.35, 0.3), (1.0, 0.9)):
         law = ring_load_law(PAPER, clamp, ring)
         assert LOAD / law.linear > 40 * deflection(law, LOAD)
@@ -59,13 +59,13 @@ def test_small_deflection_theory_alone_is_far_too_soft():
 
 @pytest.mark.parametrize(("gap", "w"), [(8, 0.485), (50, 4.007), (100, 8.054)])
 def test_thin_annulus(gap, w):
-    # limits a -> C/(2 s^3), b -> 3 D/s^3 [2.4]; at r_b = 100 m the curvature of the ring is below 0.2 %
+    # limits a -> C/(2 s^3), b -> 3 D/s^3; at r_b = 100 m the curvature of the ring is below 0.2 %
     law = ring_load_law(PAPER, 100.0, 100.0 - gap * 1e-3)
     s = gap * 1e-3
     assert law.cubic == pytest.approx(PAPER.in_plane_rigidity / (2 * s**3), rel=2e-3)
     # the bending bracket is a small difference of large terms: 1e-16 / (s / r_b)^3 is still below 1 %
     assert law.linear == pytest.approx(3 * PAPER.bending_rigidity / s**3, rel=1e-2)
-    # values of the unit test table [3.5], three printed decimals
+    # values of the same limits evaluated, three decimals
     assert deflection(law, LOAD) * 1e3 == pytest.approx(w, abs=2e-3 * w + 5e-4)
 
 

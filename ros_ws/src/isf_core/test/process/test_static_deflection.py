@@ -28,7 +28,7 @@ SECTION = SheetSection(70e9, 0.33, 0.8e-3)
     ],
 )
 def test_stepped_cantilever(force: float, steps: list[tuple[float, float]], deflected: float) -> None:
-    """Examples of Praveen 2020, 2.3, printed with four digits."""
+    """Praveen 2020 eq. 4 (section 2.2) evaluated to four digits."""
     assert force * cantilever_compliance(steps, 210e9) == pytest.approx(deflected, abs=0.5e-7)
 
 
@@ -79,7 +79,7 @@ def test_deflection_of_the_610_mm_cone() -> None:
 
 
 def test_radial_force_with_the_cusp_angle() -> None:
-    """97 to 127 N over 25 to 60 deg, positive everywhere (Praveen 2020, reading c of 2.2)."""
+    """97 to 127 N over 25 to 60 deg, positive everywhere (Praveen 2020 eq. 3 with the cusp angle)."""
     angle = np.radians(np.arange(25, 61))
     formed = 0.8e-3 * np.cos(angle)
     stress = FlowCurve(144e6, 0.02, estimated=False).stress(plane_strain(0.8e-3, formed))

@@ -8,7 +8,8 @@ from isf_core.process.thickness_and_tips import forming_tip, sine_law, support_t
 
 
 def test_sample_program_line_of_ren_2018() -> None:
-    """O-2.37: gap 0.9945 mm = sine-law gap of a 1 mm sheet at a slope of 6.009 deg; printed with 4 digits."""
+    """Program of Ren 2018, Appendix C: gap 0.9945 mm = sine-law gap of a 1 mm sheet at a slope of 6.009 deg; printed
+    with 4 digits."""
     forming = np.array([[42.5714e-3, 0.0, -0.0825e-3]])
     support = np.array([[43.7223e-3, 0.0, -1.0166e-3]])
     gap = tool_gap(forming, support, 5e-3, 5e-3)[0]
@@ -21,7 +22,7 @@ def test_sample_program_line_of_ren_2018() -> None:
 
 @pytest.mark.parametrize(("angle", "thickness"), [(40, 0.7660), (45, 0.7071), (50, 0.6428), (60, 0.5), (65, 0.4226)])
 def test_sine_law_values(angle: float, thickness: float) -> None:
-    """O-1.3, printed with four digits."""
+    """Sine law (Ren 2018, 1.1.2), to four digits."""
     assert sine_law(1.0, np.radians(angle)) == pytest.approx(thickness, abs=5e-5)
 
 
@@ -35,7 +36,7 @@ def test_sine_law_values(angle: float, thickness: float) -> None:
 def test_centre_distance_is_radii_plus_gap(
     slope: float, heading: float, first: float, second: float, gap: float
 ) -> None:
-    """P14: |C1 - C2| = R1 + R2 + t."""
+    """Praveen 2020 eq. 17-18: |C1 - C2| = R1 + R2 + t."""
     normal = np.array([[np.sin(slope) * np.cos(heading), np.sin(slope) * np.sin(heading), np.cos(slope)]])
     contact = np.array([[0.03, -0.02, -0.01]])
     forming = forming_tip(contact, normal, first)

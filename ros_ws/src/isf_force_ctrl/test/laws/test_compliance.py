@@ -22,7 +22,7 @@ def pull(force, factor, ticks=1500):
 
 
 def test_pull_test():
-    # O-2.18: 100 N at 1 um/N deflects 100 um; up to 95 % less with compensation. Ours is exact at rest.
+    # Ren 2018, 2.4: 100 N at 1 um/N deflects 100 um; up to 95 % less with compensation. Ours is exact at rest.
     assert np.linalg.norm(pull((100.0, 0.0), 1.0)) <= 5e-6
     assert pull((60.0, -80.0), 0.0) == pytest.approx([60e-6, -80e-6])
 
@@ -53,14 +53,14 @@ def coupled(product, ticks=3000):
 
 @pytest.mark.parametrize("product", [0.45, 0.90])
 def test_stable_below_one(product):
-    # O-2.23: poles at -76.7 and -9.9 1/s; the force settles at 1/(1 - K_p K_c).
+    # Loop of Ren 2018 eq. 2-12: poles at -76.7 and -9.9 1/s; the force settles at 1/(1 - K_p K_c).
     forces = coupled(product)
     assert forces[-1] == pytest.approx(1.0 / (1.0 - product), rel=0.01)
 
 
 @pytest.mark.parametrize("product", [1.02, 1.10])
 def test_unstable_above_one(product):
-    # O-2.23: +0.94 1/s at 1.01 and +9.0 1/s at 1.10: grows without bound.
+    # The same loop: +0.94 1/s at 1.01 and +9.0 1/s at 1.10: grows without bound.
     forces = coupled(product)
     assert forces[-1] > 2 * forces[len(forces) // 2] > 0
 

@@ -33,13 +33,13 @@ def rise_time(forces, low=100.0, high=200.0, rate=500.0):
 
 
 def test_gain_is_the_published_one():
-    # F-2.3: K_i = 24 1/s / 0.45 N/um = 53 um/(N s).
+    # Ren 2018, 2.3.3: K_i = 24 1/s / 0.45 N/um = 53 um/(N s).
     assert make_config().contact_force().integral_gain == pytest.approx(53e-6, abs=1e-6)
 
 
 def test_linear_rise_time():
-    # O-2.20: 80 ms with the Butterworth servo, 96 ms for an ideal one; FIR and hold shorten it to about 66 ms (O-2.39,
-    # with 5.7 N overshoot). One tick is 2 ms.
+    # The loop of Ren 2018, 2.3.4 integrated: 80 ms with the Butterworth servo, 96 ms for an ideal one; FIR and hold
+    # shorten it to about 66 ms (with 5.7 N overshoot). One tick is 2 ms.
     forces, _ = closed_loop(lambda t: 200.0, **FREE)
     assert 0.060 <= rise_time(forces) <= 0.096
     assert forces.max() < 207.0
@@ -47,7 +47,8 @@ def test_linear_rise_time():
 
 
 def test_step_with_all_limits():
-    # O-2.39, set A: 97 ms, 1 N overshoot, rests inside the dead zone of 3 N. Our delay differs by some ms: 80-105 ms.
+    # Limits of Ren 2018, appendix B at 440 Hz: 97 ms, 1 N overshoot, rests inside the dead zone of 3 N. Our delay
+    # differs by some ms: 80-105 ms.
     forces, _ = closed_loop(lambda t: 200.0)
     assert 0.080 <= rise_time(forces) <= 0.105
     assert forces.max() <= 203.0
@@ -57,13 +58,14 @@ def test_step_with_all_limits():
 @pytest.mark.parametrize("set_point", [100.0, 120.0, 180.0, 200.0, 300.0])
 @pytest.mark.parametrize("disturbance", [-2e-4, 2e-4])
 def test_no_steady_error_under_constant_disturbance(set_point, disturbance):
-    # F-2.5 and E-02: set-points up to 300 N, rest error within the dead zone.
+    # Integral law (Ren 2018, 2.3.3): set-points up to 300 N, rest error within the dead zone.
     forces, _ = closed_loop(lambda t: set_point, 2.0, disturbance=lambda t: disturbance * (t > 0.5))
     assert abs(forces[-1] - set_point) <= 3.05  # dead zone and what is left of its exponential after 1.5 s
 
 
 def test_ramp_disturbance():
-    # 2.6.7: steady error = (d eps/dt)/K_i + dead zone = 500/53.3 + 3 = 12.4 N; without dead zone 9.4 N, inside 10 N.
+    # Ramp through the integral law: steady error = (d eps/dt)/K_i + dead zone = 500/53.3 + 3 = 12.4 N; without dead
+    # zone 9.4 N, inside 10 N.
     ramp = lambda t: -500e-6 * t  # noqa: E731
     with_dead_zone, _ = closed_loop(lambda t: 100.0, 1.5, disturbance=ramp)
     without, _ = closed_loop(lambda t: 100.0, 1.5, disturbance=ramp, dead_zone=0.0)
@@ -72,7 +74,8 @@ def test_ramp_disturbance():
 
 
 def test_three_times_the_contact_stiffness_stays_stable():
-    # 2.6.7: lightly damped at three times, oscillating at 3.3 times with the original's 7 ms smoother, which we lack.
+    # Poles of the loop of Ren 2018, 2.3.3: lightly damped at three times, oscillating at 3.3 times with the original's
+    # 7 ms smoother, which we lack.
     forces, _ = closed_loop(lambda t: 120.0, 2.0, stiffness=3 * STIFFNESS)
     assert np.abs(forces[-250:] - 120.0).max() < 5.0
 
@@ -84,7 +87,8 @@ def test_unstable_beyond_the_limit():
 
 
 def test_noise_stays_in_the_dead_zone():
-    # 2.6.7: 1 % noise on 100 N does not move the integrator. 5-tap averaging leaves 0.5 N rms, 6 sigma = 3 N.
+    # Noise of Ren 2018, 2.3.4: 1 % noise on 100 N does not move the integrator. 5-tap averaging leaves 0.5 N rms, 6
+    # sigma = 3 N.
     forces, loop = closed_loop(lambda t: 100.0, 2.0, noise=1.0)
     assert loop.offset == pytest.approx(0.0, abs=2e-6)
     assert np.ptp(forces) < 2.0

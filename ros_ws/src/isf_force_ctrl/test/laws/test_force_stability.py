@@ -52,7 +52,7 @@ def test_compliance_guard(gain, stiffness):
 
 
 def test_compensating_both_tools_with_a_small_error_is_refused():
-    # O-2.24: 1 um/N each on K_c = 0.45 N/um gives 0.9; 12 % too much makes it unstable.
+    # Ren 2018, 2.3.3: 1 um/N each on K_c = 0.45 N/um gives 0.9; 12 % too much makes it unstable.
     check_compliance_gain(2.0e-6, 0.45e6)
     with pytest.raises(IsfError, match="UNSTABLE_GAIN"):
         check_compliance_gain(2.0e-6 * 1.12, 0.45e6)

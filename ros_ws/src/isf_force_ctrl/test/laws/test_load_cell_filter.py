@@ -8,7 +8,7 @@ from scipy.signal import freqz
 
 @pytest.mark.parametrize("rate", [100.0, 440.0, 500.0, 1000.0, 2000.0])
 def test_unit_gain_at_rest(rate):
-    # O-2.25: the coefficients sum to one; firwin scales to rounding.
+    # The coefficients sum to one; firwin scales to rounding.
     assert low_pass(40.0, rate).sum() == pytest.approx(1.0, abs=1e-12)
 
 
@@ -19,13 +19,14 @@ def test_delay_is_that_of_the_published_filter(rate):
 
 
 def test_a_long_filter_has_its_cutoff():
-    # firwin's cut-off is the -6 dB point for filters long against 1/cutoff (O-2.5: 40 Hz).
+    # firwin's cut-off is the -6 dB point for filters long against 1/cutoff (Ren 2018, 2.3.4: 40 Hz).
     _, response = freqz(low_pass(40.0, 500.0, taps=61), worN=[40.0], fs=500.0)
     assert abs(response[0]) == pytest.approx(0.5, abs=0.01)
 
 
 def test_published_filter_numbers():
-    # O-2.25: [71, 185, 185, 71]/512 is -3 dB at 63.6 Hz for 440 Hz; ours with as many taps is close to it.
+    # Ren 2018, appendix B: [71, 185, 185, 71]/512 is -3 dB at 63.6 Hz for 440 Hz; ours with as many taps is close to
+    # it.
     _, published = freqz(np.array([71, 185, 185, 71]) / 512, worN=[63.6], fs=440.0)
     assert abs(published[0]) == pytest.approx(np.sqrt(0.5), abs=0.005)
     assert low_pass(40.0, 440.0) == pytest.approx(np.array([71, 185, 185, 71]) / 512, abs=0.1)

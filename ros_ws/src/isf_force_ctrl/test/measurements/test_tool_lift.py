@@ -63,7 +63,7 @@ def test_springback_is_found_and_the_tools_return_to_their_place(cell):
         assert np.abs(np.diff(targets, axis=0)).max() * 500.0 <= 5e-3 + 1e-4
         assert np.abs(np.diff(targets, 2, axis=0)).max() * 500.0**2 <= 0.2
         found.append(lift.record().springback)
-    # O-4.1 of the source: within 0.3 mm, standard deviation below 20 um; here the deviation is the load cell's noise
+    # Ren 2018, 4.2.2: within 0.3 mm, standard deviation below 20 um; here the deviation is the load cell's noise
     assert np.mean(found) == pytest.approx(truth, abs=0.3e-3)
     assert np.std(found) < 50e-6
     assert np.nanmax(np.abs(cell.machine.measured_shape().z - shape.z)) < 1e-6  # no mark

@@ -155,7 +155,7 @@ def test_real_time_forms_a_contour(cell: Cell) -> None:
 
 
 def test_a_driver_with_other_topic_names(cell: Cell) -> None:
-    # docs/other_cells.md: the node alone against a driver that follows a stream of poses under names of its own
+    # docs/own_cell/drivers.md: the node alone against a driver that follows a stream of poses under names of its own
     names = {
         "tool_1/target": "left/target_frame",
         "tool_1/wrench": "left/ft_sensor_wrench",

@@ -1,4 +1,4 @@
-"""docs/other_cells.md: the node alone against drivers with names and habits of their own, over real DDS."""
+"""docs/own_cell/drivers.md: the node alone against drivers with names and habits of their own, over real DDS."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from isf_force_ctrl.ros.publishers import MOST_PULL, PULL, TargetTwist
 from isf_ros import conversion, qos
 from node_cell import Cell, small_ring, watched
 
-DOCS = Path(__file__).resolve().parents[5] / "docs" / "other_cells.md"
+DOCS = Path(__file__).resolve().parents[5] / "docs" / "own_cell" / "drivers.md"
 
 
 @pytest.fixture

@@ -49,7 +49,7 @@ AERENS = Validity("regression", (np.radians(20), np.radians(65)), (0.5e-3, 2.0e-
 diameter."""
 
 EQUILIBRIUM = Validity("equilibrium", (np.radians(20), np.radians(60)), (0.8e-3, 0.8e-3), (6.35e-3, 6.35e-3))
-"""Praveen 2020, 2.9: one sheet and one tool, walls up to 60 deg; below 20 deg the wall is flatter than the groove."""
+"""Praveen 2020, 3: one sheet and one tool, walls up to 60 deg; below 20 deg the wall is flatter than the groove."""
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,7 @@ def test_long_pmac_program_is_split_at_4000_lines(made: Plan, tmp_path: Path) ->
 
 
 def test_pmac_line_has_tips_force_and_feed(made: Plan, tmp_path: Path) -> None:
-    """Columns of the motion program of Ren 2018, 2.9: X Y Z U V W A F, mm, N, mm/s."""
+    """Columns of the motion program of Ren 2018, Appendix C: X Y Z U V W A F, mm, N, mm/s."""
     (file,) = export(made, tmp_path / "part.pmc")
     deepest = made.contours[-2]
     tip, support = deepest.forming_tip[0] * 1e3, deepest.support_tip[0] * 1e3

@@ -55,7 +55,8 @@ def refused(code: ErrorCode, *args: object, **changes: object) -> IsfError:
 
 
 def test_a_dome_is_the_pocket_seen_from_below(folder: Path) -> None:
-    """P20: forming tool 2 where the feature rises; everything mirrored, one blank's thickness lower."""
+    """Praveen 2020, 3.2.1.1: forming tool 2 where the feature rises; everything mirrored, one blank's thickness
+    lower."""
     down, up = planned(folder, "cone").contours, planned(folder, "dome").contours
     assert len(down) == len(up)
     flip = np.array([1.0, 1.0, -1.0])

@@ -54,7 +54,7 @@ def test_nothing_is_moved_unless_it_is_wanted() -> None:
 
 
 def test_sheet_moves_both_tools_by_the_same_vector() -> None:
-    """P17: down by w cos(angle) under an upper forming tool, the gap unchanged to 1e-9 m."""
+    """Praveen 2020, 2.5: down by w cos(angle) under an upper forming tool, the gap unchanged to 1e-9 m."""
     contours = cone()
     moved, told = compensate(contours, job("sheet"))
     found = deflections(contours, job("sheet"))
@@ -106,7 +106,8 @@ def test_axial_reading_and_gain() -> None:
 
 
 def test_tool_bending_moves_the_forming_tool_alone() -> None:
-    """P16: outwards, against the pull of the wall, by F_r times the compliance times the sine of the wall angle."""
+    """Praveen 2020, 2.5: outwards, against the pull of the wall, by F_r times the compliance times the sine of the
+    wall angle."""
     contours = cone()
     moved, told = compensate(contours, job("tool"))
     for before, after in zip(contours, moved, strict=True):
@@ -123,7 +124,8 @@ def test_tool_bending_moves_the_forming_tool_alone() -> None:
 
 
 def test_iteration_has_settled() -> None:
-    """P19: one more pass from the wall angle of the moved path changes the deflection by less than 20 um."""
+    """Praveen 2020, 2.5: one more pass from the wall angle of the moved path changes the deflection by less than 20
+    um."""
     contours = cone()
     file = job("sheet")
     found = deflections(contours, file)
@@ -135,7 +137,8 @@ def test_iteration_has_settled() -> None:
 
 
 def test_deflection_follows_the_opening() -> None:
-    """P11: of an oval opening, the sheet gives way more where the opening is farther from the clamp."""
+    """Praveen 2020, 3.2.1.1: of an oval opening, the sheet gives way more where the opening is farther from the
+    clamp."""
     contours = [
         replace(c, contact=c.contact * [1.0, 0.8, 1.0], forming_tip=c.forming_tip * [1.0, 0.8, 1.0]) for c in cone()
     ]
@@ -144,7 +147,8 @@ def test_deflection_follows_the_opening() -> None:
 
 
 def test_machine_error_is_taken_from_the_support_tool(tmp_path: Path) -> None:
-    """P12: tips 0.1 mm too far apart: the lower one goes up by that, or the upper one down when the lower one forms."""
+    """Praveen 2020, 2.4: tips 0.1 mm too far apart: the lower one goes up by that, or the upper one down when the
+    lower one forms."""
     write_map(tmp_path / "map.csv", lambda x, y, r: 0.1 + 0 * x)
     file = job("machine", base=tmp_path, **{", compensation": ", machine_error: map.csv, compensation"})
     for contours, sign in ((cone(), 1.0), ([mirrored(c) for c in cone()], -1.0)):

@@ -33,7 +33,7 @@ def praveen() -> JobFile:
     ("angle", "axial", "radial"), [(25, 351.2, 0.0), (30, 384.9, 0.0), (45, 452.5, 3.0), (60, 433.1, 69.0)]
 )
 def test_equilibrium_along_a_contour(angle: float, axial: float, radial: float, praveen: JobFile) -> None:
-    """Reference values of Praveen 2020, 2.2, printed with one digit; negative radial forces are held at zero."""
+    """Praveen 2020 eq. 1-3 evaluated to one digit; negative radial forces are held at zero."""
     (prediction,) = predict([circle(angle=np.radians(angle), sheet=0.8e-3)], praveen)
     np.testing.assert_allclose(prediction.axial_equilibrium, axial, rtol=1e-3)
     np.testing.assert_allclose(prediction.radial_equilibrium, radial, atol=0.5)
@@ -42,7 +42,7 @@ def test_equilibrium_along_a_contour(angle: float, axial: float, radial: float, 
 
 @pytest.mark.parametrize(("angle", "axial"), [(25, 338), (30, 376), (45, 432), (60, 393)])
 def test_regression_fills_the_predicted_force(angle: float, axial: float, praveen: JobFile) -> None:
-    """Whole newtons of Praveen 2020, 2.2 (ii)."""
+    """Praveen 2020 eq. 1-3 evaluated to whole newtons."""
     (contour,), told = with_predictions([circle(angle=np.radians(angle), sheet=0.8e-3)], praveen)
     np.testing.assert_allclose(contour.predicted_force, axial, atol=1.0)
     assert told == ()

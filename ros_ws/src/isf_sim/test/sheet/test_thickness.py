@@ -53,7 +53,7 @@ def walls(surface: Surface) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize(("degrees", "tolerance"), [(30.0, 0.01), (45.0, 0.03), (60.0, 0.07)])
 def test_single_pass_follows_the_sine_law(degrees: float, tolerance: float) -> None:
-    """Overlap method against the sine law: 0.3, 2 and 3-7 % at 30, 45 and 60 deg (Praveen 2020, P1).
+    """Overlap method against the sine law: 0.3, 2 and 3-7 % at 30, 45 and 60 deg (Praveen 2020, 2.1).
 
     The grid of 0.5 mm adds to it: at 60 deg the material carried along the wall is smeared, 5 % too thin.
     """

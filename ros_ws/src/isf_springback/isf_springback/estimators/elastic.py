@@ -32,7 +32,7 @@ MODEL_DEVIATION = 0.07
 scanned, Ren 2018, 4.2.3)."""
 
 FORCE_DEVIATION = 30.0
-"""N, standard deviation of the force forecast (measured on the simulated plant, see docs/springback.md)."""
+"""N, standard deviation of the force forecast (measured on the simulated plant, see docs/methods/springback.md)."""
 
 BEYOND_SAMPLES = 1.25
 """A force this many times the largest sample is reported."""

@@ -1,8 +1,8 @@
 """Horizontal part of the method "elastic": springback across the wall from the measured horizontal force.
 
 While a wall is formed the tool pushes it outwards; when it leaves, the wall comes back inwards by what the shell says
-under that force (Ren 2018, 4.9: about a third of the axial force, 0.6 mm at 200 N on the cone, left uncorrected there).
-The contour is moved outwards by as much. Only the component across the path counts: along the path the force is
+under that force (Ren 2018, Table 4.6: about a third of the axial force, 0.6 mm at 200 N on the cone, left uncorrected
+there). The contour is moved outwards by as much. Only the component across the path counts: along the path the force is
 friction. The squeeze between two tools is a pair that leaves the sheet alone; it vanishes in the sum over both tools.
 """
 

@@ -2,8 +2,8 @@
 
 "learned" replays the correction field of the same part. "learned_map" predicts springback on any part from wall
 angle, curvature, depth and distance to the floor: a smooth additive model, the baseline of the published MARS maps
-(Behera 2015, section 1). Both stay inside the limits of every correction; outside of what was learned the map answers
-with the edge of it, and says so.
+(Behera 2015, introduction). Both stay inside the limits of every correction; outside of what was learned the map
+answers with the edge of it, and says so.
 """
 
 from __future__ import annotations

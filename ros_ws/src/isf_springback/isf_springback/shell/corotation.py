@@ -4,7 +4,7 @@ Nodes have a position X + U and a rotation matrix R. Each facet's frame follows 
 e3 normal. Its deformational freedoms are the changes of l, x_3, y_3 and the nodal rotation vectors
 theta_a = log(E R_a E0') left over in that frame (E, E0: frames now and at rest). The energy is
 1/2 d_m' K_m d_m + 1/2 d_b' K_b d_b and the internal force its exact gradient by translations and spins. The tangent is
-the consistent one of the element-independent corotational form (Nour-Omid, Rankin 1991) without the derivative of
+the consistent one of the element-independent corotational form (Nour-Omid and Rankin 1991) without the derivative of
 the logarithm's Jacobian, symmetrised: it steers iterations only, never the result.
 """
 

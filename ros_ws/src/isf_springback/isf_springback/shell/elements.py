@@ -1,9 +1,8 @@
 """Flat triangular shell facets: linear stiffness in the facet's own frame, for all facets of a mesh at once.
 
-Membrane: the optimal triangle with drilling rotations (OPT of the ANDES family; Felippa, Comput. Methods Appl. Mech.
-Engrg. 192, 2003, "A study of optimal membrane triangles with drilling freedoms"). Bending: discrete Kirchhoff
-triangle (DKT; Batoz, Bathe, Ho, Int. J. Numer. Methods Eng. 15, 1980). Both are reduced to what deforms the facet,
-the six rigid modes being taken out by the corotational frame of :mod:`isf_springback.shell.corotation`:
+Membrane: the optimal triangle with drilling rotations (OPT of the ANDES family; Felippa 2003). Bending: discrete
+Kirchhoff triangle (DKT; Batoz et al. 1980). Both are reduced to what deforms the facet, the six rigid modes
+being taken out by the corotational frame of :mod:`isf_springback.shell.corotation`:
 
 * membrane: change of l, x_3, y_3 (node 1 at the origin, node 2 at (l, 0), node 3 at (x_3, y_3)) and three drilling
   rotations,

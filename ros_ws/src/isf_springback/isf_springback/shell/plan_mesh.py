@@ -1,7 +1,7 @@
 """Triangles over a convex sheet in plan view, of a size that is asked for at every place.
 
-Points start on the leaves of a quadtree, are relaxed as springs (after Persson, Strang 2004) between the edge and the
-fixed points, and are joined by a Delaunay triangulation.
+Points start on the leaves of a quadtree, are relaxed as springs (after Persson and Strang 2004) between the edge and
+the fixed points, and are joined by a Delaunay triangulation.
 """
 
 from __future__ import annotations

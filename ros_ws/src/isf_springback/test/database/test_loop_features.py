@@ -33,7 +33,7 @@ def test_pratt_on_a_line_has_no_curvature():
 
 @pytest.mark.parametrize("radius", [10e-3, 36e-3, 100e-3])
 def test_curvature_of_a_circle_times_tool_radius(radius):
-    """Acceptance of F-4.9: kappa R within 1 %; convex whichever way the path runs."""
+    """The features of Ren 2018, 4.2.5: kappa R within 1 %; convex whichever way the path runs."""
     ring = arc((0, 0), radius, 0, 360)[:-1]
     for line in (ring, ring[::-1]):
         features = loop_features(contour_of(line, 5e-3), TOOL)

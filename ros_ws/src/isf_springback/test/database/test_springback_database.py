@@ -47,7 +47,7 @@ def test_database_holds_what_the_shell_computes(tmp_path, cone):
     last = database_tasks(cone, loops, job_file)[-1]
     assert made.levels[-1].displacement == pytest.approx(solve_depth(last))
     assert made.loads[-1] == 1000.0
-    # the specification's O-4.19: exponents between a membrane (1/3) and a linear plate
+    # the power law of Ren 2018 eq. 4-7: exponents between a membrane (1/3) and a linear plate
     power = [level.power(made.loads) for level in made.levels]
     assert all(0.34 < law.b[0] < 1.0 and law.r_squared[0] > 0.99 for law in power)
 

@@ -53,7 +53,7 @@ def test_gap_of_the_tools_is_unchanged():
     corrected = apply(contour, method.correct(contour))
     before = np.linalg.norm(contour.forming_tip - contour.support_tip, axis=1)
     after = np.linalg.norm(corrected.forming_tip - corrected.support_tip, axis=1)
-    # Praveen 2020, specification 3.5: both tools shifted equally, to 1e-9
+    # Praveen 2020, 2.5: both tools shifted equally, to 1e-9
     assert after == pytest.approx(before, abs=1e-9)
     assert np.abs(corrected.forming_tip - contour.forming_tip).max() > 1e-3
 

@@ -203,7 +203,7 @@ def test_malformed_contour_is_refused(tmp_path):
 
 
 def test_correction_with_database_is_fast(tmp_path):
-    """Demand 0.2 s a contour; CPU time of the best of several, 16 control points, 3000 path points."""
+    """Below 0.2 s a contour (Ren 2018, 4.3.1); CPU time of the best of several, 16 control points, 3000 path points."""
     import time
 
     database = cone_database(tuple(np.linspace(6e-6, 8e-6, 16)), points=16)

@@ -1,4 +1,4 @@
-"""Quadratic programs of the model-predictive controllers against the test vectors of the specification of Lu 2016.
+"""Quadratic programs of the model-predictive controllers against small problems solved by hand (Lu 2016, 3.2 to 3.4).
 
 The vectors follow from the published equations by hand (weights 0.2 and 0.7, horizon 6); lengths in mm.
 """

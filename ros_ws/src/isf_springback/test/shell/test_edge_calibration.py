@@ -22,7 +22,7 @@ def calibrated(curve):
 
 
 def test_published_push_selects_the_published_condition():
-    """Ren 2018, 4.3.2: about 5.0 mm at 400 N; the shape of the curve from its specification (O-4.21)."""
+    """Ren 2018, 4.3.2: about 5.0 mm at 400 N; the shape of the curve from von Karman finite differences."""
     curve = PushCurve(
         np.array([60.0, 120, 240, 300, 400]), 1e-3 * np.array([2.00, 2.92, 4.12, 4.59, 5.27]) * 5.0 / 5.27
     )

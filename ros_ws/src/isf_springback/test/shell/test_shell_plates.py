@@ -48,7 +48,7 @@ def test_small_loads_give_the_linear_plate():
 
 
 def test_source_of_the_plate_test():
-    """Ren 2018, 4.3.2 repeated with E 68 GPa, nu 0.3 (specification O-4.21): von Karman finite differences, 2 %."""
+    """Ren 2018, 4.3.2 repeated with E 68 GPa, nu 0.3 by von Karman finite differences, 2 %."""
     model = flat_model(flat_sheet(square(0.25)), 1e-3, EDGES["clamped, free"], 68e9, 0.3)
     found = deflection(model, [60, 120, 240, 300, 400, 480, 600])
     assert found == pytest.approx([2.00, 2.92, 4.12, 4.59, 5.27, 5.75, 6.40], rel=0.02)
