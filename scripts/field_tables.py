@@ -1,7 +1,7 @@
 """Tables of fields and parameters in the manual, made from the sources: ``./isf python scripts/field_tables.py``.
 
-A page asks for a table by a pair of comments, ``<!-- fields: module.Class -->`` and ``<!-- end -->``; what stands between
-them is replaced. ``--check`` writes nothing and ends with 1 where a page is not in step.
+A page asks for a table by a pair of comments, ``<!-- fields: module.Class -->`` and ``<!-- end -->``; what stands
+between them is replaced. ``--check`` writes nothing and ends with 1 where a page is not in step.
 """
 
 from __future__ import annotations
