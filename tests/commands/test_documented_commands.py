@@ -1,10 +1,11 @@
-"""The commands of README.md, run as a user runs them."""
+"""The commands of the manual, run as a user runs them; those of all its pages are at least understood."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from isf_cell.commands.exit_codes import Exit
 from quick_cone import quick_cone_file
 
 ROOT = Path(__file__).resolve().parents[2]
+COMMANDS = ROOT / "docs" / "reference" / "commands.md"
 JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
 MESH = ROOT / "examples" / "parts" / "mini_cone.stl"
 
@@ -30,9 +32,63 @@ def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command(*arguments), cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
 
 
-def test_the_readme_tells_every_command_and_no_other() -> None:
-    table = re.findall(r"^\| `\./isf ([a-z-]+)", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
-    assert set(table) | {"version"} == set(typer.main.get_command(app).commands)
+def test_the_page_names_every_command_and_no_other() -> None:
+    table = re.findall(r"^\| `\./isf ([a-z-]+)", COMMANDS.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert set(table) == set(typer.main.get_command(app).commands)
+
+
+def documented(page: Path) -> list[str]:
+    """Command lines of the ``sh`` blocks of a page, without comments, joined where they are continued."""
+    blocks = re.findall(r"^```sh\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    lines = "".join(blocks).replace("\\\n", " ").splitlines()
+    return [line.split(" #")[0].strip() for line in lines if line.strip() and not line.startswith("#")]
+
+
+def shown() -> list[tuple[str, str]]:
+    """Page and command line of everything that a page tells a reader to type for ``isf``."""
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    lines = {(str(page.relative_to(ROOT)), line) for page in pages for line in documented(page)}
+    return sorted(
+        (page, line) for page, line in lines if line.startswith("./isf ") and not line.startswith("./isf python")
+    )
+
+
+@pytest.mark.parametrize(("page", "line"), shown())
+def test_commands_of_the_pages_are_understood(page: str, line: str) -> None:
+    """Every command, option and value is one that ``isf`` takes; examples named exist."""
+    words = shlex.split(line)[1:]
+    group = typer.main.get_command(app)
+    context = group.make_context("isf", words, resilient_parsing=True)
+    found, name, rest = group, words[0], words
+    while hasattr(found, "commands"):
+        name, rest = rest[0], rest[1:]
+        found = found.commands[name]
+    found.make_context(name, list(rest), parent=context)
+    for word in rest:
+        if word.startswith("examples/"):
+            assert (ROOT / word).exists()
+
+
+@pytest.mark.parametrize("line", sorted({line for page in (ROOT / "docs").rglob("*.md") for line in documented(page)}))
+def test_benchmarks_and_scripts_that_pages_name_exist(line: str) -> None:
+    for word in shlex.split(line):
+        if word.startswith(("benchmarks/", "scripts/", "./demo", "./test", "./scripts")):
+            assert (ROOT / word).is_file()
+
+
+def test_the_first_own_part_is_made_as_its_page_says(tmp_path: Path) -> None:
+    """Part, job and plan of the page, and its last simulation; the other ones differ by their method."""
+    page = ROOT / "docs" / "first_part.md"
+    (job,) = re.findall(r"^```yaml\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    (tmp_path / "my_part.yaml").write_text(job, encoding="utf-8")
+    part, plan, *simulations, form = documented(page)
+    assert form == "./isf form my_part.yaml"
+    for line in (part, plan, simulations[-1]):
+        done = isf(*shlex.split(line)[1:], cwd=tmp_path)
+        assert done.returncode == Exit.OK, done.stderr
+    assert (tmp_path / "plan" / "plan.png").is_file()
+    summary = json.loads((tmp_path / "elastic" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["deviation"]["max_mm"] < 1.0
 
 
 def test_plan_draws_a_job_and_a_bare_mesh(tmp_path: Path) -> None:

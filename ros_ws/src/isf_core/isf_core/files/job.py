@@ -71,7 +71,9 @@ class SheetSpec(FileModel):
     """The blank."""
 
     material: str
+    """Material file by name, or a path relative to the job file."""
     thickness: Length = Field(gt=0.05e-3, lt=10e-3)
+    """Of the blank."""
 
 
 class ToolSpec(FileModel):
@@ -109,6 +111,7 @@ class BackingPlateSpec(FileModel):
     """A rigid plate under the sheet with an opening around the path, centred in the clamp."""
 
     shape: Literal["circle", "rectangle"]
+    """Of the opening."""
     size: tuple[Length, Length]
     """Opening in x and y: diameters of a circle (equal), sides of a rectangle."""
     corner_radius: Length = Field(default=0.0, ge=0)
@@ -136,14 +139,18 @@ class DieSpec(FileModel):
     mesh: str
     """Path of the mesh of the die's upper surface, relative to the job file."""
     unit: MeshUnit
+    """Unit of the coordinates; never guessed."""
 
 
 class PathSpec(FileModel):
     """How the surface is turned into contours."""
 
     incremental_depth: Length = Field(gt=0.01e-3, lt=5e-3)
+    """Depth from contour to contour; with spacing scallop or arc the largest step unless ``largest_step`` is given."""
     point_spacing: Length = Field(gt=0.05e-3, lt=5e-3)
+    """Distance of the points along a contour."""
     feed: Speed = Field(gt=0.1e-3, lt=1.0)
+    """Speed of the forming tool along the contour."""
     squeeze_factor: float = Field(default=1.0, gt=0.3, le=1.2)
     """Planned tool gap over predicted thickness; 1 = sine-law gap."""
 
@@ -282,6 +289,7 @@ class AdsifSpec(FileModel):
     projection_distance: Length | None = Field(default=None, gt=0.1e-3, lt=10e-3)
     """Depth of the forming tip below the blank's upper face, constant; None: that of the surface."""
     policy: Literal["variation", "force", "trade_off", "continuity"] = "trade_off"
+    """Which pair of position angle and gap is taken where several form the wall."""
     largest_variation: Angle = Field(default=math.radians(5.0), gt=0.0, lt=1.0)
     """Policy trade_off: largest angle variation at which the smallest force is looked for."""
     compensate_compliance: bool = True
@@ -459,6 +467,7 @@ class MpcSpec(FileModel):
     coupled: bool = False
     """Optimise step depth and horizontal increment in one problem, with slope and offset as constraints."""
     solver: Literal["scipy", "piqp"] = "scipy"
+    """Solver of the quadratic programs; piqp is an optional package."""
 
     @model_validator(mode="after")
     def _directions(self) -> MpcSpec:
@@ -474,6 +483,7 @@ class ElasticSpec(FileModel):
     """File made by ``isf springback database``, relative to the job file; without it the user's cache is looked into,
     and what is not there is computed while forming."""
     edge_slope: Literal["clamped", "supported"] = "clamped"
+    """Slope of the sheet at the clamp: held, or free."""
     edge_stiffness: Stress | None = Field(default=None, ge=0.0)
     """In-plane spring of the clamped edge, force per displacement and length; ``isf springback calibrate`` finds it
     from a push on the flat sheet. Without it the edge is free or immovable as the rig says."""
@@ -507,6 +517,7 @@ class SpringbackSpec(FileModel):
     method: str = "none"
     """Name of a method of isf_springback ("none", "analytic", ...)."""
     gain: float = Field(default=1.0, ge=0.0, le=2.0)
+    """Factor on the predicted springback."""
     first_contour: Literal["predicted", "zero"] = "predicted"
     """Contours before which no force was measured: corrected for the force that the plan predicts (methods with a
     model of the sheet), or not corrected, as published (Ren 2018, 4.3.1)."""
@@ -524,8 +535,11 @@ class SpringbackSpec(FileModel):
     open_loop_contours: int = Field(default=3, ge=0)
     """Contours at the start whose shape is too shallow to be used (published: 3, Lu 2016, 4.2.1)."""
     mpc: MpcSpec = MpcSpec()
+    """Of the methods mpc_...."""
     elastic: ElasticSpec = ElasticSpec()
+    """Of the method elastic."""
     fused: FusedSpec = FusedSpec()
+    """Of the method fused."""
     learning: str | None = None
     """Correction file made by ``isf learn`` from parts formed before, relative to the job file."""
 
@@ -575,18 +589,31 @@ class Job(FileModel):
     """One part to be formed."""
 
     name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.-]+$")
+    """Name of the part: letters, digits, dot, dash and underscore; runs and reports carry it."""
     part: PartSpec
+    """The CAD surface."""
     process: Annotated[Literal["SPIF", "TPIF", "DSIF", "ADSIF"], BeforeValidator(_installed)]
+    """How it is formed, or the name of a process of another package."""
     rig: str
+    """Machine file by name, or a path relative to the job file."""
     sheet: SheetSpec
+    """The blank."""
     tool_1: ToolSpec
+    """Upper tool."""
     tool_2: ToolSpec | None = None
+    """Lower tool; needed by DSIF and ADSIF."""
     backing_plate: BackingPlateSpec | None = None
+    """Plate under the sheet around the opening; left out: none."""
     die: DieSpec | None = None
+    """What the sheet is formed onto; TPIF only, and needed there."""
     path: PathSpec
+    """How the surface becomes contours."""
     adsif: AdsifSpec | None = None
+    """Of accumulative forming; ADSIF only."""
     control: ControlSpec = ControlSpec()
+    """Force and compliance control."""
     springback: SpringbackSpec = SpringbackSpec()
+    """Correction of contours before they are formed."""
     strategy: str = ""
     """Process of another package that plans the contours; ``process: NAME`` sets it, and its kind as the process."""
     wall_angle_limit: Angle | None = Field(default=None, gt=0.0, lt=1.5708)

@@ -29,17 +29,25 @@ class Material(FileModel):
     """
 
     name: str
+    """Name of the material."""
     young_modulus: Stress = Field(gt=1e9, lt=1e12)
+    """Of the sheet."""
     poisson_ratio: float = Field(gt=0, lt=0.5)
+    """Of the sheet."""
     yield_strength: Stress = Field(gt=1e6, lt=5e9)
+    """At 0.2 % plastic strain."""
     tensile_strength: Stress = Field(gt=1e6, lt=5e9)
+    """R_m."""
     friction: float = Field(ge=0, lt=1)
+    """Coefficient between tool and sheet."""
     max_wall_angle: Angle = Field(gt=0.1, lt=1.5708)
+    """Largest wall angle that one pass forms."""
     strength_coefficient: Stress | None = Field(default=None, gt=1e6, lt=5e9)
     """K of the flow curve K strain^n; without it the curve is estimated (:mod:`isf_core.files.material`)."""
     hardening_exponent: float | None = Field(default=None, ge=0, lt=1)
     """n of the flow curve."""
     provenance: dict[str, str]
+    """Constant to its origin: published, calibrated or assumed, with the source."""
 
 
 def load_material(name_or_path: str, base: Path | None = None) -> Material:

@@ -83,6 +83,7 @@ class Clamp(FileModel):
     """The frame that holds the blank; ``size`` is the free sheet between the clamps (x, y)."""
 
     size: tuple[Length, Length]
+    """Free sheet between the clamps, x and y."""
     edge: Literal["free", "fixed"] = "free"
     """In-plane condition of the clamped edge (deflection and slope are always held): the
     result depends on it by 20-40 %, so it is a named property of the rig."""
@@ -101,13 +102,19 @@ class LoadCell(FileModel):
     """
 
     force_range: tuple[Force, Force, Force]
+    """Largest force that is read in x, y and z."""
     resolution: Force = Field(ge=0)
+    """Smallest step of a reading."""
     noise_ratio: float = Field(ge=0, lt=0.5)
+    """Standard deviation of the noise as a share of the force."""
     noise_floor: Force = Field(ge=0)
+    """Standard deviation of the noise of the unloaded cell."""
     crosstalk: float = Field(ge=0, lt=0.5)
     """Largest share of one force channel in another, drawn for each cell; without meaning beside ``matrix``."""
     torque_range: tuple[Torque, Torque, Torque] = (1e3, 1e3, 1e3)
+    """Largest torque that is read about x, y and z."""
     torque_noise_floor: Torque = Field(default=0.0, ge=0)
+    """Standard deviation of the noise of a torque."""
     matrix: tuple[tuple[float, float, float, float, float, float], ...] | None = None
     """Six rows of six: reading (N and N m) = matrix times load."""
     adc_bits: int | None = Field(default=None, ge=6, le=32)
@@ -132,7 +139,9 @@ class Servo(FileModel):
     """Position loop of an axis: third order, closed-loop bandwidth at -3 dB, servo rate."""
 
     bandwidth: Frequency = Field(gt=0.1)
+    """Closed loop, -3 dB."""
     rate: Frequency = Field(gt=10)
+    """Of the position loop."""
     velocity_feedforward: float = Field(default=0.0, ge=0.0, le=1.5)
     """1: no following error at constant speed."""
     following_error_limit: Length | None = Field(default=None, gt=0)
@@ -147,9 +156,13 @@ class ToolAxis(FileModel):
     """One tool with its axes (x, y, z): compliance, and what its encoders do not see."""
 
     compliance: tuple[Compliance, Compliance, Compliance]
+    """Of the tip in x, y and z."""
     error_x: ErrorTable = ()
+    """Error of the axis: rows of commanded position and error, linear between rows."""
     error_y: ErrorTable = ()
+    """The same of y."""
     error_z: ErrorTable = ()
+    """The same of z."""
     error_map: str | None = None
     """Volumetric error: CSV beside the rig file, columns x, y, z in mm and ex, ey, ez in um on a complete grid."""
     backlash: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
@@ -174,6 +187,7 @@ class Limits(FileModel):
     travel: tuple[Length, Length, Length]
     """Largest |x|, |y|, |z| of a tool tip."""
     speed: Speed = Field(gt=0)
+    """Of a tool tip."""
     force: tuple[Force, Force, Force]
     """Largest |F| per axis."""
     offset: Length = Field(gt=0)
@@ -187,22 +201,30 @@ class Rig(FileModel):
     """
 
     name: str
+    """Name of the machine."""
     clamp: Clamp
+    """Frame that holds the blank."""
     tool_1: ToolAxis
+    """Upper tool and its axes."""
     tool_2: ToolAxis
+    """Lower tool and its axes."""
     contact_stiffness: Stiffness = Field(gt=0)
     """Overall horizontal contact stiffness K_c (Ren 2018 eq. 2-8)."""
     kinematics: Literal["gantry_xyz_uvw", "hexapod_spif_a"] = "gantry_xyz_uvw"
     """How the axes make a pose of the tips: see isf_core.geometry.kinematics."""
     servo: Servo
+    """Position loop of the axes."""
     load_cell: LoadCell
+    """Load cell of each tool."""
     limits: Limits
+    """Limits that protect the machine."""
     park_height: Length = Field(gt=0)
     """Tools wait at +park_height (tool_1) and -park_height (tool_2)."""
     scan_place: tuple[Length, Length] | None = None
     """x and y where the tools wait at park height while the sheet is scanned; without it x = 0 and y = 5 mm less than
     the travel, behind the sheet for a scanner in front."""
     provenance: dict[str, str]
+    """Constant to its origin: published, calibrated, identified or assumed, with the source."""
 
     @model_validator(mode="after")
     def _within_travel(self) -> Rig:

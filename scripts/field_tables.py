@@ -1,0 +1,162 @@
+"""Tables of fields and parameters in the manual, made from the sources: ``./isf python scripts/field_tables.py``.
+
+A page asks for a table by a pair of comments, ``<!-- fields: module.Class -->`` and ``<!-- end -->``; what stands
+between them is replaced. ``--check`` writes nothing and ends with 1 where a page is not in step.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import importlib
+import inspect
+import math
+import re
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+MARK = re.compile(r"(<!-- fields: ([\w.]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+WORDS = {"Literal": "", "NoneType": "none", "str": "text", "int": "integer", "float": "number", "bool": "true or false"}
+
+
+def field_docstrings(kind: type) -> dict[str, str]:
+    """Name of a field to the text that stands below it in the source, in one line."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    assert isinstance(body, ast.ClassDef)
+    found = {}
+    for node, below in zip(body.body, body.body[1:], strict=False):
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and isinstance(below, ast.Expr):
+            found[node.target.id] = " ".join(str(ast.literal_eval(below.value)).split())
+    return found
+
+
+def written_type(kind: type, name: str) -> str:
+    """The annotation as a reader of a file understands it: units are those of the examples."""
+    source = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    assert isinstance(source, ast.ClassDef)
+    for node in source.body:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id == name:
+            return _words(node.annotation)
+    return ""
+
+
+def _words(node: ast.expr) -> str:
+    if isinstance(node, ast.BinOp):
+        parts = [_words(node.left), _words(node.right)]
+        return " or ".join(part for part in parts if part != "none")
+    if isinstance(node, ast.Subscript):
+        outer = _words(node.value)
+        inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if outer == "tuple":
+            many = any(isinstance(item, ast.Constant) and item.value is Ellipsis for item in inner)
+            return f"list of {_words(inner[0])}" if many else f"{len(inner)} x {_words(inner[0])}"
+        if outer == "dict":
+            return "names and texts"
+        if outer == "Annotated":
+            return _words(inner[0])
+        return ", ".join(_words(item) for item in inner)
+    if isinstance(node, ast.Constant):
+        return "none" if node.value is None else f"`{node.value}`"
+    text = ast.unparse(node)
+    return WORDS.get(text, text if text in ("tuple", "Annotated", "Literal") else _named(text))
+
+
+def _named(text: str) -> str:
+    """A class of its own is a section, a quantity is called by its name."""
+    if text.endswith("Spec") or text in ("ForceRule", "Clamp", "ToolAxis", "Servo", "LoadCell", "Limits"):
+        return "section"
+    return {
+        "MeshUnit": "`m`, `cm`, `mm`, `in`",
+        "SupportForce": "force",
+        "RuleForce": "force",
+        "ErrorTable": "rows of position and error",
+    }.get(text, text.lower())
+
+
+UNITS = {
+    "length": (1e3, "mm"),
+    "angle": (180 / math.pi, "deg"),
+    "stress": (1e-9, "GPa"),
+    "speed": (1e3, "mm/s"),
+    "acceleration": (1e3, "mm/s^2"),
+    "force": (1.0, "N"),
+    "frequency": (1.0, "Hz"),
+    "torque": (1.0, "N m"),
+    "time": (1.0, "s"),
+}
+
+
+def default_text(value: Any, kind: str) -> str:
+    """Default as it would be written in a file."""
+    if value is PydanticUndefined or value is dataclasses.MISSING:
+        return "needed"
+    if value is None or value == () or value == "":
+        return "-"
+    if isinstance(value, BaseModel):
+        return "its defaults"
+    if isinstance(value, bool):
+        return "`true`" if value else "`false`"
+    if isinstance(value, (tuple, list)):
+        return "`[" + ", ".join(default_text(item, kind).strip("`") for item in value) + "]`"
+    if isinstance(value, (int, float)):
+        for name, (factor, unit) in UNITS.items():
+            if re.search(rf"\b{name}\b", kind):
+                return f"`{round(float(value) * factor, 9):g} {unit}`"
+        return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
+    return f"`{value}`"
+
+
+def table(name: str) -> str:
+    """Markdown table of the fields of a model of files, or of the parameters of a node."""
+    module, _, attribute = name.rpartition(".")
+    kind = getattr(importlib.import_module(module), attribute)
+    lines = []
+    if issubclass(kind, BaseModel):
+        lines += ["| field | value | default | meaning |", "|---|---|---|---|"]
+        texts = field_docstrings(kind)
+        for field, info in kind.model_fields.items():
+            words = written_type(kind, field)
+            lines.append(
+                f"| `{field}` | {words} | {default_text(info.default, words)} | {_cell(texts.get(field, ''))} |"
+            )
+    else:
+        lines += ["| parameter | default | meaning |", "|---|---|---|"]
+        for item in dataclasses.fields(kind):
+            lines.append(
+                f"| `{item.name}` | {default_text(item.default, '')} | {_cell(item.metadata['description'])} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _cell(text: str) -> str:
+    return re.sub(r"``([^`]*)``", r"`\1`", text).replace("|", "\\|")
+
+
+def filled(text: str) -> str:
+    """``text`` of a page with its tables made anew."""
+    return MARK.sub(lambda match: f"{match[1]}\n{table(match[2])}\n{match[3]}", text)
+
+
+def main(arguments: list[str]) -> int:
+    """Write the tables, or only compare; returns the exit code."""
+    late = []
+    for path in sorted(DOCS.rglob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        new = filled(text)
+        if new != text:
+            late.append(path)
+            if "--check" not in arguments:
+                path.write_text(new, encoding="utf-8")
+    for path in late:
+        print(f"{path.relative_to(DOCS.parent)}: {'not in step' if '--check' in arguments else 'written'}")
+    return 1 if late and "--check" in arguments else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,60 @@
+"""The tables of the manual are in step with the sources: fields of files, parameters of nodes, error codes, links."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+from isf_core.errors import ErrorCode
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+TABLES = runpy.run_path(str(ROOT / "scripts" / "field_tables.py"))
+OUTSIDE = ["README.md", "CONTRIBUTING.md", *(f"{path}" for path in ROOT.glob("ros_ws/src/*/README.md"))]
+"""Pages that the site does not hold and its build does not check."""
+
+
+@pytest.mark.parametrize("path", sorted(DOCS.rglob("*.md")), ids=lambda path: str(path.relative_to(DOCS)))
+def test_tables_of_fields_are_in_step(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert TABLES["filled"](text) == text, "run ./isf python scripts/field_tables.py"
+
+
+def test_every_field_and_parameter_says_what_it_means() -> None:
+    for name in ("job", "rigs_and_materials", "nodes"):
+        text = (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8")
+        assert not re.findall(r"^\| `.*\|  \|$", text, flags=re.MULTILINE)
+
+
+def test_the_page_of_error_codes_names_all_of_them() -> None:
+    text = (DOCS / "reference" / "error_codes.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| (\w+) \| (.+) \| (.+) \|$", text, flags=re.MULTILINE)
+    assert [(int(code), name) for code, name, _, _ in rows] == [(int(c), c.name) for c in ErrorCode if c]
+
+
+@pytest.mark.parametrize("name", OUTSIDE, ids=lambda name: str(Path(name).parent.name or name))
+def test_links_of_pages_outside_the_site_lead_somewhere(name: str) -> None:
+    page = ROOT / name
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        path, _, anchor = target.partition("#")
+        if path.startswith("http"):
+            continue
+        found = page.parent / unquote(path) if path else page
+        assert found.exists(), f"{name}: {target}"
+        if anchor:
+            headings = re.findall(r"^#+ (.+)$", found.read_text(encoding="utf-8"), flags=re.MULTILINE)
+            assert anchor in {re.sub(r"[^\w -]", "", text).lower().replace(" ", "-") for text in headings}, target
+
+
+def test_pages_that_sources_name_exist() -> None:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in listed.splitlines():
+        path = ROOT / name
+        if path.suffix not in {".py", ".yaml", ".sh", ".toml", ".md"} or not path.is_file():
+            continue
+        for page in re.findall(r"\bdocs/[\w/]+\.md", path.read_text(encoding="utf-8")):
+            assert (ROOT / page).is_file(), f"{name} names {page}"
