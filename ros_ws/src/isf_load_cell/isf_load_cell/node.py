@@ -162,7 +162,7 @@ class LoadCellParameters:
     pose_frame: str = parameter("", "frame whose axes the rotation of the file is against; needed with tf")
     pose_base: str = parameter(conversion.FRAME, "frame in whose axes the orientation is given: sheet, or one like it")
     tare_readings: int = parameter(250, "newest readings that make the zero", least=1, most=100_000)
-    timeout: float = parameter(0.5, "s without a reading, or a pose, after which that is reported", least=0.01, most=60.0)
+    timeout: float = parameter(0.5, "s without a reading, or a pose, that are reported", least=0.01, most=60.0)
     best_effort: bool = parameter(False, "the driver publishes its readings best effort")
 
 
