@@ -211,7 +211,7 @@ def pyramid() -> None:
     small = formed_pyramid(20e-3, 8e-3)[2]
     both = np.concatenate(small)
     text = f"{both.max():.2f} / {np.abs(both).mean():.2f}, base {small[0][0]:.2f}"
-    row("  opening of 40 x 40 mm: max / mean error [mm]", "4.8 / 2.6 (size not told)", text, "A")
+    row("  opening of 40 x 40 mm: max / mean error [mm]", "4.8 / 2.6 (size not stated)", text, "A")
 
 
 def corrected_pyramid() -> None:

@@ -126,7 +126,7 @@ _EVENTS = """## Events and limits
 | event | condition | origin |
 |---|---|---|
 | fracture | ln(t0/t) beside the tool > 1.15 ln(1/cos a_max) (1 + 0.16 F_n/200 N), four tool radii | gain: calibrated |
-| galling | support force over 0.42 R_m R t0; not told in ADSIF | calibrated: 120 N and 200 N of Ren 2018, 2.4.1 |
+| galling | support force over 0.42 R_m R t0; not reported in ADSIF | calibrated: 120 N and 200 N of Ren 2018, 2.4.1 |
 | buckling | ADSIF: gap below 0.6 t0, below 0.7 t0 at position angles up to 25 deg | published: Ren 2018, 3.2.3 |
 | contact lost | no support force for 0.1 s beside the pressing tool | assumed times |
 | die contact | sheet under the tool carried by die or backing plate | - |
@@ -137,7 +137,7 @@ wall of several passes bears more. 1.15 is what the plant's own thinning of one 
 published went into it. The gain of squeeze is a ratio of depths (19.0 and 22.1 mm), taken as a ratio of strains
 (assumed). The funnel that this pair was measured on is formed on an assumed generatrix, an arc from the printed 65 deg
 that reaches 66 deg, by the sine law the limit, at 19.0 mm: the first depth is put in by the geometry, and only how much
-deeper force control gets is the plant's answer. It is too deep: [the sheet](../methods/sheet.md) tells why. Small
+deeper force control gets is the plant's answer. It is too deep: [the sheet](../methods/sheet.md) explains it. Small
 steps do not tear earlier than large ones, as they do in Lu 2016, 4.1.3: no damage is accumulated over passes. Bending
 to the ball and back takes no plastic strain after the first pass in this model, and what friction adds per pass is not
 published. The wall of 80 deg in four passes tore at ribs, which the cone that is formed for these rows does not have.

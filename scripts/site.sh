@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
 # Builds the manual and the API reference as a site into .isf/site; a broken link or anchor is an error.
-# usage: scripts/site.sh [options of "mkdocs build"]        then open .isf/site/index.html
+# usage: scripts/site.sh [options of "mkdocs build"]
+#   Then open .isf/site/index.html. Browsers search only what comes from a server:
+#   python3 -m http.server --directory .isf/site
 set -euo pipefail
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd -P)
 cd "$root"

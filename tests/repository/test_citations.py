@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BIBLIOGRAPHY = ROOT / "docs" / "reference" / "bibliography.md"
 TEXTS = {".py", ".md", ".yaml", ".msg", ".srv", ".action", ".xml", ".sh", ".toml"}
 NO_SOURCES = re.compile(
-    r"January|February|March|April|May|June|July|August|September|October|November|December|CPython|University|Max"
+    r"January|February|March|April|May|June|July|August|September|October|November|December|CPython|University"
 )
 
 CITATION = re.compile(r"\b((?:[A-Z][\w-]+ and )?[A-Z][\w-]+)(?: et al\.)?,? \(?((?:19|20)\d\d)\b")

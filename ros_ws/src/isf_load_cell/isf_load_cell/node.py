@@ -153,16 +153,16 @@ class LoadCellParameters:
 
     file: str = parameter("", "file of the cell: what isf calibrate-cell writes, with range, rotation, ... added")
     rig: str = parameter("", "rig (name or path) whose load_cell gives what the file does not")
-    tool: int = parameter(1, "1 or 2: whose weight the rig tells", least=1, most=2)
+    tool: int = parameter(1, "1 or 2: whose weight the rig file gives", least=1, most=2)
     frame: str = parameter(conversion.FRAME, "frame_id of the wrench")
     with_pose: bool = parameter(False, "the cell turns: weight and axes by its orientation, see pose_type")
     pose_type: str = parameter(
-        "pose", "what tells it: PoseStamped, TransformStamped, Odometry on pose, or the robot's tf", choices=POSE_TYPES
+        "pose", "source of it: PoseStamped, TransformStamped, Odometry on pose, or the robot's tf", choices=POSE_TYPES
     )
     pose_frame: str = parameter("", "frame whose axes the rotation of the file is against; needed with tf")
-    pose_base: str = parameter(conversion.FRAME, "frame in whose axes the orientation is told: sheet, or one like it")
+    pose_base: str = parameter(conversion.FRAME, "frame in whose axes the orientation is given: sheet, or one like it")
     tare_readings: int = parameter(250, "newest readings that make the zero", least=1, most=100_000)
-    timeout: float = parameter(0.5, "s without a reading, or a pose, that are told", least=0.01, most=60.0)
+    timeout: float = parameter(0.5, "s without a reading, or a pose, that are reported", least=0.01, most=60.0)
     best_effort: bool = parameter(False, "the driver publishes its readings best effort")
 
 
