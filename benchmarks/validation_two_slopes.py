@@ -58,7 +58,7 @@ class Watch:
     way: list[float] = field(default_factory=list)
     moment: list[float] = field(default_factory=list)
 
-    def look(self, plant: SheetPlant) -> None:
+    def check(self, plant: SheetPlant) -> None:
         """Note the newest solution, once."""
         if plant.solutions == self.seen or not plant._states:
             return
@@ -93,7 +93,7 @@ def press(plant: SheetPlant, loop: Array, depth: float, watch: Watch) -> None:
     """One loop of the tip at ``depth`` m."""
     for point in loop:
         plant.move(np.array([point[0], point[1], -depth]), np.zeros(2))
-        watch.look(plant)
+        watch.check(plant)
 
 
 def wall_places(angle: float) -> Array:

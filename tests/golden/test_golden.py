@@ -16,7 +16,7 @@ import pytest
 from golden_cases import CASES, EXAMPLES, JOBS, LIFTS, RECORDED, SENSOR, Case
 from golden_values import Quantity, Series, differences
 
-MOST_TOLD = 15
+MAXIMUM_TOLD = 15
 """Lines of a failure."""
 
 IN_GRAPH = {Quantity.LENGTH: 1000.0, Quantity.FORCE: 100.0}
@@ -28,8 +28,8 @@ def _case(name: str) -> Case:
 
 
 def _told(found: list[str], name: str) -> str:
-    more = [f"... and {len(found) - MOST_TOLD} more series"] if len(found) > MOST_TOLD else []
-    return "\n".join([f"{name} differs from its record in {len(found)} series:", *found[:MOST_TOLD], *more])
+    more = [f"... and {len(found) - MAXIMUM_TOLD} more series"] if len(found) > MAXIMUM_TOLD else []
+    return "\n".join([f"{name} differs from its record in {len(found)} series:", *found[:MAXIMUM_TOLD], *more])
 
 
 @pytest.mark.parametrize(

@@ -189,7 +189,7 @@ class RecorderNode(CellNode[RecorderParameters]):
                         self._count_gap(topic.name, info["publication_sequence_number"])
         if batch:
             batch.sort(key=_received_at)
-            recording.put(batch)
+            recording.add(batch)
         if recording.error is not None:
             self._recording = None
             self.report(recording.error)

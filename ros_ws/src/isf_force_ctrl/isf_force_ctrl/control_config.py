@@ -16,7 +16,7 @@ from isf_force_ctrl.laws.stability import check_compliance_gain, check_force_gai
 
 Vector = tuple[float, float, float]
 
-MOST_OF_BOTH = 0.8
+MAXIMUM_OF_BOTH = 0.8
 """Largest K_p K_c when both tools are compensated: their sum comes near to 1 / K_c, and what is over-estimated by a
 quarter would run away (Ren 2018, section 2.3.3)."""
 
@@ -191,7 +191,9 @@ class ControlConfig:
         check_compliance_gain(gain, self.contact_stiffness)
         if self.support_compensation > 0.0:
             both = max(gain + self.support_compensation * support, self.compensation * support)
-            check_compliance_gain(both, self.contact_stiffness, most=MOST_OF_BOTH, where="control.support_compensation")
+            check_compliance_gain(
+                both, self.contact_stiffness, maximum=MAXIMUM_OF_BOTH, where="control.support_compensation"
+            )
         delay = group_delay(len(self.coefficients()), self.rate) + 1.5 / self.rate
         coupling = gain * self.contact_stiffness
         check_force_gain(self.loop_gain, self.servo_bandwidth, delay, coupling, self.compliance_time)
@@ -271,5 +273,5 @@ def _support_compensation(job_file: JobFile) -> float:
     if job_file.job.process != "ADSIF" or compliance <= 0.0:
         return 0.0
     first = control.compliance_compensation * max(rig.tool_1.compliance[0], rig.tool_1.compliance[1])
-    left = (0.95 * MOST_OF_BOTH / rig.contact_stiffness - first) / compliance
+    left = (0.95 * MAXIMUM_OF_BOTH / rig.contact_stiffness - first) / compliance
     return max(0.0, min(control.compliance_compensation, left))

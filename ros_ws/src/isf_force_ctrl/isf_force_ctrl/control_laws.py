@@ -190,11 +190,11 @@ class ControlLaws:
         return Targets((x_1, y_1, row[2]), (x_2, y_2, row[5]), row[12])
 
 
-LEAST_FORCE = 20.0
+MINIMUM_FORCE = 20.0
 """N, smaller set-points of the normal force count as this one in the gains."""
 NEGLIGIBLE = 1e-10
 """m, offset that is dropped."""
-LEAST_DISTANCE = 0.5e-3
+MINIMUM_DISTANCE = 0.5e-3
 """m, smaller horizontal distances of the ball centres count as this one."""
 
 
@@ -233,7 +233,7 @@ class ForceComponents:
         """
         config, sign = self._config, self._sign
         flat, sine, cosine = self._line(row)
-        pressed = max(normal_force, LEAST_FORCE)
+        pressed = max(normal_force, MINIMUM_FORCE)
         if self._vertical is not None:
             wanted = normal_force * cosine / sine if config.vertical_force is None else config.vertical_force
             self._vertical.set_gain(config.component_gain * flat * sine / pressed)
@@ -257,7 +257,7 @@ class ForceComponents:
 
     def _line(self, row: Row) -> tuple[float, float, float]:
         """Horizontal distance of the commanded ball centres, m; sine and cosine of the line's angle from the z axis."""
-        flat = max(math.hypot(row[3] - row[0], row[4] - row[1]), LEAST_DISTANCE)
+        flat = max(math.hypot(row[3] - row[0], row[4] - row[1]), MINIMUM_DISTANCE)
         height = row[2] - row[5] + self._config.ball_reach
         apart = math.hypot(flat, height)
         return flat, flat / apart, height / apart
@@ -277,7 +277,7 @@ WINDOW = 0.04
 MEMORY = 0.5
 """s of excited ticks that are remembered."""
 
-LEAST_EXCITATION = 20.0e-6
+MINIMUM_EXCITATION = 20.0e-6
 """m, change of the offset over the window (root of the sum of squares) that the start value is worth."""
 
 BOUNDS = (0.3, 3.0)
@@ -301,7 +301,7 @@ class StiffnessEstimate:
         self._forget = 1.0 - 1.0 / (MEMORY * rate)
         self._nominal = nominal
         self._low, self._high = BOUNDS[0] * nominal, BOUNDS[1] * nominal
-        self._den = LEAST_EXCITATION**2
+        self._den = MINIMUM_EXCITATION**2
         self._num = nominal * self._den
         self._still = ticks
         self._ticks = ticks
@@ -325,7 +325,7 @@ class StiffnessEstimate:
         pressed = self._history[-1][1] - self._history[0][1]
         self._den = self._forget * self._den + moved * moved
         self._num = self._forget * self._num + moved * pressed
-        if self._den > 0.25 * LEAST_EXCITATION**2:
+        if self._den > 0.25 * MINIMUM_EXCITATION**2:
             self.value = min(max(self._num / self._den, self._low), self._high)
         return self.value
 
@@ -333,7 +333,7 @@ class StiffnessEstimate:
 BACKOFF = 0.6
 """Factor on the gain each time an oscillation is found."""
 
-LEAST_SCALE = 0.15
+MINIMUM_SCALE = 0.15
 """Smallest factor on the gain."""
 
 SWINGS = 6
@@ -388,7 +388,7 @@ class OscillationMonitor:
         self._quiet = QUIET_TIME * rate
         self._ceiling = 1.0
         self.scale = 1.0
-        """Factor on the gain, LEAST_SCALE..1."""
+        """Factor on the gain, MINIMUM_SCALE..1."""
         self.found = 0
         """Oscillations so far."""
 
@@ -417,4 +417,4 @@ class OscillationMonitor:
         self.found += 1
         self._ceiling = CEILING * self.scale
         self._since = 0
-        self.scale = max(LEAST_SCALE, BACKOFF * self.scale)
+        self.scale = max(MINIMUM_SCALE, BACKOFF * self.scale)

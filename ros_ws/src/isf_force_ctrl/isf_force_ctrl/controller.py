@@ -317,8 +317,8 @@ class ForceController:
         self._last_tick = tick
         self._ticks += 1
         forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
-        found = self._watch.look(wrench_1, wrench_2, self._tools.forming, self._mode, self._laws.normal_force)
-        found = found or self.drift.look(self._playback.row, self._tools, self._mode, forces)
+        found = self._watch.check(wrench_1, wrench_2, self._tools.forming, self._mode, self._laws.normal_force)
+        found = found or self.drift.check(self._playback.row, self._tools, self._mode, forces)
         if found and self.fault is None:
             self._stop(*found)
         blind = self.fault is not None

@@ -37,12 +37,12 @@ from isf_force_ctrl.ros.control_clock import PeriodicLoop
 from isf_force_ctrl.ros.identify_action import IdentifyAction
 from isf_force_ctrl.ros.measurement_actions import MeasurementActions
 from isf_force_ctrl.ros.parameters import ForceCtrlParameters
-from isf_force_ctrl.ros.publishers import ForceCtrlOutlet
+from isf_force_ctrl.ros.publishers import ForceCtrlPublishers
 from isf_force_ctrl.ros.readiness import Readiness, control_config, tools_with_load_cell
 from isf_force_ctrl.supervision.attendance import EXECUTIVE_SILENCE, Attendance
 from isf_force_ctrl.supervision.contour_warnings import ChipWatch, offset_warning
 from isf_force_ctrl.supervision.latency import LatencyMeter
-from isf_force_ctrl.supervision.wrench_receiver import Fault, WrenchInlet
+from isf_force_ctrl.supervision.wrench_receiver import Fault, WrenchReceiver
 
 HEARTBEAT = 0.2
 """s of wall time after which the last targets are repeated."""
@@ -67,16 +67,16 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def configure(self) -> None:
         self._settings = p = self.values()
         self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
-        self._inlet = WrenchInlet(p.wrench_frame, math.inf if p.lockstep else p.wrench_delay, self._timeout)
-        self._pair = self._inlet.pair
-        self._ready = Readiness(self._timeout, self._inlet.frames)
+        self._receiver = WrenchReceiver(p.wrench_frame, math.inf if p.lockstep else p.wrench_delay, self._timeout)
+        self._pair = self._receiver.pair
+        self._ready = Readiness(self._timeout, self._receiver.frames)
         self._delayed, self._patient_until, self._look = False, 0.0, RegularLook(0.5 * self._timeout)
         self._ticks = self._late_before = 0
         self._last_mode = Mode.IDLE
 
         if p.output == "twist" and p.lockstep:
             raise IsfError(ErrorCode.FILE_FIELD, "twists are velocities by the clock, not in lockstep", where="output")
-        self._outlet = ForceCtrlOutlet(self, twist=p.output == "twist")
+        self._published = ForceCtrlPublishers(self, twist=p.output == "twist")
         self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM)
         self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM)
         self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR)
@@ -131,7 +131,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if controller is not None:
             values |= {"mode": controller.mode.name, "contour": controller.state().index, "ticks": controller.ticks}
             values |= controller.drift.values()
-        values |= self._inlet.values() if self.is_configured else {}
+        values |= self._receiver.values() if self.is_configured else {}
         values |= self._latency.values()
         values |= self._loop.values() if self._loop is not None else {}
         return values
@@ -148,7 +148,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._latency.wrench()
         header = message.header
         stamp = header.stamp.sec * stamps.NANO + header.stamp.nanosec
-        alive, fault = self._inlet.put(tool, header.frame_id, stamp, conversion.wrench_array(message))
+        alive, fault = self._receiver.add(tool, header.frame_id, stamp, conversion.wrench_array(message))
         if alive:
             self._ready.wrench(tool)
         if fault:
@@ -163,7 +163,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller = self._controller
         by_clock = self._loop is not None
         if controller is None or tool not in self._ready.needed or not (controller.busy or by_clock):
-            self._inlet.restart()
+            self._receiver.restart()
         elif controller.fault is None:
             with self._lock:
                 controller.fail(*fault, ticking=by_clock)
@@ -182,7 +182,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         rate = controller.config.rate
         tick = round(stamp * rate / stamps.NANO)
         targets = controller.tick(tick, stamp / stamps.NANO, *self._pair.wrench)
-        self._outlet.targets(targets, stamps.tick_nanoseconds(tick + 1, rate))
+        self._published.targets(targets, stamps.tick_nanoseconds(tick + 1, rate))
         self._after_tick(controller, stamp)
 
     def _step_in_real_time(self) -> None:
@@ -191,12 +191,12 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller = self._controller
         resting = self._delayed and controller is not None and not controller.busy
         if not self._lock.acquire(blocking=not resting):
-            self._outlet.repeat(now)  # a contour is being planned
+            self._published.repeat(now)  # a contour is being planned
             self._latency.targets()
             return
         try:
             if controller is None or controller.mode is Mode.IDLE:
-                self._outlet.rest()
+                self._published.rest()
                 return
             waiting = self._delayed or time.monotonic() < self._patient_until
             lost = [] if waiting else self._ready.lost()
@@ -208,7 +208,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._tick_number += 1 if self._pair.fresh(self._ready.needed) else 2  # a gap: its wrenches were lost
             self._pair.use()
             targets = controller.tick(self._tick_number, now / stamps.NANO, *self._pair.wrench)
-            self._outlet.targets(targets, now)
+            self._published.targets(targets, now)
             self._after_tick(controller, now)
         finally:
             self._lock.release()
@@ -225,7 +225,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _publish_state(self, controller: ForceController, stamp: int) -> None:
         self._last_mode = controller.mode
-        self._outlet.state(controller.state(), stamp, self._latency.last)
+        self._published.state(controller.state(), stamp, self._latency.last)
 
     def _publish_result(self) -> None:
         controller = self._controller
@@ -237,7 +237,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self.report(IsfError(ErrorCode(result.code), result.message, where=contour_label(result.index)))
         elif warning := offset_warning(result, controller.config.offset_limit):
             self.warn(warning)
-        self._outlet.result(replace(result, late_ticks=late))
+        self._published.result(replace(result, late_ticks=late))
 
     def _late_ticks(self) -> int:
         return self._loop.late_ticks if self._loop is not None else 0
@@ -263,15 +263,15 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost))
                 self._publish_state(controller, self.get_clock().now().nanoseconds)
                 self._publish_result()
-            if self._outlet.has_targets and time.monotonic() - self._outlet.last_publish >= HEARTBEAT:
-                self._outlet.repeat()
+            if self._published.has_targets and time.monotonic() - self._published.last_publish >= HEARTBEAT:
+                self._published.repeat()
 
     def _lift_unattended(self, controller: ForceController, alone: IsfError) -> None:
         """Nobody is there to go on with the part: take the tools off the sheet; the next contour ends with why."""
         self.report(alone)
         if controller.fault is None:
             waiting = isf.Contour(plan_id=controller.plan_id, index=controller.state().index + 1)
-            self._outlet.refusal(waiting, int(alone.code), alone.message)
+            self._published.refusal(waiting, int(alone.code), alone.message)
         self._disarm()
 
     @contextmanager
@@ -290,7 +290,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _on_pose(self, tool: int, message: PoseStamped) -> None:
         tip = conversion.tip_of(message)
         self._ready.pose(tool, tip)
-        self._outlet.measured(tool, tip)
+        self._published.measured(tool, tip)
         if self._controller is not None:
             self._controller.add_measured(tool, stamps.to_seconds(message.header.stamp), tip)
 
@@ -309,8 +309,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 contour = conversion.contour_from_message(message)
                 self._ready.check_forming(contour.forming_tool)
                 controller.start(contour)
-                self._inlet.begin_contour()
-                if warning := self._chips.look(contour):
+                self._receiver.begin_contour()
+                if warning := self._chips.check(contour):
                     self.get_logger().warning(warning)
             except Exception as fault:
                 error = fault if isinstance(fault, IsfError) else self.fault(fault, contour_label(message.index))
@@ -326,7 +326,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller = self._controller
         if controller is not None and controller.busy and controller.started(message.plan_id, message.index):
             return
-        self._outlet.refusal(message, int(error.code), error.message)
+        self._published.refusal(message, int(error.code), error.message)
 
     # -- services ------------------------------------------------------------------------------
 
@@ -359,10 +359,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
         self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
-        self._inlet.restart()
+        self._receiver.restart()
         self._latency = LatencyMeter()
-        self._outlet.start(tip_1, tip_2, controller.config.rate)
-        self._outlet.with_holder = job_file.job.process == "TPIF"
+        self._published.start(tip_1, tip_2, controller.config.rate)
+        self._published.with_holder = job_file.job.process == "TPIF"
         self._controller, self._job_file = controller, job_file
         self._attended.begin()
         self._publish_state(controller, self.get_clock().now().nanoseconds)
@@ -383,7 +383,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _disarm(self) -> None:
         with self._lock:
             if self._controller is not None:
-                self._inlet.restart()  # whatever the wrenches' time is now, the tools are lifted by it
+                self._receiver.restart()  # whatever the wrenches' time is now, the tools are lifted by it
                 self._controller.disarm()
                 self._publish_state(self._controller, self.get_clock().now().nanoseconds)
                 self._step_in_lockstep()
@@ -403,7 +403,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._loop is not None:
             self._loop.stop()
             self._loop = None
-            self._outlet.rest(last=True)
+            self._published.rest(last=True)
 
 
 def main(args: list[str] | None = None) -> int:

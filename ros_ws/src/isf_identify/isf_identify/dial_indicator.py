@@ -18,10 +18,10 @@ from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy import stats
 
-from isf_identify.fits import MOST_RESIDUAL, OBSERVED, LinearFit, fit_linear
+from isf_identify.fits import MAXIMUM_RESIDUAL, OBSERVED, LinearFit, fit_linear
 from isf_identify.rig_piece import rig_piece
 
-LEAST_FORCES = 3
+MINIMUM_FORCES = 3
 """Different loads per series, of any sign: fewer do not show whether the deflection is proportional."""
 
 CONSTANT = 0.05
@@ -145,12 +145,12 @@ def dial_piece(
         for k, axis in enumerate(AXES):
             told = f"not identified {date}: {'readings refused, ' if (tool, k) in refused else ''}kept"
             facts[f"{name}.compliance.{axis}"] = (
-                f"identified {date}: {_told(found[tool, k])}" if (tool, k) in found else told
+                f"identified {date}: {_remarks(found[tool, k])}" if (tool, k) in found else told
             )
     return rig_piece(rig, lines, facts)
 
 
-def _told(item: DialAxis) -> str:
+def _remarks(item: DialAxis) -> str:
     apart = "" if item.constant else ", not constant over the workspace"
     return (
         f"{1e6 * item.value:.4f} +- {1e6 * item.deviation:.4f} um/N, dial indicator at the tip, {len(item.places)} "
@@ -165,9 +165,9 @@ def _fit_axis(table: DialTable, tool: int, axis: int) -> DialAxis:
     force, deflection = table.force[rows], table.deflection[rows]
     series = np.unique(np.column_stack([table.place[rows], table.repeat[rows]]), axis=0, return_inverse=True)[1].ravel()
     for number in range(int(series.max()) + 1):
-        if len(np.unique(force[series == number])) < LEAST_FORCES:
+        if len(np.unique(force[series == number])) < MINIMUM_FORCES:
             raise _failed(
-                f"{what}: a series has fewer than {LEAST_FORCES} different forces",
+                f"{what}: a series has fewer than {MINIMUM_FORCES} different forces",
                 "read the dial at several loads of every place and repetition",
             )
     whole = _line(force, deflection, series, what)
@@ -211,7 +211,7 @@ def _line(force: Array, deflection: Array, series: NDArray[np.int64], what: str)
 
 
 def _check_straight(force: Array, deflection: Array, series: NDArray[np.int64], line: LinearFit, what: str) -> None:
-    """Raise IsfError when the readings bend by more than their scatter explains and by more than MOST_RESIDUAL.
+    """Raise IsfError when the readings bend by more than their scatter explains and by more than MAXIMUM_RESIDUAL.
 
     Square and cube of the force are added to the line (F test). The residual alone says nothing: stiff tools give way
     by little more than a dial scatters.
@@ -229,7 +229,7 @@ def _check_straight(force: Array, deflection: Array, series: NDArray[np.int64], 
     curve, scatter = float(((bent - straight) ** 2).sum()), float(((y - bent) ** 2).sum())
     size = math.sqrt(curve / len(y))
     significant = curve / more > float(stats.f.ppf(1.0 - DOUBT, more, freedom)) * scatter / freedom
-    if significant and size > MOST_RESIDUAL * line.span:
+    if significant and size > MAXIMUM_RESIDUAL * line.span:
         raise _failed(
             f"the {what} is not linear: bends by {1e6 * size:.1f} um (rms) of {1e6 * line.span:.0f} um, readings "
             f"scatter by {1e6 * math.sqrt(scatter / freedom):.1f} um",

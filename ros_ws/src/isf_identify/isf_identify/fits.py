@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 from isf_identify.settings import Place, ToolGeometry
 from isf_identify.squeeze_probe import Reading
 
-MOST_REJECTED = 0.2
+MAXIMUM_REJECTED = 0.2
 """Share of readings that may be outliers."""
 
 OUTLIER = 4.5
 """Robust standard deviations from the fit."""
 
-LEAST_DEVIATION = 0.2e-6
+MINIMUM_DEVIATION = 0.2e-6
 """m; readings nearer to the fit than this are never outliers (assumed, resolution of encoder and cell)."""
 
-MOST_RESIDUAL = 0.05
+MAXIMUM_RESIDUAL = 0.05
 """Of the deflection: a greater residual (rms) is not a linear compliance."""
 
 OBSERVED = 0.3
@@ -58,7 +58,7 @@ class LinearFit:
 
 
 def fit_linear(
-    matrix: Array, wanted: Array, groups: NDArray[np.int64], what: str, *, most_residual: float = MOST_RESIDUAL
+    matrix: Array, wanted: Array, groups: NDArray[np.int64], what: str, *, most_residual: float = MAXIMUM_RESIDUAL
 ) -> LinearFit:
     """Least squares of ``wanted`` (R,) = ``matrix`` (R, P) p + one constant per group (R,), without outliers.
 
@@ -77,13 +77,13 @@ def fit_linear(
             raise _failed(f"{len(y)} readings are too few for the {what}")
         value = (v[good].T * (1.0 / s[good])) @ (u[:, good].T @ y) / scale
         apart = y - rows @ value
-        robust = max(1.4826 * float(np.median(np.abs(apart - np.median(apart)))), LEAST_DEVIATION)
+        robust = max(1.4826 * float(np.median(np.abs(apart - np.median(apart)))), MINIMUM_DEVIATION)
         worst = int(np.argmax(np.abs(apart)))
         if abs(apart[worst]) <= OUTLIER * robust:
             break
         used[np.flatnonzero(used)[worst]] = False
-        if (~used).sum() > MOST_REJECTED * len(used):
-            raise _failed(f"more than {100 * MOST_REJECTED:.0f} % of the readings do not fit the {what}")
+        if (~used).sum() > MAXIMUM_REJECTED * len(used):
+            raise _failed(f"more than {100 * MAXIMUM_REJECTED:.0f} % of the readings do not fit the {what}")
     residual = float(np.sqrt((apart**2).sum() / freedom))
     span = float(np.ptp(y))
     if residual > most_residual * span:

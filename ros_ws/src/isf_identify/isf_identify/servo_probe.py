@@ -33,10 +33,10 @@ AMPLITUDE = 0.1e-3
 ACCELERATION = 0.8
 """Of the acceleration that the tools may have."""
 
-LEAST_POSES = 60
+MINIMUM_POSES = 60
 """Reports per axis."""
 
-MOST_RESIDUAL = 0.05
+MAXIMUM_RESIDUAL = 0.05
 """Of the reported motion (rms): a greater one is another system than the model."""
 
 _FAILED_ADVICE = "see that the machine publishes tool_1/pose and tool_2/pose, and follows its targets"
@@ -124,14 +124,14 @@ def fit_servo(probe: ServoProbe, rate: float, guess: float) -> ServoFit:
     found = []
     for axis in range(3):
         commands, reports = np.array(probe.commands[axis]), np.array(probe.reports[axis]).reshape(-1, 2)
-        if len(reports) < LEAST_POSES:
-            raise _failed(f"the machine reported {len(reports)} poses during a chirp, {LEAST_POSES} are needed")
+        if len(reports) < MINIMUM_POSES:
+            raise _failed(f"the machine reported {len(reports)} poses during a chirp, {MINIMUM_POSES} are needed")
         found.append(_fit_axis(commands, reports, rate, guess))
     bandwidth = np.array([item[0] for item in found])
     own = np.array([item[1] for item in found])
     delay = np.array([item[2] for item in found])
     residual = max(item[4] for item in found)
-    if residual > MOST_RESIDUAL:
+    if residual > MAXIMUM_RESIDUAL:
         raise _failed(f"{100 * residual:.0f} % of the motion are not those of a third-order loop with a delay")
     time, command, report, fitted = found[0][5]
     return ServoFit(

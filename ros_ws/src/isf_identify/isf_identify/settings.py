@@ -20,13 +20,13 @@ from isf_force_ctrl.control_config import ControlConfig
 ON_CONTOUR = 3.0e-3
 """m, a place nearer than this to the contour formed last is a point of it."""
 
-LEAST_FORCE = 40.0
+MINIMUM_FORCE = 40.0
 """N, less than this tells nothing over the noise of a load cell (assumed)."""
 
-LEAST_WALL = np.deg2rad(20.0)
+MINIMUM_WALL = np.deg2rad(20.0)
 """rad; on flatter sheet the horizontal normal is not known well enough (assumed)."""
 
-MOST_REPEATS = 20
+MAXIMUM_REPEATS = 20
 
 
 class Property(IntEnum):
@@ -73,8 +73,8 @@ class IdentifySettings:
             raise _refused("places are not triples of finite numbers", "x, y, z in m, one after the other")
         if tool not in (1, 2):
             raise _refused(f"there is no tool {tool}", "1 or 2")
-        if not 1 <= repeats <= MOST_REPEATS:
-            raise _refused(f"{repeats} repeats are not possible", f"1 to {MOST_REPEATS}")
+        if not 1 <= repeats <= MAXIMUM_REPEATS:
+            raise _refused(f"{repeats} repeats are not possible", f"1 to {MAXIMUM_REPEATS}")
         return IdentifySettings(Property(property), tool, repeats, flat.reshape(-1, 3), max_force)
 
     def check_force(self, config: ControlConfig) -> None:
@@ -82,8 +82,8 @@ class IdentifySettings:
         if self.property is Property.SERVO_RESPONSE:
             return
         most = min(config.force_limit)
-        if not LEAST_FORCE <= self.max_force <= most:
-            raise _refused(f"max_force of {self.max_force:g} N is not possible", f"{LEAST_FORCE:g} to {most:g} N")
+        if not MINIMUM_FORCE <= self.max_force <= most:
+            raise _refused(f"max_force of {self.max_force:g} N is not possible", f"{MINIMUM_FORCE:g} to {most:g} N")
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Place:
     @property
     def flat(self) -> bool:
         """True where there is no horizontal normal to speak of."""
-        return self.wall_angle < LEAST_WALL
+        return self.wall_angle < MINIMUM_WALL
 
     @property
     def horizontal(self) -> Array:

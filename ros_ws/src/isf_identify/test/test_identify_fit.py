@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
-from isf_identify.fits import MOST_RESIDUAL, fit_linear
+from isf_identify.fits import MAXIMUM_RESIDUAL, fit_linear
 from numpy.typing import NDArray
 
 COMPLIANCE = np.array([1.4e-6, 0.2e-6])
@@ -50,7 +50,7 @@ def test_a_contact_that_softens_is_refused(share: float, refused: bool) -> None:
     moved += share * COMPLIANCE[0] * forces[:, 0] ** 2 / 300.0
     if not refused:
         fit = fit_linear(forces, moved, visit, "compliance")
-        assert fit.residual < MOST_RESIDUAL * fit.span
+        assert fit.residual < MAXIMUM_RESIDUAL * fit.span
         return
     with pytest.raises(IsfError, match="not linear") as caught:
         fit_linear(forces, moved, visit, "compliance")

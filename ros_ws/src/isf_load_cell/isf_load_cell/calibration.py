@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 OUTLIER = 6.0
 """Robust standard deviations from which a reading is an outlier."""
 
-LEAST_SCALE = 2.0e-3
+MINIMUM_SCALE = 2.0e-3
 """Least standard deviation as a share of the largest load: cells are linear to some 0.5 %, that is no slip."""
 
 
@@ -81,7 +81,7 @@ def fit_matrix(load: Array, reading: Array) -> MatrixCalibration:
         solution = np.linalg.lstsq(with_one[keep], load[keep], rcond=None)[0]
         residual = load - with_one @ solution
         size = np.linalg.norm(residual, axis=1)
-        scale = max(1.4826 * float(np.median(size)), LEAST_SCALE * float(np.abs(load).max()))
+        scale = max(1.4826 * float(np.median(size)), MINIMUM_SCALE * float(np.abs(load).max()))
         found = size <= OUTLIER * scale
         if found.sum() <= columns or (found == keep).all():
             break

@@ -24,7 +24,7 @@ from isf_load_cell.reading import GRAVITY, CellReading, CellSettings
 from isf_load_cell.stream import Reading
 from isf_load_cell.three_cells import RADIUS, ThreeCellReading, ThreeCellSettings
 
-MOST_CONDITION = 1e6
+MAXIMUM_CONDITION = 1e6
 """A matrix worse than this tells nothing of a force in some direction."""
 
 
@@ -197,7 +197,7 @@ def _matrix(cell: CellFile, machine: Rig | None, where: str) -> Array:
             where=where,
             advice="calibration_matrix, calibration_gains or load_cell, as isf calibrate-cell writes them",
         )
-    if not np.linalg.cond(matrix[:3]) < MOST_CONDITION:
+    if not np.linalg.cond(matrix[:3]) < MAXIMUM_CONDITION:
         raise IsfError(
             ErrorCode.FILE_FIELD, "a force in some direction gives no reading", where=f"{where}: calibration"
         )
@@ -220,7 +220,7 @@ def _matrix(cell: CellFile, machine: Rig | None, where: str) -> Array:
 
 def _inverse(rows: tuple[tuple[float, ...], ...], where: str) -> Array:
     response = np.array(rows)
-    if not (np.isfinite(response).all() and np.linalg.cond(response) < MOST_CONDITION):
+    if not (np.isfinite(response).all() and np.linalg.cond(response) < MAXIMUM_CONDITION):
         raise IsfError(ErrorCode.FILE_FIELD, "the matrix has no inverse", where=f"{where}: load_cell.matrix")
     return np.linalg.inv(response)
 

@@ -48,7 +48,7 @@ class FrameTree:
         self._timeout, self._clock = timeout, clock
         self._links: dict[str, Link] = {}
 
-    def put(self, parent: str, child: str, quaternion: Sequence[float], *, fixed: bool = False) -> bool:
+    def add(self, parent: str, child: str, quaternion: Sequence[float], *, fixed: bool = False) -> bool:
         """Take the axes of ``child`` in those of ``parent``, (x, y, z, w); False when that is no rotation."""
         if not abs(math.hypot(*quaternion) - 1.0) < UNIT:
             return False

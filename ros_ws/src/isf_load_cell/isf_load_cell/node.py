@@ -102,7 +102,7 @@ class PoseInlet:
     def _put(self, parent: str, child: str, turn: Quaternion) -> None:
         self._parent = parent
         child = self._frame if self._any_child else child
-        if self._tree.put(parent, child, (turn.x, turn.y, turn.z, turn.w)):
+        if self._tree.add(parent, child, (turn.x, turn.y, turn.z, turn.w)):
             self._update({child})
 
     def _on_tf(self, message: Any) -> None:
@@ -114,7 +114,7 @@ class PoseInlet:
     def _put_all(self, message: Any, *, fixed: bool) -> None:
         for item in message.transforms:
             turn = item.transform.rotation
-            self._tree.put(item.header.frame_id, item.child_frame_id, (turn.x, turn.y, turn.z, turn.w), fixed=fixed)
+            self._tree.add(item.header.frame_id, item.child_frame_id, (turn.x, turn.y, turn.z, turn.w), fixed=fixed)
         self._update({item.child_frame_id for item in message.transforms})
 
     def _update(self, changed: set[str]) -> None:
@@ -153,7 +153,7 @@ class LoadCellParameters:
 
     file: str = parameter("", "file of the cell: what isf calibrate-cell writes, with range, rotation, ... added")
     rig: str = parameter("", "rig (name or path) whose load_cell gives what the file does not")
-    tool: int = parameter(1, "1 or 2: whose weight the rig file gives", least=1, most=2)
+    tool: int = parameter(1, "1 or 2: whose weight the rig file gives", minimum=1, maximum=2)
     frame: str = parameter(conversion.FRAME, "frame_id of the wrench")
     with_pose: bool = parameter(False, "the cell turns: weight and axes by its orientation, see pose_type")
     pose_type: str = parameter(
@@ -161,8 +161,8 @@ class LoadCellParameters:
     )
     pose_frame: str = parameter("", "frame whose axes the rotation of the file is against; needed with tf")
     pose_base: str = parameter(conversion.FRAME, "frame in whose axes the orientation is given: sheet, or one like it")
-    tare_readings: int = parameter(250, "newest readings that make the zero", least=1, most=100_000)
-    timeout: float = parameter(0.5, "s without a reading, or a pose, that are reported", least=0.01, most=60.0)
+    tare_readings: int = parameter(250, "newest readings that make the zero", minimum=1, maximum=100_000)
+    timeout: float = parameter(0.5, "s without a reading, or a pose, that are reported", minimum=0.01, maximum=60.0)
     best_effort: bool = parameter(False, "the driver publishes its readings best effort")
 
 
@@ -246,7 +246,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
                 return  # told by _look, after a moment
             rotation = turn @ self._mounting
         before = stream.fault
-        wrench = stream.put(stamps.to_nanoseconds(stamp), reading, rotation)
+        wrench = stream.add(stamps.to_nanoseconds(stamp), reading, rotation)
         if wrench is not None:
             self._wrench.header.stamp = stamp
             conversion.set_wrench(self._wrench, wrench)

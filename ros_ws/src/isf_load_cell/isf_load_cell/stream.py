@@ -49,7 +49,7 @@ class CellStream:
         self.faults = 0
         """Faults since the start."""
 
-    def put(self, stamp: int, reading: Array, rotation: Array | None = None) -> Array | None:
+    def add(self, stamp: int, reading: Array, rotation: Array | None = None) -> Array | None:
         """(6,) wrench of ``reading`` (C,) with ``stamp`` ns, None when none is to be published; sets :attr:`fault`.
 
         ``rotation`` (3, 3) from axes of the cell to frame sheet, where it changes. A stamp that repeats is a sign of

@@ -34,10 +34,10 @@ def refused(tree: FrameTree, base: str, frame: str) -> str:
 def test_a_robot_in_the_room_and_the_sheet_beside_it() -> None:
     """world - base - flange - cell and world - sheet: base turned 90 degrees about z, flange about its own x."""
     tree = FrameTree(1.0, Clock())
-    assert tree.put("flange", "cell", NONE, fixed=True)
-    assert tree.put("base", "flange", ABOUT_X)
-    assert tree.put("world", "sheet", NONE, fixed=True)
-    assert tree.put("world", "base", ABOUT_Z, fixed=True)
+    assert tree.add("flange", "cell", NONE, fixed=True)
+    assert tree.add("base", "flange", ABOUT_X)
+    assert tree.add("world", "sheet", NONE, fixed=True)
+    assert tree.add("world", "base", ABOUT_Z, fixed=True)
     turn = tree.rotation("sheet", "cell")
     # y of the cell is z of the base, which is up; z of the cell is -y of the base, which is x of the room
     np.testing.assert_allclose(turn.matrix @ [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], atol=1e-12)
@@ -55,7 +55,7 @@ def test_every_pair_of_frames_of_a_tree(seed: int, count: int) -> None:
     turns = Rotation.from_quat(random.standard_normal((count - 1, 4)))
     tree = FrameTree(1.0, Clock())
     for k in random.permutation(count - 1):
-        assert tree.put(f"f{parents[k]}", f"f{k + 1}", turns[int(k)].as_quat())
+        assert tree.add(f"f{parents[k]}", f"f{k + 1}", turns[int(k)].as_quat())
     in_room = [np.eye(3)]
     for k, parent in enumerate(parents):
         in_room.append(in_room[parent] @ turns[k].as_matrix())
@@ -68,37 +68,37 @@ def test_every_pair_of_frames_of_a_tree(seed: int, count: int) -> None:
 def test_what_changes_grows_old_and_what_is_fixed_does_not() -> None:
     clock = Clock()
     tree = FrameTree(0.5, clock)
-    tree.put("sheet", "base", NONE, fixed=True)
-    tree.put("base", "wrist", NONE)
+    tree.add("sheet", "base", NONE, fixed=True)
+    tree.add("base", "wrist", NONE)
     clock.now += 0.3
-    tree.put("wrist", "flange", NONE)
+    tree.add("wrist", "flange", NONE)
     assert tree.rotation("sheet", "flange").until == pytest.approx(100.5)  # the oldest one on the way
     clock.now += 0.3
     assert "'wrist' stands in 'base' is more than 0.5 s old" in refused(tree, "sheet", "flange")
     tree.rotation("wrist", "flange")
     clock.now += 1e6
     assert tree.rotation("sheet", "base").until == math.inf
-    tree.put("base", "wrist", ABOUT_Z)
-    tree.put("wrist", "flange", NONE)
+    tree.add("base", "wrist", ABOUT_Z)
+    tree.add("wrist", "flange", NONE)
     np.testing.assert_allclose(tree.rotation("sheet", "flange").matrix @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
 
 
 def test_what_does_not_hang_together_is_named() -> None:
     tree = FrameTree(1.0, Clock())
     assert "nothing is known of frame 'flange' and 'sheet'" in refused(tree, "sheet", "flange")
-    tree.put("base", "flange", NONE)
+    tree.add("base", "flange", NONE)
     assert "nothing is known of frame 'sheet'" in refused(tree, "sheet", "flange")
-    tree.put("world", "sheet", NONE, fixed=True)
+    tree.add("world", "sheet", NONE, fixed=True)
     assert "'flange' hangs below 'base', 'sheet' below 'world'" in refused(tree, "sheet", "flange")
-    tree.put("world", "base", NONE, fixed=True)
+    tree.add("world", "base", NONE, fixed=True)
     tree.rotation("sheet", "flange")
-    tree.put("flange", "world", NONE)  # somebody publishes the chain the other way round, too
+    tree.add("flange", "world", NONE)  # somebody publishes the chain the other way round, too
     assert "form a ring" in refused(tree, "sheet", "flange")
 
 
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)])
 def test_what_is_no_rotation_is_not_taken(turn: tuple[float, ...]) -> None:
     tree = FrameTree(1.0, Clock())
-    tree.put("sheet", "tool", ABOUT_Z)
-    assert not tree.put("sheet", "tool", turn)
+    tree.add("sheet", "tool", ABOUT_Z)
+    assert not tree.add("sheet", "tool", turn)
     np.testing.assert_allclose(tree.rotation("sheet", "tool").matrix @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)

@@ -234,12 +234,12 @@ def reading(value: float) -> np.ndarray:
 
 def test_nothing_is_given_out_before_the_tare() -> None:
     cell = stream()
-    assert [cell.put(k, reading(7.0)) for k in (1, 2)] == [None, None]
+    assert [cell.add(k, reading(7.0)) for k in (1, 2)] == [None, None]
     with pytest.raises(IsfError, match="2 readings so far, 3 are needed"):
         cell.tare()
-    cell.put(3, reading(7.0))
+    cell.add(3, reading(7.0))
     assert cell.tare() == 3
-    wrench = cell.put(4, reading(107.0))
+    wrench = cell.add(4, reading(107.0))
     assert wrench is not None
     assert wrench[2] == pytest.approx(100.0)
 
@@ -248,50 +248,50 @@ def test_nothing_is_given_out_before_the_tare() -> None:
 def test_a_fault_lasts_until_the_next_tare(bad: float, code: int) -> None:
     cell = stream()
     for k in range(1, 4):
-        cell.put(k, reading(0.0))
+        cell.add(k, reading(0.0))
     cell.tare()
-    assert cell.put(4, reading(bad)) is None
-    assert cell.put(5, reading(1.0)) is None
+    assert cell.add(4, reading(bad)) is None
+    assert cell.add(5, reading(1.0)) is None
     assert cell.fault is not None
     assert (cell.fault.code, cell.faults) == (code, 1)
     with pytest.raises(IsfError) as caught:  # the bad reading is among the last ones
         cell.tare()
     assert caught.value.code in (ErrorCode.WRENCH_NOT_FINITE, ErrorCode.NO_TARE)
     for k in range(6, 8):
-        cell.put(k, reading(1.0))
+        cell.add(k, reading(1.0))
     cell.tare()
-    assert cell.put(8, reading(2.0)) is not None
+    assert cell.add(8, reading(2.0)) is not None
 
 
 def test_a_repeated_stamp_is_a_sign_of_life_and_no_reading() -> None:
     cell = stream(readings=1, frozen_after=5)
-    cell.put(10, reading(7.0))
+    cell.add(10, reading(7.0))
     cell.tare()
-    first = cell.put(10, reading(7.0))  # time stands still in lockstep: the tare has to be answered all the same
+    first = cell.add(10, reading(7.0))  # time stands still in lockstep: the tare has to be answered all the same
     assert first is not None
     for _ in range(20):  # more than a frozen signal would be allowed
-        again = cell.put(10, reading(7.0))
+        again = cell.add(10, reading(7.0))
         assert again is not None
         assert again == pytest.approx(first)
-    assert all(cell.put(k, reading(8.0)) is not None for k in range(11, 16))
-    assert cell.put(16, reading(8.0)) is None
+    assert all(cell.add(k, reading(8.0)) is not None for k in range(11, 16))
+    assert cell.add(16, reading(8.0)) is None
     assert cell.fault is not None
     assert cell.fault.code is ErrorCode.WRENCH_FROZEN
 
 
 def test_stamps_left_at_zero_are_readings() -> None:
     cell = stream(readings=2)
-    cell.put(0, reading(0.0))
-    cell.put(0, reading(0.0))
+    cell.add(0, reading(0.0))
+    cell.add(0, reading(0.0))
     cell.tare()
-    found = [cell.put(0, reading(value)) for value in (1.0, 2.0)]
+    found = [cell.add(0, reading(value)) for value in (1.0, 2.0)]
     assert [wrench[2] for wrench in found if wrench is not None] == [1.0, 2.0]
 
 
 def test_a_frozen_signal_is_not_tared() -> None:
     cell = stream(readings=60)
     for k in range(1, 61):
-        cell.put(k, reading(3.0))
+        cell.add(k, reading(3.0))
     with pytest.raises(IsfError) as caught:
         cell.tare()
     assert caught.value.code is ErrorCode.WRENCH_FROZEN
@@ -300,13 +300,13 @@ def test_a_frozen_signal_is_not_tared() -> None:
 def test_drift_is_told_until_the_next_tare() -> None:
     cell = stream(readings=2)
     for k in (1, 2):
-        cell.put(k, reading(0.0))
+        cell.add(k, reading(0.0))
     cell.tare()
     for k in (3, 4):
-        cell.put(k, reading(4.0))
+        cell.add(k, reading(4.0))
     assert cell.check_drift() == pytest.approx(4.0)
     for k in (5, 6):
-        cell.put(k, reading(25.0))
+        cell.add(k, reading(25.0))
     with pytest.raises(IsfError, match="drifted by 25"):
         cell.check_drift()
     warning = cell.warning()

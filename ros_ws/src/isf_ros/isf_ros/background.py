@@ -45,7 +45,7 @@ class Worker:
         self._busy = False
         threading.Thread(target=self._run, name="worker", daemon=True).start()
 
-    def put(self, work: Callable[[], None]) -> None:
+    def add(self, work: Callable[[], None]) -> None:
         """Have ``work`` done after all that was put before."""
         self._waiting.put(work)
 

@@ -19,15 +19,21 @@ def parameter(
     description: str,
     *,
     read_only: bool = True,
-    least: float = -math.inf,
-    most: float = math.inf,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
     choices: tuple[str, ...] = (),
 ) -> Any:
     """Dataclass field of a node parameter; ``read_only``: fixed when the node starts.
 
-    A number must lie in ``least`` .. ``most`` (both included), a text must be one of ``choices`` if there are any.
+    A number must lie in ``minimum`` .. ``maximum`` (both included), a text must be one of ``choices`` if there are any.
     """
-    metadata = {"description": description, "read_only": read_only, "least": least, "most": most, "choices": choices}
+    metadata = {
+        "description": description,
+        "read_only": read_only,
+        "minimum": minimum,
+        "maximum": maximum,
+        "choices": choices,
+    }
     return field(default=default, metadata=metadata)
 
 
@@ -59,15 +65,15 @@ def read(node: Node, kind: type[Parameters]) -> Parameters:
     return kind(**values)
 
 
-_LIMITS = ("description", "least", "most", "choices")
+_LIMITS = ("description", "minimum", "maximum", "choices")
 
 
 def _check(
     name: str,
     value: Any,
     description: str = "",
-    least: float = -math.inf,
-    most: float = math.inf,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
     choices: tuple[str, ...] = (),
 ) -> None:
     """The ``description``, which begins with the unit, goes into the advice."""
@@ -76,6 +82,6 @@ def _check(
         what = f"'{value}' is none of {', '.join(choices)}"
         raise IsfError(ErrorCode.FILE_FIELD, what, where=where, advice=description)
     # infinite is a value of its own for limits that are off, where the range does not end
-    if isinstance(value, int | float) and not least <= value <= most:
-        what = f"{value:g} is not within {least:g} to {most:g}"
+    if isinstance(value, int | float) and not minimum <= value <= maximum:
+        what = f"{value:g} is not within {minimum:g} to {maximum:g}"
         raise IsfError(ErrorCode.FILE_FIELD, what, where=where, advice=description)

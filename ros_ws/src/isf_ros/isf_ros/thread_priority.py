@@ -12,7 +12,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-MOST_PRIORITY = 98
+MAXIMUM_PRIORITY = 98
 """Highest SCHED_FIFO priority that may be asked for; 99 belongs to the kernel."""
 
 SWITCH_INTERVAL = 0.0005

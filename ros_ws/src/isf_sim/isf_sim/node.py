@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_sim.machine.state import load_machine, save_machine
 from isf_sim.real_time import PeriodicThread
-from isf_sim.ros.publishers import MachineOutlet, cloud_message, state_message
+from isf_sim.ros.publishers import MachinePublishers, cloud_message, state_message
 from isf_sim.ros.targets import TargetPair, TargetStream
 from isf_sim.warm_up import warm_up
 
@@ -52,7 +52,7 @@ class MachineParameters:
         0.0, "s without targets before contact is released; 0: 5 lockstep, 0.25 real time"
     )
     real_time_priority: int = parameter(
-        0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", least=0, most=98
+        0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", minimum=0, maximum=98
     )
     state_folder: str = parameter(
         "machine_states", "folder below which machine/save writes and machine/load reads; relative to the present one"
@@ -82,7 +82,7 @@ class MachineNode(CellNode[MachineParameters]):
     def __init__(self) -> None:
         super().__init__("machine", MachineParameters)
         self._machine: SimulatedMachine | None = None
-        self._outlet: MachineOutlet | None = None
+        self._published: MachinePublishers | None = None
         self._thread: PeriodicThread | None = None
         self._targets = TargetPair()
         self.lock = threading.RLock()
@@ -97,7 +97,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._sample: MachineSample | None = None
         self._publishing = threading.Lock()
         self._holder: Any = None
-        self._told = 0
+        self._reported = 0
 
     # -- lifecycle ---------------------------------------------------------------------------------
 
@@ -107,7 +107,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._stream, self._look = TargetStream(timeout), RegularLook(0.5 * timeout)
         if values.job:
             self.clamp(SimulatedMachine(load_job(values.job), world=values.world, seed=values.seed))
-        self._outlet = MachineOutlet(self, clock=values.lockstep)
+        self._published = MachinePublishers(self, clock=values.lockstep)
         self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM)
         self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM)
         self._executive = ExecutiveWatch(self, EXECUTIVE_SILENCE)
@@ -128,7 +128,7 @@ class MachineNode(CellNode[MachineParameters]):
         self.stop_thread()
 
     def cleanup(self) -> None:
-        self._outlet = None
+        self._published = None
         self._listen_to_holder(False)
 
     def make_safe(self, error: IsfError) -> None:
@@ -168,7 +168,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._machine = machine
         self._release = None
         self._stream.following = False
-        self._told = len(machine.events)
+        self._reported = len(machine.events)
         self._targets.clear()
         self._listen_to_holder(machine.job_file.job.process == "TPIF")
         name = machine.job_file.job.name
@@ -218,14 +218,14 @@ class MachineNode(CellNode[MachineParameters]):
         if not self.is_active:
             return
         self._stream.heard()
-        self._targets.put(tool, stamps.to_nanoseconds(message.header.stamp), conversion.tip_of(message))
+        self._targets.add(tool, stamps.to_nanoseconds(message.header.stamp), conversion.tip_of(message))
         self._tick_in_lockstep(stamps.to_nanoseconds(message.header.stamp))
 
     def _on_holder(self, message: PoseStamped) -> None:
         if not self.is_active:
             return
         stamp = stamps.to_nanoseconds(message.header.stamp)
-        self._targets.put_holder(stamp, message.pose.position.z)
+        self._targets.add_holder(stamp, message.pose.position.z)
         self._tick_in_lockstep(stamp)
 
     def _tick_in_lockstep(self, stamp: int) -> None:
@@ -283,8 +283,8 @@ class MachineNode(CellNode[MachineParameters]):
         return self._settings.pose_decimation or max(1, round(machine.control_rate / 50.0))
 
     def publish(self, sample: MachineSample, *, decimated: bool) -> None:
-        outlet, machine = self._outlet, self.needed()
-        if outlet is None:
+        publishers, machine = self._published, self.needed()
+        if publishers is None:
             return
         if self._settings.lockstep:
             self._stamp = stamps.tick_nanoseconds(self._tick(), machine.control_rate)
@@ -292,13 +292,13 @@ class MachineNode(CellNode[MachineParameters]):
             if not self._settings.lockstep:  # a tick that took long ends after the readings that bridged it
                 self._stamp = max(self._stamp, self._bridged)
             if decimated:  # before the wrenches: who answers them knows where the tools are
-                outlet.poses(sample, self._stamp)
-                outlet.state(self._state_message(machine), self._stamp)
-            outlet.wrenches(sample, self._stamp)
-            for event in machine.events[self._told :]:
-                outlet.event(event, self._stamp)
+                publishers.poses(sample, self._stamp)
+                publishers.state(self._state_message(machine), self._stamp)
+            publishers.wrenches(sample, self._stamp)
+            for event in machine.events[self._reported :]:
+                publishers.event(event, self._stamp)
                 self.get_logger().warning(f"{event.name}: {event.text}")
-            self._told = len(machine.events)
+            self._reported = len(machine.events)
             self._sample, self._published = sample, time.monotonic()
 
     def _on_timer(self) -> None:
@@ -322,14 +322,14 @@ class MachineNode(CellNode[MachineParameters]):
 
     def _bridge_a_long_tick(self, machine: SimulatedMachine) -> None:
         """Repeat the last readings while the thread works on a coarse solution: a real load cell never pauses."""
-        sample, outlet = self._sample, self._outlet
-        if outlet is None or sample is None or self._thread is None:
+        sample, publishers = self._sample, self._published
+        if publishers is None or sample is None or self._thread is None:
             return
         with self._publishing:
             if time.monotonic() - self._published >= BRIDGE_PERIOD:
                 period = int((time.monotonic() - self._started) * machine.control_rate)
                 self._bridged = self._stamp_of(period, machine)
-                outlet.wrenches(sample, self._bridged)
+                publishers.wrenches(sample, self._bridged)
                 self._published = time.monotonic()
 
     # -- faults ----------------------------------------------------------------------------------
@@ -359,8 +359,8 @@ class MachineNode(CellNode[MachineParameters]):
         self.report(IsfError(code, text, where="machine", advice="positions are held and contact is released"))
         self._stream.following = False
         self._release = machine.release_steps()
-        if self._outlet is not None:
-            self._outlet.state(self._state_message(machine), self._stamp)
+        if self._published is not None:
+            self._published.state(self._state_message(machine), self._stamp)
         if self._settings.lockstep:
             for _ in self._release:
                 pass
@@ -430,13 +430,13 @@ class MachineNode(CellNode[MachineParameters]):
 
     def publish_scan(self, shape: HeightMap) -> None:
         """The exact shape on "scan"."""
-        if self._outlet is not None:
-            self._outlet.scan(conversion.height_map_to_message(shape, stamps.to_stamp(self._stamp)))
+        if self._published is not None:
+            self._published.scan(conversion.height_map_to_message(shape, stamps.to_stamp(self._stamp)))
 
     def publish_cloud(self, points: NDArray[np.float64]) -> None:
         """Points (N, 3) m of a scanner on "scan"."""
-        if self._outlet is not None:
-            self._outlet.scan(cloud_message(points, self._stamp))
+        if self._published is not None:
+            self._published.scan(cloud_message(points, self._stamp))
 
 
 class MachineServices:

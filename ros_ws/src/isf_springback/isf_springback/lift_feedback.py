@@ -91,7 +91,7 @@ EXPONENT_READING = 0.05
 LARGEST_SCALE = 2.0
 """The measured law stays within this factor of the computed one (assumed)."""
 _FORCE_RANGE = 2.0
-_MOST_READINGS = 100
+_MAXIMUM_READINGS = 100
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class LawScale:
             exponent, level = (float(value) for value in np.polyfit(steps, ratio, 1))
         noise = READING_DEVIATION / reading.springback
         made = _Reading(np.array(place), level, exponent, float(force[0]), noise)
-        self._readings = [*self._readings[-_MOST_READINGS + 1 :], made]
+        self._readings = [*self._readings[-_MAXIMUM_READINGS + 1 :], made]
 
     def at(self, place: Array, force: Array) -> Scale:
         """Scale at ``place`` (M, 3) m under ``force`` (M,) N; before a reading 1 with the deviation of not knowing."""

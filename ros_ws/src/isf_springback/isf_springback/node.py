@@ -97,7 +97,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
     def deactivate(self) -> None:
         """What is being solved is not published any more."""
         self._activation += 1
-        self._worker.put(self._session.drop)
+        self._worker.add(self._session.drop)
 
     def health_values(self) -> dict[str, object]:
         return {
@@ -113,7 +113,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
                 try:
                     if change.value:
                         check_name(change.value)
-                    self._worker.put(partial(self._session.choose, change.value))
+                    self._worker.add(partial(self._session.choose, change.value))
                 except IsfError as error:
                     return SetParametersResult(successful=False, reason=error.message)
         return SetParametersResult(successful=True)
@@ -144,7 +144,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         except ValueError as error:
             self.report(IsfError(ErrorCode.CORRECTION_FAILED, f"the target is not a height map: {error}"))
             return
-        self._worker.put(partial(self._session.set_target, target))
+        self._worker.add(partial(self._session.set_target, target))
 
     def _on_lift(self, message: PointCloud2) -> None:
         try:
@@ -174,13 +174,13 @@ class SpringbackNode(CellNode[SpringbackParameters]):
     def _go_on_with(self, news: Callable[[CorrectionSession], None]) -> None:
         """Have the worker tell the session the ``news``, and correct the contour that waits if its time has come."""
         session, activation = self._session, self._activation
-        self._worker.put(lambda: news(session))
-        self._worker.put(lambda: self._advance(session, activation))
+        self._worker.add(lambda: news(session))
+        self._worker.add(lambda: self._advance(session, activation))
 
     def _on_timer(self) -> None:
         if self.is_active and self._worker.idle:
             session, activation = self._session, self._activation
-            self._worker.put(lambda: self._advance(session, activation))
+            self._worker.add(lambda: self._advance(session, activation))
 
     def _advance(self, session: CorrectionSession, activation: int) -> None:
         """In the worker; ``activation`` is the one in which it was asked for."""

@@ -47,7 +47,7 @@ class Recording:
         self._thread = threading.Thread(target=self._write, name="bag writer", daemon=True)
         self._thread.start()
 
-    def put(self, messages: Sequence[Message]) -> None:
+    def add(self, messages: Sequence[Message]) -> None:
         """Take messages to be written; returns at once."""
         self._waiting += len(messages)
         self.longest_queue = max(self.longest_queue, self._waiting - self.written)

@@ -20,7 +20,7 @@ from isf_analysis.measures.force_regions import PathForce
 MM = 1e3
 _COLUMNS = 400
 """Of the unrolled picture: about two pixels each."""
-_MOST_DRAWN = 60_000
+_MAXIMUM_DRAWN = 60_000
 """Points in the plan view; more are thinned evenly, those without contact never."""
 _ERROR_COLOURS, _FORCE_COLOURS = "PuOr", "viridis"
 
@@ -37,7 +37,7 @@ def contact_map(paths: Sequence[PathForce]) -> Figure:
 def _draw_plan(axes: Axes, paths: Sequence[PathForce]) -> None:
     tip = np.concatenate([path.tip[:, :2] for path in paths])
     lost = np.concatenate([path.lost for path in paths])
-    step = max(1, len(tip) // _MOST_DRAWN)
+    step = max(1, len(tip) // _MAXIMUM_DRAWN)
     held = tip[~lost][::step]
     axes.plot(*(MM * held.T), ".", markersize=1.6, color="#9aa5b1", zorder=1, label="_held")
     axes.plot([], [], color="#9aa5b1", label="in contact")

@@ -23,7 +23,7 @@ from isf_analysis.measures.scan_cloud import filled, on_cells
 QUANTUM = np.array([1e-5, 1e-5, 1e-6])
 """m, resolution of what is kept."""
 
-MOST_POINTS = 1 << 16
+MAXIMUM_POINTS = 1 << 16
 """Points kept of one scan; of a larger one every n-th."""
 
 FARTHEST = (1 << 30) - 1
@@ -67,7 +67,7 @@ def kept_scan(index: int, time: float, points: Array) -> ContourScan:
     """What is kept of the scan ``points`` (P, 3) m after contour ``index``; its bad points (NaN) are dropped."""
     points = points[np.isfinite(points).all(axis=1)]
     points = np.clip(points, -FARTHEST * QUANTUM, FARTHEST * QUANTUM)  # of a wrong unit; told by :func:`left_out`
-    chosen = points[:: max(1, -(-len(points) // MOST_POINTS))]
+    chosen = points[:: max(1, -(-len(points) // MAXIMUM_POINTS))]
     whole = np.rint(chosen / QUANTUM).astype(np.int32)
     whole = whole[np.lexsort((whole[:, 2], whole[:, 1], whole[:, 0], whole[:, 1] // ROW))]
     steps = np.diff(whole, axis=0, prepend=np.zeros((1, 3), dtype=np.int32)).astype("<i4")

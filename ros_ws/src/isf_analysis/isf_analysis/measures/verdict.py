@@ -18,7 +18,7 @@ CONTROLLED_CONTACT = 0.99
 POSITIONED_CONTACT = 0.95
 """Share of the path on which it must do so under position control (assumed)."""
 
-MOST_REMARKS = 3
+MAXIMUM_REMARKS = 3
 """Remarks of the correction that are told; all are in the table of the report."""
 
 Numbers = dict[str, Any]
@@ -34,7 +34,7 @@ def verdict(numbers: Numbers) -> Numbers:
 
 def _shape(numbers: Numbers) -> list[str]:
     deviation, remarks = numbers["deviation"], numbers["remarks"]
-    failed = [f"not corrected: {item['text']}" for item in remarks if item["failed"]][:MOST_REMARKS]
+    failed = [f"not corrected: {item['text']}" for item in remarks if item["failed"]][:MAXIMUM_REMARKS]
     if deviation is None:
         return ["the shape was not measured", *failed]
     within = deviation["regions"]["wall_and_base"]["within_0_3mm_fraction"]
@@ -46,7 +46,7 @@ def _shape(numbers: Numbers) -> list[str]:
     out = f"error out of tolerance: {told}; largest {deviation['max_mm']:.2f} mm"
     if numbers["correction"] in ("", "none"):
         return [out, "springback was not corrected"]
-    return [out, *(f"not corrected: {item['text']}" for item in remarks[:MOST_REMARKS])]
+    return [out, *(f"not corrected: {item['text']}" for item in remarks[:MAXIMUM_REMARKS])]
 
 
 def _contact(numbers: Numbers) -> list[str]:

@@ -23,7 +23,7 @@ REGION_WORDS = {
     "all": "all points",
 }
 
-MOST_REMARKS = 12
+MAXIMUM_REMARKS = 12
 """Groups of remarks that are shown; the rest is in summary.json."""
 
 
@@ -59,10 +59,10 @@ def remark_table(numbers: Numbers) -> str:
             ("<b>failed</b> " if item["failed"] else "") + escape(item["text"]),
             escape(f"{spans([index + 1 for index in item['contours']])} ({len(item['contours'])} of {total})"),
         ]
-        for item in remarks[:MOST_REMARKS]
+        for item in remarks[:MAXIMUM_REMARKS]
     ]
     caption = "What springback correction says about its limits, most severe first"
-    left = len(remarks) - MOST_REMARKS
+    left = len(remarks) - MAXIMUM_REMARKS
     more = f" ({left} more in summary.json)" if left > 0 else ""
     return table(caption + more, ["remark, where it is strongest", "contours"], rows, wrap=True)
 

@@ -26,7 +26,7 @@ def test_messages_come_back_in_order_and_are_counted(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "bag", [(WRENCH, "/left/tool_1/wrench")])
     connection = recording.connections[0]
     for start in range(0, 1000, 10):
-        recording.put([(connection, start + k + 1, DATA) for k in range(10)])
+        recording.add([(connection, start + k + 1, DATA) for k in range(10)])
     recording.close()
     assert recording.written == 1000
     assert 10 <= recording.longest_queue <= 1000
@@ -47,8 +47,8 @@ def test_a_disk_that_refuses_is_told_on_closing(tmp_path: Path, monkeypatch: pyt
 
     monkeypatch.setattr(BagFile, "write", refuse)
     recording = Recording(tmp_path / "bag", [(WRENCH, "/tool_1/wrench")])
-    recording.put([(recording.connections[0], 1, DATA)])
-    recording.put([(recording.connections[0], 2, DATA)])
+    recording.add([(recording.connections[0], 1, DATA)])
+    recording.add([(recording.connections[0], 2, DATA)])
     with pytest.raises(IsfError, match="no space left") as caught:
         recording.close()
     assert caught.value.code == ErrorCode.BAG_NOT_WRITABLE

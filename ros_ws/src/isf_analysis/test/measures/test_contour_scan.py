@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.figures import scan_figures, style
-from isf_analysis.measures.contour_scan import MOST_POINTS, QUANTUM, ContourScan, kept_scan, scan_errors
+from isf_analysis.measures.contour_scan import MAXIMUM_POINTS, QUANTUM, ContourScan, kept_scan, scan_errors
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import summary
 from isf_analysis.report.page import write_report
@@ -74,7 +74,7 @@ def test_a_scan_is_kept_small() -> None:
 def test_a_large_scan_is_thinned_evenly() -> None:
     points = np.column_stack([np.linspace(-0.3, 0.3, 300_000), np.zeros(300_000), np.zeros(300_000)])
     scan = kept_scan(0, 0.0, points)
-    assert MOST_POINTS / 2 < scan.count <= MOST_POINTS
+    assert MAXIMUM_POINTS / 2 < scan.count <= MAXIMUM_POINTS
     gaps = np.diff(np.sort(scan.points()[:, 0]))
     assert gaps.max() <= 2e-5 + 1e-9
 

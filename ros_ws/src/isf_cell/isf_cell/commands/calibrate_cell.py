@@ -12,7 +12,7 @@ from isf_load_cell.calibration import fit_channel, fit_matrix
 
 from isf_cell.commands import terminal
 
-MOST_GAIN, MOST_CONDITION = 3.0, 1e3
+MAXIMUM_GAIN, MAXIMUM_CONDITION = 3.0, 1e3
 """A rig's readings are N and N m: gains further from 1 are another unit; a matrix worse than this has no inverse."""
 
 _ADVICE = "a header such as fx,fy,fz,u1,u2,u3 (matrix) or load,X,Y,Z (one line per channel), then one row per load"
@@ -114,12 +114,12 @@ def _response(matrix: Array, loads: list[str]) -> Array | None:
     count = len(loads)
     if loads != ["fx", "fy", "fz", "tx", "ty", "tz"][:count] or count not in (3, 6) or matrix.shape != (count, count):
         return None
-    if np.linalg.cond(matrix) > MOST_CONDITION:
+    if np.linalg.cond(matrix) > MAXIMUM_CONDITION:
         return None
     response = np.eye(6)
     response[:count, :count] = np.linalg.inv(matrix)
     gain = np.diag(response)
-    return response if ((gain > 1.0 / MOST_GAIN) & (gain < MOST_GAIN)).all() else None
+    return response if ((gain > 1.0 / MAXIMUM_GAIN) & (gain < MAXIMUM_GAIN)).all() else None
 
 
 def _lines(matrix: Array, indent: str) -> str:

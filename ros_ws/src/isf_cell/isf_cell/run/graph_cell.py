@@ -43,7 +43,7 @@ _END_THE_PART = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
 """Failures of a lift or a scan that the part does not go on after."""
 
 
-class Outlet(Protocol):
+class Publishers(Protocol):
     """What is published on the way."""
 
     def publish_nominal(self, contour: Contour) -> None: ...
@@ -80,13 +80,13 @@ class GraphCell:
         self,
         client: GraphClient,
         monitor: HeartbeatMonitor,
-        outlet: Outlet,
+        publishers: Publishers,
         operator: Operator,
         settings: GraphSettings,
     ) -> None:
         self._client = client
         self._monitor = monitor
-        self._outlet = outlet
+        self._publishers = publishers
         self._operator = operator
         self._settings = settings
         self._look = RegularLook(0.5 * settings.silence_timeout)
@@ -185,7 +185,7 @@ class GraphCell:
         self._sensor = goal.job_file.job.springback.scan_sensor
         self._client.set_parameter("springback", "base_folder", base, self.check)
         self._client.set_parameter("springback", "method", goal.method, self.check)
-        self._outlet.publish_info(self._info(goal, planned))
+        self._publishers.publish_info(self._info(goal, planned))
         request = Arm.Request(
             plan_id=planned.plan_id,
             first_index=goal.first_index,
@@ -211,7 +211,7 @@ class GraphCell:
         response = self._client.checked_call(GetContour, "planner/get_contour", request, self.check)
         with self._news:  # what came before it was sent is no result of this contour
             self._results.pop(index, None)
-        self._outlet.publish_nominal(response.contour)
+        self._publishers.publish_nominal(response.contour)
         result = self._wait_for_result(index)
         return FormedContour(contour_from_message(response.contour), self._corrections.get(index), result)
 
@@ -225,7 +225,7 @@ class GraphCell:
             rows = lift_rows(result, found.springback, found.force, *curve)
         except IsfError as error:
             self._go_on_after(error, f"no tool lift after {after}")
-        self._outlet.publish_lift(lift_to_cloud(rows, stamps.from_seconds(result.end)))
+        self._publishers.publish_lift(lift_to_cloud(rows, stamps.from_seconds(result.end)))
 
     def scan(self, formed: FormedContour, *, aside: bool) -> None:
         """As in the protocol."""

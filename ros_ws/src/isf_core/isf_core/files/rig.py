@@ -21,7 +21,7 @@ from isf_core.files.yaml_file import FileModel, find_named
 
 BASE = "based_on"
 
-MOST_LAYERS = 20
+MAXIMUM_LAYERS = 20
 
 
 def layered_text(path: Path) -> str:
@@ -35,10 +35,10 @@ def layered_text(path: Path) -> str:
     while (layer := _mapping(text)) is not None and BASE in layer:
         layers.append(layer)
         below = layer.pop(BASE)
-        if not isinstance(below, str) or len(layers) > MOST_LAYERS:
+        if not isinstance(below, str) or len(layers) > MAXIMUM_LAYERS:
             raise IsfError(
                 ErrorCode.FILE_FIELD,
-                f"is {below!r}, or one of more than {MOST_LAYERS} files that are based on each other",
+                f"is {below!r}, or one of more than {MAXIMUM_LAYERS} files that are based on each other",
                 where=f"{path}: {BASE}",
                 advice="name a rig, or a rig file relative to this one, that does not come back to it",
             )

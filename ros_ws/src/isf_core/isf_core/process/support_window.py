@@ -75,7 +75,7 @@ class SupportWindow:
             return 0.5 * math.pi
         return math.asin(self.keeping / self.chips)
 
-    def told(self, wall_angle: float) -> str:
+    def explanation(self, wall_angle: float) -> str:
         """The set-point on a wall of ``wall_angle`` rad and why, one line for people."""
         force, highest = self.set_point(wall_angle), self.highest(wall_angle)
         bound = "sheds chips" if highest < self.reach else "takes half of the rig's offset limit"

@@ -90,7 +90,7 @@ def test_a_set_point_is_always_inside(strength, radius, thickness, angle):
         assert window.set_point(min(1.05 * angle, 0.5 * math.pi)) >= force
     else:
         assert window.highest(angle) <= window.keeping
-    assert ("position control" in window.told(angle)) == (force == 0.0)
+    assert ("position control" in window.explanation(angle)) == (force == 0.0)
 
 
 def test_an_empty_window_is_refused():

@@ -97,18 +97,18 @@ def component_margin(
 
 
 def check_compliance_gain(
-    gain: float, contact_stiffness: float, *, most: float = 1.0, where: str = "control.compliance_compensation"
+    gain: float, contact_stiffness: float, *, maximum: float = 1.0, where: str = "control.compliance_compensation"
 ) -> None:
-    """Raise UNSTABLE_GAIN unless K_p K_c < ``most`` (1: Ren 2018 eq. 2-12).
+    """Raise UNSTABLE_GAIN unless K_p K_c < ``maximum`` (1: Ren 2018 eq. 2-12).
 
     ``gain`` m/N, ``contact_stiffness`` N/m; ``where``: field that is at fault.
     """
     product = gain * contact_stiffness
-    if product >= most:
+    if product >= maximum:
         raise IsfError(
             ErrorCode.UNSTABLE_GAIN,
             f"compliance compensation of {gain * 1e6:.2f} um/N on a contact of {contact_stiffness * 1e-6:.2f} N/um "
-            f"has the loop gain {product:.2f}; it must be below {most:g}",
+            f"has the loop gain {product:.2f}; it must be below {maximum:g}",
             where=where,
             advice="reduce the factor, or identify compliance and contact stiffness of the rig again",
         )

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.motion.trajectory import ToolPath, horizontal_direction
 
-LEAST_CENTRE_DISTANCE = 0.5e-3
+MINIMUM_CENTRE_DISTANCE = 0.5e-3
 """m, horizontal distance of the ball centres below which d_n is not defined well enough."""
 
-LEAST_SLOPE = 0.05
+MINIMUM_SLOPE = 0.05
 """Horizontal part of the sheet's unit normal below which it has no direction worth following (3 deg; assumed)."""
 
 
@@ -83,9 +83,9 @@ def contour_path(
 def _direction(contour: Contour, tip_1: Array, tip_2: Array, index: NDArray[np.int64]) -> Array | None:
     """(M,) rad, d_n from tool 1 to tool 2; with one tool where the other one would stand; None: nowhere defined."""
     if contour.has_support:
-        return horizontal_direction(tip_1, tip_2, LEAST_CENTRE_DISTANCE)
+        return horizontal_direction(tip_1, tip_2, MINIMUM_CENTRE_DISTANCE)
     away = contour.normal[index] * (-1.0 if contour.forming_tool == 1 else 1.0)
-    return horizontal_direction(np.zeros_like(away), away, LEAST_SLOPE)
+    return horizontal_direction(np.zeros_like(away), away, MINIMUM_SLOPE)
 
 
 def _seam_speed(tip: Array, config: ControlConfig) -> Array:

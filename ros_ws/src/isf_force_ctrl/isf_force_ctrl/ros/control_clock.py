@@ -30,7 +30,7 @@ LATE = 1.0
 FOLLOWED = 0.05
 """Share of the deviation between the arrival of the wrenches and the grid by which the grid moves in one tick."""
 
-MOST_FOLLOWED = 0.01
+MAXIMUM_FOLLOWED = 0.01
 """Share of a period that the grid moves in one tick, at most."""
 
 RESYNCHRONISE = 0.1
@@ -99,7 +99,7 @@ class PeriodicLoop:
             if not self._met:  # the grid begins with the first pair
                 self._met, self._due, apart = True, now, 0.0
             self.answered += 1
-            most = MOST_FOLLOWED * self._period
+            most = MAXIMUM_FOLLOWED * self._period
             self._tick(max(-most, min(most, FOLLOWED * apart)))
 
     def tick_if_overdue(self) -> float:
@@ -107,7 +107,7 @@ class PeriodicLoop:
         with self._turn:
             left = self._due + PATIENCE * self._period - self._clock()
             if left <= 0.0:  # a pair that came too early to be answered at once pulls the grid towards it
-                self._tick(-MOST_FOLLOWED * self._period if self._early else 0.0)
+                self._tick(-MAXIMUM_FOLLOWED * self._period if self._early else 0.0)
                 left = self._due + PATIENCE * self._period - self._clock()
             return left
 

@@ -24,7 +24,7 @@ RESTING = 10
 """Twists of zero that are sent when the tools are to stand."""
 
 
-class ForceCtrlOutlet:
+class ForceCtrlPublishers:
     """The node's publishers and the messages of its streams, which are filled anew for every tick.
 
     ``twist``: targets go out as TwistStamped on ``tool_k/target_twist`` instead of poses on ``tool_k/target``.
@@ -147,7 +147,7 @@ class ForceCtrlOutlet:
 PULL = 5.0
 """1/s. Assumed: slow against a servo of 30 Hz, so that its lag is no oscillation, and fast against drift."""
 
-MOST_PULL = 0.01
+MAXIMUM_PULL = 0.01
 """m/s, most that the pull adds."""
 
 
@@ -165,7 +165,7 @@ class TargetTwist:
         last, measured, rate = self._last, self.measured, self._rate
         x, y, z = (PULL * (last[k] - measured[k]) for k in range(3))
         size = math.sqrt(x * x + y * y + z * z)
-        share = MOST_PULL / size if size > MOST_PULL else 1.0
+        share = MAXIMUM_PULL / size if size > MAXIMUM_PULL else 1.0
         self._last = target
         return (
             rate * (target[0] - last[0]) + share * x,

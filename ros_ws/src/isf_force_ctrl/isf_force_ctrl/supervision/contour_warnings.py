@@ -17,12 +17,12 @@ class ChipWatch:
 
     def __init__(self, job_file: JobFile, support_force: float | None) -> None:
         self._job_file, self._support_force = job_file, support_force
-        self._told = False
+        self._reported = False
 
-    def look(self, contour: Contour) -> str:
+    def check(self, contour: Contour) -> str:
         """The warning of the first contour that needs one; empty for all others."""
-        text = "" if self._told else chip_warning(self._job_file, contour, self._support_force)
-        self._told = self._told or bool(text)
+        text = "" if self._reported else chip_warning(self._job_file, contour, self._support_force)
+        self._reported = self._reported or bool(text)
         return f"{contour_label(contour.index)}: {text}" if text else ""
 
 

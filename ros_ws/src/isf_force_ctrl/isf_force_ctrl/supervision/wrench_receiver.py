@@ -14,7 +14,7 @@ from isf_core.errors import ErrorCode, IsfError
 Fault = tuple[ErrorCode, str]
 
 
-class WrenchInlet:
+class WrenchReceiver:
     """``frame`` is the one that wrenches must come in; ``most_delay`` (lockstep: inf) and ``late_for`` s as for
     :class:`StampWatch`."""
 
@@ -36,7 +36,7 @@ class WrenchInlet:
             for watch in self._watches:
                 watch.restart()
 
-    def put(self, tool: int, frame: str, stamp: int, wrench: Sequence[float]) -> tuple[bool, Fault | None]:
+    def add(self, tool: int, frame: str, stamp: int, wrench: Sequence[float]) -> tuple[bool, Fault | None]:
         """Take the wrench (6,) of ``tool`` (1, 2) with ``stamp`` ns.
 
         Returns whether it is a sign of life (an old one is none) and code and text of what is wrong with it. By the
@@ -48,12 +48,12 @@ class WrenchInlet:
         if stamp == 0 and self._by_clock:
             stamp = int(now * 1e9)
         else:
-            use, fault = self._watches[tool - 1].look(stamp, now)
+            use, fault = self._watches[tool - 1].check(stamp, now)
             if not use:
                 return fault is not None, fault
             if fault:
                 return True, fault
-        self.pair.put(tool, stamp, wrench)
+        self.pair.add(tool, stamp, wrench)
         return True, None
 
     def values(self) -> dict[str, object]:
@@ -92,7 +92,7 @@ class StampWatch:
         self._received = self._fastest = 0.0
         self._late_since: float | None = None
 
-    def look(self, stamp: int, now: float) -> tuple[bool, tuple[ErrorCode, str] | None]:
+    def check(self, stamp: int, now: float) -> tuple[bool, tuple[ErrorCode, str] | None]:
         """Is the wrench of ``stamp`` ns, received at ``now`` s (monotonic), to be used; and code and text of a fault.
 
         A wrench of the newest stamp itself is used: it repeats what is known.
@@ -145,7 +145,7 @@ class WrenchPair:
         self._fresh = [False, False]
         self._handled = -1
 
-    def put(self, tool: int, stamp: int, wrench: Sequence[float]) -> None:
+    def add(self, tool: int, stamp: int, wrench: Sequence[float]) -> None:
         """Keep the wrench of ``tool`` (1, 2) with ``stamp`` ns, if it is not older than the one kept."""
         if stamp >= self._stamp[tool - 1]:
             self._fresh[tool - 1] |= stamp > self._stamp[tool - 1]

@@ -48,7 +48,7 @@ class WrenchWatch:
         self._used: list[Sequence[float]] = [_NOTHING, _NOTHING]
         self._same, self._against = [0, 0], [0, 0]
 
-    def look(
+    def check(
         self, wrench_1: Sequence[float], wrench_2: Sequence[float], forming: int, mode: Mode, normal_force: float
     ) -> tuple[ErrorCode, str] | None:
         """Code and text of what is wrong with the wrenches (6,) of this tick, None when nothing is.
@@ -164,7 +164,7 @@ class DriftWatch:
         self.warning: IsfError | None = None
         """Of the last look at each tool, the larger drift that is beyond the limit; None when none is."""
 
-    def look(self, row: Row, tools: Tools, mode: Mode, forces: Sequence[float]) -> tuple[ErrorCode, str] | None:
+    def check(self, row: Row, tools: Tools, mode: Mode, forces: Sequence[float]) -> tuple[ErrorCode, str] | None:
         """Take in the ``forces`` (6,) N on tool 1 and tool 2 of one tick, with the tips of ``row``.
 
         Returns code and text when the drift is too large to go on to the sheet, None otherwise.

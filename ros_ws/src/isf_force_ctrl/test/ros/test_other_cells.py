@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import TwistStamped
 from isf_core.errors import ErrorCode
-from isf_force_ctrl.ros.publishers import MOST_PULL, PULL, TargetTwist
+from isf_force_ctrl.ros.publishers import MAXIMUM_PULL, PULL, TargetTwist
 from isf_ros import conversion, qos
 from node_cell import Cell, small_ring, watched
 
@@ -94,7 +94,7 @@ def test_twists_lead_along_the_targets() -> None:
 def test_the_pull_is_limited_in_size() -> None:
     law = TargetTwist((0.0, 0.0, 0.0), 500.0)
     law.measured = (0.3, -0.4, 0.0)
-    assert law.step((0.0, 0.0, 0.0)) == pytest.approx((-0.6 * MOST_PULL, 0.8 * MOST_PULL, 0.0))
+    assert law.step((0.0, 0.0, 0.0)) == pytest.approx((-0.6 * MAXIMUM_PULL, 0.8 * MAXIMUM_PULL, 0.0))
 
 
 @pytest.mark.parametrize("seed", range(5))

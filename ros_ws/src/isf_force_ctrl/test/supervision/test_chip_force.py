@@ -65,5 +65,5 @@ def test_the_flattest_place_is_told_and_position_control_is_fine() -> None:
 
 def test_a_plan_is_warned_of_once() -> None:
     watch = ChipWatch(JobFile(JOB.format(material="AA1100-O"), Path("/")), None)
-    told = [watch.look(wall(65, force)) for force in (120.0, 200.0, 220.0)]
+    told = [watch.check(wall(65, force)) for force in (120.0, 200.0, 220.0)]
     assert [bool(text) for text in told] == [False, True, False]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from isf_core.errors import ErrorCode
 from isf_force_ctrl.ros.control_clock import PATIENCE, PeriodicLoop
 from isf_force_ctrl.supervision.latency import Durations
-from isf_force_ctrl.supervision.wrench_receiver import StampWatch, WrenchInlet
+from isf_force_ctrl.supervision.wrench_receiver import StampWatch, WrenchReceiver
 from isf_ros.thread_priority import RealTimeSettings
 
 PERIOD = 0.002
@@ -122,7 +122,7 @@ def test_nothing_measured_has_no_percentiles() -> None:
 
 def stream(watch: StampWatch, stamps: np.ndarray, received: np.ndarray) -> list:
     """What the watch says to each stamp (s)."""
-    return [watch.look(round(stamp * 1e9), now) for stamp, now in zip(stamps, received, strict=True)]
+    return [watch.check(round(stamp * 1e9), now) for stamp, now in zip(stamps, received, strict=True)]
 
 
 def test_a_steady_stream_is_used_whatever_the_clocks_say() -> None:
@@ -183,11 +183,11 @@ def test_lockstep_time_may_stand_still() -> None:
 
 
 def test_unstamped_wrenches_are_taken_as_they_come() -> None:
-    inlet = WrenchInlet("sheet", 0.03, 0.1)
+    receiver = WrenchReceiver("sheet", 0.03, 0.1)
     for value in (1.0, 2.0):
         for tool in (1, 2):
-            assert inlet.put(tool, "sheet", 0, [value] * 6) == (True, None)
-        assert inlet.pair.fresh([1, 2])
-        inlet.pair.use()
-    assert inlet.pair.wrench == [[2.0] * 6] * 2
-    assert inlet.put(1, "tool0", 0, [0.0] * 6)[1][0] == ErrorCode.WRENCH_FRAME
+            assert receiver.add(tool, "sheet", 0, [value] * 6) == (True, None)
+        assert receiver.pair.fresh([1, 2])
+        receiver.pair.use()
+    assert receiver.pair.wrench == [[2.0] * 6] * 2
+    assert receiver.add(1, "tool0", 0, [0.0] * 6)[1][0] == ErrorCode.WRENCH_FRAME

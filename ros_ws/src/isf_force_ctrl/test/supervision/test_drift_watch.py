@@ -87,11 +87,11 @@ def test_a_cell_that_shifts_while_forming_is_told_with_the_last_contour():
 def test_forces_on_the_sheet_and_of_idle_tools_are_no_drift():
     watch, loaded = DriftWatch(make_config()), (0.0, 0.0, 500.0, 120.0, 0.0, -80.0)
     for _ in range(500):
-        assert watch.look(row_at(0.02, 0.02), BOTH, Mode.CONTROL, loaded) is None
+        assert watch.check(row_at(0.02, 0.02), BOTH, Mode.CONTROL, loaded) is None
     assert np.isnan(watch.drift).all()
     alone = Tools(1, with_support=False)
     for _ in range(500):
-        assert watch.look(row_at(PARK, PARK), alone, Mode.APPROACH, (0.0, 0.0, 0.0, 1e3, 0.0, 0.0)) is None
+        assert watch.check(row_at(PARK, PARK), alone, Mode.APPROACH, (0.0, 0.0, 0.0, 1e3, 0.0, 0.0)) is None
     assert watch.drift[0] == 0.0
     assert np.isnan(watch.drift[1])
     assert watch.values() == {"drift_1": "0.0"}
@@ -102,8 +102,8 @@ def test_a_window_begun_before_the_sheet_does_not_count():
     watch, ticks = DriftWatch(config), round(WINDOW * config.rate)
     for _ in range(20):
         for _ in range(ticks - 1):
-            watch.look(row_at(PARK, PARK), BOTH, Mode.ARMED, [100.0] * 6)
-        watch.look(row_at(0.0, 0.0), BOTH, Mode.CONTROL, [100.0] * 6)
+            watch.check(row_at(PARK, PARK), BOTH, Mode.ARMED, [100.0] * 6)
+        watch.check(row_at(0.0, 0.0), BOTH, Mode.CONTROL, [100.0] * 6)
     assert watch.warning is None
     assert np.isnan(watch.drift).all()
 
@@ -111,7 +111,7 @@ def test_a_window_begun_before_the_sheet_does_not_count():
 def test_noise_is_averaged():
     watch, random = DriftWatch(make_config()), np.random.default_rng(0)
     for _ in range(20_000):
-        assert watch.look(row_at(PARK, PARK), BOTH, Mode.ARMED, 8.0 * random.standard_normal(6)) is None
+        assert watch.check(row_at(PARK, PARK), BOTH, Mode.ARMED, 8.0 * random.standard_normal(6)) is None
         assert watch.warning is None
 
 
@@ -120,7 +120,7 @@ def test_the_warning_is_told_once_and_ends_with_the_drift():
 
     def windows(force):
         for _ in range(50):
-            watch.look(row_at(PARK, PARK), BOTH, Mode.LIFT, [0.0, 0.0, force, 0.0, 0.0, 0.0])
+            watch.check(row_at(PARK, PARK), BOTH, Mode.LIFT, [0.0, 0.0, force, 0.0, 0.0, 0.0])
 
     windows(12.0)
     assert "12.0 N" in str(watch.untold())

@@ -39,14 +39,14 @@ def test_noise_and_unloaded_cells_are_not_frozen():
     still = [0.0] * 6
     for _ in range(5000):
         loaded = [*np.round(120.0 + 1.2 * random.standard_normal(3)), 0.0, 0.0, 0.0]
-        assert watch.look(loaded, still, 1, Mode.CONTROL, 120.0) is None
+        assert watch.check(loaded, still, 1, Mode.CONTROL, 120.0) is None
 
 
 def test_a_reading_that_is_used_again_is_not_frozen():
     # by the clock, while no new message comes: that is a lost signal, and told as one
     watch, kept = WrenchWatch(make_config()), [(0.0, 0.0, 100.0, 0.0, 0.0, 0.0)] * 2
-    assert all(watch.look(*kept, 1, Mode.CONTROL, 120.0) is None for _ in range(1000))
-    found = [watch.look([0.0, 0.0, 100.0, 0.0, 0.0, 0.0], kept[1], 1, Mode.CONTROL, 120.0) for _ in range(200)]
+    assert all(watch.check(*kept, 1, Mode.CONTROL, 120.0) is None for _ in range(1000))
+    found = [watch.check([0.0, 0.0, 100.0, 0.0, 0.0, 0.0], kept[1], 1, Mode.CONTROL, 120.0) for _ in range(200)]
     assert found[-1][0] is ErrorCode.WRENCH_FROZEN
 
 
@@ -84,7 +84,7 @@ def test_short_tension_is_no_wrong_sign():
     watch = WrenchWatch(make_config())
     for tick in range(400):
         fz = -60.0 - tick % 3 if tick % 50 < 40 else 5.0  # 80 ms at a time
-        assert watch.look([0, 0, fz, 0, 0, 0], [0] * 6, 1, Mode.POSITION, 0.0) is None
+        assert watch.check([0, 0, fz, 0, 0, 0], [0] * 6, 1, Mode.POSITION, 0.0) is None
 
 
 def test_frames():

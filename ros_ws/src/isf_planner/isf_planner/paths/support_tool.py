@@ -25,7 +25,7 @@ from isf_planner.paths.loop_family import matched
 CHORD = 1.0e-3
 """m of path before and after a point over which its turn is taken."""
 
-LEAST_TURN = 1.0e-3
+MINIMUM_TURN = 1.0e-3
 """rad over both chords; less is a straight line (radii above 2 m)."""
 
 
@@ -88,7 +88,7 @@ def wall_facts(path: TipPath, wall_angle: Array, depth: Array) -> WallFacts:
     here = along[len(x) : 2 * len(x)] if path.closed else along
     turned = np.abs(np.interp(here + CHORD, along, angle) - np.interp(here - CHORD, along, angle))
     with np.errstate(divide="ignore"):
-        radius = np.where(turned > LEAST_TURN, 2.0 * CHORD / turned, np.inf)
+        radius = np.where(turned > MINIMUM_TURN, 2.0 * CHORD / turned, np.inf)
     return WallFacts(facing, wall_angle, radius, depth, x, y)
 
 
@@ -99,12 +99,12 @@ def chosen_force(job: Job, contours: Sequence[Contour]) -> str:
         return ""
     forced = [contour for contour in contours if contour.force_controlled]
     if not forced:
-        return f"support force auto: no contour under force control; {window.told(window.least_wall_angle)}"
+        return f"support force auto: no contour under force control; {window.explanation(window.least_wall_angle)}"
     force = [float(contour.support_force.min()) for contour in forced]
     flattest = min(float(contour.wall_angle.min()) for contour in forced)
     return (
         f"support force auto: {min(force):.0f} to {max(force):.0f} N on {len(forced)} of {len(contours)} contours, "
-        f"from {contour_label(forced[0].index)} on; {window.told(flattest)}"
+        f"from {contour_label(forced[0].index)} on; {window.explanation(flattest)}"
     )
 
 
@@ -125,10 +125,10 @@ def rule_warnings(contours: Sequence[Contour], sides: Sequence[Side], job_file: 
         for k in range(len(side.tree.features))
     }
     facts = [facts_of(contour, base.get(contour.feature, 0.0), job_file.job.sheet.thickness) for contour in forced]
-    return tuple(_told(rules, forced, facts, job_file))
+    return tuple(_remarks(rules, forced, facts, job_file))
 
 
-def _told(
+def _remarks(
     rules: Sequence[ForceRule], forced: Sequence[Contour], facts: Sequence[WallFacts], job_file: JobFile
 ) -> Iterator[str]:
     where = [[holds(rule, item) for item in facts] for rule in rules]

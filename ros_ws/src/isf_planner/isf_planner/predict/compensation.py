@@ -32,7 +32,7 @@ from isf_planner.predict.predictions import EQUILIBRIUM, step_depths
 SETTLED = 20e-6
 """m, change of the sheet deflection below which the iteration ends (Praveen 2020, 2.5)."""
 
-MOST_PASSES = 10
+MAXIMUM_PASSES = 10
 
 STEEPEST = np.radians(85.0)
 """rad, limit of the wall angle of a moved path."""
@@ -71,7 +71,7 @@ def compensate(contours: Sequence[Contour], job_file: JobFile) -> tuple[tuple[Co
         return tuple(contours), ()
     found = deflections(contours, job_file)
     moved = tuple(_moved(contour, one, job) for contour, one in zip(contours, found, strict=True))
-    return moved, _told(contours, found, job_file)
+    return moved, _remarks(contours, found, job_file)
 
 
 def deflections(contours: Sequence[Contour], job_file: JobFile) -> tuple[Deflections, ...]:
@@ -84,7 +84,7 @@ def deflections(contours: Sequence[Contour], job_file: JobFile) -> tuple[Deflect
     angles = [contour.wall_angle for contour in contours]
     before = _before(contours)
     radii = _radii(contours, job_file)
-    passes = MOST_PASSES if "sheet" in wanted else 1
+    passes = MAXIMUM_PASSES if "sheet" in wanted else 1
     sheet = [np.zeros(len(contour)) for contour in contours]
     for attempt in range(passes):
         found = [
@@ -246,13 +246,13 @@ def _refuse(contours: Sequence[Contour], sheet: Sequence[Array], change: Sequenc
     point = int(np.argmax(sheet[worst]))
     raise IsfError(
         ErrorCode.COMPENSATION_FAILED,
-        f"the sheet deflection still changes by {change[worst] * 1e6:.0f} um after {MOST_PASSES} passes",
+        f"the sheet deflection still changes by {change[worst] * 1e6:.0f} um after {MAXIMUM_PASSES} passes",
         where=f"{contour_label(worst)} at {place_text(contours[worst].contact[point])}",
         advice="reduce path.sheet_gain, or leave sheet out of path.compensation",
     )
 
 
-def _told(contours: Sequence[Contour], found: Sequence[Deflections], job_file: JobFile) -> tuple[str, ...]:
+def _remarks(contours: Sequence[Contour], found: Sequence[Deflections], job_file: JobFile) -> tuple[str, ...]:
     """One line for each compensation, and what lies outside its published range."""
     job = job_file.job
     wanted = job.path.compensation

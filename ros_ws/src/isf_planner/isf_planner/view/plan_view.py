@@ -26,10 +26,10 @@ MM = 1e3
 WARNING = "#c1121f"
 SHEET = "#b4bec8"
 UPPER, LOWER = "#0072B2", "#D55E00"
-MOST_POINTS = 20_000
+MAXIMUM_POINTS = 20_000
 """Points of a path in an HTML view; longer paths are thinned out."""
 
-MOST_NODES = 250
+MAXIMUM_NODES = 250
 """Nodes of the surface along one side."""
 
 
@@ -128,8 +128,8 @@ def make_scene(plan: Plan, quantity: Quantity) -> Scene:
     low, high = contacts[:, :2].min(axis=0) - 10e-3, contacts[:, :2].max(axis=0) + 10e-3
     columns = np.flatnonzero((target.x >= low[0]) & (target.x <= high[0]))
     rows = np.flatnonzero((target.y >= low[1]) & (target.y <= high[1]))
-    columns = columns[:: max(1, len(columns) // MOST_NODES + 1)]
-    rows = rows[:: max(1, len(rows) // MOST_NODES + 1)]
+    columns = columns[:: max(1, len(columns) // MAXIMUM_NODES + 1)]
+    rows = rows[:: max(1, len(rows) // MAXIMUM_NODES + 1)]
     x, y, z = target.x[columns], target.y[rows], target.z[np.ix_(rows, columns)]
     nodes = np.column_stack([a.ravel() for a in (*np.meshgrid(x, y), z)])
     # seen from above: in accumulative forming contacts are made higher up than they end
@@ -138,7 +138,7 @@ def make_scene(plan: Plan, quantity: Quantity) -> Scene:
     colour = np.where(distance < pitch, np.concatenate(values)[nearest], np.nan).reshape(z.shape)
     lift = [np.array([0.0, 0.0, c.holder_height + flange_rise(plan)]) for c in contours]
     support = [(c.support_tip + up) * MM for c, up in zip(contours, lift, strict=True)]
-    stride = max(1, sum(len(contour) for contour in contours) // MOST_POINTS)
+    stride = max(1, sum(len(contour) for contour in contours) // MAXIMUM_POINTS)
     return Scene(
         x=x * MM,
         y=y * MM,

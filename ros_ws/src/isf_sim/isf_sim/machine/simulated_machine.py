@@ -56,7 +56,7 @@ LARGEST_CLIPPED = 5
 """Readings in a row at the end of a load cell's range, after which it is no measurement any more."""
 HOLDER_STEP = 0.1e-3
 """m of blank holder after which the sheet is brought over the die anew."""
-MOST_EVENTS = 1000
+MAXIMUM_EVENTS = 1000
 
 
 class SimulatedMachine:
@@ -384,7 +384,7 @@ class SimulatedMachine:
     def _update_events(self, bits: int) -> None:
         kinds = self._watch.update(bits, float(self.plant.contact.path[TRAVELLED]))
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
-        if kinds and len(self.events) < MOST_EVENTS:
+        if kinds and len(self.events) < MAXIMUM_EVENTS:
             buckles = float(self._adsif.local[1]) if self._adsif is not None and bits & BUCKLES else math.nan
             time = self.tick_count / self.control_rate
             facts = tick_facts(time, self._axes, self.plant, self._squeeze, buckles=buckles, clipped=clipped)

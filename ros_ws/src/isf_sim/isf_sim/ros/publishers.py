@@ -23,7 +23,7 @@ SCAN_PATIENCE = 5.0
 """s of wall time for the subscribers of a scan to take it."""
 
 
-class MachineOutlet:
+class MachinePublishers:
     """The node's publishers and their messages, which are filled anew for every tick."""
 
     def __init__(self, node: CellNode[Any], *, clock: bool) -> None:

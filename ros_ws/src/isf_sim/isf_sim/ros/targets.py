@@ -39,7 +39,7 @@ class TargetPair:
         self._with_holder = False
         self._lock = threading.Lock()
 
-    def put(self, tool: int, stamp: int, tip: Tip) -> None:
+    def add(self, tool: int, stamp: int, tip: Tip) -> None:
         """Target of ``tool`` (1 or 2) with its stamp in ns and tip m."""
         with self._lock:
             target = self._targets[tool - 1]
@@ -50,7 +50,7 @@ class TargetPair:
         with self._lock:
             self._with_holder, self.holder = expected, 0.0
 
-    def put_holder(self, stamp: int, height: float) -> None:
+    def add_holder(self, stamp: int, height: float) -> None:
         """Target of the blank holder with its stamp in ns and height m."""
         with self._lock:
             self._holder.stamp, self._holder.tip, self._holder.fresh = stamp, (0.0, 0.0, height), True

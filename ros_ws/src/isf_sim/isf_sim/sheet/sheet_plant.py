@@ -58,7 +58,7 @@ from isf_sim.world import World
 
 SMALLEST_FORCE = 30.0
 """N, force of a coarse solution at first touch, when none is known yet."""
-MOST_CELLS = 40
+MAXIMUM_CELLS = 40
 """Cells of the coarse shell along the longer side: large blanks have larger cells at the clamp."""
 RELATED = 30.0e-3
 """m, distance (depth counts threefold) within which an earlier solution is a good start."""
@@ -112,7 +112,7 @@ class SheetPlant:
         self.size = clamp.size
         self.shell = Shell(
             clamp.size,
-            max(constants.coarse_cell, max(clamp.size) / MOST_CELLS),
+            max(constants.coarse_cell, max(clamp.size) / MAXIMUM_CELLS),
             Elastic(self.material.young_modulus, self.material.poisson_ratio),
             thickness,
             edge=clamp.edge,

@@ -23,7 +23,7 @@ SMALLEST_LOOP_RADII = 10.0
 """Path, in tool radii, after which a second visit of a place is a new loop."""
 
 
-LEAST_AMPLITUDE = 1.0
+MINIMUM_AMPLITUDE = 1.0
 """N, what is left of the force of a plastic step at least, however hard the sheet is squeezed."""
 
 
@@ -233,7 +233,7 @@ def _amplitude(wall: Array, step: float, eased: float, constants: PointConstants
     )
     if eased <= 0.0:
         return amplitude
-    return max(amplitude - eased * math.sin(angle), min(amplitude, LEAST_AMPLITUDE))
+    return max(amplitude - eased * math.sin(angle), min(amplitude, MINIMUM_AMPLITUDE))
 
 
 @kernel

@@ -15,7 +15,7 @@ from isf_sim.shell.shell_lines import Grading, graded_lines
 
 MARGIN = 7.0e-3
 """m, small cells beyond the place of the tool: as far as its spread load reaches."""
-LEAST_MARGIN = 4.0e-3
+MINIMUM_MARGIN = 4.0e-3
 """m, the region grows when the tool is nearer to its border than this."""
 
 
@@ -28,12 +28,12 @@ def grow_region(region: Array, x: float, y: float) -> bool:
     """Let ``region`` (2, 2) m take in the tool at (x, y) m; False when it does already."""
     ends = region.tolist()  # faster than arrays of four, and asked in a tick
     if all(
-        at - low >= LEAST_MARGIN and high - at >= LEAST_MARGIN for at, (low, high) in zip((x, y), ends, strict=True)
+        at - low >= MINIMUM_MARGIN and high - at >= MINIMUM_MARGIN for at, (low, high) in zip((x, y), ends, strict=True)
     ):
         return False
     place = np.array([[x], [y]])
-    region[:, 0] = np.where(place[:, 0] - region[:, 0] >= LEAST_MARGIN, region[:, 0], place[:, 0] - MARGIN)
-    region[:, 1] = np.where(region[:, 1] - place[:, 0] >= LEAST_MARGIN, region[:, 1], place[:, 0] + MARGIN)
+    region[:, 0] = np.where(place[:, 0] - region[:, 0] >= MINIMUM_MARGIN, region[:, 0], place[:, 0] - MARGIN)
+    region[:, 1] = np.where(region[:, 1] - place[:, 0] >= MINIMUM_MARGIN, region[:, 1], place[:, 0] + MARGIN)
     return True
 
 
@@ -45,7 +45,7 @@ def opening_region(surface: Surface) -> Array | None:
     columns, rows = np.flatnonzero(open_.any(axis=0)), np.flatnonzero(open_.any(axis=1))
     return np.array(
         [
-            [start + surface.h * found[0] - LEAST_MARGIN, start + surface.h * found[-1] + LEAST_MARGIN]
+            [start + surface.h * found[0] - MINIMUM_MARGIN, start + surface.h * found[-1] + MINIMUM_MARGIN]
             for start, found in ((surface.x0, columns), (surface.y0, rows))
         ]
     )

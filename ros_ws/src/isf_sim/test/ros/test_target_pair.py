@@ -14,11 +14,11 @@ A, B = (0.0, 0.0, 0.1), (0.0, 0.0, -0.1)
 
 def test_lockstep_takes_a_pair_of_exactly_the_stamp_due_once() -> None:
     pair = TargetPair()
-    pair.put(1, 200, A)
+    pair.add(1, 200, A)
     assert pair.take_at(200) is None  # tool 2 is missing
-    pair.put(2, 100, B)
+    pair.add(2, 100, B)
     assert pair.take_at(200) is None  # of another tick
-    pair.put(2, 200, B)
+    pair.add(2, 200, B)
     assert pair.take_at(200) == (A, B)
     assert pair.take_at(200) is None  # taken already
     assert pair.received == 1
@@ -27,14 +27,14 @@ def test_lockstep_takes_a_pair_of_exactly_the_stamp_due_once() -> None:
 def test_real_time_takes_the_newest_and_tells_the_time_between() -> None:
     pair = TargetPair()
     for stamp in (1000, 5000):
-        pair.put(1, stamp - 500, B)
-        pair.put(1, stamp, A)
-        pair.put(2, stamp, B)
+        pair.add(1, stamp - 500, B)
+        pair.add(1, stamp, A)
+        pair.add(2, stamp, B)
         assert pair.take_newest() == (A, B)
         assert pair.take_newest() is None
     assert pair.elapsed == 4000
-    pair.put(1, 6000, A)
-    pair.put(2, 6000, B)
+    pair.add(1, 6000, A)
+    pair.add(2, 6000, B)
     pair.clear()
     assert pair.take_newest() is None
 
@@ -75,16 +75,16 @@ def test_the_interpreter_is_as_before_after_the_thread() -> None:
 def test_with_a_blank_holder_three_targets_make_a_pair() -> None:
     pair = TargetPair()
     pair.expect_holder(True)
-    pair.put(1, 2000, A)
-    pair.put(2, 2000, B)
+    pair.add(1, 2000, A)
+    pair.add(2, 2000, B)
     assert pair.take_at(2000) is None
-    pair.put_holder(1000, -1e-3)
+    pair.add_holder(1000, -1e-3)
     assert pair.take_at(2000) is None
-    pair.put_holder(2000, -2e-3)
+    pair.add_holder(2000, -2e-3)
     assert pair.take_at(2000) == (A, B)
     assert pair.holder == -2e-3
     pair.expect_holder(False)
-    pair.put(1, 4000, A)
-    pair.put(2, 4000, B)
+    pair.add(1, 4000, A)
+    pair.add(2, 4000, B)
     assert pair.take_at(4000) == (A, B)
     assert pair.holder == 0.0

@@ -71,7 +71,7 @@ def test_refinement_keeps_the_shape(finer: dict[str, float], usual: tuple[Array,
 def test_finer_shell_keeps_the_shape(usual: tuple[Array, SheetPlant], monkeypatch: pytest.MonkeyPatch) -> None:
     """The number of lines is bounded by a constant of the plant, so that a smaller cell alone refines nothing."""
     of = PlantConstants()
-    monkeypatch.setattr(sheet_plant, "MOST_CELLS", round(FINER * sheet_plant.MOST_CELLS))
+    monkeypatch.setattr(sheet_plant, "MAXIMUM_CELLS", round(FINER * sheet_plant.MAXIMUM_CELLS))
     cells = {name: getattr(of, name) / FINER for name in ("coarse_cell", "forming_cell", "flange_cell")}
     shape, plant = formed_cone(**cells)
     finest = [float(np.diff(each.shell.x).min()) for each in (usual[1], plant)]

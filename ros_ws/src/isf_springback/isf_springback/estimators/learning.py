@@ -111,7 +111,7 @@ GAIN = 0.7
 """Part of an error that is put into the next part (assumed; 1 is the published mirror correction)."""
 LARGEST_CHANGE = 2e-3
 """m from part to part (assumed)."""
-LEAST_RESPONSE = 0.3
+MINIMUM_RESPONSE = 0.3
 """Change of the error over the change of the push below which a place is not moved any more (assumed)."""
 NOTICEABLE = 0.15e-3
 """m of change of the push below which its effect cannot be told from the scatter of parts."""
@@ -223,7 +223,7 @@ def _adjusted(now: Learned, before: Learned | None) -> Learned:
         moved = np.abs(change) > NOTICEABLE
         with np.errstate(invalid="ignore", divide="ignore"):
             response = (old_error - now.error) / change
-        deaf = moved & np.isfinite(response) & (response < LEAST_RESPONSE)
+        deaf = moved & np.isfinite(response) & (response < MINIMUM_RESPONSE)
         gain = np.where(deaf, 0.5 * old_gain, np.minimum(old_gain, GAIN))
         # overshoot: the error changed its sign and more than the change asked for
         gain = np.where(moved & np.isfinite(response) & (response > 1.4), 0.7 * gain, gain)
@@ -250,10 +250,10 @@ def _with_samples(now: Learned, known: Learned | None) -> Learned:
     seen = np.isfinite(now.error)
     feature, springback = now.feature[seen], (now.applied + now.error)[seen]
     if known is not None:
-        feature = np.vstack([feature, known.feature])[:MOST_SAMPLES]
-        springback = np.concatenate([springback, known.springback])[:MOST_SAMPLES]
+        feature = np.vstack([feature, known.feature])[:MAXIMUM_SAMPLES]
+        springback = np.concatenate([springback, known.springback])[:MAXIMUM_SAMPLES]
     return replace(now, feature=feature, springback=springback)
 
 
-MOST_SAMPLES = 20_000
+MAXIMUM_SAMPLES = 20_000
 """Samples kept in a file: a dozen parts."""
