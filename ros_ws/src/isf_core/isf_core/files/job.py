@@ -58,7 +58,7 @@ class PartSpec(FileModel):
     place: tuple[Length, Length] | None = None
     """x and y of the outline's centre on the blank; the centre of the blank when left out."""
     repair: bool = True
-    """Repair cracks, duplicate and turned facets and holes narrower than the tool, with a warning. False: refuse them."""
+    """Repair cracks, duplicate or turned facets and holes narrower than the tool, with a warning. False: refuse."""
 
     @model_validator(mode="after")
     def _unit_declared(self) -> PartSpec:
