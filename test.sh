@@ -72,9 +72,9 @@ run_all() {
   local and=${markers:+ and $markers} log=.isf/log/tests_without_graph.log code=0
   local coverage=(--cov --cov-report= --cov-fail-under=0)
   rm -f .isf/coverage.*
-  COVERAGE_FILE=.isf/coverage.without tests 10 "not graph$and" "${coverage[@]}" >"$log" 2>&1 &
+  COVERAGE_FILE="$root/.isf/coverage.without" tests 10 "not graph$and" "${coverage[@]}" >"$log" 2>&1 &
   local without=$!
-  COVERAGE_FILE=.isf/coverage.with tests 0 "graph$and" "${coverage[@]}" || code=1
+  COVERAGE_FILE="$root/.isf/coverage.with" tests 0 "graph$and" "${coverage[@]}" || code=1
   printf '\nTests without a node graph, run meanwhile (%s):\n' "$log"
   if wait "$without"; then
     sed -n '/short test summary info/,$p' "$log"
@@ -84,7 +84,7 @@ run_all() {
   fi
   end_all || code=1
   export COVERAGE_FILE=.isf/coverage.all
-  coverage combine --quiet .isf/coverage.with .isf/coverage.without && coverage xml --quiet -o .isf/coverage.xml
+  coverage combine --quiet .isf/coverage.with* && coverage xml --quiet -o .isf/coverage.xml
   printf 'coverage: %s %%\n' "$(coverage report --format=total)"
   coverage report >/dev/null || code=1
   return "$code"

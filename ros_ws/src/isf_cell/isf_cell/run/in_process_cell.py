@@ -5,13 +5,16 @@ SI units, frame ``sheet``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.measurements.measurement import AtRest, Measurement
 from isf_force_ctrl.measurements.tool_lift import lift_tool
 from isf_planner import Plan, plan
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
@@ -22,13 +25,25 @@ from isf_springback.methods import make_corrector
 from isf_cell.run.cell import FormedContour, PartGoal, PlannedPart
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
+POSES = 50.0
+"""Hz at which poses are reported to a measurement, as the machine node does."""
 
-def run_ticks(controller: ForceController, machine: SimulatedMachine, sample: MachineSample) -> MachineSample:
-    """Tick from ``sample`` until the controller rests; the last sample.
+M = TypeVar("M", bound=Measurement)
+
+
+def run_ticks(
+    controller: ForceController,
+    machine: SimulatedMachine,
+    sample: MachineSample,
+    each: Callable[[MachineSample], None] | None = None,
+) -> MachineSample:
+    """Tick from ``sample`` until the controller rests, ``each`` sample told first; the last sample.
 
     A fault of the machine, which holds from then on, ends what the controller is doing with the machine's code.
     """
     while controller.busy:
+        if each is not None:
+            each(sample)
         if machine.faults and controller.fault is None:
             controller.fail(*machine.faults[0], ticking=True)
         targets = controller.tick(sample.tick, sample.time, sample.wrench_1.tolist(), sample.wrench_2.tolist())
@@ -37,7 +52,9 @@ def run_ticks(controller: ForceController, machine: SimulatedMachine, sample: Ma
 
 
 class InProcessCell:
-    """A cell of :mod:`isf_cell.run.cell`, and what happened in it; ``part_plan``: the plan to form, None: made anew.
+    """A cell of :mod:`isf_cell.run.cell`, and what happened in it.
+
+    ``part_plan``: the plan to form, ``machine``: the one to form it on; None: made anew.
 
     Attributes
     ----------
@@ -49,8 +66,9 @@ class InProcessCell:
     machine: SimulatedMachine
     sample: MachineSample
 
-    def __init__(self, part_plan: Plan | None = None) -> None:
+    def __init__(self, part_plan: Plan | None = None, machine: SimulatedMachine | None = None) -> None:
         self.part_plan = part_plan
+        self._given = machine
         self.nominal: list[Contour] = []
         self.corrected: list[Contour] = []
         self.corrections: list[ContourCorrection] = []
@@ -64,8 +82,8 @@ class InProcessCell:
         """Nothing has to be started."""
 
     def reset(self, goal: PartGoal) -> None:
-        """A new machine with a fresh blank."""
-        self.machine = SimulatedMachine(goal.job_file, world=goal.options.world, seed=goal.options.seed)
+        """A new machine with a fresh blank, unless one was given."""
+        self.machine = self._given or SimulatedMachine(goal.job_file, world=goal.options.world, seed=goal.options.seed)
 
     def tare(self) -> None:
         """As in the protocol."""
@@ -136,6 +154,27 @@ class InProcessCell:
         self.sample = machine.sample()  # a scan takes its time
         self._corrector.add_scan(points, formed.nominal.index)
         self.scans.append(kept_scan(formed.nominal.index, self.sample.time, points))
+
+    @property
+    def config(self) -> ControlConfig:
+        """Of the force controller."""
+        return self._controller.config
+
+    def measure(self, make: Callable[[AtRest], M], tell: Callable[[M], None]) -> M:
+        """The ended measurement that ``make`` began; ``tell`` is called once per second of its time."""
+        controller, rate = self._controller, round(self.machine.control_rate)
+        measurement = controller.measure(make)
+        every = max(1, round(rate / POSES))
+
+        def report(sample: MachineSample) -> None:
+            if sample.tick % every == 0:
+                controller.add_measured(1, sample.time, sample.tip_1.tolist())
+                controller.add_measured(2, sample.time, sample.tip_2.tolist())
+            if sample.tick % rate == 0:
+                tell(measurement)
+
+        self.sample = run_ticks(controller, self.machine, self.sample, report)
+        return measurement
 
     def check(self) -> None:
         """A fault between two contours is told by the result of the one before."""

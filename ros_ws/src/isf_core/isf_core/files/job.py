@@ -16,7 +16,8 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
@@ -58,7 +59,7 @@ class PartSpec(FileModel):
     place: tuple[Length, Length] | None = None
     """x and y of the outline's centre on the blank; the centre of the blank when left out."""
     repair: bool = True
-    """Repair cracks, duplicate or turned facets and holes narrower than the tool, with a warning. False: refuse."""
+    """Repair cracks, double and turned facets and holes narrower than the tool, with a warning. False: refuse them."""
 
     @model_validator(mode="after")
     def _unit_declared(self) -> PartSpec:
@@ -558,22 +559,28 @@ PROCESSES = "isf.processes"
 """Entry points of processes: classes of the planner, or of a package beside it."""
 
 
+@cache
+def _registered() -> dict[str, EntryPoint]:
+    """Processes by name; looked up once, since that reads the metadata of all packages."""
+    return {entry.name: entry for entry in entry_points(group=PROCESSES)}
+
+
 def process_names() -> list[str]:
     """Names of all processes that are installed, sorted."""
-    return sorted({*BUILT_IN, *entry_points(group=PROCESSES).names})
+    return sorted({*BUILT_IN, *_registered()})
 
 
 def load_process(name: str) -> Any:
     """The class registered as process ``name``; raises IsfError FILE_FIELD when it is missing or cannot be loaded."""
-    found = [entry for entry in entry_points(group=PROCESSES) if entry.name == name]
+    found = _registered().get(name)
     try:
-        return found[0].load()
+        return _registered()[name].load()
     except Exception as error:  # a process of another package may fail in any way while it is loaded
         why = f"{type(error).__name__}: {error}" if found else "no package registers it"
         raise IsfError(
             ErrorCode.FILE_FIELD,
             f"the process {name} cannot be loaded: {why}",
-            where=found[0].value if found else "process",
+            where=found.value if found else "process",
             advice=f"known: {', '.join(process_names())}",
         ) from error
 

@@ -79,7 +79,7 @@ def test_refused_before_arming_and_while_forming(cell: Cell) -> None:
     ("fault", "code"), [("nan_at", ErrorCode.WRENCH_NOT_FINITE), ("silent_at", ErrorCode.WRENCH_LOST)]
 )
 def test_a_cell_that_fails_ends_it(cell: Cell, fault: str, code: ErrorCode) -> None:
-    cell.start({fault: 400})
+    cell.start({fault: 400}, wrench_timeout=2.0)
     cell.armed()
     result, _ = call(cell, goal(Identify.Goal.LOAD_CELL_SIGNS, places=[0.01, 0.0, 0.0]))
     assert result.code == code

@@ -235,15 +235,20 @@ class EventWatch:
 
     def update(self, bits: int, travelled: float) -> list[EventKind]:
         """Kinds of the events that begin with a tick of conditions ``bits``; ``travelled`` m of path."""
-        held = {
-            EventKind.GALLING: (bits & CHIPS, BRIEF),
-            EventKind.CONTACT_LOST: (self._lost(bits), LOST_AFTER),
-            EventKind.BUCKLING: (bits & BUCKLES, BRIEF),
-            EventKind.DIE_CONTACT: (bits & ON_SUPPORT, 0.0),
-            EventKind.SATURATION: (bits & (CLIPPED | SATURATED), BRIEF),
-        }
-        found = [kind for kind, (holds, after) in held.items() if self._begins(kind, bool(holds), after)]
-        return [*found, EventKind.FRACTURE] if self._breaks(bits, travelled) else found
+        found = []
+        if self._begins(EventKind.GALLING, bits & CHIPS, BRIEF):
+            found.append(EventKind.GALLING)
+        if self._begins(EventKind.CONTACT_LOST, self._lost(bits), LOST_AFTER):
+            found.append(EventKind.CONTACT_LOST)
+        if self._begins(EventKind.BUCKLING, bits & BUCKLES, BRIEF):
+            found.append(EventKind.BUCKLING)
+        if self._begins(EventKind.DIE_CONTACT, bits & ON_SUPPORT, 0.0):
+            found.append(EventKind.DIE_CONTACT)
+        if self._begins(EventKind.SATURATION, bits & (CLIPPED | SATURATED), BRIEF):
+            found.append(EventKind.SATURATION)
+        if self._breaks(bits, travelled):
+            found.append(EventKind.FRACTURE)
+        return found
 
     def _breaks(self, bits: int, travelled: float) -> bool:
         """Once per part: thinning over the forming limit along four tool radii of way."""
@@ -255,15 +260,15 @@ class EventWatch:
         self.broken = travelled - self.thinned_from >= TORN_WAY * self.limits.radius
         return self.broken
 
-    def _lost(self, bits: int) -> bool:
+    def _lost(self, bits: int) -> int:
         self.engaged = self.engaged + 1.0 / self.limits.rate if bits & CARRIES else 0.0
         if self.engaged >= ENGAGED_AFTER:
             self.carrying = True
         elif not bits & BESIDE:
             self.carrying = False  # lifted or sent away, not lost
-        return self.carrying and bool(bits & FREE)
+        return bits & FREE if self.carrying else 0
 
-    def _begins(self, kind: EventKind, holds: bool, after: float) -> bool:
+    def _begins(self, kind: EventKind, holds: int, after: float) -> bool:
         """True at the tick at which a condition has held for ``after`` s, once until it was absent for long enough."""
         seen = self.occurrences[kind.name]
         step = 1.0 / self.limits.rate

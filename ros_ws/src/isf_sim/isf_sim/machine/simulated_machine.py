@@ -9,7 +9,8 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
@@ -33,7 +34,7 @@ from isf_sim.machine.events import (
     wall_strain,
 )
 from isf_sim.machine.kernel_bundle import UNCHECKED, TickParts
-from isf_sim.machine.load_cells import BLOCK, DRAWS, take_zero
+from isf_sim.machine.load_cells import BLOCK, DRAWS, CellState, take_zero
 from isf_sim.machine.tick import Axes
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import SCAN_TIME, measured_points
@@ -270,18 +271,49 @@ class SimulatedMachine:
 
     # -- state ---------------------------------------------------------------------------------------
 
-    def changing(self) -> dict[str, Any]:
-        """Everything that changes, by name; not copied."""
+    def state(self) -> MachineState:
+        """Everything that changes; not copied."""
         self.plant.settle()
-        return {name: value for name, value in self.__dict__.items() if name not in _UNCHANGING}
+        return MachineState(
+            tick_count=self.tick_count,
+            faults=self.faults,
+            events=self.events,
+            limits=self.limits,
+            tared=self.tared,
+            holder_height=self.holder_height,
+            holder_asked=self._holder_asked,
+            target=self._target,
+            draws=self._draws,
+            generator=self._generator,
+            more_generator=self._more_generator,
+            plant=self.plant,
+            ring=self._adsif,
+            axes=self._axes,
+            squeeze=self._squeeze,
+            cell_1=self._cell_1,
+            cell_2=self._cell_2,
+            watch=self._watch,
+            settled=self._settled,
+        )
 
-    def state_copy(self) -> dict[str, Any]:
+    def take_up(self, state: MachineState) -> None:
+        """Go on from ``state``, which is not copied."""
+        self.tick_count, self.faults, self.events = state.tick_count, state.faults, state.events
+        self.limits, self.tared = state.limits, state.tared
+        self.holder_height, self._holder_asked = state.holder_height, state.holder_asked
+        self._target, self._draws = state.target, state.draws
+        self._generator, self._more_generator = state.generator, state.more_generator
+        self.plant, self._adsif, self._axes, self._squeeze = state.plant, state.ring, state.axes, state.squeeze
+        self._cell_1, self._cell_2 = state.cell_1, state.cell_2
+        self._watch, self._settled = state.watch, state.settled
+
+    def state_copy(self) -> MachineState:
         """Everything that changes, for :meth:`restore`."""
-        return copy.deepcopy(self.changing())
+        return copy.deepcopy(self.state())
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: MachineState) -> None:
         """Go back to a state from :meth:`state_copy` of this machine."""
-        self.__dict__.update(copy.deepcopy(state))
+        self.take_up(copy.deepcopy(state))
 
     # -- inside --------------------------------------------------------------------------------------
 
@@ -384,10 +416,41 @@ class SimulatedMachine:
             target[:] = self._axes.target
 
 
-_UNCHANGING = {
-    *("job_file", "world", "plant_constants", "control_rate", "_constants", "_turned_constants", "_ring", "_support"),
-    *("_kinematics", "_travel", "_balls", "_radii", "_target_limits", "_bounds"),
-}
+@dataclass
+class MachineState:
+    """Everything of a machine that changes while it runs; what is not here follows from job, world and seed.
+
+    A change of these fields, or of the objects in them, counts :data:`isf_sim.machine.state.VERSION` up.
+
+    Attributes
+    ----------
+    tick_count, faults, events, limits, tared, holder_height : as of :class:`SimulatedMachine`
+    holder_asked : m, height of the blank holder that was asked for last ; target : (6,) m, tips asked for last
+    draws : noise of the present block of ticks ; generator, more_generator : of the noise after it
+    plant : the sheet ; ring : of accumulative forming, None in other processes
+    axes, squeeze, cell_1, cell_2 : axes, sheet between the tools, load cells
+    watch, settled : what is counted of events, and the conditions that change nothing of it
+    """
+
+    tick_count: int
+    faults: list[tuple[ErrorCode, str]]
+    events: list[Event]
+    limits: int
+    tared: bool
+    holder_height: float
+    holder_asked: float
+    target: Array
+    draws: Array
+    generator: np.random.Generator
+    more_generator: np.random.Generator
+    plant: SheetPlant
+    ring: adsif.Adsif | None
+    axes: mt.Axes
+    squeeze: Squeeze
+    cell_1: CellState
+    cell_2: CellState
+    watch: EventWatch
+    settled: int
 
 
 class MachineSample(NamedTuple):

@@ -7,6 +7,7 @@ on, with the same software; a file saved by another plant is refused.
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import enum
 import hashlib
@@ -28,11 +29,13 @@ from isf_core.files.job import JobFile
 from numpy.typing import NDArray
 from scipy import sparse
 
-from isf_sim.machine.simulated_machine import SimulatedMachine
+from isf_sim.machine.simulated_machine import MachineState, SimulatedMachine
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.shell.shell_assembly import SupportPoints
 
-FORMAT, VERSION = "isf-machine-state", 2
+_SOURCES = Path(__file__).resolve().parents[1]
+
+FORMAT, VERSION = "isf-machine-state", 3
 
 
 def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
@@ -44,7 +47,7 @@ def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
     """
     path = Path(path)
     encoder = _encoder()
-    state = {name: encoder.encode(value) for name, value in machine.changing().items()}
+    state = {name: encoder.encode(value) for name, value in vars(machine.state()).items()}
     header = {
         "format": FORMAT,
         "version": VERSION,
@@ -89,12 +92,11 @@ def load_machine(path: str | Path) -> SimulatedMachine:
             seed=header["seed"],
             constants=PlantConstants(**header["constants"]),
         )
-        fresh, encoder = machine.changing(), _encoder()
+        fresh, encoder = vars(machine.state()), _encoder()
         if set(header["state"]) != set(fresh):
             raise StateMismatchError(f"a machine has other fields than the file ({differing(header['state'], fresh)})")
-        machine.__dict__.update(
-            {name: encoder.decode(code, arrays, fresh[name]) for name, code in header["state"].items()}
-        )
+        saved = {name: encoder.decode(code, arrays, fresh[name]) for name, code in header["state"].items()}
+        machine.take_up(MachineState(**saved))
     except (StateMismatchError, KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise IsfError(
             ErrorCode.FILE_SYNTAX,
@@ -106,13 +108,22 @@ def load_machine(path: str | Path) -> SimulatedMachine:
 
 
 @cache
-def plant_digest() -> str:
-    """Digest of the sources of this package: with others the same state goes on otherwise."""
-    folder = Path(__file__).resolve().parents[1]
+def plant_digest(folder: Path = _SOURCES) -> str:
+    """Digest of what this package computes, comments and docstrings left out: another one goes on otherwise."""
     text = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
-        text.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+        tree = ast.parse(path.read_bytes())
+        for node in ast.walk(tree):
+            body = getattr(node, "body", None)
+            if isinstance(body, list):
+                node.body = [line for line in body if not _is_text(line)]  # type: ignore[attr-defined]
+        text.update(path.relative_to(folder).as_posix().encode() + b"\0" + ast.dump(tree).encode())
     return text.hexdigest()[:12]
+
+
+def _is_text(line: ast.AST) -> bool:
+    """A docstring, or a text under a variable."""
+    return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and isinstance(line.value.value, str)
 
 
 def _encoder() -> Encoder:

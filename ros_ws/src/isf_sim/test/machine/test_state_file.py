@@ -10,7 +10,7 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
-from isf_sim.machine.state import load_machine, save_machine
+from isf_sim.machine.state import load_machine, plant_digest, save_machine
 from isf_sim.plant_constants import PlantConstants
 
 JOB = """
@@ -133,3 +133,15 @@ def test_a_folder_that_is_none_is_told(saved: tuple[Path, list[MachineSample], n
     with pytest.raises(IsfError) as error:
         save_machine(machine, tmp_path / "no" / "such" / "folder.npz")
     assert error.value.code == ErrorCode.FILE_NOT_WRITABLE
+
+
+def test_a_state_outlives_comments_but_no_other_number(tmp_path: Path) -> None:
+    file = tmp_path / "mechanics.py"
+    file.write_text('"""Sheet."""\nHARDENING = 0.2\n"""Assumed."""\n', encoding="utf-8")
+    before = plant_digest(tmp_path)
+    file.write_text('"""The sheet."""\n# from a tensile test\nHARDENING = 0.2\n"""Measured."""\n', encoding="utf-8")
+    plant_digest.cache_clear()
+    assert plant_digest(tmp_path) == before
+    file.write_text('"""The sheet."""\nHARDENING = 0.21\n', encoding="utf-8")
+    plant_digest.cache_clear()
+    assert plant_digest(tmp_path) != before
