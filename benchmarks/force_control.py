@@ -296,7 +296,7 @@ def write(mark: str, table: str) -> None:
     head, _, rest = text.partition(begin)
     _, found, tail = rest.partition(end)
     assert found, f"{PAGE}: no marks for {mark}"
-    PAGE.write_text(f"{head}{begin}{table}\n{end}{tail}", encoding="utf-8")
+    PAGE.write_text(f"{head}{begin}\n{table}\n\n{end}{tail}", encoding="utf-8")
 
 
 def _worlds(text: str) -> list[int]:

@@ -12,7 +12,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 SOURCES = Path(__file__).resolve().parents[2] / "ros_ws" / "src"
-INDEX = "api/index.md"
+INDEX, INTERFACES = "api/index.md", "api/isf_msgs.md"
 
 
 def packages() -> list[str]:
@@ -39,9 +39,19 @@ def page(name: str, folder: Path) -> str:
     return "\n".join(lines)
 
 
+def interfaces() -> str:
+    """Markdown of all messages, services and actions: their files, whose comments say unit, frame and shape."""
+    lines = ["# isf_msgs", "", "Messages, services and actions. Arrays are flat; comments give unit, frame and shape."]
+    for kind, title in (("msg", "Messages"), ("srv", "Services"), ("action", "Actions")):
+        lines += ["", f"## {title}"]
+        for path in sorted((SOURCES / "isf_msgs" / kind).iterdir()):
+            lines += ["", f"### {path.stem}", "", "```text", path.read_text(encoding="utf-8").strip(), "```"]
+    return "\n".join(lines) + "\n"
+
+
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """The pages in the navigation, in place of the entry ``api/``."""
-    api: list[object] = [{"All packages": INDEX}]
+    api: list[object] = [{"All packages": INDEX}, {"isf_msgs": INTERFACES}]
     for package in packages():
         folder = SOURCES / package / package
         names = [".".join((package, *room.relative_to(folder).parts)) for room in rooms(package)]
@@ -62,5 +72,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             index.append(f"* [{name}]({name}.md): {first}")
             files.append(File.generated(config, f"api/{name}.md", content=page(name, room)))
         index.append("")
+    index += ["## isf_msgs", "", "* [isf_msgs](isf_msgs.md): Messages, services and actions."]
+    files.append(File.generated(config, INTERFACES, content=interfaces()))
     files.append(File.generated(config, INDEX, content="\n".join(index)))
     return files

@@ -58,3 +58,34 @@ def test_pages_that_sources_name_exist() -> None:
             continue
         for page in re.findall(r"\bdocs/[\w/]+\.md", path.read_text(encoding="utf-8")):
             assert (ROOT / page).is_file(), f"{name} names {page}"
+
+
+MODULE = re.compile(r"`(isf_\w+(?:\.\w+)+)`|`([\w/]+\.py)`")
+
+
+def _exists(name: str) -> bool:
+    """A module, or a name in one; of the packages of the workspace."""
+    first, *rest = name.split(".")
+    folder = ROOT / "ros_ws" / "src" / first / first
+    for n in range(len(rest), -1, -1):
+        path = folder.joinpath(*rest[:n])
+        source = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+        if source.is_file():
+            return n == len(rest) or re.search(rf"\b{rest[n]}\b", source.read_text(encoding="utf-8")) is not None
+    return False
+
+
+def test_modules_that_pages_name_exist() -> None:
+    files = {
+        path.name
+        for folder in ("ros_ws/src", "benchmarks", "tests", "scripts")
+        for path in ROOT.glob(f"{folder}/**/*.py")
+    }
+    pages = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", *sorted(ROOT.glob("ros_ws/src/*/README.md"))]
+    unknown = [
+        f"{page.relative_to(ROOT)}: {module or file}"
+        for page in pages
+        for module, file in MODULE.findall(page.read_text(encoding="utf-8"))
+        if not (_exists(module) if module else Path(file).name in files)
+    ]
+    assert not unknown
