@@ -42,7 +42,7 @@ from isf_force_ctrl.ros.readiness import Readiness, control_config, tools_with_l
 from isf_force_ctrl.supervision.attendance import EXECUTIVE_SILENCE, Attendance
 from isf_force_ctrl.supervision.contour_warnings import ChipWatch, offset_warning
 from isf_force_ctrl.supervision.latency import LatencyMeter
-from isf_force_ctrl.supervision.wrench_receiver import Fault, WrenchReceiver
+from isf_force_ctrl.supervision.wrench_receiver import Fault, Reading, WrenchReceiver
 
 HEARTBEAT = 0.2
 """s of wall time after which the last targets are repeated."""
@@ -52,7 +52,7 @@ LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
 
 
 class ForceCtrlNode(CellNode[ForceCtrlParameters]):
-    """ROS side of :class:`isf_force_ctrl.measuring_controller.ForceController`."""
+    """ROS side of :class:`isf_force_ctrl.controller.ForceController`."""
 
     def __init__(self) -> None:
         super().__init__("force_ctrl", ForceCtrlParameters)
@@ -72,11 +72,12 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._ready = Readiness(self._timeout, self._receiver.frames)
         self._delayed, self._patient_until, self._look = False, 0.0, RegularLook(0.5 * self._timeout)
         self._ticks = self._late_before = 0
+        self._awaited: int | None = None
         self._last_mode = Mode.IDLE
 
         if p.output == "twist" and p.lockstep:
             raise IsfError(ErrorCode.FILE_FIELD, "twists are velocities by the clock, not in lockstep", where="output")
-        self._published = ForceCtrlPublishers(self, twist=p.output == "twist")
+        self._output = ForceCtrlPublishers(self, twist=p.output == "twist")
         self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM)
         self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM)
         self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR)
@@ -89,7 +90,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         heard = self._attended.executive.on_diagnostics
         self.create_subscription(DiagnosticArray, "/diagnostics", heard, 50)
         self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)
-        MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep)
+        MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep, self._moving)
         IdentifyAction(self, self._lock, self._ready, self._armed_job, self._step_in_lockstep)
 
     def deactivate(self) -> None:
@@ -98,7 +99,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         with self._lock:
             if self._controller is not None:
                 self._controller.fail(ErrorCode.STOPPED, "the node was deactivated")
-                self._publish_result()
+                self._end()
             self._controller = None
 
     def make_safe(self, error: IsfError) -> None:
@@ -110,11 +111,11 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if controller.fault is None:
                 controller.fail(error.code, error.message, ticking=self._loop is not None)
                 self._publish_state(controller, self.get_clock().now().nanoseconds)
-                self._publish_result()
+                self._end()
             else:
                 try:  # the ticks that should have braked failed, too
                     controller.fail(error.code, error.message)
-                    self._publish_result()
+                    self._end()
                 finally:
                     self._controller = None
 
@@ -148,42 +149,62 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._latency.wrench()
         header = message.header
         stamp = header.stamp.sec * stamps.NANO + header.stamp.nanosec
-        alive, fault = self._receiver.add(tool, header.frame_id, stamp, conversion.wrench_array(message))
+        reading = (tool, header.frame_id, stamp, conversion.wrench_array(message))
+        alive, fault = self._receiver.add(*reading)
         if alive:
             self._ready.wrench(tool)
         if fault:
-            self._on_bad_wrench(tool, fault)
+            self._on_bad_wrench(reading, fault)
         elif self._loop is None:
             self._step_in_lockstep()
         elif self._pair.fresh(self._ready.needed):
             self._loop.offer()
 
-    def _on_bad_wrench(self, tool: int, fault: Fault) -> None:
-        """A wrench in other axes, or of a clock that cannot be followed, is not used; the contour ends with it."""
-        controller = self._controller
+    def _on_bad_wrench(self, reading: Reading, fault: Fault) -> None:
+        """A wrench in other axes, or of a clock that cannot be followed, is not used; the contour ends with it.
+
+        Between contours time may have gone on, as a scan takes its time: then it is the first of a new time.
+        """
+        controller, tool = self._controller, reading[0]
         by_clock = self._loop is not None
         if controller is None or tool not in self._ready.needed or not (controller.busy or by_clock):
             self._receiver.restart()
+            self._receiver.add(*reading)
         elif controller.fault is None:
             with self._lock:
                 controller.fail(*fault, ticking=by_clock)
                 if not by_clock:  # else the next tick tells it
                     self._publish_state(controller, self.get_clock().now().nanoseconds)
-                    self._publish_result()
+                    self._end()
 
     def _step_in_lockstep(self) -> None:
         """Answer a complete pair of wrenches, when there is something to do."""
         controller = self._controller
-        if controller is None or not controller.busy or self._loop is not None:
+        if controller is None or self._loop is not None:
+            return
+        if not controller.busy:
+            if self._awaited is not None and self._pair.reached(self._awaited):
+                self._end()
             return
         stamp = self._pair.take()
         if stamp is None:
             return
         rate = controller.config.rate
         tick = round(stamp * rate / stamps.NANO)
+        self._awaited = due = stamps.tick_nanoseconds(tick + 1, rate)  # before it may come to its end in the tick
         targets = controller.tick(tick, stamp / stamps.NANO, *self._pair.wrench)
-        self._published.targets(targets, stamps.tick_nanoseconds(tick + 1, rate))
+        self._output.targets(targets, due)
         self._after_tick(controller, stamp)
+
+    def _end(self) -> None:
+        """Report what came to its end, in lockstep when the machine has done the last targets: who asks it for a scan
+        then finds it where the contour ended, and the same part gives the same numbers every time."""
+        self._awaited = None
+        self._publish_result()
+
+    def _moving(self, controller: ForceController) -> bool:
+        """True until what ``controller`` does has ended, in lockstep on the machine too."""
+        return controller.busy or (controller is self._controller and self._awaited is not None)
 
     def _step_in_real_time(self) -> None:
         """One tick by the clock on the newest wrenches."""
@@ -191,12 +212,12 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller = self._controller
         resting = self._delayed and controller is not None and not controller.busy
         if not self._lock.acquire(blocking=not resting):
-            self._published.repeat(now)  # a contour is being planned
+            self._output.repeat(now)  # a contour is being planned
             self._latency.targets()
             return
         try:
             if controller is None or controller.mode is Mode.IDLE:
-                self._published.rest()
+                self._output.rest()
                 return
             waiting = self._delayed or time.monotonic() < self._patient_until
             lost = [] if waiting else self._ready.lost()
@@ -208,7 +229,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._tick_number += 1 if self._pair.fresh(self._ready.needed) else 2  # a gap: its wrenches were lost
             self._pair.use()
             targets = controller.tick(self._tick_number, now / stamps.NANO, *self._pair.wrench)
-            self._published.targets(targets, now)
+            self._output.targets(targets, now)
             self._after_tick(controller, now)
         finally:
             self._lock.release()
@@ -218,14 +239,14 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._ticks += 1
         if self._ticks % self._settings.state_decimation == 0 or controller.mode is not self._last_mode:
             self._publish_state(controller, stamp)
-        if not controller.busy:
+        if not controller.busy and self._loop is not None:
             self._publish_result()
 
     # -- results and states --------------------------------------------------------------------
 
     def _publish_state(self, controller: ForceController, stamp: int) -> None:
         self._last_mode = controller.mode
-        self._published.state(controller.state(), stamp, self._latency.last)
+        self._output.state(controller.state(), stamp, self._latency.last)
 
     def _publish_result(self) -> None:
         controller = self._controller
@@ -237,7 +258,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self.report(IsfError(ErrorCode(result.code), result.message, where=contour_label(result.index)))
         elif warning := offset_warning(result, controller.config.offset_limit):
             self.warn(warning)
-        self._published.result(replace(result, late_ticks=late))
+        self._output.result(replace(result, late_ticks=late))
 
     def _late_ticks(self) -> int:
         return self._loop.late_ticks if self._loop is not None else 0
@@ -254,24 +275,27 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._attended.not_served()
             if controller is not None and (alone := self._attended.judge(on_sheet=controller.on_sheet)):
                 self._lift_unattended(controller, alone)
-            if controller is None or controller.mode is Mode.IDLE or self._loop is not None:
+            if controller is None or self._loop is not None:
+                return
+            if controller.mode is Mode.IDLE and self._awaited is None:
                 return
             if late:
                 self._patient_until = time.monotonic() + self._timeout
             lost = self._ready.lost() if time.monotonic() > self._patient_until else []
-            if controller.busy and lost:
-                controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost))
-                self._publish_state(controller, self.get_clock().now().nanoseconds)
-                self._publish_result()
-            if self._published.has_targets and time.monotonic() - self._published.last_publish >= HEARTBEAT:
-                self._published.repeat()
+            if lost and (controller.busy or self._awaited is not None):
+                if controller.busy:
+                    controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost))
+                    self._publish_state(controller, self.get_clock().now().nanoseconds)
+                self._end()
+            if self._output.has_targets and time.monotonic() - self._output.last_publish >= HEARTBEAT:
+                self._output.repeat()
 
     def _lift_unattended(self, controller: ForceController, alone: IsfError) -> None:
         """Nobody is there to go on with the part: take the tools off the sheet; the next contour ends with why."""
         self.report(alone)
         if controller.fault is None:
             waiting = isf.Contour(plan_id=controller.plan_id, index=controller.state().index + 1)
-            self._published.refusal(waiting, int(alone.code), alone.message)
+            self._output.refusal(waiting, int(alone.code), alone.message)
         self._disarm()
 
     @contextmanager
@@ -290,7 +314,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _on_pose(self, tool: int, message: PoseStamped) -> None:
         tip = conversion.tip_of(message)
         self._ready.pose(tool, tip)
-        self._published.measured(tool, tip)
+        self._output.measured(tool, tip)
         if self._controller is not None:
             self._controller.add_measured(tool, stamps.to_seconds(message.header.stamp), tip)
 
@@ -308,6 +332,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                     raise IsfError(ErrorCode.NOT_ARMED, what, where=contour_label(message.index), advice=advice)
                 contour = conversion.contour_from_message(message)
                 self._ready.check_forming(contour.forming_tool)
+                if not controller.busy:
+                    self._end()
                 controller.start(contour)
                 self._receiver.begin_contour()
                 if warning := self._chips.check(contour):
@@ -326,7 +352,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller = self._controller
         if controller is not None and controller.busy and controller.started(message.plan_id, message.index):
             return
-        self._published.refusal(message, int(error.code), error.message)
+        self._output.refusal(message, int(error.code), error.message)
 
     # -- services ------------------------------------------------------------------------------
 
@@ -356,13 +382,14 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         park = controller.config.park_height
         tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))
         override = None if math.isnan(request.support_force) else request.support_force
+        self._awaited = None
         controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
         self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
         self._receiver.restart()
         self._latency = LatencyMeter()
-        self._published.start(tip_1, tip_2, controller.config.rate)
-        self._published.with_holder = job_file.job.process == "TPIF"
+        self._output.start(tip_1, tip_2, controller.config.rate)
+        self._output.with_holder = job_file.job.process == "TPIF"
         self._controller, self._job_file = controller, job_file
         self._attended.begin()
         self._publish_state(controller, self.get_clock().now().nanoseconds)
@@ -394,7 +421,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._controller.stop("force_ctrl/stop was called")
                 self._publish_state(self._controller, self.get_clock().now().nanoseconds)
                 if not self._controller.busy:
-                    self._publish_result()
+                    self._end()
                 self._step_in_lockstep()
         response.success = True
         return response
@@ -403,7 +430,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._loop is not None:
             self._loop.stop()
             self._loop = None
-            self._published.rest(last=True)
+            self._output.rest(last=True)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -8,16 +8,17 @@ wrenches), ``sign`` (factor on the forces), ``tared``, ``lockstep`` (false: tick
 come 50 ms late, after newer ones; real time), ``jump_at``, ``jump`` (tick from which the stamps are off by ``jump`` s),
 ``gap`` (m by which the tools stand too far apart), ``twist`` (true: integrates twists instead of following poses, and
 publishes poses; real time), ``drift`` (m/s in x that it adds to the twists), ``cell_drift`` (N by which the cell of
-tool_2 is off in z), ``poses_until``, ``states_until`` (ticks after
-which it publishes no poses, no machine/state), ``best_effort`` (wrenches and states are published so).
-``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and ``gap`` may
-change at run time.
+tool_2 is off in z), ``poses_until``, ``states_until`` (ticks after which it publishes no poses, no machine/state),
+``best_effort`` (wrenches and states are published so), ``last_targets`` (a file: when it is there, targets are
+answered 1 s late, and it is removed before; lockstep). ``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and
+``gap`` may change at run time.
 """
 
 import copy
 import math
 import time
 from collections import deque
+from pathlib import Path
 
 import numpy as np
 import rclpy
@@ -68,6 +69,7 @@ class StandInMachine(Node):
         )
         self.states_until = self.declare_parameter("states_until", -1).value
         self.cell_drift = self.declare_parameter("cell_drift", 0.0).value
+        self.last_targets = self.declare_parameter("last_targets", "").value
         self.velocity = [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
         self.poses = [self.create_publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
         self.sandbox.gap = lambda time, angle: self.gap
@@ -182,6 +184,9 @@ class StandInMachine(Node):
         self.stamp[tool] = stamps.to_nanoseconds(message.header.stamp)
         due = self.now(1)
         if self.lockstep and self.stamp == [due, due]:
+            if self.last_targets and Path(self.last_targets).exists():
+                time.sleep(1.0)
+                Path(self.last_targets).unlink()
             self.sandbox.advance(*self.targets)
             self.measure()
 

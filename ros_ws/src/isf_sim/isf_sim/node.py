@@ -82,7 +82,7 @@ class MachineNode(CellNode[MachineParameters]):
     def __init__(self) -> None:
         super().__init__("machine", MachineParameters)
         self._machine: SimulatedMachine | None = None
-        self._published: MachinePublishers | None = None
+        self._output: MachinePublishers | None = None
         self._thread: PeriodicThread | None = None
         self._targets = TargetPair()
         self.lock = threading.RLock()
@@ -92,7 +92,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._stream = TargetStream(REAL_TIME_TIMEOUT)
         self._privileges = Privileges()
         self._release: Iterator[MachineSample] | None = None
-        self._published = self._ticked = 0.0
+        self._last_publish = self._ticked = 0.0
         self._period = 0
         self._sample: MachineSample | None = None
         self._publishing = threading.Lock()
@@ -107,7 +107,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._stream, self._look = TargetStream(timeout), RegularLook(0.5 * timeout)
         if values.job:
             self.clamp(SimulatedMachine(load_job(values.job), world=values.world, seed=values.seed))
-        self._published = MachinePublishers(self, clock=values.lockstep)
+        self._output = MachinePublishers(self, clock=values.lockstep)
         self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM)
         self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM)
         self._executive = ExecutiveWatch(self, EXECUTIVE_SILENCE)
@@ -128,7 +128,7 @@ class MachineNode(CellNode[MachineParameters]):
         self.stop_thread()
 
     def cleanup(self) -> None:
-        self._published = None
+        self._output = None
         self._listen_to_holder(False)
 
     def make_safe(self, error: IsfError) -> None:
@@ -283,7 +283,7 @@ class MachineNode(CellNode[MachineParameters]):
         return self._settings.pose_decimation or max(1, round(machine.control_rate / 50.0))
 
     def publish(self, sample: MachineSample, *, decimated: bool) -> None:
-        publishers, machine = self._published, self.needed()
+        publishers, machine = self._output, self.needed()
         if publishers is None:
             return
         if self._settings.lockstep:
@@ -299,7 +299,7 @@ class MachineNode(CellNode[MachineParameters]):
                 publishers.event(event, self._stamp)
                 self.get_logger().warning(f"{event.name}: {event.text}")
             self._reported = len(machine.events)
-            self._sample, self._published = sample, time.monotonic()
+            self._sample, self._last_publish = sample, time.monotonic()
 
     def _on_timer(self) -> None:
         if self._machine is None or not self.is_active:
@@ -317,20 +317,20 @@ class MachineNode(CellNode[MachineParameters]):
             self._check_stream(machine)
             if machine.faulted:
                 self.finish_tick(machine, machine.sample())
-        if time.monotonic() - self._published >= HEARTBEAT_PERIOD:
+        if time.monotonic() - self._last_publish >= HEARTBEAT_PERIOD:
             self.publish(machine.sample(), decimated=True)
 
     def _bridge_a_long_tick(self, machine: SimulatedMachine) -> None:
         """Repeat the last readings while the thread works on a coarse solution: a real load cell never pauses."""
-        sample, publishers = self._sample, self._published
+        sample, publishers = self._sample, self._output
         if publishers is None or sample is None or self._thread is None:
             return
         with self._publishing:
-            if time.monotonic() - self._published >= BRIDGE_PERIOD:
+            if time.monotonic() - self._last_publish >= BRIDGE_PERIOD:
                 period = int((time.monotonic() - self._started) * machine.control_rate)
                 self._bridged = self._stamp_of(period, machine)
                 publishers.wrenches(sample, self._bridged)
-                self._published = time.monotonic()
+                self._last_publish = time.monotonic()
 
     # -- faults ----------------------------------------------------------------------------------
 
@@ -359,8 +359,8 @@ class MachineNode(CellNode[MachineParameters]):
         self.report(IsfError(code, text, where="machine", advice="positions are held and contact is released"))
         self._stream.following = False
         self._release = machine.release_steps()
-        if self._published is not None:
-            self._published.state(self._state_message(machine), self._stamp)
+        if self._output is not None:
+            self._output.state(self._state_message(machine), self._stamp)
         if self._settings.lockstep:
             for _ in self._release:
                 pass
@@ -428,15 +428,20 @@ class MachineNode(CellNode[MachineParameters]):
         if self.is_active and self._machine is not None and not self.in_lockstep and self._thread is None:
             self.start()
 
+    def wrenches_received(self) -> None:
+        """Wait until the subscribers have the last wrenches."""
+        if self._output is not None:
+            self._output.wrenches_received()
+
     def publish_scan(self, shape: HeightMap) -> None:
         """The exact shape on "scan"."""
-        if self._published is not None:
-            self._published.scan(conversion.height_map_to_message(shape, stamps.to_stamp(self._stamp)))
+        if self._output is not None:
+            self._output.scan(conversion.height_map_to_message(shape, stamps.to_stamp(self._stamp)))
 
     def publish_cloud(self, points: NDArray[np.float64]) -> None:
         """Points (N, 3) m of a scanner on "scan"."""
-        if self._published is not None:
-            self._published.scan(cloud_message(points, self._stamp))
+        if self._output is not None:
+            self._output.scan(cloud_message(points, self._stamp))
 
 
 class MachineServices:
@@ -529,9 +534,11 @@ class MachineServices:
         self._tell_in_lockstep(self._node.needed())
 
     def _tell_in_lockstep(self, machine: SimulatedMachine) -> None:
+        """Whoever has the answer may rely on it that force control has the readings after it."""
         node = self._node
         if node.is_active and node.in_lockstep:
             node.publish(machine.sample(), decimated=True)
+            node.wrenches_received()
 
     def _job_of(self, request: Reset.Request) -> JobFile:
         if request.job_text:

@@ -24,7 +24,7 @@ class MeasurementActions:
     """Serves the actions for ``node``.
 
     ``controller`` gives the present controller (None: nothing was armed), ``begun`` is called with the lock held when a
-    measurement or a move begins, so that the first targets go out.
+    measurement or a move begins, so that the first targets go out, and ``moving`` is true until a move has ended.
     """
 
     def __init__(
@@ -33,8 +33,10 @@ class MeasurementActions:
         lock: threading.RLock,
         controller: Callable[[], ForceController | None],
         begun: Callable[[], None],
+        moving: Callable[[ForceController], bool],
     ) -> None:
         self._node, self._lock, self._controller, self._begun = node, lock, controller, begun
+        self._moving = moving
         node.create_action_server(LiftTool, "lift_tool", self._lift_tool, lambda _: node.is_active)
         node.create_action_server(MoveAside, "move_aside", self._move_aside, lambda _: node.is_active)
 
@@ -54,7 +56,7 @@ class MeasurementActions:
             handle.publish_feedback(LiftTool.Feedback(lift=lift.lift, force=lift.force))
 
         await in_thread(
-            lambda: follow(handle, lambda: controller.measuring, controller.cancel, self._lock, tell),
+            lambda: follow(handle, lambda: self._moving(controller), controller.cancel, self._lock, tell),
             self._node.executor,
         )
         found = lift.record()
@@ -87,7 +89,9 @@ class MeasurementActions:
         def cancel() -> None:
             controller.stop("move_aside was cancelled")
 
-        await in_thread(lambda: follow(handle, lambda: controller.busy, cancel, self._lock, tell), self._node.executor)
+        await in_thread(
+            lambda: follow(handle, lambda: self._moving(controller), cancel, self._lock, tell), self._node.executor
+        )
         if controller.fault is None:
             handle.succeed()
             return MoveAside.Result()

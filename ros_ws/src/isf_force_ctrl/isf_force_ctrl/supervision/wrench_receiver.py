@@ -12,6 +12,10 @@ from collections.abc import Sequence
 from isf_core.errors import ErrorCode, IsfError
 
 Fault = tuple[ErrorCode, str]
+"""Code and text."""
+
+Reading = tuple[int, str, int, Sequence[float]]
+"""Tool (1, 2), frame, stamp in ns, and wrench (6,), as :meth:`WrenchReceiver.add` takes them."""
 
 
 class WrenchReceiver:
@@ -159,6 +163,10 @@ class WrenchPair:
             return None
         self._handled = first
         return first
+
+    def reached(self, stamp: int) -> bool:
+        """True when both wrenches are of ``stamp`` ns or later."""
+        return min(self._stamp) >= stamp
 
     def fresh(self, tools: Sequence[int]) -> bool:
         """True when each of ``tools`` has a newer wrench than at the last :meth:`use` (real time)."""

@@ -6,15 +6,17 @@ import signal
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from isf_core.contour import Process
 from isf_core.errors import ErrorCode
+from isf_msgs.action import MoveAside
 from isf_msgs.msg import ForceCtrlState
 from isf_ros import conversion, qos
-from node_cell import JOB, LIMIT, Cell, small_ring, watched
+from node_cell import JOB, LIMIT, Cell, call_action, small_ring, watched
 from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.graph
@@ -45,6 +47,22 @@ def test_forms_a_part_in_lockstep(cell: Cell) -> None:
     before = cell.targets
     cell.wait(lambda: False, 0.7)
     assert cell.targets == before
+
+
+def test_a_move_has_ended_when_the_machine_has_done_its_last_targets(
+    cell: Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a scan right after it may overtake them, and the part takes another course from run to run."""
+    last_targets = tmp_path / "last"
+    monkeypatch.setenv("LAST_TARGETS", str(last_targets))
+    marking = Path(__file__).parents[1] / "marking_force_ctrl.py"
+    cell.start({"last_targets": last_targets}, program=(str(marking),))
+    cell.armed(count=2)
+    assert cell.form(small_ring(0, 2)).completed
+    assert not last_targets.exists()
+    moved, _ = call_action(cell, MoveAside, "move_aside", MoveAside.Goal())
+    assert (moved.code, moved.message) == (0, "")
+    assert not last_targets.exists()
 
 
 def test_nan_wrench_holds_with_its_code(cell: Cell) -> None:

@@ -23,6 +23,10 @@ SCAN_PATIENCE = 5.0
 """s of wall time for the subscribers of a scan to take it."""
 
 
+WRENCH_PATIENCE = 2.0
+"""s of wall time for the subscribers of the wrenches to take those that a service call has changed."""
+
+
 class MachinePublishers:
     """The node's publishers and their messages, which are filled anew for every tick."""
 
@@ -45,6 +49,12 @@ class MachinePublishers:
             message.header.stamp = stamp
             conversion.set_wrench(message, reading)
             publisher.publish(message)
+
+    def wrenches_received(self) -> None:
+        """Returns when every reliable subscriber has the last wrenches: the middleware may deliver one a second late,
+        and force control would answer an older one."""
+        for publisher in self._wrenches:
+            publisher.wait_for_all_acked(Duration(seconds=WRENCH_PATIENCE))
 
     def poses(self, sample: MachineSample, nanoseconds: int) -> None:
         """Both tips by the encoders, and the clock in lockstep."""
