@@ -317,6 +317,8 @@ class MachineNode(CellNode[MachineParameters]):
             self._check_stream(machine)
             if machine.faulted:
                 self.finish_tick(machine, machine.sample())
+        elif self._release is not None:
+            self._release_contact(machine)  # where a fault of this software broke it off
         if time.monotonic() - self._last_publish >= HEARTBEAT_PERIOD:
             self.publish(machine.sample(), decimated=True)
 
@@ -355,22 +357,32 @@ class MachineNode(CellNode[MachineParameters]):
 
     def _protect(self, machine: SimulatedMachine) -> None:
         """Protective stop: tell the fault, then move the tools clear (in real time tick by tick)."""
+        self._release = machine.release_steps()
+        self._stream.following = False
         code, text = machine.faults[-1]
         self.report(IsfError(code, text, where="machine", advice="positions are held and contact is released"))
-        self._stream.following = False
-        self._release = machine.release_steps()
         if self._output is not None:
             self._output.state(self._state_message(machine), self._stamp)
         if self._settings.lockstep:
-            for _ in self._release:
-                pass
+            self._release_contact(machine)
+
+    def _release_contact(self, machine: SimulatedMachine) -> None:
+        while self._release_tick(machine) is not None:
+            pass
+
+    def _release_tick(self, machine: SimulatedMachine) -> MachineSample | None:
+        """The next tick of a release, None after its last; a release whose tick raises begins anew with the next."""
+        assert self._release is not None
+        try:
+            return next(self._release, None)
+        except Exception:
+            self._release = machine.release_steps()
+            raise
 
     def _next_release_tick(self, machine: SimulatedMachine) -> MachineSample:
         if self._release is None:
             self._protect(machine)
-        assert self._release is not None
-        sample = next(self._release, None)
-        return sample if sample is not None else machine.hold()
+        return self._release_tick(machine) or machine.hold()
 
     def _state_message(self, machine: SimulatedMachine) -> MachineState:
         mode = MachineState.FOLLOWING if self._stream.following else MachineState.IDLE
@@ -496,14 +508,16 @@ class MachineServices:
         node = self._node
         if request.new_blank:
             node.stop_thread()  # before the machine is owned: the thread may wait for it
-        with self._answering(response):
-            if request.new_blank:
-                job_file = self._job_of(request)
-                node.clamp(SimulatedMachine(job_file, world=request.world, seed=request.seed))
-            else:
-                node.needed().reset()
-            self._begin_anew()
-        node.start_in_real_time()
+        try:
+            with self._answering(response):
+                if request.new_blank:
+                    job_file = self._job_of(request)
+                    node.clamp(SimulatedMachine(job_file, world=request.world, seed=request.seed))
+                else:
+                    node.needed().reset()
+                self._begin_anew()
+        finally:
+            node.start_in_real_time()  # with the blank before, where there is no new one
         return response
 
     def _on_save(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
@@ -522,10 +536,12 @@ class MachineServices:
             machine = load_machine(self._path_of(request))
         if response.code == 0:
             node.stop_thread()
-            with self._answering(response):
-                node.clamp(machine)
-                self._begin_anew()
-            node.start_in_real_time()
+            try:
+                with self._answering(response):
+                    node.clamp(machine)
+                    self._begin_anew()
+            finally:
+                node.start_in_real_time()
         return response
 
     def _begin_anew(self) -> None:

@@ -2,123 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.errors import ErrorCode
 from isf_msgs.msg import MachineEvent, MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
-from isf_ros import conversion, qos, stamps
-from rclpy.executors import SingleThreadedExecutor
-from sensor_msgs.msg import PointCloud2
+from isf_ros import conversion, stamps
+from machine_client import JOB, LIMIT, PARKED, RATE, Client, press, served
 
 pytestmark = pytest.mark.graph
-
-RATE = 500.0
-LIMIT = 120.0
-"""s; only to end a test that hangs: a process may take long to start."""
-JOB = """
-name: node-test
-part: {mesh: none.stl, unit: mm}
-process: DSIF
-rig: ren2018
-sheet: {material: AA5754-O, thickness: 1 mm}
-tool_1: {radius: 5 mm}
-tool_2: {radius: 5 mm}
-path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
-control: {rate: 500 Hz}
-"""
-PARKED = (np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]))
-
-
-class Client:
-    """Answers wrenches with targets, as force_ctrl does; ``process`` is the machine's."""
-
-    process: subprocess.Popen[bytes]
-
-    def __init__(self) -> None:
-        self.node = rclpy.create_node("client")
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
-        self.wrenches: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
-        self.received = 0
-        self.states: list[MachineState] = []
-        self.scans: list[PointCloud2] = []
-        self.events: list[MachineEvent] = []
-        for k in (0, 1):
-            self.node.create_subscription(
-                WrenchStamped, f"tool_{k + 1}/wrench", lambda m, k=k: self._on_wrench(k, m), qos.STREAM
-            )
-        self.node.create_subscription(MachineState, "machine/state", self.states.append, qos.STREAM)
-        self.node.create_subscription(MachineEvent, "machine/event", self.events.append, qos.EVENT)
-        self.node.create_subscription(PointCloud2, "scan", self.scans.append, qos.LATCHED)
-        self.targets = [self.node.create_publisher(PoseStamped, f"tool_{k}/target", qos.STREAM) for k in (1, 2)]
-
-    def _on_wrench(self, tool: int, message: WrenchStamped) -> None:
-        self.received += 1
-        self.wrenches[tool][stamps.to_nanoseconds(message.header.stamp)] = conversion.wrench_array(message)
-
-    def wait(self, condition: Callable[[], bool], timeout: float = LIMIT) -> bool:
-        deadline = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > deadline:
-                return False
-            self.executor.spin_once(timeout_sec=0.05)
-        return True
-
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        client = self.node.create_client(kind, name)
-        assert client.wait_for_service(LIMIT), name
-        for _ in range(4):
-            future = client.call_async(request)
-            if self.wait(future.done, 0.25 * LIMIT):
-                return future.result()
-            # the service knew its client too late: on a busy computer the middleware drops such an answer
-        raise AssertionError(name)
-
-    def send(self, stamp: int, tips: tuple[Any, Any]) -> None:
-        for publisher, tip in zip(self.targets, tips, strict=True):
-            message = conversion.make_pose()
-            message.header.stamp = stamps.to_stamp(stamp)
-            conversion.set_tip(message, tip)
-            publisher.publish(message)
-
-    def tick(self, number: int, tips: tuple[Any, Any]) -> bool:
-        """Send the targets of tick ``number``; True when both wrenches of its stamp have come."""
-        stamp = stamps.tick_nanoseconds(number, RATE)
-        self.send(stamp, tips)
-        return self.wait(lambda: stamp in self.wrenches[0] and stamp in self.wrenches[1])
-
-    def newest(self) -> int:
-        return max(self.wrenches[0], default=-1)
-
-    def ready(self) -> None:
-        """Fresh blank, tare, first wrenches, and the machine listens to the targets."""
-        request = Reset.Request(new_blank=True, job_text=JOB, seed=3)
-        assert self.call(Reset, "machine/reset", request).code == 0
-        assert self.call(Tare, "machine/tare", Tare.Request()).code == 0
-        assert self.wait(lambda: all(p.get_subscription_count() == 1 for p in self.targets))
-        assert self.wait(lambda: 0 in self.wrenches[0] and 0 in self.wrenches[1])
-
-    def ticked_to(self, stamp: int) -> bool:
-        """Wait for the wrenches of ``stamp``; False when the machine latches a fault before."""
-        assert self.wait(lambda: self.newest() >= stamp or bool(self.fault_codes()))
-        return not self.fault_codes()
-
-    def fault_codes(self) -> list[int]:
-        return list(self.states[-1].fault_codes) if self.states else []
-
 
 LONG_TICKS = """
 import sys, time
@@ -140,35 +38,8 @@ def machine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Client]:
     program = ["-m", "isf_sim.node"]
     if "long_ticks" in parameters:
         program, parameters = ["-c", LONG_TICKS], parameters[1:]
-    log = (tmp_path / "machine.log").open("w")
-    options = ["autostart:=true", f"state_folder:={tmp_path / 'states'}", *parameters]
-    arguments = [part for item in options for part in ("-p", item)]
-    process = subprocess.Popen(
-        [sys.executable, *program, "--ros-args", *arguments], stdout=log, stderr=log, env=os.environ
-    )
-    rclpy.init()
-    client = Client()
-    client.process = process
-    try:
+    with served(program, tmp_path, parameters) as client:
         yield client
-    finally:
-        client.executor.shutdown()
-        client.node.destroy_node()
-        rclpy.try_shutdown()
-        process.send_signal(signal.SIGINT)
-        code = process.wait(LIMIT)
-        log.close()
-        print((tmp_path / "machine.log").read_text())
-        assert code == 0
-
-
-def press(client: Client, depth: float) -> int:
-    """Bring the tool from its park position to ``depth`` m below the sheet at the speed limit; last tick."""
-    ticks = int(np.ceil((0.1 + depth) / 0.0002))
-    for number in range(1, ticks + 1):
-        z = max(0.1 - 0.0002 * number, -depth)
-        assert client.tick(number, (np.array([0.0, 0.0, z]), PARKED[1]))
-    return ticks
 
 
 def test_ticks_in_lockstep_and_stops_on_faults(machine: Client) -> None:
