@@ -20,7 +20,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_ros import process, qos
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
-from isf_ros.qos_match import best_effort, kept_apart, taken_best_effort
+from isf_ros.qos_match import best_effort, kept_apart, nothing_comes, taken_best_effort
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
@@ -84,6 +84,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._received: dict[str, int] = {}
         self._lost: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
+        self._not_delivered: set[str] = set()
         self.failure: IsfError | None = None
         """What first kept it from recording all that came."""
 
@@ -104,6 +105,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._received = {topic.name: 0 for topic in self._topics}
         self._lost = {}
         self._sequence = {}
+        self._not_delivered = set()
         names = [self.resolve_topic_name(topic.name) for topic in self._topics]
         self._recordings += 1
         self._output = self._first
@@ -162,13 +164,21 @@ class RecorderNode(CellNode[RecorderParameters]):
         )
 
     def _check_delivery(self) -> None:
-        """Topics of which nothing comes since they are published best effort are taken so."""
+        """Topics of which nothing comes since they are published best effort are taken so; others are reported once."""
         for number, (topic, subscription) in enumerate(zip(self._topics, self._subscriptions_polled, strict=True)):
             asked = subscription.qos_profile
-            looser = best_effort(asked)
-            if self._received[topic.name] or looser is None or not kept_apart(self, topic.name, asked):
+            if (
+                self._received[topic.name]
+                or topic.name in self._not_delivered
+                or not kept_apart(self, topic.name, asked)
+            ):
                 continue
-            self.warn(taken_best_effort(self, topic.name, asked))
+            looser = best_effort(asked)
+            if looser is None:
+                self._not_delivered.add(topic.name)
+                self.report_delivery(topic.name, self.report, nothing_comes(self, topic.name, asked))
+                continue
+            self.report_delivery(topic.name, self.warn, taken_best_effort(self, topic.name, asked))
             self.destroy_subscription(subscription)
             self._subscriptions_polled[number] = self._subscribe(topic, looser)
 

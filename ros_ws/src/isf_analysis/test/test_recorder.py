@@ -25,8 +25,9 @@ from isf_ros import qos
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.rosbag2 import Reader
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, PointCloud2
 
 pytestmark = pytest.mark.graph
 
@@ -154,6 +155,24 @@ def test_wrenches_published_best_effort_are_recorded_and_told(tmp_path: Path, ob
             spin_until(observer, lambda: False, timeout=0.05)
         end(process, signal.SIGINT)
     assert messages(tmp_path / "bag")["/tool_1/wrench"]
+
+
+def test_a_latched_topic_published_volatile_is_reported(tmp_path: Path, observer: Node) -> None:
+    """Which topic, whose, which policy, what to do; the exit code says that the bag is not whole."""
+    with recorder(tmp_path / "bag") as process:
+        volatile = QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE)
+        observer.create_publisher(PointCloud2, "scan", volatile)
+
+        def reported() -> bool:
+            return any(
+                text == "[1509 QOS_INCOMPATIBLE] topic scan: nothing is received from node 'observer': durability "
+                "volatile is offered, transient_local is required (publish with reliability reliable, durability "
+                "transient_local)"
+                for text in heard(observer)
+            )
+
+        assert spin_until(observer, reported)
+        end(process, signal.SIGINT, EXIT_INCOMPLETE)
 
 
 def test_an_existing_folder_is_refused(tmp_path: Path, observer: Node) -> None:

@@ -184,7 +184,7 @@ class CellNode(LifecycleNode, Generic[P]):
             looser = best_effort(asked)
             if looser is None or event.last_policy_kind != QoSPolicyKind.RELIABILITY:
                 policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
-                self._kept_apart(topic, self.report, nothing_comes(self, topic, asked, policy))
+                self.report_delivery(topic, self.report, nothing_comes(self, topic, asked, policy))
             else:  # not here, where the subscription is in use
                 self._once(lambda: self._take_best_effort(topic, asked, made[0], partial(make, looser, **options)))
 
@@ -203,7 +203,7 @@ class CellNode(LifecycleNode, Generic[P]):
 
         def incompatible(event: Any) -> None:
             policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
-            self._kept_apart(topic, self.warn, nothing_goes(self, topic, profile_of(profile), policy))
+            self.report_delivery(topic, self.warn, nothing_goes(self, topic, profile_of(profile), policy))
 
         events = PublisherEventCallbacks(
             incompatible_qos=self.guard(incompatible, f"delivery of {topic}"), use_default_callbacks=False
@@ -346,14 +346,15 @@ class CellNode(LifecycleNode, Generic[P]):
 
     # -- delivery ----------------------------------------------------------------------------------
 
-    def _kept_apart(self, topic: str, tell: Callable[[IsfError], None], error: IsfError) -> None:
+    def report_delivery(self, topic: str, report: Callable[[IsfError], None], error: IsfError) -> None:
+        """Have ``error`` of a QoS that does not go together reported, and ``topic`` named in ``/diagnostics``."""
         self._apart.add(topic)
-        tell(error)
+        report(error)
 
     def _take_best_effort(self, topic: str, asked: QoSProfile, before: Any, make: Callable[[], Any]) -> None:
         if before not in list(self.subscriptions):
             return  # destroyed meanwhile
-        self._kept_apart(topic, self.warn, taken_best_effort(self, topic, asked))
+        self.report_delivery(topic, self.warn, taken_best_effort(self, topic, asked))
         self.destroy_subscription(before)
         self._successors[id(before)] = make()
 

@@ -87,7 +87,8 @@ def test_deliveries_that_do_not_go_together(picky: Picky) -> None:
 
     # A latched topic: a publisher that keeps nothing for late subscribers is not taken, and said so.
     picky.node.create_publisher(String, "latched", QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE))
-    assert picky.tells("topic latched", "less durability than is asked for")
+    assert picky.tells("topic latched", "durability volatile is offered, transient_local is required")
+    assert picky.tells("topic latched", "(publish with reliability reliable, durability transient_local)")
     assert picky.wait(lambda: picky.values["qos_incompatible"] == "latched, stream")
     kept = picky.node.create_publisher(String, "latched", qos.LATCHED)
     assert picky.receives(kept, "latched", "transient local")
