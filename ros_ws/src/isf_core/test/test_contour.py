@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ball_gap import tool_gap
 from hypothesis import given
 from hypothesis import strategies as st
 from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.process.thickness_and_tips import forming_tip, support_tip, tool_gap
+from isf_core.process.thickness_and_tips import forming_tip, support_tip
 
 
 def ring(points: int = 40, radius: float = 0.02, slope: float = np.pi / 4) -> Contour:

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from ball_gap import tool_gap
 from isf_core.contour import Contour, Process
 from isf_core.files.job import ControlSpec, load_job
-from isf_core.process.thickness_and_tips import tool_gap
 from isf_planner import Plan, plan
 from isf_planner.loops.tip_loops import TipLoop
-from isf_planner.paths.contour_making import make_contour
+from isf_planner.paths.contour_making import contour_of, path_of
 from planner_parts import EXAMPLES, Cone, job_for, write
 
 R = 5e-3
@@ -147,7 +147,7 @@ def test_sample_program_line_of_ren() -> None:
     slope = np.radians(6.009)
     normal = np.tile([-np.sin(slope), 0.0, np.cos(slope)], (3, 1))
     points = np.array([[42.5714e-3, 0.0], [42.5714e-3, 0.5e-3], [42.5714e-3, 1.0e-3]])  # Y in steps of 0.5 mm
-    contour = make_contour(TipLoop(-0.0825e-3, points, normal), job, "program", 0, 1)
+    contour = contour_of(path_of(TipLoop(-0.0825e-3, points, normal)), job, "program", 0, 1)
     # four decimals of mm are printed; the slope is known to 0.001 deg = 0.2 um at the distance of the ball centres
     np.testing.assert_allclose(contour.forming_tip[0], [42.5714e-3, 0.0, -0.0825e-3], atol=1e-12)
     np.testing.assert_allclose(contour.support_tip[:, 0], 43.7223e-3, atol=0.3e-6)

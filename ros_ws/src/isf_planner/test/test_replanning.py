@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ball_gap import tool_gap
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_core.process.thickness_and_tips import tool_gap
 from isf_planner import Plan, plan, replan
 from isf_planner.surface.target_surface import fine_surface
 from isf_planner.surface.tip_surface import drop_tool

@@ -28,7 +28,7 @@ from isf_ros import conversion, process, qos, stamps
 from isf_ros.executive_watch import ExecutiveWatch
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
-from isf_ros.thread_priority import Privileges, RealTimeSettings, acquire, release
+from isf_ros.thread_priority import MAXIMUM_PRIORITY, Privileges, RealTimeSettings, acquire, release
 from isf_ros.watchdog import RegularLook
 from numpy.typing import NDArray
 
@@ -52,7 +52,7 @@ class MachineParameters:
         0.0, "s without targets before contact is released; 0: 5 lockstep, 0.25 real time"
     )
     real_time_priority: int = parameter(
-        0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", minimum=0, maximum=98
+        0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", minimum=0, maximum=MAXIMUM_PRIORITY
     )
     state_folder: str = parameter(
         "machine_states", "folder below which machine/save writes and machine/load reads; relative to the present one"

@@ -216,16 +216,11 @@ def choose(
     return theta, _gap_at(surface, theta, wanted)
 
 
-def rigid_gap(gap: Array, deflection: Array, theta: Array) -> Array:
+def commanded_gap(gap: Array, deflection: Array, theta: Array, radius: float) -> Array:
     """m, gap to command so that ``gap`` (m) is left once the tools give way by ``deflection`` (m, both together).
 
-    Ren 2018 eq. 3-14; right to 2 um at a deflection of 0.2 mm and R = 5 mm.
+    The exact inverse of :func:`opened_gap`, where Ren 2018 eq. 3-14 is right for small deflections.
     """
-    return np.asarray(gap - deflection * np.sin(theta))
-
-
-def commanded_gap(gap: Array, deflection: Array, theta: Array, radius: float) -> Array:
-    """m, as :func:`rigid_gap`, exact: the inverse of :func:`opened_gap`, for deflections that are not small."""
     reach = np.asarray(gap) + 2 * radius
     squared = reach**2 - (deflection * np.cos(theta)) ** 2
     return np.asarray(np.sqrt(squared) - deflection * np.sin(theta) - 2 * radius)
@@ -299,11 +294,3 @@ def support_tip(forming_tip: Array, away: Array, theta: Array, gap: Array, radii
     line = np.sin(theta)[:, None] * away - np.cos(theta)[:, None] * np.array([0.0, 0.0, 1.0])
     centre = forming_tip + np.array([0.0, 0.0, forming]) + (forming + support + np.asarray(gap))[:, None] * line
     return np.asarray(centre + np.array([0.0, 0.0, support]))
-
-
-def angle_and_gap(forming_tip: Array, support_tip: Array, radii: tuple[float, float]) -> tuple[Array, Array]:
-    """Position angle (N,) rad and gap (N,) m of two balls from their tips (N, 3) m; forming tool above."""
-    forming, support = radii
-    line = support_tip - forming_tip - np.array([0.0, 0.0, forming + support])
-    distance = np.linalg.norm(line, axis=1)
-    return np.arccos(np.clip(-line[:, 2] / distance, -1.0, 1.0)), distance - forming - support

@@ -65,12 +65,6 @@ def ring_load_law(section: SheetSection, clamp_radius: ArrayLike, ring_radius: A
     return LoadDeflectionLaw(np.asarray(cubic), np.asarray(linear))
 
 
-def line_load(law: LoadDeflectionLaw, deflection: ArrayLike) -> Array:
-    """N/m, load that holds ``deflection`` (m): the forward law, odd in w."""
-    w = np.asarray(deflection, dtype=float)
-    return np.asarray(law.cubic * w**3 + law.linear * w)
-
-
 def deflection(law: LoadDeflectionLaw, load: ArrayLike) -> Array:
     """m, the one real root of cubic w^3 + linear w = ``load`` (N/m).
 

@@ -85,13 +85,5 @@ def support_tip(contact: Array, normal: Array, radius: float, gap: Array | float
     return _tip(centre, radius, upper=upper)
 
 
-def tool_gap(forming: Array, support: Array, forming_radius: float, support_radius: float) -> Array:
-    """(N,) m, free distance of the two balls whose tips are given; upper forming tool."""
-    offset = np.array([0.0, 0.0, 1.0])
-    first = forming + forming_radius * offset
-    second = support - support_radius * offset
-    return np.asarray(np.linalg.norm(second - first, axis=-1) - forming_radius - support_radius)
-
-
 def _tip(centre: Array, radius: float, *, upper: bool) -> Array:
     return np.asarray(centre + np.array([0.0, 0.0, -radius if upper else radius]))

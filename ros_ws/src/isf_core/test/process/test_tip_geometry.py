@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from ball_gap import tool_gap
 from hypothesis import given
 from hypothesis import strategies as st
-from isf_core.process.thickness_and_tips import forming_tip, sine_law, support_tip, tool_gap
+from isf_core.process.thickness_and_tips import forming_tip, sine_law, support_tip
 
 
 def test_sample_program_line_of_ren_2018() -> None:

@@ -6,8 +6,6 @@ as the spring K_c (eq. 2-7, 2-8).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
@@ -45,55 +43,6 @@ def ultimate_loop_gain(
     if phase[crossing] > -np.pi:
         return float("inf")
     return float(1.0 / np.abs(open_loop[crossing]))
-
-
-@dataclass(frozen=True)
-class SupportLine:
-    """Where the support tool stands when the vertical force is controlled as well.
-
-    Attributes
-    ----------
-    stiffness : N/m, contact stiffness in the horizontal normal direction, K_c
-    nominal_stiffness : N/m, value the gain of the normal loop was computed from
-    normal_force : N, horizontal set-point ; distance : m between the ball centres
-    angle : rad, of the wall: of the line of centres from the vertical
-    misalignment : rad, by which the true line is turned against the commanded one
-    """
-
-    stiffness: float
-    nominal_stiffness: float
-    normal_force: float
-    distance: float
-    angle: float
-    misalignment: float = 0.0
-
-
-def component_margin(
-    line: SupportLine, loop_gain: float, component_gain: float, bandwidth: float, delay: float
-) -> float:
-    """Factor by which both gains may grow before normal and vertical loop together oscillate; 0: unstable as they are.
-
-    Force of the line of centres n with the normal force N at the distance l: dF = (K n n' - N/l t t') dp, t at right
-    angles to n. Both loops have the same dynamics, integrator, servo (``bandwidth`` Hz) and ``delay`` s, so they are
-    stable when that is so for each eigenvalue of the matrix of the gains.
-    """
-    true = line.angle + line.misalignment
-    n, t = np.array([np.sin(true), np.cos(true)]), np.array([np.cos(true), -np.sin(true)])
-    force = line.normal_force / np.sin(line.angle)
-    contact = line.stiffness / np.sin(line.angle) ** 2 * np.outer(n, n) - force / line.distance * np.outer(t, t)
-    commanded = np.array([np.cos(line.angle), -np.sin(line.angle)])
-    normal = contact @ np.array([1.0, 0.0]) * loop_gain / line.nominal_stiffness
-    turned = contact @ commanded * component_gain * line.distance * np.sin(line.angle) ** 2 / line.normal_force
-    omega = np.linspace(0.05, 4 * np.pi * bandwidth, 40_000)
-    plant = servo_response(bandwidth, omega) * np.exp(-1j * omega * delay) / (1j * omega)
-    margins = []
-    for value in np.linalg.eigvals(np.column_stack([normal, turned])):
-        if value.real <= 0.0:
-            return 0.0
-        phase = np.unwrap(np.angle(plant)) - abs(np.angle(value))
-        crossing = int(np.argmax(phase <= -np.pi))
-        margins.append(1.0 / float(np.abs(plant[crossing] * value)))
-    return min(margins)
 
 
 def check_compliance_gain(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from isf_ros.parameters import parameter
+from isf_ros.thread_priority import MAXIMUM_PRIORITY
 
 from isf_force_ctrl.control_config import ControlConfig
 
@@ -29,7 +30,7 @@ class ForceCtrlParameters:
         0.03, "s, in real time: most that wrenches may come later than at first", minimum=1e-3, maximum=10.0
     )
     real_time_priority: int = parameter(
-        60, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", minimum=0, maximum=98
+        60, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", minimum=0, maximum=MAXIMUM_PRIORITY
     )
     lock_memory: bool = parameter(True, "ask for memory that is never paged out while ticking by the clock")
     output: str = parameter(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from isf_core.files.job import JobFile
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_laws import ForceComponents
 from isf_force_ctrl.control_state import Flag, Mode
-from isf_force_ctrl.laws.stability import SupportLine, component_margin
+from isf_force_ctrl.laws.stability import servo_response
 from isf_force_ctrl.motion.segments import RESTING, Row
 from plant_cell import EXAMPLES, PlantCell
 
@@ -90,6 +90,55 @@ def test_nothing_is_added_without_a_request():
     default = make_config()
     assert not default.vertical
     assert not default.tangential
+
+
+@dataclass(frozen=True)
+class SupportLine:
+    """Where the support tool stands when the vertical force is controlled as well.
+
+    Attributes
+    ----------
+    stiffness : N/m, contact stiffness in the horizontal normal direction, K_c
+    nominal_stiffness : N/m, value the gain of the normal loop was computed from
+    normal_force : N, horizontal set-point ; distance : m between the ball centres
+    angle : rad, of the wall: of the line of centres from the vertical
+    misalignment : rad, by which the true line is turned against the commanded one
+    """
+
+    stiffness: float
+    nominal_stiffness: float
+    normal_force: float
+    distance: float
+    angle: float
+    misalignment: float = 0.0
+
+
+def component_margin(
+    line: SupportLine, loop_gain: float, component_gain: float, bandwidth: float, delay: float
+) -> float:
+    """Factor by which both gains may grow before normal and vertical loop together oscillate; 0: unstable as they are.
+
+    Force of the line of centres n with the normal force N at the distance l: dF = (K n n' - N/l t t') dp, t at right
+    angles to n. Both loops have the same dynamics, integrator, servo (``bandwidth`` Hz) and ``delay`` s, so they are
+    stable when that is so for each eigenvalue of the matrix of the gains.
+    """
+    true = line.angle + line.misalignment
+    n, t = np.array([np.sin(true), np.cos(true)]), np.array([np.cos(true), -np.sin(true)])
+    force = line.normal_force / np.sin(line.angle)
+    contact = line.stiffness / np.sin(line.angle) ** 2 * np.outer(n, n) - force / line.distance * np.outer(t, t)
+    commanded = np.array([np.cos(line.angle), -np.sin(line.angle)])
+    normal = contact @ np.array([1.0, 0.0]) * loop_gain / line.nominal_stiffness
+    turned = contact @ commanded * component_gain * line.distance * np.sin(line.angle) ** 2 / line.normal_force
+    omega = np.linspace(0.05, 4 * np.pi * bandwidth, 40_000)
+    plant = servo_response(bandwidth, omega) * np.exp(-1j * omega * delay) / (1j * omega)
+    margins = []
+    for value in np.linalg.eigvals(np.column_stack([normal, turned])):
+        if value.real <= 0.0:
+            return 0.0
+        phase = np.unwrap(np.angle(plant)) - abs(np.angle(value))
+        crossing = int(np.argmax(phase <= -np.pi))
+        margins.append(1.0 / float(np.abs(plant[crossing] * value)))
+    return min(margins)
 
 
 @pytest.mark.parametrize("angle", [30, 45, 65])

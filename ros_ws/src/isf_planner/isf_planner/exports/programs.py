@@ -64,18 +64,6 @@ def path_points(contours: Sequence[Contour]) -> PathPoints:
     return PathPoints(**{name: np.concatenate(value) for name, value in parts.items()})  # type: ignore[arg-type]
 
 
-def without_closing(points: PathPoints) -> list[tuple[Array, Array]]:
-    """Tips (tool_1, tool_2) of every contour, each (n, 3) m, without the repeated first point."""
-    result = []
-    for number in dict.fromkeys(points.contour.tolist()):
-        mine = points.contour == number
-        first, second = points.tool_1[mine], points.tool_2[mine]
-        known = first if np.isfinite(first).all() else second
-        last = len(known) - 1 if len(known) > 3 and np.array_equal(known[0], known[-1]) else len(known)
-        result.append((first[:last], second[:last]))
-    return result
-
-
 MM = 1e3
 
 

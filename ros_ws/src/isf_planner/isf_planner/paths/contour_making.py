@@ -32,11 +32,6 @@ def path_of(loop: TipLoop) -> TipPath:
     return TipPath(loop.tip, loop.normal, True, loop.feature, loop.forming_tool)
 
 
-def make_contour(loop: TipLoop, job: Job, plan_id: str, index: int, count: int) -> Contour:
-    """Contour of one closed loop; see :func:`contour_of`."""
-    return contour_of(path_of(loop), job, plan_id, index, count)
-
-
 def contour_of(
     path: TipPath,
     job: Job,

@@ -153,15 +153,6 @@ def facet_normals(mesh: Mesh) -> Array:
     return surface_kernels.vertex_normals(mesh.vertices, mesh.faces)[1]
 
 
-def corner_normals(mesh: Mesh) -> Array:
-    """(F, 3, 3) unit normals of the smooth surface at every facet's three corners."""
-    vertex, facet = surface_kernels.vertex_normals(mesh.vertices, mesh.faces)
-    normals = vertex[mesh.faces]
-    on_edge = np.einsum("fcd,fd->fc", normals, facet) < np.cos(CREASE)
-    normals[on_edge] = np.broadcast_to(facet[:, None, :], normals.shape)[on_edge]
-    return np.asarray(normals)
-
-
 def smoothing_width(facet_width: float, radius: float) -> float:
     """m along a loop over which normals of facets ``facet_width`` m wide need smoothing.
 

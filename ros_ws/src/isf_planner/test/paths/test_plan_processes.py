@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from ball_gap import tool_gap
 from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import adsif_surface
 from isf_core.files.job import JobFile, load_job
-from isf_core.process.thickness_and_tips import tool_gap
 from isf_planner import Plan, plan
 from isf_planner.checks import part_checks
 from planner_parts import EXAMPLES, Cone, job_for, write
@@ -228,12 +228,22 @@ def test_adsif_is_a_planar_spiral_outwards(adsif: Plan) -> None:
     assert (outer - inner) / (len(adsif.contours) - 4) == pytest.approx(0.2e-3, rel=0.02)
 
 
+def angle_and_gap(
+    forming_tip: np.ndarray, support_tip: np.ndarray, radii: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position angle (N,) rad and gap (N,) m of two balls from their tips (N, 3) m; forming tool above."""
+    forming, support = radii
+    line = support_tip - forming_tip - np.array([0.0, 0.0, forming + support])
+    distance = np.linalg.norm(line, axis=1)
+    return np.arccos(np.clip(-line[:, 2] / distance, -1.0, 1.0)), distance - forming - support
+
+
 def test_adsif_places_the_tools_for_the_local_wall(adsif: Plan) -> None:
     """On the straight wall of 30 deg: the pair of the trade-off policy, and its gap less what the tools give way."""
     surface = adsif_surface.load_surface("AA5754-O_1mm_R5")
     contours = adsif.contours
     angle = line(contours, "wall_angle")
-    theta, gap = adsif_surface.angle_and_gap(line(contours, "forming_tip"), line(contours, "support_tip"), (R, R))
+    theta, gap = angle_and_gap(line(contours, "forming_tip"), line(contours, "support_tip"), (R, R))
     wall = np.abs(np.degrees(angle) - 30.0) < 0.1
     assert wall.mean() > 0.15
     expected, ratio = np.zeros(len(angle)), np.ones(len(angle))
@@ -285,7 +295,7 @@ def test_placement_round_trip(policy: str) -> None:
     bearing = np.linspace(0, 6, 21)
     away = np.column_stack([np.cos(bearing), np.sin(bearing), np.zeros(21)])
     support = adsif_surface.support_tip(tip, away, theta, ratio * T0, (R, 4e-3))
-    back, gap = adsif_surface.angle_and_gap(tip, support, (R, 4e-3))
+    back, gap = angle_and_gap(tip, support, (R, 4e-3))
     np.testing.assert_allclose(back, theta, atol=1e-9)
     np.testing.assert_allclose(gap, ratio * T0, atol=1e-12)
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ball_gap import tool_gap
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_core.process.thickness_and_tips import tool_gap
 from isf_planner.predict import machine_error
 from isf_planner.predict.compensation import SETTLED, compensate, deflections
 from planner_contours import circle

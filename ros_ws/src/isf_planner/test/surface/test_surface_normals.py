@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from isf_planner.surface.target_surface import corner_normals, facet_normals, smooth_along
+from isf_planner.surface.surface_kernels import vertex_normals
+from isf_planner.surface.target_surface import facet_normals, smooth_along
 from planner_parts import Cone, grid_mesh, revolve
 
 
@@ -11,10 +12,10 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(axis=-1)))
 
 
-def test_corner_normals_of_a_sphere_are_far_better_than_facet_normals() -> None:
+def test_vertex_normals_of_a_sphere_are_far_better_than_facet_normals() -> None:
     turn = np.radians(np.linspace(60, 3, 20))
     mesh = revolve(np.column_stack([0.03 * np.sin(turn), -0.03 * (np.cos(turn) - np.cos(turn[0]))]), 60)
-    normals = corner_normals(mesh)
+    normals = vertex_normals(mesh.vertices, mesh.faces)[0][mesh.faces]
     centre = np.array([0.0, 0.0, 0.03 * np.cos(turn[0])])
     inner = (np.abs(mesh.corners()[:, :, 2].mean(axis=1)) > 2e-3) & (mesh.corners()[:, :, 2].min(axis=1) > -14.5e-3)
     corners = mesh.corners()[inner]
@@ -26,20 +27,14 @@ def test_corner_normals_of_a_sphere_are_far_better_than_facet_normals() -> None:
     assert off.max() < 0.3
 
 
-def test_an_edge_stays_sharp() -> None:
-    x = np.linspace(-0.01, 0.01, 21)
-    mesh = grid_mesh(x, x, np.tile(np.minimum(0.0, -np.abs(x) + 5e-3), (21, 1)))
-    normals = corner_normals(mesh)
-    np.testing.assert_allclose(normals, np.broadcast_to(facet_normals(mesh)[:, None, :], normals.shape), atol=1e-9)
-
-
 def test_how_quads_are_split_does_not_tilt_the_normals() -> None:
     """On a cylinder the axial component of every vertex normal is zero, whichever diagonal was drawn."""
     x = np.linspace(-0.01, 0.01, 21)
     y = np.linspace(-0.02, 0.02, 9)
     z = np.sqrt(0.03**2 - x**2) * -1 + 0.03
     mesh = grid_mesh(x, y, np.tile(z, (9, 1)))
-    corners, normals = mesh.corners().reshape(-1, 3), corner_normals(mesh).reshape(-1, 3)
+    corners = mesh.corners().reshape(-1, 3)
+    normals = vertex_normals(mesh.vertices, mesh.faces)[0][mesh.faces].reshape(-1, 3)
     inner = (np.abs(corners[:, 0]) < 9.5e-3) & (np.abs(corners[:, 1]) < 0.019)
     assert np.abs(normals[inner, 1]).max() < 1e-12
     exact = np.column_stack([-corners[inner, 0], np.zeros(inner.sum()), 0.03 - corners[inner, 2]]) / 0.03

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from isf_core.types import Array
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from isf_sim.jit import kernel
 
@@ -148,26 +147,6 @@ def _sample(
             mean[r, c] = total / ((2 * tall + 1) * (2 * wide + 1))
             j, i = min(max(middle_j, 0), ny - 1), min(max(middle_i, 0), nx - 1)
             place[r, c, 0], place[r, c, 1] = places[j, i, 0], places[j, i, 1]
-
-
-def onto(grid: Surface | TipTrack, values: Array, x: Array, y: Array) -> Array:
-    """Values (len(y), len(x)) on the lines x, y m, interpolated to the nodes of ``grid``.
-
-    By cubic splines: a bilinear surface has a kink in slope at every coarse node, which tool and support tool would
-    feel as a ripple of the wall.
-    """
-    shape = (grid.height if isinstance(grid, Surface) else grid.tip).shape
-    rows = _spline_weights(y.tobytes(), shape[0], grid.y0, grid.h)
-    columns = _spline_weights(x.tobytes(), shape[1], grid.x0, grid.h)
-    return np.asarray(rows @ values @ columns.T)
-
-
-@lru_cache(maxsize=16)
-def _spline_weights(lines: bytes, fine: int, start: float, h: float) -> Array:
-    """(fine, n) values of the interpolating cubic splines of unit values on ``lines`` (n,) m, as bytes."""
-    coarse = np.frombuffer(lines)
-    places = np.clip(start + h * np.arange(fine), coarse[0], coarse[-1])
-    return np.asarray(make_interp_spline(coarse, np.eye(len(coarse)), k=3)(places))
 
 
 @kernel

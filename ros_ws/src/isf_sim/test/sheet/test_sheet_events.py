@@ -7,7 +7,7 @@ import pytest
 from isf_core.files.material import load_material
 from isf_sim.sheet.base_following import follow
 from isf_sim.sheet.bulge import bulge_overlay
-from isf_sim.sheet.surface import bilinear, empty_track, flat_surface, onto, sample
+from isf_sim.sheet.surface import bilinear, empty_track, flat_surface, sample
 
 SIZE = (0.1, 0.1)
 
@@ -65,8 +65,9 @@ def test_flat_formed_area_bulges_as_a_membrane_would() -> None:
 
 def test_grids_exchange_linear_fields_exactly() -> None:
     surface = flat_surface((0.1, 0.08), 0.5e-3)
-    x, y = np.linspace(-0.05, 0.05, 11), np.linspace(-0.04, 0.04, 9)
-    field = onto(surface, 2.0 * x[None, :] - 3.0 * y[:, None], x, y)
+    rows, columns = surface.height.shape
+    x, y = surface.x0 + surface.h * np.arange(columns), surface.y0 + surface.h * np.arange(rows)
+    field = 2.0 * x - 3.0 * y[:, None]
     surface.height[:] = field
     assert bilinear(field, surface.x0, surface.y0, surface.h, 0.013, -0.021) == pytest.approx(0.026 + 0.063)
     x, y = np.array([-0.03, 0.01, 0.02]), np.array([0.005, 0.01, 0.02])

@@ -41,8 +41,6 @@ OPENING_DEPTH = 0.1e-3
 """m below the flange at which the opening begins."""
 RIM_WIDTH = 10e-3
 BASE_SLOPE = np.radians(5.0)
-FILLED_DISTANCE = 1.5
-"""Cells that a hole is closed from its edge by the neighbours' plane; larger holes stay unknown."""
 
 
 @dataclass(frozen=True)
