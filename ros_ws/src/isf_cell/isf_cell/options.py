@@ -51,18 +51,8 @@ class RunOptions:
         job, force = job_file.job, self.support_force
         if refusal := correction_refusal(job.process, self.method(job_file)):
             raise IsfError(ErrorCode.FILE_FIELD, refusal, where="--correction", advice="leave it out, or take none")
-        if not force or (job.process == "DSIF" and job.path.support != "on_blank"):
-            return
-        without = f"process {job.process} has no support tool"
-        if job.process == "ADSIF":
-            without = "process ADSIF has no force control"
-        elif job.process == "DSIF":
-            without = "path.support on_blank has no force control"
-        raise IsfError(
-            ErrorCode.FILE_FIELD,
-            f"{without}: {force:g} N cannot be held",
-            where="--support-force",
-            advice="leave it out, or take a job of process DSIF with a support tool",
+        job.check_set_point(
+            force, where="--support-force", advice="leave it out, or use a job of process DSIF with a support tool"
         )
 
     def method(self, job_file: JobFile) -> str:

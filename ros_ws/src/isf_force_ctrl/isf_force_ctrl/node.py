@@ -376,12 +376,15 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._controller is not None and self._controller.busy:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
+        override = None if math.isnan(request.support_force) else request.support_force
+        job_file.job.check_set_point(
+            override, where="support_force", advice="send NaN, or use a job of process DSIF with a support tool"
+        )
         self._ready.needed = tools_with_load_cell(job_file.job)
         self._ready.check()
         controller = ForceController(control_config(job_file, self._settings))
         park = controller.config.park_height
         tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))
-        override = None if math.isnan(request.support_force) else request.support_force
         self._awaited = None
         controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
         self._chips = ChipWatch(job_file, override)

@@ -710,6 +710,23 @@ class Job(FileModel):
         return {**data, "process": kind, "strategy": name}
 
     @property
+    def force_refusal(self) -> str:
+        """Why no force can be held on the support tool, for a sentence; empty: it can."""
+        if self.process in ("SPIF", "TPIF"):
+            return f"process {self.process} has no support tool"
+        if self.process == "ADSIF":
+            return "process ADSIF has no force control"
+        return "path.support on_blank has no force control" if self.path.support == "on_blank" else ""
+
+    def check_set_point(self, force: float | None, *, where: str, advice: str) -> None:
+        """Raise IsfError FILE_FIELD for a set-point of ``force`` N in place of the job's that no force control holds.
+
+        None: the job's; 0: position control. ``where``: the option or field of the set-point.
+        """
+        if force and (refusal := self.force_refusal):
+            raise IsfError(ErrorCode.FILE_FIELD, f"{refusal}: {force:g} N cannot be held", where=where, advice=advice)
+
+    @property
     def support_window(self) -> SupportWindow | None:
         """Limits that ``control.support_force: auto`` is chosen between; None with a given force."""
         return self._support_window

@@ -226,6 +226,25 @@ def test_contour_for_one_tool_is_answered(cell: Cell) -> None:
     assert cell.targets == 0
 
 
+def test_a_support_force_that_nothing_holds_is_refused(cell: Cell) -> None:
+    """As the job loader refuses it; 0 N is position control, which every process has."""
+    cell.start()
+    without = JOB.replace("support_force: 120 N, ", "")
+    spif, adsif = (without.replace("process: DSIF", f"process: {name}") for name in ("SPIF", "ADSIF"))
+    tpif = without.replace("process: DSIF", "process: TPIF") + "die: {mesh: die.stl, unit: mm}\n"
+    blank = without.replace("path: {", "path: {support: on_blank, ")
+    for job, why in (
+        (spif, "process SPIF has no support tool"),
+        (tpif, "process TPIF has no support tool"),
+        (adsif, "process ADSIF has no force control"),
+        (blank, "path.support on_blank has no force control"),
+    ):
+        answer = cell.ask_to_arm(support_force=80.0, job=job)
+        assert answer.code == ErrorCode.FILE_FIELD
+        assert answer.message.startswith(f"support_force: {why}: 80 N cannot be held (send NaN, or use a job")
+    cell.armed(support_force=0.0, job=spif)
+
+
 def test_blank_holder_has_targets_in_tpif(cell: Cell) -> None:
     cell.start()
     heights: list[float] = []
