@@ -65,7 +65,7 @@ def row(
     """One line of the table; ``check``: pairs (plant, published) that must agree ``within`` a share, sign included."""
     verdict = "-"
     if check:
-        met = all(abs(mine - told) <= within * abs(told) + 1e-12 for mine, told in check)
+        met = all(abs(mine - reported) <= within * abs(reported) + 1e-12 for mine, reported in check)
         verdict = "met" if met else "fails"
     ROWS.append(Row(quantity, published, plant, tag, verdict))
     print(f"{quantity:<62} {published:<26} {plant:<34} {verdict:<6} {tag}", flush=True)
@@ -265,9 +265,9 @@ def target_cone_compliance() -> None:
             force[axis] = -size
             values.append(float(1e3 * abs(shell.solve(patch, force).displacement[axis])))
         text = f"{values[0]:.2f} / {values[1]:.2f}"
-        told = f"{published[0]:.2f} / {published[1]:.2f}"
+        reported = f"{published[0]:.2f} / {published[1]:.2f}"
         check = list(zip(values, published, strict=True))
-        row(f"target cone, {name}, 200 / 600 N [mm]", told, text, "A", check, within)
+        row(f"target cone, {name}, 200 / 600 N [mm]", reported, text, "A", check, within)
 
 
 QUICK = ("flat", "compliance", "praveen", "angles", "limits")

@@ -101,12 +101,12 @@ def line(name: str, part: Published, method: str, rows: Sequence[dict[str, Any]]
     nominal = [row for row in whole if row["world"] == 0]
     others = [row for row in whole if row["world"] != 0]
     ended = sorted({(row["contours"], row["planned"], row["code"]) for row in rows if row["code"]})
-    told = [f"{k} of {planned} contours, code {code}" for k, planned, code in ended]
+    reported = [f"{k} of {planned} contours, code {code}" for k, planned, code in ended]
     worlds = ("0" if nominal else "-") + (f" and {len(others)}" if others else "")
     cells = [
         name,
         method,
-        "; ".join([worlds, *told]),
+        "; ".join([worlds, *reported]),
         _numbers(part, nominal, statistics.median),
         _numbers(part, others, statistics.median),
         _numbers(part, others, max),
@@ -198,7 +198,9 @@ def _time(rows: Sequence[dict[str, Any]], name: str) -> str:
 def write(rows: Sequence[dict[str, Any]], digest: str, maps: Path, folder: Path) -> Path:
     """Write the page, its pictures, and ``rows`` beside it; returns the page."""
     versions = sorted({row["sources"] for row in rows})
-    told = f"Sources {digest}." if versions == [digest] else f"Rows of sources {', '.join(versions)}; present {digest}."
+    reported = (
+        f"Sources {digest}." if versions == [digest] else f"Rows of sources {', '.join(versions)}; present {digest}."
+    )
     regions = "\n".join(
         f"| {name} | {WORDS[part.region]} | {part.uncorrected} | {part.corrected} | {_time(rows, name)} "
         f"| {part.note or '-'} |"
@@ -207,7 +209,7 @@ def write(rows: Sequence[dict[str, Any]], digest: str, maps: Path, folder: Path)
     text = f"""# Springback: parts, methods, worlds
 
 Written by `{COMMAND}`.
-{told}
+{reported}
 Every run is a line of [springback.jsonl](springback.jsonl), lengths in mm.
 Simulated machine, formed in one process; vertical errors in the clamp, formed minus target, mm. World 0 is nominal; in
 the others sheet, machine and load cells are off by up to 20 %, which the controllers do not know. Methods that look at

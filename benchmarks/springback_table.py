@@ -84,13 +84,13 @@ def compute(todo: Todo, digest: str, path: Path, processes: int, console: Consol
             for done in as_completed(waiting):
                 row = done.result()
                 springback_rows.keep(path, row)
-                advance(_told(row))
+                advance(_reported(row))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _told(row: dict[str, Any]) -> str:
+def _reported(row: dict[str, Any]) -> str:
     what = f"{row['job']}, {row['method']}, world {row['world']}"
     if row["code"]:
         return f"{what}: ended at contour {row['contours']} of {row['planned']}, {row['code']}"

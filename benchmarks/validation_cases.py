@@ -71,12 +71,12 @@ def stable_angles() -> None:
 def process_limits() -> None:
     """Chips, fracture: limits of the events."""
     limit = event_limits(load_material("AA1100-O").tensile_strength, 1.1, 4.5e-3, 1e-3, 500.0).galling
-    for horizontal, told in ((120.0, "none"), (200.0, "chips")):
+    for horizontal, reported in ((120.0, "none"), (200.0, "chips")):
         force = horizontal / math.sin(math.radians(65.0))
         found = "chips" if force > limit else "none"
-        check = [(float(found == told), 1.0)]
-        row(f"AA1100-O, R 4.5 mm, support force {horizontal:.0f} N", told, found, "C", check)
-    for name, angles, told, tag in (
+        check = [(float(found == reported), 1.0)]
+        row(f"AA1100-O, R 4.5 mm, support force {horizontal:.0f} N", reported, found, "C", check)
+    for name, angles, reported, tag in (
         ("AA1050", (45.0,), "formed", "C"),
         ("AA1050", (70.0,), "torn", "C"),
         ("AA3103", (60.0,), "formed", "A"),
@@ -90,7 +90,7 @@ def process_limits() -> None:
         found = "torn" if strain > limits.fracture else "formed"
         passes = {1: "one pass", 3: "three passes", 4: "four passes"}[len(angles)]
         text = f"{found}, ln(t0/t) {strain:.2f} of {limits.fracture:.2f}"
-        row(f"{name}, wall of {angles[-1]:.0f} deg in {passes}", told, text, tag, [(float(found == told), 1.0)])
+        row(f"{name}, wall of {angles[-1]:.0f} deg in {passes}", reported, text, tag, [(float(found == reported), 1.0)])
 
 
 class RigidSheet(SheetPlant):
@@ -145,7 +145,7 @@ def section_errors(formed: HeightMap, target: HeightMap, reach: float) -> tuple[
     return errors[0][np.isfinite(errors[0])], errors[1][np.isfinite(errors[1])]
 
 
-def published_part(name: str, method: str, half_opening: float, told: str, numbers: tuple[float, float]) -> None:
+def published_part(name: str, method: str, half_opening: float, reported: str, numbers: tuple[float, float]) -> None:
     """One part of Ren 2018, 4.3; errors out to 5/3 of the opening, as for the uncorrected cone (assumed)."""
     record = form(as_published(name, method), RunOptions(correction=method, support_force=0.0))
     errors = section_errors(record.scan, record.target, 5.0 / 3.0 * half_opening)
@@ -153,7 +153,7 @@ def published_part(name: str, method: str, half_opening: float, told: str, numbe
     worst, mean = float(both[np.argmax(np.abs(both))]), float(np.abs(both).mean())
     text = f"{worst:+.2f} / {mean:.2f}, mean {both.mean():+.2f}"
     quantity = f"{name}, {method}: max / mean error [mm]"
-    row(quantity, told, text, "A", list(zip((worst, mean), numbers, strict=True)))
+    row(quantity, reported, text, "A", list(zip((worst, mean), numbers, strict=True)))
     walls = ", ".join(f"{1e3 * part.max():+.2f} / {1e3 * part.min():+.2f}" for part in errors)
     row("  largest / smallest along x, along 45 deg [mm]", "-", walls, "-")
     force = float(np.mean(record.results[-1].forming_force[:, 2]))

@@ -22,7 +22,7 @@ def test_quick_rows_of_the_validation() -> None:
     assert all("wall of 80 deg in four passes" in row for row in failing)
 
 
-def test_unknown_part_is_told_with_the_known_ones() -> None:
+def test_unknown_part_is_reported_with_the_known_ones() -> None:
     result = subprocess.run([sys.executable, str(SCRIPT), "nothing"], capture_output=True, text=True, timeout=120)
     assert result.returncode == 2
     assert "known: flat" in result.stderr

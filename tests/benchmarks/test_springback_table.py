@@ -134,7 +134,7 @@ def test_median_and_worst_world_leave_the_nominal_one_out(table: ModuleType) -> 
     assert "max 0.60 met; 1.20 missed" in cells[6]
 
 
-def test_a_part_that_ended_early_is_told_and_meets_no_worst_goal(table: ModuleType) -> None:
+def test_a_part_that_ended_early_is_reported_and_meets_no_worst_goal(table: ModuleType) -> None:
     whole = row("lu_cone", "mpc_vertical", 1, 0.1, "base")
     ended = row("lu_cone", "mpc_vertical", 2, 0.1, "base", code=1203, contours=3)
     (line,) = [text for text in table.springback_page.table([whole, ended]).splitlines() if "mpc" in text]

@@ -45,7 +45,7 @@ def test_parts_are_listed_and_made(tmp_path: Path) -> None:
     assert "depth" in isf("part", "cone", "--set", "size=12 mm", cwd=tmp_path).stderr
 
 
-def test_a_cad_file_tells_its_unit_itself(tmp_path: Path) -> None:
+def test_a_cad_file_reports_its_unit_itself(tmp_path: Path) -> None:
     assert isf("part", "cone", "--set", "depth=6 mm", "-o", "c.stl", cwd=tmp_path).returncode == Exit.OK
     mesh = trimesh.load_mesh(tmp_path / "c.stl")
     mesh.units = "millimeter"

@@ -29,7 +29,7 @@ def ends_early(code: int, out: str, err: str) -> dict[str, Any]:
 
 
 @pytest.mark.graph
-def test_a_recorder_that_dies_in_the_part_is_told_at_its_end(tmp_path: Path) -> None:
+def test_a_recorder_that_dies_in_the_part_is_reported_at_its_end(tmp_path: Path) -> None:
     form = subprocess.Popen(
         command("form", tmp_path), cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

@@ -53,8 +53,8 @@ def main() -> None:
         found = golden_values.differences(known, series, exact=True) if known is not None else []
         golden_values.write(case.file, stamp, series)
         print(f"{case.name}: {time.perf_counter() - started:.1f} s, {case.file.stat().st_size / 1e3:.0f} kB, ", end="")
-        told = [f"{len(found)} series changed", *found] if found else ["new" if known is None else "the same"]
-        print("\n    ".join(told), flush=True)
+        reported = [f"{len(found)} series changed", *found] if found else ["new" if known is None else "the same"]
+        print("\n    ".join(reported), flush=True)
     if given.all:
         for path in RECORDED.glob("*.json"):
             if path.stem not in {case.name for case in CASES}:

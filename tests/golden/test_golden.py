@@ -16,7 +16,7 @@ import pytest
 from golden_cases import CASES, EXAMPLES, JOBS, LIFTS, RECORDED, SENSOR, Case
 from golden_values import Quantity, Series, differences
 
-MAXIMUM_TOLD = 15
+MAXIMUM_REPORTED = 15
 """Lines of a failure."""
 
 IN_GRAPH = {Quantity.LENGTH: 1000.0, Quantity.FORCE: 100.0}
@@ -27,9 +27,9 @@ def _case(name: str) -> Case:
     return next(case for case in CASES if case.name == name)
 
 
-def _told(found: list[str], name: str) -> str:
-    more = [f"... and {len(found) - MAXIMUM_TOLD} more series"] if len(found) > MAXIMUM_TOLD else []
-    return "\n".join([f"{name} differs from its record in {len(found)} series:", *found[:MAXIMUM_TOLD], *more])
+def _reported(found: list[str], name: str) -> str:
+    more = [f"... and {len(found) - MAXIMUM_REPORTED} more series"] if len(found) > MAXIMUM_REPORTED else []
+    return "\n".join([f"{name} differs from its record in {len(found)} series:", *found[:MAXIMUM_REPORTED], *more])
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def _told(found: list[str], name: str) -> str:
 )
 def test_run_gives_what_was_recorded(case: Case, pytestconfig: pytest.Config) -> None:
     found = differences(golden_values.read(case.file), case.series(), exact=pytestconfig.getoption("--exact"))
-    assert not found, _told(found, case.name)
+    assert not found, _reported(found, case.name)
 
 
 @pytest.mark.graph
@@ -62,7 +62,7 @@ def test_node_graph_gives_what_was_recorded_in_process(name: str, job: str, spri
         {key: item for key, item in series.items() if key.endswith(kept)},
         factor=IN_GRAPH,
     )
-    assert not found, _told(found, name)
+    assert not found, _reported(found, name)
 
 
 def test_a_gain_off_by_a_millionth_is_found() -> None:
@@ -89,7 +89,7 @@ def test_a_last_bit_is_found_when_asked_for() -> None:
         (np.full((10, 3), np.nan), "nan nm, recorded 0, differs by inf"),
     ],
 )
-def test_what_differs_is_told_with_place_and_size(values: np.ndarray, words: str) -> None:
+def test_what_differs_is_reported_with_place_and_size(values: np.ndarray, words: str) -> None:
     recorded = {"tip": Series(Quantity.LENGTH, [np.zeros((10, 3))]).entry()}
     (found,) = differences(recorded, {"tip": Series(Quantity.LENGTH, [values])}, exact=True)
     assert words in found

@@ -126,12 +126,12 @@ def test_ctrl_c_cancels_the_part_and_keeps_what_was_formed(tmp_path: Path) -> No
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     assert process.stderr is not None
-    told: list[str] = []
+    reported: list[str] = []
     for line in process.stderr:
-        told.append(line)
+        reported.append(line)
         if "contour 2/" in line:
             break
-    assert "contour 2/" in "".join(told), "ended early: " + "".join(told)
+    assert "contour 2/" in "".join(reported), "ended early: " + "".join(reported)
     os.kill(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=300)  # a bound against hanging: lifting, scan and report take their time
     assert process.returncode == Exit.CANCELLED, out + err

@@ -30,8 +30,8 @@ def test_sizes_of_the_source_are_planned(name: str, opening: float, depth: float
     assert job.backing_plate.size[0] == pytest.approx(2e-3 * clamp, rel=0.01)
 
     made = plan(job_file)
-    told = [text for text in made.warnings if not text.startswith("compensated: machine error")]
-    assert told == []
+    reported = [text for text in made.warnings if not text.startswith("compensated: machine error")]
+    assert reported == []
     # the wall of a cone is 60 deg steep on one circle only, which lies between two contours
     steepest, below = (45.0, 0.5) if name == "praveen_free_form" else (60.0, 4.0)
     assert steepest - below < np.degrees(made.largest_wall_angle) < steepest + 0.5

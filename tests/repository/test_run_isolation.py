@@ -45,7 +45,7 @@ def _end_processes(mark: str, patience: float) -> subprocess.CompletedProcess[st
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_process_left_by_a_run_is_ended_and_told() -> None:
+def test_process_left_by_a_run_is_ended_and_reported() -> None:
     mark = uuid.uuid4().hex
     # a session of its own and deaf to SIGINT, as a node in the background of a script is
     deaf = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); print('up', flush=True); signal.pause()"

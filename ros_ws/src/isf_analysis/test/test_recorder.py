@@ -110,8 +110,8 @@ def test_every_message_is_kept_byte_by_byte(
     types = cell_types()
     scans = [types.deserialize_cdr(data, "sensor_msgs/msg/PointCloud2") for _, data in found["/scan"]]
     assert [scan.width for scan in scans][-SCANS:] == list(range(1, SCANS + 1))
-    told = [types.deserialize_cdr(data, "isf_msgs/msg/MachineEvent") for _, data in found["/machine/event"]]
-    assert [event.kind for event in told][-SCANS:] == list(range(1, SCANS + 1))
+    reported = [types.deserialize_cdr(data, "isf_msgs/msg/MachineEvent") for _, data in found["/machine/event"]]
+    assert [event.kind for event in reported][-SCANS:] == list(range(1, SCANS + 1))
     assert [data for _, data in found["/holder/target"]][-SCANS:] == [target_bytes(n) for n in range(1, SCANS + 1)]
     assert "recorded" in text
     assert "lost" not in text
@@ -128,11 +128,11 @@ def test_raw_readings_are_kept_whatever_their_names_and_delivery(tmp_path: Path,
             """Topics without a message, "" until the recorder has told of any (before it records it names none)."""
             wrench.publish(wrench_bytes(3))
             cells.publish(named)
-            told = [item.value for status in observer.heard for item in status.values if item.key == "silent"]
-            return next((text for text in reversed(told) if text), "")
+            reported = [item.value for status in observer.heard for item in status.values if item.key == "silent"]
+            return next((text for text in reversed(reported) if text), "")
 
         both = {"tool_1/raw", "tool_2/raw_cells"}
-        assert spin_until(observer, lambda: (told := silent()) != "" and not both & set(told.split(", ")))
+        assert spin_until(observer, lambda: (reported := silent()) != "" and not both & set(reported.split(", ")))
         end(process, signal.SIGINT)
     found = messages(bag)
     assert found["/left/ft_raw"][-1][1] == wrench_bytes(3)
@@ -141,7 +141,7 @@ def test_raw_readings_are_kept_whatever_their_names_and_delivery(tmp_path: Path,
     assert "/tool_2/raw" not in found  # nobody published there
 
 
-def test_wrenches_published_best_effort_are_recorded_and_told(tmp_path: Path, observer: Node) -> None:
+def test_wrenches_published_best_effort_are_recorded_and_reported(tmp_path: Path, observer: Node) -> None:
     with recorder(tmp_path / "bag") as process:
         loose = observer.create_publisher(WrenchStamped, "tool_1/wrench", qos.SENSOR)
 
@@ -230,7 +230,7 @@ def test_what_was_recorded_outlives_a_killed_recorder(tmp_path: Path) -> None:
     assert recovered(bag, tmp_path)[-COUNT:] == sent  # greetings come before
 
 
-def test_a_disk_that_is_full_is_told_and_never_a_success(tmp_path: Path, observer: Node) -> None:
+def test_a_disk_that_is_full_is_reported_and_never_a_success(tmp_path: Path, observer: Node) -> None:
     """What was written stays readable."""
     bag = tmp_path / "bag"
     with recorder(bag, room=300_000) as process:

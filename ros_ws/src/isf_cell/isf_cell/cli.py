@@ -75,9 +75,11 @@ def plan(
         str | None, typer.Option("--format", help="format of --export: a name, or a YAML file of your own")
     ] = None,
     show: Annotated[
-        list[Path] | None, typer.Option(help="also draw FILE in three dimensions: .html or .png", metavar="FILE")
+        list[Path] | None, typer.Option(help="also write a 3D view to FILE: .html or .png", metavar="FILE")
     ] = None,
-    colour: Annotated[str, typer.Option(help="of the paths in --show: wall_angle, thickness or force")] = "wall_angle",
+    colour: Annotated[
+        str, typer.Option(help="quantity that colours the paths in --show: wall_angle, thickness or force")
+    ] = "wall_angle",
     output: Output = None,
     json: Json = False,
 ) -> None:
@@ -162,7 +164,7 @@ def record(
     output: Annotated[Path, typer.Option("--output", "-o", help="folder of the bag; must not exist", metavar="DIR")],
     remap: Annotated[
         list[str] | None,
-        typer.Option("--remap", "-r", help="topic that has another name here, again for each", metavar="FROM:=TO"),
+        typer.Option("--remap", "-r", help="topic that has another name here; repeat for each", metavar="FROM:=TO"),
     ] = None,
 ) -> None:
     """Record the topics of a running cell until Ctrl-C."""

@@ -62,8 +62,8 @@ def form(
     started = time.perf_counter()
     cell = InProcessCell(part_plan)
     error = PartRun(cell, PartGoal(job_file, options), _Operator(progress, cancelled)).run()
-    told = error is None or error.code == ErrorCode.CANCELLED or (cell.results and not cell.results[-1].completed)
-    if error is not None and not told:
+    reported = error is None or error.code == ErrorCode.CANCELLED or (cell.results and not cell.results[-1].completed)
+    if error is not None and not reported:
         raise error
     part_plan = cell.part_plan
     assert part_plan is not None  # the part was planned

@@ -50,7 +50,7 @@ class RunOptions:
         """Raise IsfError FILE_FIELD for what the job's process has no place for: a correction, a support force."""
         job, force = job_file.job, self.support_force
         if refusal := correction_refusal(job.process, self.method(job_file)):
-            raise IsfError(ErrorCode.FILE_FIELD, refusal, where="--correction", advice="leave it out, or take none")
+            raise IsfError(ErrorCode.FILE_FIELD, refusal, where="--correction", advice="leave it out, or use none")
         job.check_set_point(
             force, where="--support-force", advice="leave it out, or use a job of process DSIF with a support tool"
         )

@@ -20,7 +20,7 @@ def test_codes_lie_in_the_range_of_their_owner() -> None:
             assert code.value in RANGES[code.owner], code
 
 
-def test_an_error_tells_code_place_what_and_advice() -> None:
+def test_an_error_reports_code_place_what_and_advice() -> None:
     error = IsfError(ErrorCode.MESH_OPEN, "3 holes", where="cone.stl", advice="repair the mesh")
     assert str(error) == "[1106 MESH_OPEN] cone.stl: 3 holes (repair the mesh)"
     assert str(IsfError(ErrorCode.MESH_OPEN, "3 holes")) == "[1106 MESH_OPEN] 3 holes"

@@ -48,7 +48,7 @@ HEARTBEAT = 0.2
 """s of wall time after which the last targets are repeated."""
 
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
-"""s without a wrench that end a contour, unless the parameter wrench_timeout says otherwise."""
+"""s without a wrench after which a contour ends, unless the parameter wrench_timeout says otherwise."""
 
 
 class ForceCtrlNode(CellNode[ForceCtrlParameters]):
@@ -404,7 +404,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._loop = PeriodicLoop(controller.config.rate, step, settings)
             self._loop.start()
             if refused := self._loop.privileges.reason:
-                self.get_logger().warning(f"ticks by the clock without what the system refused: {refused}", once=True)
+                self.get_logger().warning(
+                    f"ticks by the clock without the real-time settings that the system refused: {refused}", once=True
+                )
         self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index + 1} to {request.count}")
 
     def _armed_job(self) -> tuple[ForceController, JobFile] | None:

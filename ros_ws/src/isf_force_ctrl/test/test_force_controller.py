@@ -139,7 +139,7 @@ def test_contact_stiffness_may_be_wrong(stiffness):
     assert np.mean(np.abs(error) <= 10.0) >= 0.99
 
 
-def test_lost_contact_is_told_and_regained():
+def test_lost_contact_is_reported_and_regained():
     gap = lambda time, angle: 1e-3 if 3.0 < time < 3.1 else 0.0  # noqa: E731
     result = run(part(1), make_config(), gap=gap).results[0]
     assert result.completed

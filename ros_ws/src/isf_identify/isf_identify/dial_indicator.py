@@ -143,9 +143,9 @@ def dial_piece(
         numbers = [found[tool, k].value if (tool, k) in found else present[tool][k] for k in range(3)]
         lines += [f"{name}:", "  compliance: [" + ", ".join(f"{1e6 * number:.4f} um/N" for number in numbers) + "]"]
         for k, axis in enumerate(AXES):
-            told = f"not identified {date}: {'readings refused, ' if (tool, k) in refused else ''}kept"
+            reported = f"not identified {date}: {'readings refused, ' if (tool, k) in refused else ''}kept"
             facts[f"{name}.compliance.{axis}"] = (
-                f"identified {date}: {_remarks(found[tool, k])}" if (tool, k) in found else told
+                f"identified {date}: {_remarks(found[tool, k])}" if (tool, k) in found else reported
             )
     return rig_piece(rig, lines, facts)
 
@@ -233,7 +233,7 @@ def _check_straight(force: Array, deflection: Array, series: NDArray[np.int64], 
         raise _failed(
             f"the {what} is not linear: bends by {1e6 * size:.1f} um (rms) of {1e6 * line.span:.0f} um, readings "
             f"scatter by {1e6 * math.sqrt(scatter / freedom):.1f} um",
-            "look for play or a loose holder; read at smaller loads",
+            "check for play or a loose holder; read at smaller loads",
         )
 
 

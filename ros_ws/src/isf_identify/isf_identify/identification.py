@@ -111,7 +111,7 @@ def _compliance(probe: SqueezeProbe, rig: Rig, rig_name: str, date: str) -> Find
     if not np.isfinite(fit.total).any():
         raise IsfError(
             ErrorCode.MEASUREMENT_FAILED,
-            "no compliance could be told from the readings",
+            "no compliance could be determined from the readings",
             where="identify",
             advice="check the signs of the load cells first (property LOAD_CELL_SIGNS)",
         )
@@ -166,7 +166,7 @@ def _signs(probe: SqueezeProbe, rig_name: str, date: str) -> Finding:
     if unseen:
         notes.append("not observable without a wall along the axis: " + ", ".join(unseen))
     piece = signs_piece(rig_name, date, probe, fit, faults)
-    message = "; ".join(faults) + " (mend the cell's driver; do not form)" if faults else ""
+    message = "; ".join(faults) + " (correct the cell's driver; do not form)" if faults else ""
     code = ErrorCode.LOAD_CELL_SIGN if faults else ErrorCode.OK
     return Finding(code, message, fit.sign.ravel(), fit.deviation.ravel(), piece, tuple(notes), fit)
 

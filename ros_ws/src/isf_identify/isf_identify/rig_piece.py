@@ -29,8 +29,8 @@ def compliance_piece(
     facts = {}
     for k, axis in enumerate("xyz"):
         known = np.isfinite(value[k])
-        told = f"{1e6 * value[k]:.4f} +- {1e6 * deviation[k]:.4f} um/N, {how[k]}" if known else f"kept; {how[k]}"
-        facts[f"{tool}.compliance.{axis}"] = ("identified" if known else "not identified") + f" {date}: {told}"
+        reported = f"{1e6 * value[k]:.4f} +- {1e6 * deviation[k]:.4f} um/N, {how[k]}" if known else f"kept; {how[k]}"
+        facts[f"{tool}.compliance.{axis}"] = ("identified" if known else "not identified") + f" {date}: {reported}"
     facts[f"{tool}.compliance"] = _conditions(probe)
     return rig_piece(rig, lines, facts)
 
@@ -74,8 +74,8 @@ def rig_reference(job_file: JobFile) -> str:
 def rig_piece(rig: str, lines: list[str], facts: dict[str, str]) -> str:
     """A rig file on top of ``rig``: ``lines`` of YAML, and ``facts`` per field as its provenance."""
     body = "".join(f"{line}\n" for line in lines)
-    told = "".join(f'  {name}: "{text}"\n' for name, text in facts.items())
-    return f"based_on: {rig}\n{body}provenance:\n{told}"
+    reported = "".join(f'  {name}: "{text}"\n' for name, text in facts.items())
+    return f"based_on: {rig}\n{body}provenance:\n{reported}"
 
 
 def _conditions(probe: SqueezeProbe) -> str:

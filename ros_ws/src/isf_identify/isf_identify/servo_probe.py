@@ -39,7 +39,7 @@ MINIMUM_POSES = 60
 MAXIMUM_RESIDUAL = 0.05
 """Of the reported motion (rms): a greater one is another system than the model."""
 
-_FAILED_ADVICE = "see that the machine publishes tool_1/pose and tool_2/pose, and follows its targets"
+_FAILED_ADVICE = "check that the machine publishes tool_1/pose and tool_2/pose, and follows its targets"
 
 
 class ServoProbe(Probe):

@@ -127,7 +127,7 @@ class SqueezeProbe(Probe):
         name = f"place {index + 1} of {len(self.places)}, repeat {repeat + 1}"
         self.phase = f"{name}: going there"
         yield from self._go_to(place)
-        self.phase = f"{name}: feeling for contact"
+        self.phase = f"{name}: searching for contact"
         yield from self._read(index, repeat, "free")
         self._ground = np.concatenate([self.readings[-1].force_1, self.readings[-1].force_2])
         yield from self._touch(place)

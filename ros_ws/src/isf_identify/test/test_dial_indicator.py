@@ -54,7 +54,7 @@ def test_the_deviation_is_that_of_many_repetitions() -> None:
     assert spread < np.mean([item.deviation for item in found]) < 4.0 * spread
 
 
-def test_a_workspace_that_is_not_constant_is_told() -> None:
+def test_a_workspace_that_is_not_constant_is_reported() -> None:
     item = fit_dial(_only(readings(apart=0.1), 1, 0))[0][1, 0]
     assert not item.constant
     assert item.per_place == pytest.approx(1e-6 * np.array([0.9, 1.0, 1.1]), rel=0.02)
@@ -73,17 +73,17 @@ def test_a_slip_is_left_out() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         (lambda force, dial: (-force, dial), "is -"),
         (lambda force, dial: (force, 1e-8 * force**2), "not linear"),
         (lambda force, dial: (np.where(force > 80.0, 100.0, 20.0), dial), "fewer than 3"),
     ],
 )
-def test_what_is_no_compliance_is_refused(change, told) -> None:
+def test_what_is_no_compliance_is_refused(change, reported) -> None:
     table = _only(readings(), 1, 0)
     force, dial = change(table.force, table.deflection)
-    with pytest.raises(IsfError, match=told) as caught:
+    with pytest.raises(IsfError, match=reported) as caught:
         fit_dial(replace(table, force=force, deflection=dial))
     assert caught.value.code is ErrorCode.MEASUREMENT_FAILED
 
@@ -122,15 +122,15 @@ def test_scatter_that_hides_the_slope_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scale", "column", "told"),
+    ("scale", "column", "reported"),
     [(1000.0, "deflection_mm", "deflections are um"), (1e-3, "deflection_um", "deflections are mm")],
 )
-def test_another_unit_is_refused(scale: float, column: str, told: str) -> None:
+def test_another_unit_is_refused(scale: float, column: str, reported: str) -> None:
     table = readings()
     found, _ = fit_dial(replace(table, deflection=scale * table.deflection))
     refused = far_from(found, TRUE, column)
     assert set(refused) == set(found)
-    assert told in str(refused[1, 0])
+    assert reported in str(refused[1, 0])
     assert not far_from(fit_dial(table)[0], TRUE, column)
 
 

@@ -236,7 +236,7 @@ def _range(cell: CellFile, machine: Rig | None, channels: int, where: str) -> Ar
     else:
         raise IsfError(
             ErrorCode.FILE_FIELD,
-            "no range: a saturated cell could not be told",
+            "no range: a saturated cell could not be detected",
             where=where,
             advice="range: largest reading, in the unit of the readings",
         )

@@ -157,12 +157,16 @@ class LoadCellParameters:
     frame: str = parameter(conversion.FRAME, "frame_id of the wrench")
     with_pose: bool = parameter(False, "the cell turns: weight and axes by its orientation, see pose_type")
     pose_type: str = parameter(
-        "pose", "source of it: PoseStamped, TransformStamped, Odometry on pose, or the robot's tf", choices=POSE_TYPES
+        "pose",
+        "source of the orientation: PoseStamped, TransformStamped, Odometry on pose, or the robot's tf",
+        choices=POSE_TYPES,
     )
     pose_frame: str = parameter("", "frame whose axes the rotation of the file is against; needed with tf")
     pose_base: str = parameter(conversion.FRAME, "frame in whose axes the orientation is given: sheet, or one like it")
-    tare_readings: int = parameter(250, "newest readings that make the zero", minimum=1, maximum=100_000)
-    timeout: float = parameter(0.5, "s without a reading, or a pose, that are reported", minimum=0.01, maximum=60.0)
+    tare_readings: int = parameter(250, "number of newest readings averaged as the zero", minimum=1, maximum=100_000)
+    timeout: float = parameter(
+        0.5, "s without a reading, or a pose, after which this is reported", minimum=0.01, maximum=60.0
+    )
     best_effort: bool = parameter(False, "the driver publishes its readings best effort")
 
 
@@ -172,7 +176,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
     def __init__(self) -> None:
         super().__init__("load_cell", LoadCellParameters)
         self._stream: CellStream | None = None
-        self._told = ""
+        self._reported = ""
         self._readings = self._wrenches = 0
 
     # -- lifecycle -----------------------------------------------------------------------------
@@ -202,7 +206,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         self.create_timer(LOOK, self._look, clock=self.steady_clock)
 
     def activate(self) -> None:
-        self._told = ""
+        self._reported = ""
         self._raw.feed()  # from now on something has to come
         if self._pose is not None:
             self._pose.restart()
@@ -264,19 +268,19 @@ class LoadCellNode(CellNode[LoadCellParameters]):
             return
         fault = stream.fault if stream.faults and stream.fault is not None else self._lost() or stream.fault
         if fault is not None:
-            self._tell(fault, DiagnosticStatus.ERROR)
+            self._notify(fault, DiagnosticStatus.ERROR)
         elif warning := stream.warning():
-            self._tell(warning, DiagnosticStatus.WARN)
-        elif self._told:
-            self._told = ""
+            self._notify(warning, DiagnosticStatus.WARN)
+        elif self._reported:
+            self._reported = ""
             self.report_ok()
             self.publish_health()
             self.get_logger().info("wrenches are published")
 
-    def _tell(self, error: IsfError, level: bytes) -> None:
-        if str(error) == self._told:
+    def _notify(self, error: IsfError, level: bytes) -> None:
+        if str(error) == self._reported:
             return
-        self._told = str(error)
+        self._reported = str(error)
         self.report_ok()
         if level == DiagnosticStatus.ERROR:
             self.report(error)

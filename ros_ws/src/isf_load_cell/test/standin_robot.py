@@ -37,12 +37,12 @@ class Robot(Node):
         self._fixed[0].publish(TFMessage(transforms=[transform("world", "sheet")]))
         self._fixed[1].publish(TFMessage(transforms=[transform("world", "base", "z", 0.5 * math.pi)]))
         self.create_subscription(Float64, "angle", self._on_angle, 10)
-        self.create_timer(0.02, self._tell)
+        self.create_timer(0.02, self._notify)
 
     def _on_angle(self, message: Float64) -> None:
         self._angle = message.data
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         self._moving.publish(TFMessage(transforms=[transform("odom", "cart", "z", 0.1)]))
         if math.isfinite(self._angle):
             turn = transform("base", "wrist", "y", self._angle)

@@ -115,7 +115,7 @@ class Bench:
 
         return self.wait(taken)
 
-    def told(self, level: bytes, *words: str) -> bool:
+    def reported(self, level: bytes, *words: str) -> bool:
         """Wait until the newest status has the level and holds all words."""
         number = int.from_bytes(level, "little")
 
@@ -166,24 +166,24 @@ def test_readings_become_wrenches_and_faults_end_them(bench: Bench, tmp_path: Pa
         return np.array([10.0, -5.0, 20.0, 0.0, 0.0, 0.0]) + 0.01 * random.standard_normal(6)
 
     assert bench.silent(free())
-    assert bench.told(DiagnosticStatus.ERROR, "1205 NO_TARE", "not tared")
+    assert bench.reported(DiagnosticStatus.ERROR, "1205 NO_TARE", "not tared")
     early = bench.ask("tare")
     assert (early.success, "of 10" in early.message or "10 are needed" in early.message) == (False, True)
     assert bench.tared(free)
     wrench = bench.answer(free() + [10.0, 20.0, 30.0, 1.0, 2.0, 3.0])
     # Load in axes of the cell (22, -60, 124) and (1, 2, 3), turned by 90 degrees about z; noise of 0.01 units.
     assert wrench == pytest.approx((60.0, 22.0, 124.0, -2.0, 1.0, 3.0), abs=0.25)
-    assert bench.told(DiagnosticStatus.OK, "ok")
+    assert bench.reported(DiagnosticStatus.OK, "ok")
     assert bench.health[-1][2]["publishing"] == "True"
 
     # Saturated: silence, also when the readings are good again, until the next tare.
     assert bench.silent([0.0, 995.0, 0.0, 0.0, 0.0, 0.0])
-    assert bench.told(DiagnosticStatus.ERROR, "1203 WRENCH_OUT_OF_RANGE", "channel 2")
+    assert bench.reported(DiagnosticStatus.ERROR, "1203 WRENCH_OUT_OF_RANGE", "channel 2")
     assert bench.health[-1][2]["publishing"] == "False"
     assert bench.silent(free())
     assert bench.tared(free)
     assert max(map(abs, bench.answer(free()))) < 0.5
-    assert bench.told(DiagnosticStatus.OK, "ok")
+    assert bench.reported(DiagnosticStatus.OK, "ok")
 
     # Unloaded readings tell the drift; beyond the limit the wrench goes on, with a warning.
     for _ in range(10):
@@ -193,13 +193,13 @@ def test_readings_become_wrenches_and_faults_end_them(bench: Bench, tmp_path: Pa
         bench.answer(free() + [0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
     drifted = bench.ask("check_drift")
     assert (drifted.success, "drifted by 20" in drifted.message) == (False, True)
-    assert bench.told(DiagnosticStatus.WARN, "1205 NO_TARE", "drifted")
+    assert bench.reported(DiagnosticStatus.WARN, "1205 NO_TARE", "drifted")
 
     # Frozen: the same reading under new stamps.
     held = free()
     for _ in range(12):
         bench.send(held)
-    assert bench.told(DiagnosticStatus.ERROR, "1210 WRENCH_FROZEN")
+    assert bench.reported(DiagnosticStatus.ERROR, "1210 WRENCH_FROZEN")
     assert bench.silent(free())
     assert all(math.isfinite(value) for m in bench.wrenches for value in conversion.wrench_array(m))
 
@@ -224,11 +224,11 @@ def test_one_of_three_cells_may_be_lost(bench: Bench, tmp_path: Path) -> None:
     assert again[:3] == pytest.approx(load, abs=5.0)
     # A driver that leaves out what it does not get.
     assert bench.answer((volts(*load) + 0.2)[3:], names[3:])[:3] == pytest.approx(load, abs=5.0)
-    assert bench.told(DiagnosticStatus.WARN, "load cell 1 gives no reading", "other two")
+    assert bench.reported(DiagnosticStatus.WARN, "load cell 1 gives no reading", "other two")
     values = volts(*load) + 0.2
     values[5] = 9.49
     assert bench.silent(values, names)
-    assert bench.told(DiagnosticStatus.ERROR, "1203 WRENCH_OUT_OF_RANGE", "load cell 2 is at the end")
+    assert bench.reported(DiagnosticStatus.ERROR, "1203 WRENCH_OUT_OF_RANGE", "load cell 2 is at the end")
 
 
 def test_a_cell_that_turns_needs_its_pose(bench: Bench, tmp_path: Path) -> None:
@@ -260,10 +260,10 @@ def test_a_cell_that_turns_needs_its_pose(bench: Bench, tmp_path: Path) -> None:
 
     assert bench.wait(lambda: felt() < 0.1)
     # The driver stops: told, and over by itself when it goes on.
-    assert bench.told(DiagnosticStatus.ERROR, "1202 WRENCH_LOST", "nothing on raw for 3 s")
+    assert bench.reported(DiagnosticStatus.ERROR, "1202 WRENCH_LOST", "nothing on raw for 3 s")
     bench.pose.publish(pose)
     bench.send(free(turn))
-    assert bench.told(DiagnosticStatus.OK, "ok")
+    assert bench.reported(DiagnosticStatus.OK, "ok")
 
 
 @pytest.mark.parametrize(

@@ -69,12 +69,12 @@ def test_the_weight_is_taken_out_by_the_message_of_a_driver(bench: Bench, tmp_pa
     bench._stack.enter_context(started(*NODE, remap={"pose": "arm/state"}, **options))
     bench.ready(bench.raw)
 
-    def told(half_turn: bool, frame: str = "sheet", child: str = "left_flange") -> None:
+    def reported(half_turn: bool, frame: str = "sheet", child: str = "left_flange") -> None:
         driver.publish(turned(kind, frame, child, half_turn))
         bench.wait(lambda: False, 0.05)
 
     def tared_with(child: str) -> bool:
-        told(half_turn=False, child=child)
+        reported(half_turn=False, child=child)
         return tared(bench, np.eye(3))
 
     assert not tared_with("right_flange")  # of the other arm
@@ -83,16 +83,16 @@ def test_the_weight_is_taken_out_by_the_message_of_a_driver(bench: Bench, tmp_pa
     assert bench.wait(lambda: tared_with("left_flange"))
 
     def error() -> float:
-        told(half_turn=True, child="left_flange")
-        told(half_turn=False, child="right_flange")  # not ours
+        reported(half_turn=True, child="left_flange")
+        reported(half_turn=False, child="right_flange")  # not ours
         return float(np.abs(felt(bench, ABOUT_Y, (5.0, 6.0, 70.0)) - [5.0, 6.0, 70.0]).max())
 
     assert bench.wait(lambda: error() < 0.1)
-    told(half_turn=True, frame="base")
+    reported(half_turn=True, frame="base")
     assert bench.silent(reading(ABOUT_Y, bench.tick))
     other = "comes in frame 'base', not 'sheet'"
     assert bench.wait(lambda: bench.shows(reading(ABOUT_Y, bench.tick), DiagnosticStatus.ERROR, other))
-    told(half_turn=True)
+    reported(half_turn=True)
     assert bench.wait(lambda: bench.shows(reading(ABOUT_Y, bench.tick), DiagnosticStatus.OK, "ok"))
 
 
@@ -149,7 +149,7 @@ def test_the_weight_is_taken_out_by_the_frames_of_a_robot(bench: Bench, tmp_path
         ({"pose_frame": "tool0"}, ("parameter with_pose", "mean nothing without it")),
     ],
 )
-def test_what_cannot_be_used_is_told(tmp_path: Path, options: dict[str, Any], words: tuple[str, ...]) -> None:
+def test_what_cannot_be_used_is_reported(tmp_path: Path, options: dict[str, Any], words: tuple[str, ...]) -> None:
     assert all(word in refusal(tmp_path, options) for word in ("1003 FILE_FIELD", *words))
 
 

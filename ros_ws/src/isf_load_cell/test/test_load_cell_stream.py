@@ -38,7 +38,7 @@ def test_a_matrix_for_forces_passes_torques_on(tmp_path: Path) -> None:
     assert wrench == pytest.approx([60.0, 22.0, 124.0, -2.0, 1.0, 3.0])
 
 
-def test_the_piece_for_a_rig_is_inverted_and_the_rig_tells_the_rest(tmp_path: Path) -> None:
+def test_the_piece_for_a_rig_is_inverted_and_the_rig_reports_the_rest(tmp_path: Path) -> None:
     response = np.eye(6)
     response[0, 1], response[2, 2] = 0.02, 1.1
     text = "load_cell:\n  matrix:\n" + "".join(f"    - {row.tolist()}\n" for row in response)
@@ -53,7 +53,7 @@ def test_the_piece_for_a_rig_is_inverted_and_the_rig_tells_the_rest(tmp_path: Pa
     assert caught.value.code is ErrorCode.WRENCH_OUT_OF_RANGE
 
 
-def test_the_rig_alone_is_enough_and_tells_the_weight(tmp_path: Path) -> None:
+def test_the_rig_alone_is_enough_and_reports_the_weight(tmp_path: Path) -> None:
     upper = load_cell_set_up("", "torrao2013", 1).reading
     assert isinstance(upper, CellReading)
     assert upper.settings.mass * 9.80665 == pytest.approx(300.0)
@@ -194,7 +194,7 @@ def test_a_cell_may_be_missing_when_it_is_tared() -> None:
         reading.tare(np.tile([np.nan] * 6 + [0.0] * 3, (4, 1)))
 
 
-def test_disagreement_of_axial_and_shear_is_told() -> None:
+def test_disagreement_of_axial_and_shear_is_reported() -> None:
     reading = three(inconsistency_limit=100.0)
     values = volts([100.0, 50.0, 900.0])
     reading.wrench(values)
@@ -297,7 +297,7 @@ def test_a_frozen_signal_is_not_tared() -> None:
     assert caught.value.code is ErrorCode.WRENCH_FROZEN
 
 
-def test_drift_is_told_until_the_next_tare() -> None:
+def test_drift_is_reported_until_the_next_tare() -> None:
     cell = stream(readings=2)
     for k in (1, 2):
         cell.add(k, reading(0.0))

@@ -61,7 +61,7 @@ def test_printed_fits(positive, negative, gain, offset):
     assert fit.offset == pytest.approx(offset, abs=0.1)
 
 
-def test_slips_are_found_and_told():
+def test_slips_are_found_and_reported():
     load, volts = np.concatenate([LOADS, -LOADS]), np.array([*POSITIVE_711_Z, *NEGATIVE_711_Z])
     fit = fit_channel(load, volts, largest=5000.0)
     # The readings at -50, -100 and -200 N are ten times too large (single trials in the source).
@@ -128,7 +128,7 @@ def test_any_one_cell_may_fail(force, height, lost):
     assert found.missing == (0 if lost is None else lost + 1)
 
 
-def test_disagreement_is_told_and_two_lost_cells_are_refused():
+def test_disagreement_is_reported_and_two_lost_cells_are_refused():
     readings = readings_of(np.array([100.0, 50.0, 900.0]), 0.28)
     assert force_of(readings, 0.28).inconsistency == pytest.approx(0.0, abs=1e-9)
     readings[1, 0] += 40.0

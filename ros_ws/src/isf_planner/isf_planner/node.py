@@ -33,7 +33,7 @@ class PlannerParameters:
     """Parameters of the node ``planner``."""
 
     plans_kept: int = parameter(8, "plans that get_contour can still serve; the oldest is dropped first")
-    path_poses: int = parameter(2000, "most poses in tool_1/path and tool_2/path")
+    path_poses: int = parameter(2000, "largest number of poses in tool_1/path and tool_2/path")
 
 
 class PlannerNode(CellNode[PlannerParameters]):
@@ -101,7 +101,7 @@ class PlannerNode(CellNode[PlannerParameters]):
         if made is None or request.index >= len(made.contours):
             known = ", ".join(self._plans) or "none"
             what = f"no plan '{request.plan_id}'" if made is None else f"no {contour_label(request.index)} in that plan"
-            error = IsfError(ErrorCode.PLAN_UNKNOWN, what, advice=f"plans here: {known}; plan the part again")
+            error = IsfError(ErrorCode.PLAN_UNKNOWN, what, advice=f"known plans: {known}; plan the part again")
             response.code, response.message = int(error.code), error.message
         else:
             response.contour = contour_to_message(made.contours[request.index], self._now())

@@ -32,8 +32,8 @@ from isf_planner.surface import target_surface
 def finish(contours: tuple[Contour, ...], job_file: JobFile) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
     """Contours with predicted forces and compensated tips, and warnings with their place."""
     filled, warnings = with_predictions(contours, job_file)
-    moved, told = compensate(filled, job_file)
-    return moved, (*warnings, *told)
+    moved, reported = compensate(filled, job_file)
+    return moved, (*warnings, *reported)
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,11 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     if job.path.islands == "swap":
         part_checks.check_islands(planned)
         warnings += part_checks.left_by_springback(planned, job)
-    told_of_part = tuple(warnings)
+    part_warnings = tuple(warnings)
     step("tools", 0.9)
     plan_id = _identify(job_file)
-    contours, told = process.contours(part, job_file, plan_id)
-    warnings += told
+    contours, reported = process.contours(part, job_file, plan_id)
+    warnings += reported
     warnings += (*tool_paths.left_out(contours, job), *support_tool.rule_warnings(contours, planned, job_file))
     contours, expected = finish(contours, job_file)
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
@@ -119,7 +119,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += part_checks.check_support(last, planned, job)
     target = target_surface.target_map(part.mesh, rig.clamp.size)
     step("done", 1.0)
-    base = PlanBase(job, tuple(planned), told_of_part)
+    base = PlanBase(job, tuple(planned), part_warnings)
     unique = tuple(dict.fromkeys(warnings))
     return Plan(plan_id, contours, target, (part.mesh.vertices, part.mesh.faces), unique, merged(planned), base)
 
@@ -148,8 +148,8 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
     left = tool_paths.left_to_sine_law(sides, job)
-    told = tuple(dict.fromkeys((*base.told, *ruled, *left, *expected, *pressing)))
-    return replace(before, plan_id=plan_id, contours=contours, warnings=told, tree=merged(sides))
+    reported = tuple(dict.fromkeys((*base.reported, *ruled, *left, *expected, *pressing)))
+    return replace(before, plan_id=plan_id, contours=contours, warnings=reported, tree=merged(sides))
 
 
 def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:

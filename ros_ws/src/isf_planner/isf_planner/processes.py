@@ -69,10 +69,10 @@ class FormingProcess(ABC):
         """
         sides, shifts, warnings = [], [], []
         for half in _parts(loaded, job_file):
-            side, shift, told = _plan_half(half, job_file, step)
+            side, shift, reported = _plan_half(half, job_file, step)
             sides.append(side)
             shifts.append(shift)
-            warnings += told
+            warnings += reported
         mesh = loaded.moved(shifts[0])  # the height of an island's floor is known from the others
         preforms = [_plan_half(half, job_file, step)[0] for half in stages.preforms(loaded, sides, job_file.job)]
         return PreparedPart(mesh, tuple(sides), tuple(preforms), tuple(warnings))
@@ -194,8 +194,8 @@ def _plan_view(half: HalfPart, job_file: JobFile, step: Steps) -> tuple[Side, Ar
 
     grid = sections.TipGrid(x, y, height, part.depth)
     levels = sections.levels(grid, surface, job)
-    nodes, told = sections.trace(grid, levels, job)
-    warnings += told
+    nodes, reported = sections.trace(grid, levels, job)
+    warnings += reported
     part_checks.check_pockets(part.mesh, levels, nodes, radius)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)

@@ -46,7 +46,7 @@ class PlanBase:
 
     job: Job
     sides: tuple[Side, ...]
-    told: tuple[str, ...] = ()
+    reported: tuple[str, ...] = ()
 
 
 def same_contacts(before: Job, after: Job) -> bool:
@@ -98,7 +98,7 @@ def _with_radius(loops: Sequence[TipLoop], surface: TargetSurface, before: float
             ErrorCode.PART_TOO_SMALL_FOR_TOOL,
             f"a ball of radius {after * 1e3:.2f} mm does not fit: it would cut {cut[worst] * 1e3:.2f} mm into the part",
             where=f"contact at {place_text(contact[worst])}",
-            advice="use a smaller tool, or plan the part anew with this tool to see what it leaves",
+            advice="use a smaller tool, or plan the part again with this tool to see what it leaves",
         )
     tip = centre - np.array([0.0, 0.0, after])
     ends = np.cumsum([len(loop.points) for loop in loops])[:-1]

@@ -46,15 +46,15 @@ def test_loops_are_closed_nested_evenly_spaced_and_complete(
         return
     expected = levels(-float(z.min()), step)
     tips = [contour.forming_tip for contour in result.contours]
-    told = any("no floor" in warning for warning in result.warnings)
+    reported = any("no floor" in warning for warning in result.warnings)
     # nothing is lost: only where the bottom has no floor, and that is told, the last loop is higher or left out
-    assert len(tips) == len(expected) or (told and len(tips) == len(expected) - 1)
+    assert len(tips) == len(expected) or (reported and len(tips) == len(expected) - 1)
     for tip, level in zip(tips[: len(expected) - 1], expected, strict=False):
         np.testing.assert_allclose(tip[:, 2], level, atol=1e-9)
     if len(tips) == len(expected):
         assert tips[-1][0, 2] < expected[-2] - 1e-9
         # 1e-9: single precision of the file
-        assert tips[-1][0, 2] == pytest.approx(expected[-1], abs=0.4 * step + 1e-9 if told else 1e-9)
+        assert tips[-1][0, 2] == pytest.approx(expected[-1], abs=0.4 * step + 1e-9 if reported else 1e-9)
     vertices = KDTree(np.column_stack([gx.ravel(), gy.ravel(), z.ravel()]))
     previous = None
     for contour in result.contours:

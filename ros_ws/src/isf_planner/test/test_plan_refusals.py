@@ -21,7 +21,7 @@ def refusal(job_file: JobFile) -> IsfError:
     return caught.value
 
 
-def test_wrong_unit_is_told_before_anything_else(tmp_path: Path) -> None:
+def test_wrong_unit_is_reported_before_anything_else(tmp_path: Path) -> None:
     path = write(Cone().mesh(50e-6), tmp_path / "cone.stl")
     assert refusal(job_for(path, unit="m")).code is ErrorCode.MESH_UNIT_SUSPECT
     assert refusal(job_for(write(Cone().mesh(50e-6), path, 1.0))).code is ErrorCode.MESH_UNIT_SUSPECT
@@ -82,8 +82,8 @@ def test_pocket_in_which_the_tool_does_not_reach_the_bottom(tmp_path: Path) -> N
     assert error.code is ErrorCode.PART_TOO_SMALL_FOR_TOOL
     # both spheres touch the cone of 60 deg: the larger one's centre is (R - r) / cos higher, its tip R - r less
     missing = (5.0 - 4.0) * (1 / np.cos(angle) - 1)
-    told = float(error.what.split(" stops ")[1].split()[0])
-    assert told == pytest.approx(missing, abs=0.03)  # facets, and the bottom is cut off at 0.02 rad
+    reported = float(error.what.split(" stops ")[1].split()[0])
+    assert reported == pytest.approx(missing, abs=0.03)  # facets, and the bottom is cut off at 0.02 rad
 
 
 def test_floor_fillet_smaller_than_the_tool_is_warned_of(tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_entry_fillet_too_tight_for_the_support_tool_is_warned_of(tmp_path: Path
     assert plan(job_for(path, depth="2 mm", process="SPIF")).warnings == ()
 
 
-def test_part_beside_the_centre_is_placed_and_told(tmp_path: Path) -> None:
+def test_part_beside_the_centre_is_placed_and_reported(tmp_path: Path) -> None:
     centred = plan(job_for(write(Cone().mesh(50e-6), tmp_path / "a.stl"), depth="3 mm"))
     moved = plan(
         job_for(write(Cone().mesh(50e-6).moved(np.array([0.3, 0.1, -0.05])), tmp_path / "b.stl"), depth="3 mm")
@@ -112,22 +112,22 @@ def test_part_beside_the_centre_is_placed_and_told(tmp_path: Path) -> None:
 
 def test_progress_rises_and_names_the_contours(tmp_path: Path) -> None:
     path = write(Cone().mesh(50e-6), tmp_path / "cone.stl")
-    told: list[tuple[str, float]] = []
-    plan(job_for(path, depth="3 mm"), progress=lambda phase, share: told.append((phase, share)))
-    shares = [share for _, share in told]
+    reported: list[tuple[str, float]] = []
+    plan(job_for(path, depth="3 mm"), progress=lambda phase, share: reported.append((phase, share)))
+    shares = [share for _, share in reported]
     assert shares == sorted(shares)
     assert (shares[0], shares[-1]) == (0.0, 1.0)
-    assert "contour 4 of 4" in [phase for phase, _ in told]
+    assert "contour 4 of 4" in [phase for phase, _ in reported]
 
 
 def test_cancelling_between_two_contours(tmp_path: Path) -> None:
     path = write(Cone().mesh(50e-6), tmp_path / "cone.stl")
-    told: list[str] = []
+    reported: list[str] = []
     with pytest.raises(IsfError) as caught:
         plan(
             job_for(path, depth="3 mm"),
-            progress=lambda phase, share: told.append(phase),
-            cancelled=lambda: "contour 2 of 4" in told,
+            progress=lambda phase, share: reported.append(phase),
+            cancelled=lambda: "contour 2 of 4" in reported,
         )
     assert caught.value.code is ErrorCode.PLAN_CANCELLED
-    assert told[-1] == "contour 2 of 4"
+    assert reported[-1] == "contour 2 of 4"

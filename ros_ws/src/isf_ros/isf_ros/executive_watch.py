@@ -52,7 +52,7 @@ class ExecutiveWatch:
         """What to say of an executive that was followed and is gone; empty: it is there, or there was none."""
         if not self._watchdog.expired():
             return ""
-        what = "has left the part" if self._left else "gives no sign of life"
+        what = "has left the part" if self._left else "has given no sign of life"
         return f"the executive (process {self._process}) {what} for {self._watchdog.timeout:g} s"
 
     def _heard(self, process: str, *, busy: bool) -> None:

@@ -18,7 +18,7 @@ def node() -> Iterator[Node]:
     rclpy.try_shutdown()
 
 
-def tells(process: int, *, busy: bool, name: str = "/cell_2/executive") -> DiagnosticArray:
+def reports(process: int, *, busy: bool, name: str = "/cell_2/executive") -> DiagnosticArray:
     values = [KeyValue(key="pid", value=str(process)), KeyValue(key="busy", value=str(busy))]
     return DiagnosticArray(status=[DiagnosticStatus(name=name, values=values)])
 
@@ -26,9 +26,9 @@ def tells(process: int, *, busy: bool, name: str = "/cell_2/executive") -> Diagn
 def test_only_the_busy_executive_of_the_own_cell_is_followed(node: Node) -> None:
     now = 0.0
     watch = ExecutiveWatch(node, 5.0, clock=lambda: now)
-    watch.on_diagnostics(tells(7, busy=False))
-    watch.on_diagnostics(tells(8, busy=True, name="/executive"))
-    watch.on_diagnostics(tells(9, busy=True, name="/cell_2/machine"))
+    watch.on_diagnostics(reports(7, busy=False))
+    watch.on_diagnostics(reports(8, busy=True, name="/executive"))
+    watch.on_diagnostics(reports(9, busy=True, name="/cell_2/machine"))
     now = 100.0
     assert not watch.followed
     assert watch.gone() == ""
@@ -36,18 +36,18 @@ def test_only_the_busy_executive_of_the_own_cell_is_followed(node: Node) -> None
 
 @pytest.mark.parametrize(
     ("process", "busy", "words"),
-    [(None, False, "gives no sign of life"), (7, False, "has left the part"), (8, True, "has left the part")],
+    [(None, False, "has given no sign of life"), (7, False, "has left the part"), (8, True, "has left the part")],
     ids=["silent", "part over", "started anew"],
 )
 def test_it_is_gone_when_nobody_is_busy_with_the_part(process: int | None, busy: bool, words: str, node: Node) -> None:
     time = [0.0]
     watch = ExecutiveWatch(node, 5.0, clock=lambda: time[0])
-    watch.on_diagnostics(tells(7, busy=True))
+    watch.on_diagnostics(reports(7, busy=True))
     for time[0] in (3.0, 6.0):
-        watch.on_diagnostics(tells(7, busy=True))
+        watch.on_diagnostics(reports(7, busy=True))
     for time[0] in (8.0, 10.9):
         if process is not None:
-            watch.on_diagnostics(tells(process, busy=busy))
+            watch.on_diagnostics(reports(process, busy=busy))
         assert watch.gone() == ""
     time[0] = 11.1
     assert f"(process 7) {words}" in watch.gone()

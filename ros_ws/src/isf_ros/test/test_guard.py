@@ -65,7 +65,7 @@ class Faulty:
         changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
         return self.call(SetParameters, "faulty/set_parameters", parameters=changes).results[0]
 
-    def tells(self, text: str) -> bool:
+    def reports(self, text: str) -> bool:
         """Wait until the node's diagnostics have an error with ``text``."""
         return self.wait(
             lambda: any(
@@ -111,17 +111,17 @@ def faulty(request: pytest.FixtureRequest) -> Iterator[Faulty]:
 def test_transitions_that_raise_go_back_to_the_beginning(faulty: Faulty) -> None:
     assert not faulty.change(Transition.TRANSITION_ACTIVATE)  # not from here
     assert faulty.state() == "unconfigured"
-    assert faulty.tells("service")
+    assert faulty.reports("service")
 
     assert faulty.set(fails_in="configure").successful
     assert not faulty.change(Transition.TRANSITION_CONFIGURE)
-    assert faulty.tells("KeyError: 'configure'")
+    assert faulty.reports("KeyError: 'configure'")
     assert faulty.state() == "unconfigured"
 
     faulty.set(fails_in="activate")
     assert faulty.change(Transition.TRANSITION_CONFIGURE)
     assert not faulty.change(Transition.TRANSITION_ACTIVATE)
-    assert faulty.tells("KeyError: 'activate'")
+    assert faulty.reports("KeyError: 'activate'")
     assert faulty.state() == "unconfigured"
 
     faulty.set(fails_in="deactivate")
@@ -141,13 +141,13 @@ def test_timers_and_subscriptions_go_on(faulty: Faulty) -> None:
         status = faulty.heard[-1]
         return {item.key: int(item.value) for item in status.values if item.value.isdigit()}
 
-    assert faulty.tells("LookupError: in a timer")
+    assert faulty.reports("LookupError: in a timer")
     assert faulty.wait(lambda: values().get("ticks", 0) > 20)
     assert faulty.wait(lambda: values()["software_faults"] >= values()["ticks"])
     assert values()["made_safe"] > 0
     assert faulty.wait(lambda: faulty.text.get_subscription_count() == 1)
     faulty.text.publish(String(data="hello"))
-    assert faulty.tells("AttributeError: in a subscription: hello")
+    assert faulty.reports("AttributeError: in a subscription: hello")
     assert "topic text" in next(status.message for status in faulty.heard if "hello" in status.message)
 
 

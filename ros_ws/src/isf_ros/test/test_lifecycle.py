@@ -94,7 +94,7 @@ def test_autostart_brings_a_node_up(observer: Node) -> None:
         assert heard[-1].level == DiagnosticStatus.OK
 
 
-def test_a_failing_configuration_is_told_and_the_node_stays_unconfigured(observer: Node) -> None:
+def test_a_failing_configuration_is_reported_and_the_node_stays_unconfigured(observer: Node) -> None:
     heard = listen(observer)
     with sample(broken="true"):
         request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))

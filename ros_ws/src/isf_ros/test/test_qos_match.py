@@ -30,14 +30,14 @@ CODE = f"{int(ErrorCode.QOS_INCOMPATIBLE)} QOS_INCOMPATIBLE"
 class Picky:
     def __init__(self) -> None:
         self.node = rclpy.create_node("foreign_driver")
-        self.told: list[str] = []
+        self.reported: list[str] = []
         self.values: dict[str, str] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == "/picky":
-                self.told.append(status.message)
+                self.reported.append(status.message)
                 self.values = {item.key: item.value for item in status.values}
 
     def wait(self, condition: Callable[[], Any]) -> bool:
@@ -46,8 +46,10 @@ class Picky:
             rclpy.spin_once(self.node, timeout_sec=0.05)
         return bool(condition())
 
-    def tells(self, topic: str, text: str) -> bool:
-        return self.wait(lambda: any(CODE in told and topic in told and text in told for told in self.told))
+    def reports(self, topic: str, text: str) -> bool:
+        return self.wait(
+            lambda: any(CODE in reported and topic in reported and text in reported for reported in self.reported)
+        )
 
     def receives(self, publisher: Any, topic: str, text: str) -> bool:
         """Publish until the node has it: best effort promises nothing."""
@@ -80,15 +82,15 @@ def test_deliveries_that_do_not_go_together(picky: Picky) -> None:
     # A stream: reliable is asked for, best effort is taken, and said so; a reliable publisher goes on being heard.
     loose = picky.node.create_publisher(String, "stream", qos.SENSOR)
     assert picky.receives(loose, "stream", "best effort")
-    assert picky.tells("topic stream", "publishes best effort")
+    assert picky.reports("topic stream", "publishes best effort")
     assert picky.values["qos_incompatible"] == "stream"
     firm = picky.node.create_publisher(String, "stream", qos.STREAM)
     assert picky.receives(firm, "stream", "reliable")
 
     # A latched topic: a publisher that keeps nothing for late subscribers is not taken, and said so.
     picky.node.create_publisher(String, "latched", QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE))
-    assert picky.tells("topic latched", "durability volatile is offered, transient_local is required")
-    assert picky.tells("topic latched", "(publish with reliability reliable, durability transient_local)")
+    assert picky.reports("topic latched", "durability volatile is offered, transient_local is required")
+    assert picky.reports("topic latched", "(publish with reliability reliable, durability transient_local)")
     assert picky.wait(lambda: picky.values["qos_incompatible"] == "latched, stream")
     kept = picky.node.create_publisher(String, "latched", qos.LATCHED)
     assert picky.receives(kept, "latched", "transient local")

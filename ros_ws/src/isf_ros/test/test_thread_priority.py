@@ -58,7 +58,7 @@ def test_what_is_permitted_is_granted_and_given_back() -> None:
     assert bool(reason) is not expected
 
 
-def test_what_is_forbidden_is_told_and_everything_goes_on() -> None:
+def test_what_is_forbidden_is_reported_and_everything_goes_on() -> None:
     granted, raised, back, priority, below, reason = outcome(forbidden=True)
     assert (granted, raised, back, priority, below) == (False, False, True, 0, 0)
     assert reason.startswith("SCHED_FIFO 5: ")

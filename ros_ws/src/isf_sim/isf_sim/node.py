@@ -52,10 +52,11 @@ class MachineParameters:
         0.0, "s without targets before contact is released; 0: 5 lockstep, 0.25 real time"
     )
     real_time_priority: int = parameter(
-        0, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", minimum=0, maximum=MAXIMUM_PRIORITY
+        0, "SCHED_FIFO priority requested while ticking by the clock; 0: none", minimum=0, maximum=MAXIMUM_PRIORITY
     )
     state_folder: str = parameter(
-        "machine_states", "folder below which machine/save writes and machine/load reads; relative to the present one"
+        "machine_states",
+        "folder below which machine/save writes and machine/load reads; relative to the working directory",
     )
     pose_decimation: int = parameter(0, "ticks per pose, clock and state message; 0: 50 messages per second")
 
@@ -69,7 +70,7 @@ LONGEST_CATCH_UP = 0.5
 EXECUTIVE_SILENCE = 10.0
 """s of wall time without a sign of life of the executive after which tools that rest on the sheet are released.
 
-Twice what force_ctrl takes, which lifts them along their path; this is for a force_ctrl that does not."""
+Twice the patience of force_ctrl, which lifts them along their path; this is for a force_ctrl that does not."""
 REST = 1.0
 """s of wall time without a tick after which a machine in lockstep is at rest."""
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
@@ -194,7 +195,9 @@ class MachineNode(CellNode[MachineParameters]):
         else:
             self._privileges = acquire(RealTimeSettings(self._settings.real_time_priority))
             if refused := self._privileges.reason:
-                self.get_logger().warning(f"ticks by the clock without what the system refused: {refused}", once=True)
+                self.get_logger().warning(
+                    f"ticks by the clock without the real-time settings that the system refused: {refused}", once=True
+                )
             worker = machine.plant.worker
             worker.ahead, worker.priority = True, self._privileges.below
             self._thread = PeriodicThread(machine.control_rate, self.guard(self._on_period, "tick"))
@@ -477,7 +480,7 @@ class MachineServices:
             machine = self._node.needed()
             zero_1, zero_2 = machine.tare()
             response.tool_1_zero, response.tool_2_zero = zero_1.tolist(), zero_2.tolist()
-            self._tell_in_lockstep(machine)
+            self._publish_in_lockstep(machine)
         return response
 
     def _on_scan(self, request: Scan.Request, response: Scan.Response) -> Scan.Response:
@@ -489,7 +492,7 @@ class MachineServices:
                 points = machine.measured_cloud(
                     clamped=request.clamped, duration=node.in_lockstep and not machine.moving
                 )
-                self._tell_in_lockstep(machine)
+                self._publish_in_lockstep(machine)
                 node.publish_cloud(points)
                 response.points = len(points)
             else:
@@ -547,9 +550,9 @@ class MachineServices:
     def _begin_anew(self) -> None:
         self._node.forget_targets()
         self._node.report_ok()
-        self._tell_in_lockstep(self._node.needed())
+        self._publish_in_lockstep(self._node.needed())
 
-    def _tell_in_lockstep(self, machine: SimulatedMachine) -> None:
+    def _publish_in_lockstep(self, machine: SimulatedMachine) -> None:
         """Whoever has the answer may rely on it that force control has the readings after it."""
         node = self._node
         if node.is_active and node.in_lockstep:

@@ -296,7 +296,7 @@ def apply(contour: Contour, correction: ContourCorrection) -> Contour:
 def _too_large(contour: Contour, asked: float, largest: float) -> IsfError:
     return IsfError(
         ErrorCode.CORRECTION_LIMITED,
-        f"{1e3 * asked:.1f} mm asked for, the largest correction is {1e3 * largest:.1f} mm",
+        f"{1e3 * asked:.1f} mm requested, the largest correction allowed is {1e3 * largest:.1f} mm",
         where=contour_label(contour.index),
         advice="check measured force, scanner and clamp, and the sheet thickness of the job",
     )
@@ -528,10 +528,10 @@ def largest_step(steps: list[FormedStep], wanted: float = WANTED_SHARE) -> float
 
 def step_remark(step: float, planned: float, above: float) -> str:
     """What a person should know when the force held a correction back; ``above`` m over the plan the tool then is."""
-    bears = f"the force of the machine bears a step of {1e3 * max(step, 0.0):.2f} mm here"
+    allowed = f"the force of the machine allows a step of {1e3 * max(step, 0.0):.2f} mm here"
     if step >= planned:
-        return f"{bears}: the correction grows slower; take a smaller tool or depth step"
+        return f"{allowed}: the correction grows slower; use a smaller tool or depth step"
     return (
-        f"{bears}, {1e3 * planned:.2f} mm are planned: the tool goes {1e3 * abs(above):.2f} mm "
-        f"{'above' if above > 0.0 else 'below'} the plan; take a smaller tool or depth step"
+        f"{allowed}, {1e3 * planned:.2f} mm are planned: the tool goes {1e3 * abs(above):.2f} mm "
+        f"{'above' if above > 0.0 else 'below'} the plan; use a smaller tool or depth step"
     )

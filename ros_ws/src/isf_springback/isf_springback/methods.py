@@ -89,6 +89,6 @@ def _load(name: str) -> Callable[[JobFile], Estimator]:
             ErrorCode.METHOD_UNKNOWN,
             f"the springback method '{name}' cannot be loaded: {type(error).__name__}: {error}",
             where=entry.value,
-            advice="mend or remove the package that registers it",
+            advice="repair or remove the package that registers it",
         ) from error
     return found

@@ -73,7 +73,7 @@ def test_shell_over_a_plate_is_the_shell_of_a_clamp_of_that_size():
     np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
 
 
-def test_a_part_wider_than_its_plate_is_told():
+def test_a_part_wider_than_its_plate_is_reported():
     narrow = job("backing_plate: {shape: circle, size: [60 mm, 60 mm]}\n")
     with pytest.raises(IsfError) as caught:
         depth_task([cone_contour(0)], cone_contour(0).contact[:1], narrow)

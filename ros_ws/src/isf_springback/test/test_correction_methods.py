@@ -65,18 +65,18 @@ def test_a_method_that_lives_on_scans_wants_a_job_that_makes_them(name):
     assert caught.value.code == ErrorCode.FILE_FIELD
 
 
-def test_fused_tells_once_that_nothing_is_measured():
+def test_fused_reports_once_that_nothing_is_measured():
     for more, times in (("", 1), ("scan_every: 1, ", 0), ("lift_every: 2, ", 0)):
         method = make_corrector("fused", JobFile(JOB_TEXT.replace("method: analytic", f"{more}method: fused"), Path()))
-        told = []
+        reported = []
         for index in range(3):
             contour = cone_contour(index)
             correction = method.correct(contour)
-            told += [text for text in correction.remarks if text == MODEL_ALONE]
+            reported += [text for text in correction.remarks if text == MODEL_ALONE]
             method.add_result(apply(contour, correction), result_of(contour, 400.0))
             if index == 0:
-                assert len(told) == times
-        assert len(told) == times
+                assert len(reported) == times
+        assert len(reported) == times
 
 
 def test_correction_of_another_contour_is_refused():

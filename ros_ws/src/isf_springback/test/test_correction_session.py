@@ -112,7 +112,7 @@ def test_unknown_method_is_refused_and_the_old_one_stays(session):
     assert session.method_name == "analytic"
 
 
-def test_unknown_method_of_the_run_is_told(session):
+def test_unknown_method_of_the_run_is_reported(session):
     session.set_job(job_file(), "plan", method="magic")
     session.add_contour(cone_contour(0))
     assert session.advance().correction.code == ErrorCode.METHOD_UNKNOWN

@@ -66,8 +66,8 @@ def test_near_the_force_limit_the_step_becomes_smaller_and_says_so():
     assert free[-1] > push[-1] + 0.1e-3
     assert (np.diff(push[4:], 2) < 0.0).all()
     assert push[-1] < push[4]
-    assert any("bears a step" in remark for remark in found[-1][1].remarks)
-    assert not any("bears a step" in remark or "limit" in remark for remark in found[3][1].remarks)
+    assert any("allows a step" in remark for remark in found[-1][1].remarks)
+    assert not any("allows a step" in remark or "limit" in remark for remark in found[3][1].remarks)
 
 
 def test_the_model_of_fused_is_a_choice_of_the_job():

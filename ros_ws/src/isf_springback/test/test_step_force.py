@@ -67,8 +67,8 @@ def test_no_force_stops_the_part_whatever_its_exponent(level, exponent):
     """At 1.12 the plan itself is more than the machine bears: the part goes on with the step it bears, and says so."""
     shares, corrections = form(level, exponent)
     assert shares.max() < 1.0
-    told = [text for c in corrections for text in c.remarks if "are planned" in text]
-    assert told or level < 1.0
+    reported = [text for c in corrections for text in c.remarks if "are planned" in text]
+    assert reported or level < 1.0
     if level < 0.9:  # the correction still comes up
         assert corrections[-1].offset[:, 2].mean() < -0.8e-3
 

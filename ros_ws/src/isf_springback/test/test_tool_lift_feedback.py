@@ -99,7 +99,7 @@ def test_a_scale_converges_to_the_truth_and_knows_how_well():
     assert "1.3" in scale.remark()
 
 
-def test_a_region_of_its_own_is_told_from_the_whole_part():
+def test_a_region_of_its_own_is_reported_from_the_whole_part():
     """One place 15 % above the others: near it the scale follows, far from it the others count."""
     scale = LawScale()
     force, law = np.linspace(LOAD, 200.0, 20), np.linspace(3e-3, 2e-3, 20)
@@ -187,14 +187,14 @@ def test_a_new_part_begins_without_the_scale_of_the_last_one():
     assert method.estimator.lifted_share(contour.contact)[0] == 1.0
 
 
-def test_a_failed_lift_is_told_and_changes_nothing():
+def test_a_failed_lift_is_reported_and_changes_nothing():
     method = make_corrector("analytic", job())
     first, second = cone_contour(0), cone_contour(1)
     method.add_result(first, result_of(apply(first, method.correct(first)), LOAD))
     method.add_lift(None, 0)
     correction = method.correct(second)
     assert correction.code == 0
-    assert any("told nothing" in remark for remark in correction.remarks)
+    assert any("no usable reading" in remark for remark in correction.remarks)
     assert method.estimator.lifted_share(second.contact)[0] == 1.0
 
 

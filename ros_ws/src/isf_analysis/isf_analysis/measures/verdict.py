@@ -42,8 +42,8 @@ def _shape(numbers: Numbers) -> list[str]:
         return ["no point of the part was measured", *failed]
     if within >= WITHIN_TOLERANCE:
         return failed
-    told = f"{100 * within:.0f} % of the points are within 0.3 mm, {100 * WITHIN_TOLERANCE:.0f} % are wanted"
-    out = f"error out of tolerance: {told}; largest {deviation['max_mm']:.2f} mm"
+    reported = f"{100 * within:.0f} % of the points are within 0.3 mm, {100 * WITHIN_TOLERANCE:.0f} % are wanted"
+    out = f"error out of tolerance: {reported}; largest {deviation['max_mm']:.2f} mm"
     if numbers["correction"] in ("", "none"):
         return [out, "springback was not corrected"]
     return [out, *(f"not corrected: {item['text']}" for item in remarks[:MAXIMUM_REMARKS])]

@@ -57,8 +57,8 @@ def write_report(
     IsfError : FILE_NOT_WRITABLE ; BAG_INCOMPLETE when scan and target cannot be compared
     """
     folder = Path(folder)
-    tell = progress or _silent
-    tell("comparing shapes")
+    notify = progress or _silent
+    notify("comparing shapes")
     deviation = deviation_of(record)
     reference_deviation = deviation_of(reference) if reference is not None else None
     html = folder / HTML_NAME
@@ -68,8 +68,8 @@ def write_report(
         numbers["complete"] = False
         numbers["failure"] = {"code": int(failure.code), "message": failure.message}
         numbers["verdict"] = verdict(numbers)
-    pictures = report_figures.draw(record, deviation, reference, reference_deviation, tell, scans)
-    tell("writing the report")
+    pictures = report_figures.draw(record, deviation, reference, reference_deviation, notify, scans)
+    notify("writing the report")
     page = render(record, numbers, pictures)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -310,7 +310,7 @@ def test_raw_readings_in_a_bag_disturb_nobody(bag: Path, tmp_path: Path) -> None
     assert_same(PART, read_bag(tmp_path / "raw"))
 
 
-def test_results_that_were_lost_are_told(tmp_path: Path) -> None:
+def test_results_that_were_lost_are_reported(tmp_path: Path) -> None:
     lost = replace(PART, results=PART.results[:3] + PART.results[5:])
     record = read_bag(write_bag(lost, tmp_path / "bag"))
     assert any("contour/result of 2 contour(s), first contour 4" in note for note in record.notes)

@@ -41,7 +41,7 @@ def test_an_empty_recording_is_a_bag_without_messages(tmp_path: Path) -> None:
         assert reader.message_count == 0
 
 
-def test_a_disk_that_refuses_is_told_on_closing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_refuses_is_reported_on_closing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise IsfError(ErrorCode.BAG_NOT_WRITABLE, "no space left on device")
 

@@ -126,7 +126,7 @@ def test_error_of_the_part_so_far(tilt: float) -> None:
     assert np.all(np.diff([np.isfinite(error.error.z).sum() for error in errors]) > 0)
 
 
-def test_a_hole_in_the_scan_is_told_as_coverage() -> None:
+def test_a_hole_in_the_scan_is_reported_as_coverage() -> None:
     points = cloud(so_far(PART.nominal[4], 0.2e-3))
     points = points[points[:, 0] < 0.0]
     (error,) = scan_errors((kept_scan(4, 1.0, points),), PART.nominal, TARGET)

@@ -173,7 +173,7 @@ def test_an_unordered_cloud_is_read_at_the_targets_cells(kind: str) -> None:
 
 
 @pytest.mark.parametrize("fault", ["no target", "no coordinates", "cut off", "elsewhere"])
-def test_a_scan_that_cannot_be_used_is_told(fault: str) -> None:
+def test_a_scan_that_cannot_be_used_is_reported(fault: str) -> None:
     assert PART.target is not None
     message, target = cloud(scattered(PART.target, 500, 1)), PART.target
     if fault == "no coordinates":

@@ -90,7 +90,7 @@ def test_the_summary_holds_what_happened_and_survives_a_bag(tmp_path: Path) -> N
     assert [event["text"] for event in again["events"]] == [event["text"] for event in numbers["events"]]
 
 
-def test_a_part_that_tells_nothing_has_empty_entries() -> None:
+def test_a_part_that_reports_nothing_has_empty_entries() -> None:
     numbers = summary(make_part(contours=3, spacing=10e-3, process="SPIF", support_force=0.0, correction="none"))
     assert numbers["events"] == numbers["remarks"] == []
     assert numbers["outlook"] is None
@@ -106,7 +106,7 @@ def test_a_part_that_tells_nothing_has_empty_entries() -> None:
         assert make(numbers) == ""
 
 
-def test_the_report_tells_it_all_and_escapes_what_others_wrote(tmp_path: Path) -> None:
+def test_the_report_reports_it_all_and_escapes_what_others_wrote(tmp_path: Path) -> None:
     report = write_report(PART, tmp_path)
     html = report.html.read_text(encoding="utf-8")
     assert "What the machine noticed" in html

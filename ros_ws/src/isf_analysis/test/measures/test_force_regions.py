@@ -96,7 +96,7 @@ def test_a_round_contour_has_no_corner_however_small() -> None:
         assert not (regions_along(circle(radius)) == CORNER).any()
 
 
-def test_a_rounded_corner_is_told_by_its_radius() -> None:
+def test_a_rounded_corner_is_reported_by_its_radius() -> None:
     def rounded(radius: float) -> Array:
         """Quarter circle between two straight lines of 60 mm."""
         arc = np.linspace(0, np.pi / 2, max(3, round(radius * np.pi / 2 / 0.5e-3)))
@@ -160,7 +160,7 @@ def test_the_error_is_that_from_the_set_point_of_the_place() -> None:
     np.testing.assert_allclose(replaced.error, wanted + 3.0 - 100.0)
 
 
-def test_losses_are_told_with_place_length_and_region() -> None:
+def test_losses_are_reported_with_place_length_and_region() -> None:
     tip = circle(30e-3)
     force = np.full(len(tip), 100.0)
     force[60:80] = 0.0

@@ -58,7 +58,7 @@ def test_points_within_the_published_band_are_counted_by_region() -> None:
     assert regions["wall"]["within_0_3mm_fraction"] == 1.0
 
 
-def test_set_points_that_differ_by_place_are_told_as_such() -> None:
+def test_set_points_that_differ_by_place_are_reported_as_such() -> None:
     """As force_rules give them: 100 and 200 N on halves of every contour, 120 N in the job."""
     part = _two_forces(PART)
     force = summary(part)["force"]
@@ -104,7 +104,7 @@ def test_everything_is_json_without_nan() -> None:
     assert json.loads(text)["job"] == "cone"
 
 
-def test_a_part_that_ended_early_tells_its_code() -> None:
+def test_a_part_that_ended_early_reports_its_code() -> None:
     numbers = summary(make_part(contours=6, stop_after=2))
     assert not numbers["complete"]
     assert numbers["contours"] == 2
@@ -131,7 +131,7 @@ def test_contours_that_were_never_reported_make_a_part_incomplete() -> None:
     assert "3 of 6" in numbers["failure"]["message"]
 
 
-def test_a_fault_of_the_machine_is_the_failure_when_no_result_tells_one() -> None:
+def test_a_fault_of_the_machine_is_the_failure_when_no_result_reports_one() -> None:
     faulted = replace(PART, results=PART.results[:3], faults=((1405, "force limit of tool_1"),))
     assert summary(faulted)["failure"] == {"code": 1405, "message": "force limit of tool_1"}
 

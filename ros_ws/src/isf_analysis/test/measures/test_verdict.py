@@ -38,16 +38,16 @@ def without_contact() -> PartRecord:
     return replace(part, results=tuple(results), scan=part.target)
 
 
-def told(part: PartRecord) -> list[str]:
+def reported(part: PartRecord) -> list[str]:
     numbers = summary(part)
     assert numbers["verdict"]["good"] == (not numbers["verdict"]["short_of"])
     return list(numbers["verdict"]["short_of"])
 
 
 def test_a_part_without_a_flaw_is_good_and_its_headline_green() -> None:
-    assert told(EXACT) == []
+    assert reported(EXACT) == []
     assert 'class="banner good"' in banners(summary(EXACT), has_reference=True)
-    assert told(off_by(0.29e-3)) == []
+    assert reported(off_by(0.29e-3)) == []
 
 
 FLAWS = {
@@ -68,13 +68,13 @@ FLAWS = {
 @pytest.mark.parametrize("flaw", FLAWS)
 def test_a_flaw_takes_the_green_away_and_is_named(flaw: str) -> None:
     part, words = FLAWS[flaw]
-    assert any(text.startswith(words) for text in told(part)), told(part)
+    assert any(text.startswith(words) for text in reported(part)), reported(part)
     page = banners(summary(part), has_reference=True)
     assert 'class="banner good"' not in page
     assert "Part complete, but not good" in page
 
 
-def test_a_correction_that_failed_is_told_even_of_a_part_in_tolerance() -> None:
+def test_a_correction_that_failed_is_reported_even_of_a_part_in_tolerance() -> None:
     failed = ContourCorrection(
         EXACT.plan_id,
         2,
@@ -84,7 +84,7 @@ def test_a_correction_that_failed_is_told_even_of_a_part_in_tolerance() -> None:
         code=int(ErrorCode.SCAN_MISSING),
         message="no scan came",
     )
-    assert told(replace(EXACT, corrections=(failed,))) == ["not corrected: 1320: no scan came"]
+    assert reported(replace(EXACT, corrections=(failed,))) == ["not corrected: 1320: no scan came"]
 
 
 def test_a_part_that_ended_early_is_not_good() -> None:

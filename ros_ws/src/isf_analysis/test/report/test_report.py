@@ -180,11 +180,11 @@ def test_a_part_that_ended_early_says_so_before_any_number(tmp_path: Path) -> No
     assert banner < html.index('<div class="cards">')
 
 
-def test_a_failure_that_no_message_carried_is_told_too(tmp_path: Path) -> None:
-    died = IsfError(ErrorCode.NODE_DIED, "node 'springback' gives no sign of life")
+def test_a_failure_that_no_message_carried_is_reported_too(tmp_path: Path) -> None:
+    died = IsfError(ErrorCode.NODE_DIED, "node 'springback' no longer responds")
     report = write_report(replace(PART, scan=None), tmp_path, failure=died)
     assert not report.numbers["complete"]
-    assert "1502 NODE_DIED: node 'springback' gives no sign of life" in " ".join(page_of(report).text.split())
+    assert "1502 NODE_DIED: node 'springback' no longer responds" in " ".join(page_of(report).text.split())
 
 
 def test_what_a_job_says_is_text_not_markup(tmp_path: Path) -> None:
@@ -194,13 +194,13 @@ def test_what_a_job_says_is_text_not_markup(tmp_path: Path) -> None:
     assert "&lt;b&gt;$x&lt;/b&gt;" in html
 
 
-def test_progress_is_told_for_every_figure(tmp_path: Path) -> None:
-    told: list[str] = []
-    report = write_report(make_part(contours=2, spacing=4e-3), tmp_path, progress=told.append)
-    assert sum(text.startswith("figure: ") for text in told) == len(report.pictures)
+def test_progress_is_reported_for_every_figure(tmp_path: Path) -> None:
+    reported: list[str] = []
+    report = write_report(make_part(contours=2, spacing=4e-3), tmp_path, progress=reported.append)
+    assert sum(text.startswith("figure: ") for text in reported) == len(report.pictures)
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(IsfError) as caught:
         write_report(replace(PART, scan=None, results=(), corrections=()), tmp_path / "file" / "report")

@@ -70,14 +70,14 @@ def identify_machine(
         )
     if dial is not None:
         if name not in (None, "compliance") or cell:
-            raise IsfError(ErrorCode.FILE_FIELD, "a dial indicator tells compliances alone", where="--dial")
+            raise IsfError(ErrorCode.FILE_FIELD, "a dial indicator measures compliances only", where="--dial")
         below = rig_name(rig) if rig is not None else rig_reference(_job(job, None, Path()))
         identify_dial(dial, below, _files(output, "identify-dial")[0], as_json=as_json)
         return
     if name is None or name not in NAMES:
         raise IsfError(
             ErrorCode.FILE_FIELD,
-            f"there is no property '{name}'" if name else "no property is asked for",
+            f"there is no property '{name}'" if name else "no property was requested",
             where="--property",
             advice="one of " + ", ".join(NAMES),
         )

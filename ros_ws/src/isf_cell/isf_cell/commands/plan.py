@@ -102,7 +102,7 @@ def _job_of(part: Path, unit: str | None) -> JobFile:
     if unit is None and kind in meshes.FORMATS:
         raise IsfError(
             ErrorCode.FILE_UNIT,
-            "a mesh file does not tell its unit",
+            "the mesh file does not state its unit",
             where=str(part),
             advice="add --unit mm (or cm, m, in), or write a job file",
         )

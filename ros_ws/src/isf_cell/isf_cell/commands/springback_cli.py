@@ -28,7 +28,7 @@ def predict(
     job: Job,
     force: Annotated[list[float] | None, typer.Option(help="load in N; may be given several times")] = None,
     depth: Annotated[float | None, typer.Option(help="depth in mm  [default: the last contour]")] = None,
-    direction: Annotated[str, typer.Option(help="of the load: push, x or y")] = "push",
+    direction: Annotated[str, typer.Option(help="direction of the load: push, x or y")] = "push",
     json: Json = False,
 ) -> None:
     """Deflection of the partly formed sheet at the control points of one depth."""

@@ -40,7 +40,7 @@ def push_flat_sheet(
     if held:
         raise IsfError(
             ErrorCode.FILE_FIELD,
-            "the sheet does not hang in its clamp alone, so that a push says nothing of the clamp",
+            "the sheet does not hang in its clamp alone, so that a push says nothing about the clamp",
             where=held[0],
             advice="push a sheet without it: a copy of the job that leaves it out",
         )

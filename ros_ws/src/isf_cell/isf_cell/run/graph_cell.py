@@ -157,7 +157,7 @@ class GraphCell:
         self._client.wait_until(
             lambda: self._machine is not None and not self._machine.fault_codes and self._machine.tared,
             self._watch_nodes,
-            "the machine does not tell its state",
+            "the machine does not report its state",
             ErrorCode.SERVICE_TIMEOUT,
         )
         state = self._machine
@@ -297,10 +297,10 @@ class GraphCell:
             raise failure(found.code, found.message)
         return found
 
-    def _go_on_after(self, error: IsfError, told: str) -> None:
+    def _go_on_after(self, error: IsfError, reported: str) -> None:
         if error.code in _END_THE_PART:
             raise error
-        self._operator.phase(f"{told}: {error}")
+        self._operator.phase(f"{reported}: {error}")
 
     def _wait_for_result(self, index: int) -> ContourResult:
         deadline = time.monotonic() + self._settings.contour_timeout
@@ -325,7 +325,7 @@ class GraphCell:
             raise IsfError(
                 ErrorCode.NODE_INACTIVE,
                 f"node '{name}' is {state} in the middle of the part",
-                advice="another program deactivated it, or it was started anew; form the part again",
+                advice="another program deactivated it, or it was restarted; form the part again",
             )
 
     def _watch_nodes(self) -> None:
@@ -333,10 +333,10 @@ class GraphCell:
             self._monitor.not_served()
         for name in self._monitor.silent():
             words = self._monitor.last_words(name)
-            told = f"; its last words: {words}" if words not in ("", "ok") else ""
+            last = f"; its last output:  {words}" if words not in ("", "ok") else ""
             raise IsfError(
                 ErrorCode.NODE_DIED,
-                f"node '{name}' gives no sign of life{told}",
+                f"node '{name}' no longer responds{last}",
                 advice="the machine holds and releases contact; see the log of the node, restart it",
             )
 

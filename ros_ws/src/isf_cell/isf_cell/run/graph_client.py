@@ -46,7 +46,7 @@ class GraphClient:
     def call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
         """Response of a service; raises IsfError NODE_MISSING (no server) or SERVICE_TIMEOUT."""
         client = self._clients.get(name) or self._clients.setdefault(name, self._node.create_client(kind, name))
-        self.wait_until(client.service_is_ready, watch, f"service '{name}' is not there", ErrorCode.NODE_MISSING)
+        self.wait_until(client.service_is_ready, watch, f"service '{name}' is not available", ErrorCode.NODE_MISSING)
         return self._await(client.call_async(request), watch, name, timeout)
 
     def checked_call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
@@ -61,7 +61,7 @@ class GraphClient:
     ) -> Any:
         """Result of an action; cancels it when the watch raises."""
         client = self._clients.get(name) or self._clients.setdefault(name, ActionClient(self._node, kind, name))
-        self.wait_until(client.server_is_ready, watch, f"action '{name}' is not there", ErrorCode.NODE_MISSING)
+        self.wait_until(client.server_is_ready, watch, f"action '{name}' is not available", ErrorCode.NODE_MISSING)
         handle = self._await(
             client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback)), watch, name
         )

@@ -193,7 +193,7 @@ def _incomplete_record(bag: Path, recorder: NodeProcess) -> IsfError:
     words = recorder.last_lines(1)
     return IsfError(
         ErrorCode.BAG_INCOMPLETE,
-        "the recorder did not record to the end" + (f"; its last words: {words}" if words else ""),
+        "the recorder did not record to the end" + (f"; its last output:  {words}" if words else ""),
         where=str(bag),
         advice=f"check the free space of the disk, and the log {recorder.log}; what was recorded is reported",
     )

@@ -42,7 +42,7 @@ class HeartbeatMonitor:
         self._left.clear()
 
     def deactivated(self) -> dict[str, str]:
-        """State of each node that was active and no longer is: somebody else took it down, or it was started anew."""
+        """State of each node that was active and no longer is: somebody else took it down, or it was restarted."""
         return dict(self._left)
 
     def not_served(self) -> None:

@@ -40,7 +40,7 @@ def identify(
     ``contours`` are formed first (None: most of the part; none for the servo). Raises IsfError as planning, forming and
     the measurement do.
     """
-    tell = progress or (lambda phase, share: None)
+    notify = progress or (lambda phase, share: None)
     cell = InProcessCell(machine=machine)
     goal = PartGoal(job_file, RunOptions(correction=UNCORRECTED, world=world, seed=seed))
     cell.reset(goal)
@@ -56,13 +56,13 @@ def identify(
             advice=f"0 to {planned.count - 1}",
         )
     for index in range(wanted):
-        tell("forming a wall", index / wanted)
+        notify("forming a wall", index / wanted)
         result = cell.form_contour(index).result
         if not result.completed:
             raise IsfError(ErrorCode(result.code), result.message)
     geometry = ToolGeometry.from_job(job_file)
     probe = cell.measure(
-        lambda rest: make_probe(rest, settings, geometry), lambda measured: tell(measured.phase, measured.progress)
+        lambda rest: make_probe(rest, settings, geometry), lambda measured: notify(measured.phase, measured.progress)
     )
     return finding(probe, cell.config, job_file.rig, rig_reference(job_file), date.today().isoformat())
 

@@ -160,7 +160,7 @@ class InProcessCell:
         """Of the force controller."""
         return self._controller.config
 
-    def measure(self, make: Callable[[AtRest], M], tell: Callable[[M], None]) -> M:
+    def measure(self, make: Callable[[AtRest], M], notify: Callable[[M], None]) -> M:
         """The ended measurement that ``make`` began; ``tell`` is called once per second of its time."""
         controller, rate = self._controller, round(self.machine.control_rate)
         measurement = controller.measure(make)
@@ -171,7 +171,7 @@ class InProcessCell:
                 controller.add_measured(1, sample.time, sample.tip_1.tolist())
                 controller.add_measured(2, sample.time, sample.tip_2.tolist())
             if sample.tick % rate == 0:
-                tell(measurement)
+                notify(measurement)
 
         self.sample = run_ticks(controller, self.machine, self.sample, report)
         return measurement

@@ -18,7 +18,7 @@ JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yam
 TUNE = {"stiffness": None, "delay": 0.0, "noise": 1.0, "loop_gain": None, "as_json": True}
 
 
-def test_tune_draws_and_tells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tune_draws_and_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tune_job(JOB, tmp_path / "tune", **TUNE)  # type: ignore[arg-type]
     data = json.loads(capsys.readouterr().out)
     assert data["gain_margin"] > 3.0
@@ -94,7 +94,7 @@ def test_gains_of_channels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         ("fx,u\n1,2\n1,2\n1,2\n", ErrorCode.FILE_FIELD),
     ],
 )
-def test_bad_tables_are_told(tmp_path: Path, text: str, code: ErrorCode) -> None:
+def test_bad_tables_are_reported(tmp_path: Path, text: str, code: ErrorCode) -> None:
     path = tmp_path / "loads.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(IsfError) as caught:

@@ -21,7 +21,7 @@ def test_every_executable_of_every_package_is_looked_for() -> None:
     assert set(doctor.EXECUTABLES) == installed
 
 
-def test_all_nodes_are_told_and_a_missing_one_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_nodes_are_reported_and_a_missing_one_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     (check,) = doctor._nodes()
     assert check.state == "ok"
     assert check.found.split(", ") == [name for _, name in doctor.EXECUTABLES if name != "isf"]

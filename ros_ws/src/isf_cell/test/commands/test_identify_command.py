@@ -148,7 +148,7 @@ def test_refusals_of_the_command(arguments: tuple[str, ...], code: ErrorCode) ->
     assert done.exception.code is code
 
 
-def test_a_fault_of_the_machine_is_told() -> None:
+def test_a_fault_of_the_machine_is_reported() -> None:
     job_file = load_job(JOB)
     settings = IdentifySettings.of(Property.LOAD_CELL_SIGNS, 1, 1, (0.0, 0.0, 0.0), 200.0)
     from isf_sim.machine.simulated_machine import SimulatedMachine

@@ -31,7 +31,7 @@ def test_brackets_are_not_markup() -> None:
         assert words in shown.get()
 
 
-def test_a_comparison_of_methods_tells_its_units() -> None:
+def test_a_comparison_of_methods_reports_its_units() -> None:
     row = {"method": "none", "contours": 3, "code": 0, "slowest_correction_ms": 1.0, "largest_correction_mm": 0.5}
     row |= {f"{key}_mm": 0.1 for key in ("wall_and_base_max", "wall_and_base_mean", "base_signed", "rim_max")}
     with terminal.console.capture() as shown:
@@ -42,7 +42,7 @@ def test_a_comparison_of_methods_tells_its_units() -> None:
     assert "slowest correction [ms]" in head
 
 
-def test_a_prediction_and_a_push_tell_their_units(tmp_path: Path) -> None:
+def test_a_prediction_and_a_push_report_their_units(tmp_path: Path) -> None:
     curve = tmp_path / "push.csv"
     curve.write_text("force_N,displacement_mm\n60,1.90\n240,3.91\n400,5.00\n")
     with terminal.console.capture() as shown:

@@ -30,21 +30,21 @@ def await_line(process: subprocess.Popen[str], words: str) -> None:
     assert any(words in line for line in process.stderr)
 
 
-def told_after_ctrl_c(folder: Path, words: str) -> str:
+def reported_after_ctrl_c(folder: Path, words: str) -> str:
     """What a simulation says when Ctrl-C comes after a line with ``words``."""
     process = start(folder, "--correction", "analytic")
     await_line(process, words)
     process.send_signal(signal.SIGINT)
     assert process.stderr is not None
-    told = process.stderr.read()
-    assert process.wait(300) == Exit.CANCELLED, told
-    return told
+    reported = process.stderr.read()
+    assert process.wait(300) == Exit.CANCELLED, reported
+    return reported
 
 
 def test_ctrl_c_keeps_and_reports_what_was_formed(tmp_path: Path) -> None:
-    told = told_after_ctrl_c(tmp_path, "contour 2/10")
-    number = re.search(r"stopped by the operator after contour (\d+) of 10", told)
-    assert number, told
+    reported = reported_after_ctrl_c(tmp_path, "contour 2/10")
+    number = re.search(r"stopped by the operator after contour (\d+) of 10", reported)
+    assert number, reported
     assert 2 <= int(number[1]) < 10
     record = read_bag(tmp_path / "run" / "bag")
     assert record.formed == int(number[1])
@@ -53,8 +53,8 @@ def test_ctrl_c_keeps_and_reports_what_was_formed(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_before_the_first_contour_leaves_no_folder(tmp_path: Path) -> None:
-    told = told_after_ctrl_c(tmp_path, "planning")
-    assert "nothing of the part is kept" in told
+    reported = reported_after_ctrl_c(tmp_path, "planning")
+    assert "nothing of the part is kept" in reported
     assert not (tmp_path / "run").exists()
 
 

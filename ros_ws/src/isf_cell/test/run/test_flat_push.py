@@ -35,22 +35,22 @@ def test_a_stiffer_edge_is_found(world):
     assert 0.7 * spring < found.edge.in_plane < 2.0 * spring
 
 
-def test_a_force_that_is_not_reached_is_told():
-    with pytest.raises(IsfError) as told:
+def test_a_force_that_is_not_reached_is_reported():
+    with pytest.raises(IsfError) as reported:
         push_flat_sheet(load_job(JOB), force=5000.0)
-    assert told.value.code in (ErrorCode.PUSH_CURVE_UNUSABLE, ErrorCode.MACHINE_FAULTED)
+    assert reported.value.code in (ErrorCode.PUSH_CURVE_UNUSABLE, ErrorCode.MACHINE_FAULTED)
 
 
 def test_a_sheet_over_a_backing_plate_says_nothing_of_its_clamp():
-    with pytest.raises(IsfError, match="does not hang in its clamp") as told:
+    with pytest.raises(IsfError, match="does not hang in its clamp") as reported:
         push_flat_sheet(load_job(JOB.with_name("lu_cone.yaml")))
-    assert told.value.code == ErrorCode.FILE_FIELD
+    assert reported.value.code == ErrorCode.FILE_FIELD
 
 
-def test_a_place_that_cannot_be_reached_is_told():
-    with pytest.raises(IsfError, match="the push was stopped") as told:
+def test_a_place_that_cannot_be_reached_is_reported():
+    with pytest.raises(IsfError, match="the push was stopped") as reported:
         push_flat_sheet(load_job(JOB), place=(0.5, 0.0))
-    assert told.value.code == ErrorCode.MACHINE_FAULTED
+    assert reported.value.code == ErrorCode.MACHINE_FAULTED
 
 
 def test_the_command_pushes_the_simulated_machine():

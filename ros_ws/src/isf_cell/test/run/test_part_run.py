@@ -143,7 +143,7 @@ def test_a_step_that_fails_ends_the_part_at_rest(contours: tuple[Contour, ...], 
         assert cell.asked[-3] == step
 
 
-def test_what_lies_behind_a_failure_is_told(contours: tuple[Contour, ...]) -> None:
+def test_what_lies_behind_a_failure_is_reported(contours: tuple[Contour, ...]) -> None:
     cell = ScriptedCell(contours, {"contour 1": ErrorCode.WRENCH_LOST}, cause=ErrorCode.NODE_DIED)
     failed = _run(cell, Watching())
     assert failed is not None

@@ -85,8 +85,8 @@ class AdsifSurface(FileModel):
 def load_surface(name_or_path: str, base: Path | None = None) -> AdsifSurface:
     """Surface by name or by path relative to ``base``; raises IsfError naming file, line and field."""
     surface = yaml_file.load(find_named("adsif", name_or_path, base), AdsifSurface)
-    told = {"stable_angle", "pitch", "thickness_to_radius", "projection_distance", "angle_variation"}
-    missing = (told | {"forming_force", "support_share"}) - set(surface.provenance)
+    reported = {"stable_angle", "pitch", "thickness_to_radius", "projection_distance", "angle_variation"}
+    missing = (reported | {"forming_force", "support_share"}) - set(surface.provenance)
     if missing:
         raise IsfError(
             ErrorCode.FILE_FIELD,
@@ -201,7 +201,7 @@ def choose(
     if steepest > surface.largest_angle + 1e-9:
         raise IsfError(
             ErrorCode.ADSIF_NOT_REACHABLE,
-            f"a wall of {np.degrees(steepest):.1f} deg is asked for, ADSIF with {surface.name} forms "
+            f"a wall of {np.degrees(steepest):.1f} deg is required, ADSIF with {surface.name} forms "
             f"{np.degrees(surface.largest_angle):.1f} deg at most",
             where="part",
             advice="make the wall flatter, or form the part with process DSIF",

@@ -209,7 +209,7 @@ class PathSpec(FileModel):
         if "machine" in self.compensation and self.machine_error is None:
             raise ValueError("compensation machine needs machine_error, the file with the measured errors")
         if len(set(self.compensation)) != len(self.compensation):
-            raise ValueError("compensation names something twice")
+            raise ValueError("compensation lists something twice")
         return self
 
     @model_validator(mode="after")
@@ -322,7 +322,7 @@ class ForceRule(FileModel):
     def _says_where(self) -> ForceRule:
         ranges = {name: getattr(self, name) for name in ("wall_angle", "corner_radius", "depth", "x", "y")}
         if self.facing is None and not any(ranges.values()):
-            raise ValueError("the rule says nowhere: give facing, wall_angle, corner_radius, depth, x or y")
+            raise ValueError("the rule names no place: give facing, wall_angle, corner_radius, depth, x or y")
         for name, limits in ranges.items():
             if limits is not None and not limits[0] < limits[1]:
                 raise ValueError(f"{name} must go from a smaller to a larger value")

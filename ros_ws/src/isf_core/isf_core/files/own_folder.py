@@ -20,7 +20,7 @@ def path_below(folder: Path, name: str) -> Path:
     asked = Path(name)
     advice = f"name a file below {folder}, such as part/state.npz"
     if asked.is_absolute() or ".." in asked.parts or "\0" in name:
-        what = "only relative paths without '..' are taken"
+        what = "only relative paths without '..' are accepted"
         raise IsfError(ErrorCode.FILE_OUTSIDE, what, where=f"path {name!r}", advice=advice)
     try:
         own = folder.resolve()

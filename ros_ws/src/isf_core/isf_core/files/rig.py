@@ -40,7 +40,7 @@ def layered_text(path: Path) -> str:
                 ErrorCode.FILE_FIELD,
                 f"is {below!r}, or one of more than {MAXIMUM_LAYERS} files that are based on each other",
                 where=f"{path}: {BASE}",
-                advice="name a rig, or a rig file relative to this one, that does not come back to it",
+                advice="name a rig, or a rig file relative to this one, that is not based on this one",
             )
         here = find_named("rigs", below, here.parent)
         text = yaml_file.read(here)

@@ -115,7 +115,7 @@ def _explain(error: ValidationError, model: type[BaseModel], root: yaml.Node, na
             advice = f"{advice}; or {words[0]['ctx']['expected']}".lstrip("; ")
     more = len({_without_choice(model, fault["loc"]) for fault in faults}) - 1
     if more > 0:
-        advice = f"{advice}; {more} more fault(s) in this file".lstrip("; ")
+        advice = f"{advice}; {more} more error(s) in this file".lstrip("; ")
     return IsfError(code, what, where=f"{name}:{_line(root, place)}", advice=advice)
 
 

@@ -124,7 +124,7 @@ class Hexapod:
             raise IsfError(
                 ErrorCode.TARGET_OUT_OF_WORKSPACE,
                 f"cylinder {worst + 1} would have a stroke of {1e3 * strokes[worst]:.1f} mm, "
-                f"0 to {1e3 * self.stroke:.0f} mm can be had",
+                f"0 to {1e3 * self.stroke:.0f} mm is available",
                 where="kinematics",
                 advice="move the part or the table",
             )

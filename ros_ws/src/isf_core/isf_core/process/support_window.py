@@ -78,7 +78,7 @@ class SupportWindow:
     def explanation(self, wall_angle: float) -> str:
         """The set-point on a wall of ``wall_angle`` rad and why, one line for people."""
         force, highest = self.set_point(wall_angle), self.highest(wall_angle)
-        bound = "sheds chips" if highest < self.reach else "takes half of the rig's offset limit"
+        bound = "sheds chips" if highest < self.reach else "uses half of the rig's offset limit"
         chosen = f"{force:.0f} N" if force > 0.0 else "position control"
         return (
             f"{chosen} on walls of {math.degrees(wall_angle):.0f} deg: contact is kept from {self.keeping:.0f} N on, "
@@ -105,7 +105,7 @@ def check_window(window: SupportWindow, steepest: float, material: str) -> None:
     raise IsfError(
         ErrorCode.SUPPORT_FORCE_WINDOW,
         f"{material} sheds chips from {chips:.0f} N on, the rig's offset limit has room "
-        f"for {window.reach:.0f} N, and contact is kept from {window.keeping:.0f} N on: no force serves",
+        f"for {window.reach:.0f} N, and contact is kept from {window.keeping:.0f} N on: no force is suitable",
         where="control.support_force",
         advice="use tools of larger radius or a softer rig, give a force, or 0 N for position control",
     )

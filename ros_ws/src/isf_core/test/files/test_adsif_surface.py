@@ -97,7 +97,7 @@ def test_a_wall_beyond_the_surface_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         ({"material": "AA1100-O"}, "material AA1100-O"),
         ({"pitch": 0.1e-3}, "pitch 0.1 mm"),
@@ -105,7 +105,7 @@ def test_a_wall_beyond_the_surface_is_refused() -> None:
         ({"radii": (5e-3, 4e-3)}, "thickness over tool radius 0.25 "),
     ],
 )
-def test_a_surface_is_not_used_for_something_else(change: dict[str, object], told: str) -> None:
+def test_a_surface_is_not_used_for_something_else(change: dict[str, object], reported: str) -> None:
     job = {"material": "AA5754-O", "pitch": 0.2e-3, "thickness": 1e-3, "radii": (5e-3, 5e-3)}
     adsif_surface.check_use(SURFACE, **job)  # type: ignore[arg-type]
     # the ratio counts, not the thickness
@@ -113,7 +113,7 @@ def test_a_surface_is_not_used_for_something_else(change: dict[str, object], tol
     with pytest.raises(IsfError) as caught:
         adsif_surface.check_use(SURFACE, **(job | change))  # type: ignore[arg-type]
     assert caught.value.code is ErrorCode.ADSIF_SURFACE_MISMATCH
-    assert told in caught.value.message
+    assert reported in caught.value.message
 
 
 @pytest.mark.parametrize(

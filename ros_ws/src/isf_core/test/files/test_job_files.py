@@ -106,7 +106,7 @@ def test_quantities_become_si() -> None:
         ("unit: mm", "unit: furlong", ErrorCode.FILE_FIELD, "job.yaml:2", "'mm'"),
     ],
 )
-def test_a_wrong_field_is_told_with_its_place(old: str, new: str, code: ErrorCode, place: str, words: str) -> None:
+def test_a_wrong_field_is_reported_with_its_place(old: str, new: str, code: ErrorCode, place: str, words: str) -> None:
     with pytest.raises(IsfError) as caught:
         parse(GOOD.replace(old, new))
     assert caught.value.code == code

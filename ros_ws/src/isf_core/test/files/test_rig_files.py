@@ -18,12 +18,12 @@ TAGS = ("published", "calibrated", "assumed")
 
 
 @pytest.mark.parametrize("name", RIGS)
-def test_every_rig_loads_and_tells_the_origin_of_its_constants(name: str) -> None:
+def test_every_rig_loads_and_reports_the_origin_of_its_constants(name: str) -> None:
     rig = load_rig(str(FOLDER / "rigs" / f"{name}.yaml"))
     assert rig.name == name
     assert all(text.startswith(TAGS) for text in rig.provenance.values())
-    told = {key.split(".")[0] for key in rig.provenance}
-    assert {"clamp", "compliance", "contact_stiffness", "servo", "load_cell", "limits", "park_height"} <= told
+    reported = {key.split(".")[0] for key in rig.provenance}
+    assert {"clamp", "compliance", "contact_stiffness", "servo", "load_cell", "limits", "park_height"} <= reported
 
 
 def constants(values: dict[str, object], above: str = "") -> list[str]:
@@ -38,7 +38,7 @@ def constants(values: dict[str, object], above: str = "") -> list[str]:
     return found
 
 
-def is_told(constant: str, origins: set[str]) -> bool:
+def is_stated(constant: str, origins: set[str]) -> bool:
     """An origin stands for a constant, for a part of it (compliance.xy), or for all that begin with it."""
     return any(
         constant == origin or constant.startswith((f"{origin}.", f"{origin}_")) or origin.startswith(f"{constant}.")
@@ -51,9 +51,9 @@ def test_no_constant_of_a_rig_is_without_an_origin(name: str) -> None:
     values = yaml.safe_load((FOLDER / "rigs" / f"{name}.yaml").read_text(encoding="utf-8"))
     origins = set(values.pop("provenance"))
     names = set(constants(values)) - {"name"}
-    assert {constant for constant in names if not is_told(constant, origins)} == set()
-    assert is_told("load_cell.noise_ratio", {"load_cell.noise"})
-    assert not is_told("load_cell.resolution", {"load_cell.noise"})
+    assert {constant for constant in names if not is_stated(constant, origins)} == set()
+    assert is_stated("load_cell.noise_ratio", {"load_cell.noise"})
+    assert not is_stated("load_cell.resolution", {"load_cell.noise"})
 
 
 @pytest.mark.parametrize("name", MATERIALS)

@@ -9,7 +9,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.rig import load_rig
 
 
-def test_what_a_layer_tells_replaces_what_is_below(tmp_path: Path) -> None:
+def test_what_a_layer_reports_replaces_what_is_below(tmp_path: Path) -> None:
     (tmp_path / "first.yaml").write_text(
         "based_on: ren2018\nservo:\n  bandwidth: 28 Hz\nprovenance:\n  servo.bandwidth: 'identified: here'\n"
     )

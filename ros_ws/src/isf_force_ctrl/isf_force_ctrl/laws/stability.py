@@ -77,7 +77,7 @@ def check_force_gain(
     if loop_gain * margin > ultimate:
         raise IsfError(
             ErrorCode.UNSTABLE_GAIN,
-            f"force loop gain {loop_gain:.0f} 1/s is too near to its stability limit of {ultimate:.0f} 1/s",
+            f"force loop gain {loop_gain:.0f} 1/s is too close to its stability limit of {ultimate:.0f} 1/s",
             where="force control",
             advice="reduce loop_gain, raise control.rate or use a faster servo",
         )

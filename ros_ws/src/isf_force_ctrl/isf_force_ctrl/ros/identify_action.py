@@ -45,11 +45,11 @@ class IdentifyAction:
             handle.abort()
             return Identify.Result(code=int(error.code), message=error.message)
 
-        def tell() -> None:
+        def notify() -> None:
             handle.publish_feedback(Identify.Feedback(phase=probe.phase, progress=float(probe.progress)))
 
         def measure() -> Identify.Result:
-            follow(handle, lambda: controller.measuring, controller.cancel, self._lock, tell)
+            follow(handle, lambda: controller.measuring, controller.cancel, self._lock, notify)
             if not probe.ended and probe.code is ErrorCode.OK:  # the controller was put away
                 probe.give_up(ErrorCode.STOPPED, "the measurement was ended from outside", stay=True)
             found = identification.finding(probe, controller.config)

@@ -52,11 +52,11 @@ class MeasurementActions:
             handle.abort()
             return LiftTool.Result(code=int(error.code), message=error.message)
 
-        def tell() -> None:
+        def notify() -> None:
             handle.publish_feedback(LiftTool.Feedback(lift=lift.lift, force=lift.force))
 
         await in_thread(
-            lambda: follow(handle, lambda: self._moving(controller), controller.cancel, self._lock, tell),
+            lambda: follow(handle, lambda: self._moving(controller), controller.cancel, self._lock, notify),
             self._node.executor,
         )
         found = lift.record()
@@ -83,14 +83,14 @@ class MeasurementActions:
             handle.abort()
             return MoveAside.Result(code=int(error.code), message=error.message)
 
-        def tell() -> None:
+        def notify() -> None:
             handle.publish_feedback(MoveAside.Feedback(tip_1=list(controller.targets.tip_1)))
 
         def cancel() -> None:
             controller.stop("move_aside was cancelled")
 
         await in_thread(
-            lambda: follow(handle, lambda: self._moving(controller), cancel, self._lock, tell), self._node.executor
+            lambda: follow(handle, lambda: self._moving(controller), cancel, self._lock, notify), self._node.executor
         )
         if controller.fault is None:
             handle.succeed()
@@ -115,7 +115,7 @@ def follow(
     busy: Callable[[], bool],
     cancel: Callable[[], None],
     lock: threading.RLock,
-    tell: Callable[[], None],
+    notify: Callable[[], None],
 ) -> None:
     """As long as ``busy``; ticks go on in the node's own callbacks meanwhile. ``tell`` gives feedback."""
     cancelled = False
@@ -124,5 +124,5 @@ def follow(
             cancelled = True
             with lock:
                 cancel()
-        tell()
+        notify()
         time.sleep(PERIOD)  # pace of the feedback; nothing is ordered by it

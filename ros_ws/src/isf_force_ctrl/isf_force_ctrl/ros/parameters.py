@@ -16,7 +16,7 @@ class ForceCtrlParameters:
 
     lockstep: bool = parameter(True, "one tick per pair of wrenches; false: by the wall clock")
     wrench_timeout: float = parameter(
-        0.0, "s without a wrench that end a contour; 0: 5 s in lockstep, 0.25 s else", minimum=0.0, maximum=60.0
+        0.0, "s without a wrench after which a contour ends; 0: 5 s in lockstep, 0.25 s else", minimum=0.0, maximum=60.0
     )
     contour_wait: float = parameter(
         10.0,
@@ -27,12 +27,12 @@ class ForceCtrlParameters:
     )
     wrench_frame: str = parameter("sheet", "frame_id that wrenches must have")
     wrench_delay: float = parameter(
-        0.03, "s, in real time: most that wrenches may come later than at first", minimum=1e-3, maximum=10.0
+        0.03, "s, in real time: longest delay of wrenches beyond that of the first ones", minimum=1e-3, maximum=10.0
     )
     real_time_priority: int = parameter(
-        60, "SCHED_FIFO priority asked for while ticking by the clock; 0: none", minimum=0, maximum=MAXIMUM_PRIORITY
+        60, "SCHED_FIFO priority requested while ticking by the clock; 0: none", minimum=0, maximum=MAXIMUM_PRIORITY
     )
-    lock_memory: bool = parameter(True, "ask for memory that is never paged out while ticking by the clock")
+    lock_memory: bool = parameter(True, "request memory that is never paged out while ticking by the clock")
     output: str = parameter(
         "pose",
         "pose: PoseStamped on tool_k/target; twist: TwistStamped on tool_k/target_twist (not in lockstep)",
@@ -73,9 +73,12 @@ class ForceCtrlParameters:
         ControlConfig.contact_threshold, "N, support force that counts as contact", minimum=0.1, maximum=1000.0
     )
     drift_limit: float = parameter(
-        ControlConfig.drift_limit, "N, reading of a tool off the sheet that is warned of", minimum=0.1, maximum=1e5
+        ControlConfig.drift_limit,
+        "N, reading of a tool off the sheet above which a warning is given",
+        minimum=0.1,
+        maximum=1e5,
     )
     drift_stop: float = parameter(
-        ControlConfig.drift_stop, "N, the same with which no contact is made", minimum=0.1, maximum=1e5
+        ControlConfig.drift_stop, "N, the same, above which no contact is made", minimum=0.1, maximum=1e5
     )
     acceleration: float = parameter(ControlConfig.acceleration, "m/s^2 of a tool tip", minimum=1e-3, maximum=20.0)

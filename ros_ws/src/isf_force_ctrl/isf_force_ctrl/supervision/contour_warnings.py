@@ -49,7 +49,7 @@ def chip_warning(job_file: JobFile, contour: Contour, support_force: float | Non
     )
 
 
-TOLD_FROM = 0.1
+REPORTED_FROM = 0.1
 """Share of a contour's points at the limit from which it is told (assumed): the corners of a pyramid are fewer."""
 
 
@@ -62,7 +62,7 @@ def offset_warning(result: ContourResult, limit: float) -> IsfError | None:
     if not len(offset):
         return None
     share = float((np.abs(offset) >= limit - 1e-9).mean())
-    if share < TOLD_FROM:
+    if share < REPORTED_FROM:
         return None
     engaged = result.tick_engaged.astype(bool)
     force = ""

@@ -111,7 +111,7 @@ class StampWatch:
         if step < -JUMP or step - passed > JUMP:
             return False, (
                 ErrorCode.WRENCH_CLOCK,
-                f"the stamps of {self._name} jumped by {step - passed:+.2f} s (clock set, or the driver started anew)",
+                f"the stamps of {self._name} jumped by {step - passed:+.2f} s (clock set, or the driver restarted)",
             )
         if step < 0.0:
             self.old += 1
@@ -131,7 +131,7 @@ class StampWatch:
         if now - self._late_since < self._late_for:
             return None
         return ErrorCode.WRENCH_LATE, (
-            f"{self._name} comes {1e3 * over:.0f} ms later than at first, {1e3 * self._most:.0f} ms are allowed "
+            f"{self._name} comes {1e3 * over:.0f} ms later than the first ones, {1e3 * self._most:.0f} ms are allowed "
             "(check the network, and the load of this computer)"
         )
 

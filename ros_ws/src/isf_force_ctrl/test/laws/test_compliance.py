@@ -78,7 +78,7 @@ def test_offset_is_limited_and_slew_limited(forces):
     assert np.abs(offsets).max() <= config.offset_limit * (1 + 1e-9)
 
 
-def test_saturation_is_told():
+def test_saturation_is_reported():
     compensation = ComplianceCompensation(make_config(compensation=1.0).compliance())
     compensation.step(5000.0, 0.0)
     assert compensation.flags & Flag.SATURATED_COMPLIANCE

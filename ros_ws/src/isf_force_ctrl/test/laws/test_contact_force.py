@@ -101,7 +101,7 @@ def test_contact_lost_and_found_again():
     assert abs(forces[-1] - 100.0) <= 3.05
 
 
-def test_saturation_is_told_and_wound_back():
+def test_saturation_is_reported_and_wound_back():
     _, loop = closed_loop(lambda t: 100.0, 2.0, disturbance=lambda t: -4e-3)
     assert loop.flags & Flag.SATURATED_OFFSET
     assert loop.offset == make_config().offset_limit

@@ -200,7 +200,7 @@ def test_vertical_and_tangential_force_on_the_simulated_machine():
 
 
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "reported"),
     [
         ("components: [vertical]", "must hold normal"),
         ("vertical_force: 100 N", "vertical_force has no effect"),
@@ -208,8 +208,8 @@ def test_vertical_and_tangential_force_on_the_simulated_machine():
         ("components: [normal, sideways]", "components"),
     ],
 )
-def test_contradictory_jobs_are_refused(lines, told):
+def test_contradictory_jobs_are_refused(lines, reported):
     text = (EXAMPLES / "mini_cone.yaml").read_text()
     with pytest.raises(IsfError) as refused:
         JobFile(text.replace("engage_depth", f"{lines}\n  engage_depth"), EXAMPLES)
-    assert told in str(refused.value)
+    assert reported in str(refused.value)

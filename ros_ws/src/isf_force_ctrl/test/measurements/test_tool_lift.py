@@ -83,7 +83,7 @@ def test_forming_goes_on_after_a_lift():
     assert np.abs(np.diff(targets, axis=0)).max() * 500.0 <= 0.1  # the rig's speed: nothing jumps
 
 
-def test_a_lift_that_is_too_short_is_told_and_returns(cell):
+def test_a_lift_that_is_too_short_is_reported_and_returns(cell):
     before = cell.controller.targets
     lift = lift_tool(cell.controller, LiftSettings(5e-3, 5.0, 0.3e-3))
     targets = cell.run()

@@ -84,9 +84,9 @@ def cell() -> Iterator[Observed]:
 
 def jumped(text: str) -> float:
     """s by which a clock jumped, as the node tells it."""
-    told = re.search(r"jumped by ([+-][\d.]+) s", text)
-    assert told is not None, text
-    return float(told.group(1))
+    reported = re.search(r"jumped by ([+-][\d.]+) s", text)
+    assert reported is not None, text
+    return float(reported.group(1))
 
 
 def moved(contour: Contour, by: tuple[float, float, float]) -> Contour:
@@ -109,7 +109,7 @@ def test_late_messages_and_clocks_that_jump_in_real_time(cell: Observed) -> None
 
     # All of them 50 ms late: the loop's delay would be too long, hold.
     text = cell.ends_with(ErrorCode.WRENCH_LATE, late_at=0)
-    assert "later than at first" in text
+    assert "later than the first ones" in text
     cell.set("machine", late_at=-1, scattered_share=0.0)
     cell.lifted()
 
@@ -135,7 +135,7 @@ def test_clocks_that_jump_in_lockstep(cell: Observed) -> None:
     cell.lifted()
 
 
-def test_wrenches_published_best_effort_are_taken_and_told(cell: Observed) -> None:
+def test_wrenches_published_best_effort_are_taken_and_reported(cell: Observed) -> None:
     cell.start({"best_effort": True})
     cell.armed()
     assert cell.form(small_ring()).code == 0

@@ -22,13 +22,13 @@ def cell() -> Iterator[Cell]:
 
 @pytest.fixture
 def health(cell: Cell) -> list[DiagnosticStatus]:
-    told: list[DiagnosticStatus] = []
+    reported: list[DiagnosticStatus] = []
 
     def take(message: DiagnosticArray) -> None:
-        told.extend(status for status in message.status if status.name == "/force_ctrl")
+        reported.extend(status for status in message.status if status.name == "/force_ctrl")
 
     cell.node.create_subscription(DiagnosticArray, "/diagnostics", take, 10)
-    return told
+    return reported
 
 
 def shows(cell: Cell, health: list[DiagnosticStatus], level: bytes) -> bool:

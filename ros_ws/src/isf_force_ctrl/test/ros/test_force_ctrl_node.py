@@ -120,7 +120,7 @@ def test_contours_out_of_order_are_answered(cell: Cell) -> None:
     assert cell.targets == 0
 
 
-def test_a_contour_sent_early_is_told_what_is_the_case(cell: Cell) -> None:
+def test_a_contour_sent_early_is_reported_what_is_the_case(cell: Cell) -> None:
     cell.start()
     unarmed = cell.form(small_ring(0, 2))
     assert (unarmed.completed, unarmed.code, unarmed.index) == (False, ErrorCode.NOT_ARMED, 0)

@@ -41,7 +41,7 @@ def test_identified_over_dds(cell: Cell, tmp_path: Path) -> None:
     for refused in ({"max_force": float("nan")}, {"places": [0.2, 0.0, 0.0]}, {"max_force": -1.0}):
         result, _ = call(cell, goal(Identify.Goal.TOOL_COMPLIANCE, **refused))
         assert result.code == ErrorCode.MEASUREMENT_REFUSED
-    cancelled, _ = call(cell, goal(Identify.Goal.TOOL_COMPLIANCE), cancel_in="feeling")
+    cancelled, _ = call(cell, goal(Identify.Goal.TOOL_COMPLIANCE), cancel_in="searching")
     assert cancelled.code == ErrorCode.STOPPED
     assert list(cancelled.value) == []
 

@@ -27,9 +27,9 @@ class Executive:
 
     def __init__(self, cell: Cell) -> None:
         self._publisher = cell.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.timer = cell.node.create_timer(0.5, self.tell)
+        self.timer = cell.node.create_timer(0.5, self.notify)
 
-    def tell(self) -> None:
+    def notify(self) -> None:
         values = [KeyValue(key="pid", value="4711"), KeyValue(key="busy", value="True")]
         self._publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name="/executive", values=values)]))
 
@@ -70,7 +70,9 @@ def test_without_an_executive_the_next_contour_is_due(cell: Cell) -> None:
     ("ends", "code", "topic"),
     [("poses_until", ErrorCode.POSE_LOST, "tool_1/pose"), ("states_until", ErrorCode.NO_TARE, "machine/state")],
 )
-def test_what_a_driver_told_that_tells_no_more_does_not_arm(cell: Cell, ends: str, code: ErrorCode, topic: str) -> None:
+def test_what_a_driver_reported_that_reports_no_more_does_not_arm(
+    cell: Cell, ends: str, code: ErrorCode, topic: str
+) -> None:
     """Its tare ended with it, and its tools may stand anywhere."""
     cell.start({ends: 200})
     cell.armed()

@@ -54,7 +54,7 @@ def test_forces_that_shed_chips_are_warned_of(
     assert not warns or (f"{force if asked is None else asked:.0f} N" in text and f"{angle} deg" in text)
 
 
-def test_the_flattest_place_is_told_and_position_control_is_fine() -> None:
+def test_the_flattest_place_is_reported_and_position_control_is_fine() -> None:
     job = JobFile(JOB.format(material="AA1100-O"), Path("/"))
     contour = wall(65, 120.0)
     angle = contour.wall_angle.copy()
@@ -65,5 +65,5 @@ def test_the_flattest_place_is_told_and_position_control_is_fine() -> None:
 
 def test_a_plan_is_warned_of_once() -> None:
     watch = ChipWatch(JobFile(JOB.format(material="AA1100-O"), Path("/")), None)
-    told = [watch.check(wall(65, force)) for force in (120.0, 200.0, 220.0)]
-    assert [bool(text) for text in told] == [False, True, False]
+    reported = [watch.check(wall(65, force)) for force in (120.0, 200.0, 220.0)]
+    assert [bool(text) for text in reported] == [False, True, False]

@@ -36,7 +36,7 @@ def row_at(height_1, height_2):
 
 
 @pytest.mark.parametrize("force", [0.0, 8.0])
-def test_a_good_zero_is_not_told(force):
+def test_a_good_zero_is_not_reported(force):
     seen = []
     outcome = run([ring(k, 2) for k in range(2)], make_config(), on_tick=drifted(2, force, seen=seen))
     assert [(result.completed, result.code, result.message) for result in outcome.results] == [(True, 0, "")] * 2
@@ -73,7 +73,7 @@ def test_a_large_drift_makes_no_contact(tool):
     assert outcome.targets[:, 2].min() > PARK - make_config().clearance
 
 
-def test_a_cell_that_shifts_while_forming_is_told_with_the_last_contour():
+def test_a_cell_that_shifts_while_forming_is_reported_with_the_last_contour():
     def formed(controller):
         return controller.mode in (Mode.CONTROL, Mode.LIFT, Mode.FREEZE)
 
@@ -115,7 +115,7 @@ def test_noise_is_averaged():
         assert watch.warning is None
 
 
-def test_the_warning_is_told_once_and_ends_with_the_drift():
+def test_the_warning_is_reported_once_and_ends_with_the_drift():
     watch = DriftWatch(make_config())
 
     def windows(force):

@@ -75,7 +75,7 @@ def check_die(part: Mesh, height: float, job_file: JobFile) -> None:
     if into[worst] < -APART - tolerance:
         raise IsfError(
             ErrorCode.DIE_COLLISION,
-            f"the die stays {-into[worst] * 1e3:.2f} mm away from the finished sheet everywhere: it carries nothing",
+            f"the die stays {-into[worst] * 1e3:.2f} mm away from the finished sheet everywhere: it supports nothing",
             where=f"die at {place_text(points[worst])}",
             advice="give the die before the holder moves: the lower face of the blank lies on top of it",
         )

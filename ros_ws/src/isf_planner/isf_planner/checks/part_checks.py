@@ -103,7 +103,7 @@ def check_reach(surface: TargetSurface, tip_height: Array, depth: float, radius:
         return ()
     return (
         f"at {place_text(place)} a radius of the part is smaller than the tool ({radius * 1e3:.2f} mm): "
-        f"up to {left * 1e3:.2f} mm of material stay there",
+        f"up to {left * 1e3:.2f} mm of material remain there",
     )
 
 

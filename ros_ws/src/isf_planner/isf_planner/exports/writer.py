@@ -42,7 +42,7 @@ def export(plan: Plan, path: Path, form: str | None = None) -> list[Path]:
         endings = ", ".join(f"{ending} {name}" for ending, name in FORMATS.items())
         raise IsfError(
             ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            f"'{path.suffix}' does not tell a format",
+            f"'{path.suffix}' is not the ending of a known format",
             where=str(path),
             advice=f"add --format NAME (plan, csv, {', '.join(post_names())}), or use one of the endings {endings}",
         )

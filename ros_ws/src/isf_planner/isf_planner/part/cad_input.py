@@ -50,7 +50,7 @@ def read(data: bytes, kind: str, where: str) -> tuple[Array, Indices, float | No
             ErrorCode.MESH_UNREADABLE,
             f"no shape could be read from the {'STEP' if is_step else 'IGES'} file",
             where=where,
-            advice="export the surface again; a damaged or empty file is read as nothing",
+            advice="export the surface again; a damaged or empty file yields no shape",
         )
     mesh = trimesh.load(io.BytesIO(binary), file_type="glb", process=False).to_mesh()
     vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)

@@ -228,23 +228,23 @@ def repair(mesh: Mesh, widest_hole: float) -> tuple[Mesh, tuple[str, ...]]:
 
     ``widest_hole`` (m): larger holes stay open and are refused later with their place.
     """
-    told: list[str] = []
+    reported: list[str] = []
     edges = topology(mesh)
     if len(edges.free_loops()) > 1:
-        mesh, edges = _weld(mesh, edges, told)
+        mesh, edges = _weld(mesh, edges, reported)
     for _ in range(3):  # a facet has three edges, of which one is cut at a time
         if len(edges.free_loops()) > 1:
-            mesh, edges = _stitch(mesh, edges, told)
+            mesh, edges = _stitch(mesh, edges, reported)
     if len(edges.crowded):
-        mesh, edges = _drop_duplicates(mesh, edges, told)
+        mesh, edges = _drop_duplicates(mesh, edges, reported)
     if len(edges.contradicting):
-        mesh, edges = _orient(mesh, edges, told)
+        mesh, edges = _orient(mesh, edges, reported)
     if len(edges.free_loops()) > 1:
-        mesh = _fill_holes(mesh, edges, widest_hole, told)
-    return mesh, tuple(told)
+        mesh = _fill_holes(mesh, edges, widest_hole, reported)
+    return mesh, tuple(reported)
 
 
-def _weld(mesh: Mesh, edges: Topology, told: list[str]) -> tuple[Mesh, Topology]:
+def _weld(mesh: Mesh, edges: Topology, reported: list[str]) -> tuple[Mesh, Topology]:
     """Join free vertices that lie closer than the weld distance; facets that become a line are dropped."""
     free = np.unique(edges.vertices[edges.free])
     pairs = KDTree(mesh.vertices[free]).query_pairs(WELD_DISTANCE, output_type="ndarray")
@@ -260,12 +260,12 @@ def _weld(mesh: Mesh, edges: Topology, told: list[str]) -> tuple[Mesh, Topology]
     whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     moved = int(np.count_nonzero(renamed != np.arange(len(renamed))))
     where = place_text(mesh.vertices[free[pairs[0, 0]]])
-    told.append(f"repaired: {moved} vertices along cracks were joined, the first at {where}")
+    reported.append(f"repaired: {moved} vertices along cracks were joined, the first at {where}")
     welded = Mesh(mesh.vertices, faces[whole])
     return welded, topology(welded)
 
 
-def _stitch(mesh: Mesh, edges: Topology, told: list[str]) -> tuple[Mesh, Topology]:
+def _stitch(mesh: Mesh, edges: Topology, reported: list[str]) -> tuple[Mesh, Topology]:
     """Cut free edges at the free vertices that lie on them: faces of a CAD file that were meshed one by one.
 
     Their common edges have the same shape but different points; with the points of both sides they match.
@@ -300,7 +300,9 @@ def _stitch(mesh: Mesh, edges: Topology, told: list[str]) -> tuple[Mesh, Topolog
     if not cut:
         return mesh, edges
     where = place_text(mesh.vertices[mesh.faces[min(cut)]].mean(axis=0))
-    told.append(f"repaired: {len(cut)} facets along open seams were cut to fit their neighbours, the first at {where}")
+    reported.append(
+        f"repaired: {len(cut)} facets along open seams were cut to fit their neighbours, the first at {where}"
+    )
     kept = np.delete(mesh.faces, sorted(cut), axis=0)
     return _weld_quietly(Mesh(mesh.vertices, np.vstack([kept, *added])))
 
@@ -309,19 +311,19 @@ def _weld_quietly(mesh: Mesh) -> tuple[Mesh, Topology]:
     return _weld(mesh, topology(mesh), [])
 
 
-def _drop_duplicates(mesh: Mesh, edges: Topology, told: list[str]) -> tuple[Mesh, Topology]:
+def _drop_duplicates(mesh: Mesh, edges: Topology, reported: list[str]) -> tuple[Mesh, Topology]:
     """Keep one of the facets that have the same three vertices, whichever way round."""
     _, first = np.unique(np.sort(mesh.faces, axis=1), axis=0, return_index=True)
     if len(first) == len(mesh.faces):
         return mesh, edges
     dropped = np.setdiff1d(np.arange(len(mesh.faces)), first)
     where = place_text(mesh.vertices[mesh.faces[dropped[0]]].mean(axis=0))
-    told.append(f"repaired: {len(dropped)} duplicate facets were removed, the first at {where}")
+    reported.append(f"repaired: {len(dropped)} duplicate facets were removed, the first at {where}")
     single = Mesh(mesh.vertices, mesh.faces[np.sort(first)])
     return single, topology(single)
 
 
-def _orient(mesh: Mesh, edges: Topology, told: list[str]) -> tuple[Mesh, Topology]:
+def _orient(mesh: Mesh, edges: Topology, reported: list[str]) -> tuple[Mesh, Topology]:
     """Turn facets so that neighbours agree and the larger area of every component looks up.
 
     Every facet stands twice in a graph, as it is and turned; agreeing neighbours are joined alike, contradicting ones
@@ -343,12 +345,12 @@ def _orient(mesh: Mesh, edges: Topology, told: list[str]) -> tuple[Mesh, Topolog
     faces = mesh.faces.copy()
     faces[flip] = faces[flip][:, ::-1]
     where = place_text(corners[np.argmax(flip)].mean(axis=0))
-    told.append(f"repaired: {np.count_nonzero(flip)} facets were turned to look up, the first at {where}")
+    reported.append(f"repaired: {np.count_nonzero(flip)} facets were turned to face up, the first at {where}")
     oriented = Mesh(mesh.vertices, faces)
     return oriented, topology(oriented)
 
 
-def _fill_holes(mesh: Mesh, edges: Topology, widest: float, told: list[str]) -> Mesh:
+def _fill_holes(mesh: Mesh, edges: Topology, widest: float, reported: list[str]) -> Mesh:
     """Close all free loops but the largest by facets between their points, seen from above."""
     loops = sorted(edges.free_loops(), key=lambda loop: -float(np.ptp(mesh.vertices[loop, :2], axis=0).max()))
     following = dict(_free_directions(mesh, edges))
@@ -361,7 +363,7 @@ def _fill_holes(mesh: Mesh, edges: Topology, widest: float, told: list[str]) -> 
         if added is None:
             continue
         faces.append(added)
-        told.append(
+        reported.append(
             f"repaired: a hole {width * 1e3:.2f} mm wide at {place_text(rim.mean(axis=0))} was closed by {len(added)} "
             "plane facets"
         )

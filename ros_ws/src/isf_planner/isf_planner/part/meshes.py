@@ -100,15 +100,15 @@ def load_mesh(path: Path, unit: str | None) -> Mesh:
         ) from error
     if not data:
         raise IsfError(ErrorCode.MESH_EMPTY, "the file is empty", where=where, advice="export the surface again")
-    vertices, faces, told = _read(data, kind, where)
+    vertices, faces, reported = _read(data, kind, where)
     if len(faces) == 0:
         advice = "export the surface as triangles, and check that the file was written completely"
         raise IsfError(ErrorCode.MESH_EMPTY, "there are no facets in the file", where=where, advice=advice)
     _check_indices(vertices, faces, where)
     _check_finite(vertices, faces, where)
-    if told is not None:
-        _check_unit(unit, told, where)
-    scale = 1.0 if kind in cad_input.FORMATS else told or METRES[unit or "m"]
+    if reported is not None:
+        _check_unit(unit, reported, where)
+    scale = 1.0 if kind in cad_input.FORMATS else reported or METRES[unit or "m"]
     return _clean(vertices * scale, faces, where)
 
 

@@ -216,5 +216,5 @@ def _check_stiffness(gap: Array, deflection: Array, radius: float, place: Array)
         return ()
     return (
         f"at {place_text(place[most])} the tools give way by {deflection[most] * 1e3:.2f} mm, more than a tenth of "
-        f"their radius: beyond what the compensation was shown for",
+        f"their radius: beyond the range in which the compensation was verified",
     )

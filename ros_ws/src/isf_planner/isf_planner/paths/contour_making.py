@@ -133,7 +133,7 @@ def inset(points: Array, away: Array, flat_radius: float, *, closed: bool) -> Ar
     if missing[worst] > (INSET_TOLERANCE if closed else JOINED_TOLERANCE):
         raise IsfError(
             ErrorCode.PART_TOO_SMALL_FOR_TOOL,
-            f"the flat of the tool (radius {flat_radius * 1e3:.2f} mm) does not fit: it would stand over by "
+            f"the flat of the tool (radius {flat_radius * 1e3:.2f} mm) does not fit: it would overhang by "
             f"{missing[worst] * 1e3:.2f} mm",
             where=f"contour at {place_text(points[worst])}",
             advice="use a smaller tool_1.radius, or a hemisphere",

@@ -256,30 +256,32 @@ def _remarks(contours: Sequence[Contour], found: Sequence[Deflections], job_file
     """One line for each compensation, and what lies outside its published range."""
     job = job_file.job
     wanted = job.path.compensation
-    told = []
+    reported = []
     if "sheet" in wanted:
         w = np.concatenate([one.sheet for one in found])
         share = np.concatenate([one.membrane for one in found])
-        told.append(
+        reported.append(
             f"compensated: sheet deflection {_range(w)} ({w.max() / job.sheet.thickness:.1f} times the sheet, "
             f"membrane forces carry {100 * share.min():.0f} to {100 * share.max():.0f} %), {job.path.sheet_term} shift"
         )
         radii = _radii(contours, job_file)
         ratio = np.concatenate([ring / clamp for clamp, ring in radii])
         if ratio.min() < RATIO[0] or ratio.max() > RATIO[1]:
-            told.append(
+            reported.append(
                 f"the sheet deflection is an extrapolation: opening over clamp is {ratio.min():.2f} to "
                 f"{ratio.max():.2f}, published for {RATIO[0]:g} to {RATIO[1]:g}"
             )
     if "tool" in wanted:
-        told.append(f"compensated: bending of the forming tool {_range(np.concatenate([one.tool for one in found]))}")
+        reported.append(
+            f"compensated: bending of the forming tool {_range(np.concatenate([one.tool for one in found]))}"
+        )
     if "machine" in wanted and job.path.machine_error:
-        told.append(
+        reported.append(
             f"compensated: machine error {_range(np.concatenate([one.machine for one in found]))}, "
             f"{job.path.machine_error_tool.replace('_', ' ').replace('support', 'support tool')} moved"
         )
-        told += machine_error.load(job_file.base / job.path.machine_error).warnings
-    return tuple(told)
+        reported += machine_error.load(job_file.base / job.path.machine_error).warnings
+    return tuple(reported)
 
 
 def _range(values: Array) -> str:

@@ -36,12 +36,12 @@ class Validity:
 
     def objections(self, sheet: float, radii: Sequence[float]) -> tuple[str, ...]:
         """What of the ``sheet`` (m) and the ``radii`` (m) of forming tools is out of range, for people."""
-        told = []
+        reported = []
         checked = [("sheet of", sheet, self.sheet), *(("tool radius of", radius, self.radius) for radius in radii)]
         for what, value, (low, high) in checked:
             if not low - 1e-9 <= value <= high + 1e-9:
-                told.append(f"{what} {value * 1e3:.2f} mm (known for {low * 1e3:g} to {high * 1e3:g} mm)")
-        return tuple(told)
+                reported.append(f"{what} {value * 1e3:.2f} mm (known for {low * 1e3:g} to {high * 1e3:g} mm)")
+        return tuple(reported)
 
 
 AERENS = Validity("regression", (np.radians(20), np.radians(65)), (0.5e-3, 2.0e-3), (5e-3, 12.5e-3))
@@ -142,27 +142,27 @@ def warnings_of(contours: Sequence[Contour], predictions: Sequence[Prediction], 
     """The worst point of every limit that is exceeded or close, and models used outside their range."""
     job, rig = job_file.job, job_file.rig
     limits = limits_of(job_file.material, job)
-    told = []
+    reported = []
     index, point, thinning = _worst(predictions, "thinning")
     if thinning > MARGIN * limits.thinning:
         sheet = job.sheet.thickness * (1.0 - thinning) * 1e3
         word = "beyond" if thinning > limits.thinning else "close to"
-        told.append(
+        reported.append(
             f"{contour_label(index)} at {place_text(contours[index].contact[point])}: the sheet gets {sheet:.2f} mm "
             f"thin, a loss of {100 * thinning:.0f} %, {word} the {100 * limits.thinning:.0f} % that the material allows"
         )
     index, point, axial = _worst(predictions, "axial")
     allowed = min(rig.limits.force[2], rig.load_cell.force_range[2])
     if axial > MARGIN * allowed:
-        told.append(
+        reported.append(
             f"{contour_label(index)} at {place_text(contours[index].contact[point])}: about {axial:.0f} N of axial "
-            f"force are expected, the rig takes {allowed:.0f} N"
+            f"force are expected, the rig allows {allowed:.0f} N"
         )
     radii = sorted({_radius(contour.forming_tool, job) for contour in contours})
     objections = AERENS.objections(job.sheet.thickness, radii)
     if objections:
-        told.append(f"the predicted force is an extrapolation: {', '.join(objections)}")
-    return tuple(told)
+        reported.append(f"the predicted force is an extrapolation: {', '.join(objections)}")
+    return tuple(reported)
 
 
 def _radius(forming_tool: int, job: Job) -> float:

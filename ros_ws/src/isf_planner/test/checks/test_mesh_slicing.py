@@ -62,7 +62,7 @@ def test_pockets_and_islands_run_against_each_other() -> None:
     assert outer.area > 0 > inner.area
 
 
-def test_a_chain_that_ends_at_a_free_edge_is_told() -> None:
+def test_a_chain_that_ends_at_a_free_edge_is_reported() -> None:
     tilted = grid_mesh(X, X, 0.1 * GX)
     (loops,) = slice_mesh(tilted, np.array([0.123e-3]))
     (line,) = loops

@@ -179,7 +179,7 @@ def test_user_adds_a_format_as_a_file(made: Plan, tmp_path: Path) -> None:
         (('"{{P {n} {x1:.5f} {y1:.5f} {z1:.5f} {x2:.5f} {y2:.5f} {z2:.5f}}}"', '"{n}"'), "position of a tool"),
     ],
 )
-def test_faults_in_a_users_format_are_told(change: tuple[str, str], words: str, tmp_path: Path) -> None:
+def test_faults_in_a_users_format_are_reported(change: tuple[str, str], words: str, tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(USER_POST.replace(*change))
     with pytest.raises(IsfError) as caught:
         load_post(str(tmp_path / "mine.yaml"))

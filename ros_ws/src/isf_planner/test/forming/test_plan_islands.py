@@ -207,11 +207,11 @@ def bowl_with_hill(slope: float) -> Mesh:
 def test_an_island_needs_a_plane_floor(tmp_path: Path) -> None:
     level = planned(bowl_with_hill(0.0), tmp_path, depth="1 mm", spacing="1 mm")
     assert [contour.forming_tool for contour in level.contours].count(2) == 4
-    with pytest.raises(IsfError) as told:
+    with pytest.raises(IsfError) as reported:
         planned(bowl_with_hill(0.02), tmp_path, depth="1 mm", spacing="1 mm")
-    assert told.value.code is ErrorCode.ISLAND_WITHOUT_FLOOR
-    assert "x = " in told.value.where
-    assert "islands: around" in told.value.advice
+    assert reported.value.code is ErrorCode.ISLAND_WITHOUT_FLOOR
+    assert "x = " in reported.value.where
+    assert "islands: around" in reported.value.advice
 
 
 def test_a_support_tool_without_room_is_refused_with_the_place(tmp_path: Path) -> None:
@@ -220,16 +220,18 @@ def test_a_support_tool_without_room_is_refused_with_the_place(tmp_path: Path) -
         write(wave((51e-3, -6e-3), (35e-3, -2e-3)), tmp_path / "part.ply"), depth="1 mm", spacing="1 mm", radius="3 mm"
     )
     assert {contour.forming_tool for contour in plan(small).contours} == {1, 2}
-    with pytest.raises(IsfError, match="no room for the support tool of radius 16") as told:
+    with pytest.raises(IsfError, match="no room for the support tool of radius 16") as reported:
         plan(JobFile(small.text.replace("tool_1: {radius: 3 mm}", "tool_1: {radius: 16 mm}"), tmp_path))
-    assert told.value.code is ErrorCode.PART_TOO_SMALL_FOR_TOOL
-    assert "x = " in told.value.where
+    assert reported.value.code is ErrorCode.PART_TOO_SMALL_FOR_TOOL
+    assert "x = " in reported.value.where
 
 
-def test_heights_told_are_those_of_the_sheet(tmp_path: Path) -> None:
+def test_heights_reported_are_those_of_the_sheet(tmp_path: Path) -> None:
     """A fillet smaller than the tool on top of F2: the warning, found in the view from below, names the sheet's z."""
-    told = planned(wave((75e-3, -8e-3), (14e-3, -2e-3)), tmp_path, depth="1 mm", spacing="1 mm", radius="9 mm").warnings
-    fillets = [text for text in told if "smaller than the tool" in text]
+    reported = planned(
+        wave((75e-3, -8e-3), (14e-3, -2e-3)), tmp_path, depth="1 mm", spacing="1 mm", radius="9 mm"
+    ).warnings
+    fillets = [text for text in reported if "smaller than the tool" in text]
     heights = [float(text.split("z = ")[1].split(" mm")[0]) for text in fillets]
     assert len(heights) == 2
     assert -8.0 <= heights[1] <= -2.0
@@ -250,12 +252,12 @@ def test_engagement_counts_from_the_floor(tmp_path: Path) -> None:
 
 def test_one_tool_or_stages_cannot_swap(tmp_path: Path) -> None:
     path = write(part_mesh(free_form(), 10e-6), tmp_path / "part.ply")
-    with pytest.raises(IsfError) as told:
+    with pytest.raises(IsfError) as reported:
         swap_job(path, process="SPIF")
-    assert told.value.code is ErrorCode.FILE_FIELD
-    with pytest.raises(IsfError) as told:
+    assert reported.value.code is ErrorCode.FILE_FIELD
+    with pytest.raises(IsfError) as reported:
         plan(swap_job(path, "islands: swap, stages: [30 deg]"))
-    assert told.value.code is ErrorCode.FEATURES_MIXED
+    assert reported.value.code is ErrorCode.FEATURES_MIXED
 
 
 def test_spiral_and_plan_file(tmp_path: Path) -> None:

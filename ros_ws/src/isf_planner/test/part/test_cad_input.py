@@ -72,7 +72,7 @@ def test_damaged_cad_files(kind: str, damage: str, tmp_path: Path) -> None:
     assert caught.value.advice
 
 
-def test_without_the_converter_it_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_converter_it_is_reported_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "cascadio", None)
     with pytest.raises(IsfError) as caught:
         load_mesh(DATA / "cone_mm.step", None)

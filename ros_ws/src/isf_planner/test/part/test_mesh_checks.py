@@ -28,7 +28,7 @@ def test_a_part_in_place_stays() -> None:
     assert part.depth == pytest.approx(12e-3, abs=1e-12)
 
 
-def test_a_part_elsewhere_is_moved_and_told() -> None:
+def test_a_part_elsewhere_is_moved_and_reported() -> None:
     part = check_and_place(CONE.moved(np.array([0.1, -0.02, 0.3])), CLAMP, RADIUS)
     np.testing.assert_allclose(part.mesh.vertices, check_and_place(CONE, CLAMP, RADIUS).mesh.vertices, atol=1e-12)
     assert "(-100.000, 20.000, -300.000) mm" in part.warnings[0]

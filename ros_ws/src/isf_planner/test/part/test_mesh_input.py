@@ -86,7 +86,7 @@ def test_truncated_binary_stl(kept: int, tmp_path: Path) -> None:
     assert code_of(path) in (ErrorCode.MESH_UNREADABLE, ErrorCode.MESH_EMPTY)
 
 
-def test_truncation_is_told_with_the_number_of_facets(tmp_path: Path) -> None:
+def test_truncation_is_reported_with_the_number_of_facets(tmp_path: Path) -> None:
     path = write(CONE, tmp_path / "part.stl")
     path.write_bytes(path.read_bytes()[: 84 + 10 * 50])
     with pytest.raises(IsfError, match=f"10 of {len(CONE.faces)} facets"):

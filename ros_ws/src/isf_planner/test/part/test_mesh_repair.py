@@ -26,31 +26,31 @@ def repaired(mesh: Mesh) -> tuple[Mesh, str]:
     """The repaired mesh, which the checks accept, and the one sentence told."""
     with pytest.raises(IsfError):
         check_and_place(mesh, CLAMP, RADIUS)
-    made, (told,) = repair(mesh, RADIUS)
+    made, (reported,) = repair(mesh, RADIUS)
     check_and_place(made, CLAMP, RADIUS)
-    return made, told
+    return made, reported
 
 
 def test_a_sound_mesh_comes_back_as_it_is() -> None:
-    made, told = repair(CONE, RADIUS)
+    made, reported = repair(CONE, RADIUS)
     assert made is CONE
-    assert told == ()
+    assert reported == ()
 
 
 def test_turned_facets() -> None:
     faces = CONE.faces.copy()
     turned = RNG.choice(len(faces), len(faces) // 3, replace=False)
     faces[turned] = faces[turned][:, ::-1]
-    made, told = repaired(Mesh(CONE.vertices, faces))
-    assert f"{len(turned)} facets were turned" in told
+    made, reported = repaired(Mesh(CONE.vertices, faces))
+    assert f"{len(turned)} facets were turned" in reported
     assert volume(made) == pytest.approx(volume(CONE), rel=1e-12)
 
 
 def test_duplicate_facets() -> None:
     extra = CONE.faces[[10, 200, 300]]
     extra[1] = extra[1][::-1]
-    made, told = repaired(Mesh(CONE.vertices, np.vstack([CONE.faces, extra])))
-    assert "3 duplicate facets" in told
+    made, reported = repaired(Mesh(CONE.vertices, np.vstack([CONE.faces, extra])))
+    assert "3 duplicate facets" in reported
     assert len(made.faces) == len(CONE.faces)
 
 
@@ -58,9 +58,9 @@ def test_hole_of_several_facets() -> None:
     middle = CONE.vertices[CONE.faces].mean(axis=1)
     gone = np.linalg.norm(middle - middle[400], axis=1) < 2.0e-3
     assert gone.sum() > 3
-    made, told = repaired(Mesh(CONE.vertices, CONE.faces[~gone]))
-    assert "hole" in told
-    assert "closed by" in told
+    made, reported = repaired(Mesh(CONE.vertices, CONE.faces[~gone]))
+    assert "hole" in reported
+    assert "closed by" in reported
     # plane facets over a hole of 4 mm in a cone of 20 mm: off by chord^2 / (8 radius) = 0.1 mm over 12 mm^2
     assert volume(made) == pytest.approx(volume(CONE), abs=0.1e-3 * 12e-6)
 
@@ -68,8 +68,8 @@ def test_hole_of_several_facets() -> None:
 def test_a_hole_wider_than_the_tool_stays_and_is_refused() -> None:
     middle = CONE.vertices[CONE.faces].mean(axis=1)
     mesh = Mesh(CONE.vertices, CONE.faces[np.linalg.norm(middle - [0.022, 0, -8e-3], axis=1) > 5e-3])
-    made, told = repair(mesh, RADIUS)
-    assert told == ()
+    made, reported = repair(mesh, RADIUS)
+    assert reported == ()
     with pytest.raises(IsfError) as caught:
         check_and_place(made, CLAMP, RADIUS)
     assert caught.value.code is ErrorCode.MESH_OPEN
@@ -78,8 +78,8 @@ def test_a_hole_wider_than_the_tool_stays_and_is_refused() -> None:
 def test_crack() -> None:
     split = Mesh(np.vstack([CONE.vertices, CONE.vertices[CONE.faces[50]] + [0, 0, 1e-5]]), CONE.faces.copy())
     split.faces[50] = len(CONE.vertices) + np.arange(3)
-    made, told = repaired(split)
-    assert "3 vertices along cracks" in told
+    made, reported = repaired(split)
+    assert "3 vertices along cracks" in reported
     assert len(topology(made).free_loops()) == 1
 
 
@@ -97,8 +97,8 @@ def test_walls_that_branch_are_refused_with_a_place() -> None:
 
 def test_inside_out_is_not_guessed() -> None:
     """All facets down may be the lower face of the sheet: that is the user's to say."""
-    made, told = repair(Mesh(CONE.vertices, CONE.faces[:, ::-1]), RADIUS)
-    assert told == ()
+    made, reported = repair(Mesh(CONE.vertices, CONE.faces[:, ::-1]), RADIUS)
+    assert reported == ()
     with pytest.raises(IsfError) as caught:
         check_and_place(made, CLAMP, RADIUS)
     assert caught.value.code is ErrorCode.MESH_INVERTED

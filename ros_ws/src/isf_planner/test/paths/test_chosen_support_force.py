@@ -26,10 +26,10 @@ def test_contours_carry_the_force_for_their_flattest_point():
         assert (contour.support_force == job.support_force_at(float(contour.wall_angle.min()))).all()
         highest = [job.support_window.highest(angle) for angle in contour.wall_angle]
         assert (contour.support_force < np.array(highest)).all()
-    told = chosen_force(job, contours)
-    assert f"{forced[0].support_force[0]:.0f} N" in told
-    assert f"on {len(forced)} of {len(contours)} contours" in told
-    assert "contact is kept from 68 N on" in told
+    reported = chosen_force(job, contours)
+    assert f"{forced[0].support_force[0]:.0f} N" in reported
+    assert f"on {len(forced)} of {len(contours)} contours" in reported
+    assert "contact is kept from 68 N on" in reported
     assert chosen_force(*planned("120 N")) == ""
 
 
@@ -40,6 +40,6 @@ def test_walls_too_flat_for_any_force_stay_under_position_control(tmp_path):
     job_file = JobFile(text, JOBS)
     contours = plan(job_file).contours
     assert not any(contour.force_controlled for contour in contours)
-    told = chosen_force(job_file.job, contours)
-    assert "no contour under force control" in told
+    reported = chosen_force(job_file.job, contours)
+    assert "no contour under force control" in reported
     assert np.degrees(job_file.job.support_window.least_wall_angle) == pytest.approx(50.0, abs=1.0)

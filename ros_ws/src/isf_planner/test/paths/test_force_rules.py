@@ -102,9 +102,9 @@ def test_the_last_rule_counts_and_all_conditions_hold_together() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rules", "told"),
+    ("rules", "reported"),
     [
-        ("\n  force_rules: [{force: 80 N}]\n", "says nowhere"),
+        ("\n  force_rules: [{force: 80 N}]\n", "names no place"),
         ("\n  force_rules: [{force: 80 N, depth: [4 mm, 2 mm]}]\n", "smaller to a larger"),
         ("\n  force_rules: [{force: 80 N, depth: [-4 mm, 2 mm]}]\n", "never negative"),
         ("\n  force_rules: [{force: 80 N, corner_radius: [-4 mm, 2 mm]}]\n", "never negative"),
@@ -114,8 +114,8 @@ def test_the_last_rule_counts_and_all_conditions_hold_together() -> None:
         ("\n  force_rules: [{force: 80 N, height: [0 mm, 2 mm]}]\n", "height"),
     ],
 )
-def test_rules_that_make_no_sense_are_refused(rules: str, told: str) -> None:
-    with pytest.raises(IsfError, match=told):
+def test_rules_that_make_no_sense_are_refused(rules: str, reported: str) -> None:
+    with pytest.raises(IsfError, match=reported):
         planned("mini_cone", rules)
 
 
@@ -128,11 +128,11 @@ def test_rules_without_effect_and_forces_that_shed_chips_are_warned_of() -> None
     - {facing: [-10 deg, 100 deg], force: 130 N}
 """
     made = plan(_with_rules("mini_cone", rules))
-    told = [text for text in made.warnings if "force rule" in text]
-    assert [text.split(" (")[0] for text in told] == ["force rule 1", "force rule 2", "force rule 3"]
-    assert "later rules" in told[0]
-    assert "on no point" in told[1]
-    assert "may shed chips" in told[2]
+    reported = [text for text in made.warnings if "force rule" in text]
+    assert [text.split(" (")[0] for text in reported] == ["force rule 1", "force rule 2", "force rule 3"]
+    assert "later rules" in reported[0]
+    assert "on no point" in reported[1]
+    assert "may shed chips" in reported[2]
     assert not [
         text
         for text in plan(_with_rules("ren_pyramid", WALLS[: WALLS.index("    - {wall_angle")])).warnings

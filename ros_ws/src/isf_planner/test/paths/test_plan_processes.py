@@ -129,16 +129,16 @@ def test_features_without_sections_keep_the_sine_law(folder: Path) -> None:
     """Two contours are no sequence of passes: the sine law is used, and told with the place."""
     result = planned(folder, "cone", "thickness: overlap,", depth="4 mm")
     assert len(result.contours) == 2
-    (told,) = [text for text in result.warnings if text.startswith("thickness overlap")]
-    assert "at x = " in told
+    (reported,) = [text for text in result.warnings if text.startswith("thickness overlap")]
+    assert "at x = " in reported
     for contour in result.contours:
         np.testing.assert_allclose(contour.thickness, T0 * np.cos(contour.wall_angle), rtol=1e-12)
 
 
-def test_support_too_large_for_the_curvature_is_told(folder: Path) -> None:
+def test_support_too_large_for_the_curvature_is_reported(folder: Path) -> None:
     """A support ball of 20 mm under an entry fillet of 5 mm; the same on a dome, seen from below."""
 
-    def told(name: str, tool_1: float, tool_2: float, options: str = "") -> list[str]:
+    def reported(name: str, tool_1: float, tool_2: float, options: str = "") -> list[str]:
         radii = {"tool_1": f"radius: {tool_1:g} mm", "tool_2": f"radius: {tool_2:g} mm"}
         return list(planned(folder, name, options, force="0 N", **radii).warnings)
 
@@ -147,24 +147,24 @@ def test_support_too_large_for_the_curvature_is_told(folder: Path) -> None:
         assert "the support tool of radius 20.00 mm" in text
         return float(text.split("presses ")[1].split(" mm")[0])
 
-    assert told("cone", 5, 5) == told("dome", 5, 5) == []
-    deep = pressing(told("cone", 5, 20))
+    assert reported("cone", 5, 5) == reported("dome", 5, 5) == []
+    deep = pressing(reported("cone", 5, 20))
     assert deep > 1.0
-    assert pressing(told("dome", 20, 5)) == pytest.approx(deep, abs=0.02)
-    on_blank = told("cone", 5, 20, "support: on_blank,")
+    assert pressing(reported("dome", 20, 5)) == pytest.approx(deep, abs=0.02)
+    on_blank = reported("cone", 5, 20, "support: on_blank,")
     assert "contour 1 at" in on_blank[0]  # the others stay on its line
     assert 0.1 < pressing(on_blank) < deep
 
 
-def test_a_flat_support_that_stands_too_high_is_told(folder: Path) -> None:
+def test_a_flat_support_that_stands_too_high_is_reported(folder: Path) -> None:
     """The check alone: in place nothing is told, 0.5 mm higher the ring of the flat presses into the wall."""
     flat = "radius: 8 mm, corner_radius: 5 mm"
     made = planned(folder, "cone", tool_2=flat, force="0 N")
     assert made.warnings == ()
     assert made.base is not None
     up = tuple(replace(contour, support_tip=contour.support_tip + [0, 0, 0.5e-3]) for contour in made.contours)
-    (told,) = part_checks.check_support(up, made.base.sides, made.base.job)
-    assert 0.3 <= float(told.split("presses ")[1].split(" mm")[0]) <= 0.55
+    (reported,) = part_checks.check_support(up, made.base.sides, made.base.job)
+    assert 0.3 <= float(reported.split("presses ")[1].split(" mm")[0]) <= 0.55
 
 
 # flat tips
@@ -257,7 +257,7 @@ def test_adsif_places_the_tools_for_the_local_wall(adsif: Plan) -> None:
     np.testing.assert_allclose(formed[wall], angle[wall], atol=np.radians(0.06))  # level sets are 0.05 deg apart
 
 
-def test_adsif_tells_where_it_cannot_be_flat_enough_and_where_the_tools_are_soft(adsif: Plan) -> None:
+def test_adsif_reports_where_it_cannot_be_flat_enough_and_where_the_tools_are_soft(adsif: Plan) -> None:
     assert len(adsif.warnings) == 2
     assert "16.5 deg" in adsif.warnings[0]
     assert "0.7" in adsif.warnings[1]  # mm: 30 deg takes 738 N on both tools together, 1 um/N each
@@ -357,12 +357,12 @@ def test_a_die_in_the_way_is_refused(tmp_path: Path) -> None:
         .replace("../parts/tpif_cone.stl", str(parts / "tpif_cone.stl"))
     )
     die = trimesh.load_mesh(parts / "tpif_cone_die.stl", process=False)
-    for shift, told in (([0, 0, 0.4], "into the finished sheet"), ([2.0, 0, 0], "into the finished sheet")):
+    for shift, reported in (([0, 0, 0.4], "into the finished sheet"), ([2.0, 0, 0], "into the finished sheet")):
         die.copy().apply_translation(shift).export(tmp_path / "die.stl")
         with pytest.raises(IsfError) as caught:
             plan(JobFile(text.replace("../parts/tpif_cone_die.stl", "die.stl"), tmp_path))
         assert caught.value.code is ErrorCode.DIE_COLLISION
-        assert told in caught.value.what
+        assert reported in caught.value.what
         assert "die at x" in caught.value.where
 
 

@@ -56,7 +56,7 @@ def test_nothing_is_moved_unless_it_is_wanted() -> None:
 def test_sheet_moves_both_tools_by_the_same_vector() -> None:
     """Praveen 2020, 2.5: down by w cos(angle) under an upper forming tool, the gap unchanged to 1e-9 m."""
     contours = cone()
-    moved, told = compensate(contours, job("sheet"))
+    moved, reported = compensate(contours, job("sheet"))
     found = deflections(contours, job("sheet"))
     for before, after, one in zip(contours, moved, found, strict=True):
         shift = after.forming_tip - before.forming_tip
@@ -66,8 +66,8 @@ def test_sheet_moves_both_tools_by_the_same_vector() -> None:
         gap = [tool_gap(c.forming_tip, c.support_tip, 5e-3, 5e-3) for c in (before, after)]
         np.testing.assert_allclose(*gap, atol=1e-9)
         assert (one.sheet > 0.5e-3).all()
-    assert "sheet deflection" in told[0]
-    assert "extrapolation" in told[1]
+    assert "sheet deflection" in reported[0]
+    assert "extrapolation" in reported[1]
 
 
 def test_a_lower_forming_tool_pushes_up() -> None:
@@ -109,7 +109,7 @@ def test_tool_bending_moves_the_forming_tool_alone() -> None:
     """Praveen 2020, 2.5: outwards, against the pull of the wall, by F_r times the compliance times the sine of the
     wall angle."""
     contours = cone()
-    moved, told = compensate(contours, job("tool"))
+    moved, reported = compensate(contours, job("tool"))
     for before, after in zip(contours, moved, strict=True):
         shift = after.forming_tip - before.forming_tip
         outward = before.contact[:, :2] / np.linalg.norm(before.contact[:, :2], axis=1, keepdims=True)
@@ -117,7 +117,7 @@ def test_tool_bending_moves_the_forming_tool_alone() -> None:
         np.testing.assert_allclose(shift[:, 2], 0.0, atol=1e-15)
         np.testing.assert_array_equal(after.support_tip, before.support_tip)
         np.testing.assert_array_equal(after.contact, before.contact)
-    assert "bending of the forming tool" in told[0]
+    assert "bending of the forming tool" in reported[0]
     stiff, _ = compensate(contours, job("tool", **{"stick_out: 80 mm": "stick_out: 40 mm"}))
     half = np.linalg.norm(stiff[0].forming_tip - contours[0].forming_tip)
     assert np.linalg.norm(moved[0].forming_tip - contours[0].forming_tip) == pytest.approx(8 * half, rel=1e-9)
@@ -152,11 +152,11 @@ def test_machine_error_is_taken_from_the_support_tool(tmp_path: Path) -> None:
     write_map(tmp_path / "map.csv", lambda x, y, r: 0.1 + 0 * x)
     file = job("machine", base=tmp_path, **{", compensation": ", machine_error: map.csv, compensation"})
     for contours, sign in ((cone(), 1.0), ([mirrored(c) for c in cone()], -1.0)):
-        moved, told = compensate(contours, file)
+        moved, reported = compensate(contours, file)
         for before, after in zip(contours, moved, strict=True):
             np.testing.assert_array_equal(after.forming_tip, before.forming_tip)
             np.testing.assert_allclose(after.support_tip - before.support_tip, [[0, 0, sign * 0.1e-3]] * 180, atol=1e-9)
-        assert told == ("compensated: machine error 0.100 to 0.100 mm, support tool moved",)
+        assert reported == ("compensated: machine error 0.100 to 0.100 mm, support tool moved",)
 
 
 @pytest.mark.parametrize(("tool", "shift"), [(1, -0.1e-3), (2, 0.1e-3)])
@@ -166,14 +166,14 @@ def test_machine_error_is_taken_from_the_tool_that_is_off(tool: int, shift: floa
     option = f", machine_error: map.csv, machine_error_tool: tool_{tool}, compensation"
     file = job("machine", base=tmp_path, **{", compensation": option})
     for contours in (cone(), [mirrored(c) for c in cone()]):
-        moved, told = compensate(contours, file)
+        moved, reported = compensate(contours, file)
         for before, after in zip(contours, moved, strict=True):
             tips = {after.forming_tool: after.forming_tip - before.forming_tip}
             tips[3 - after.forming_tool] = after.support_tip - before.support_tip
             np.testing.assert_allclose(tips[tool], [[0, 0, shift]] * 180, atol=1e-9)
             np.testing.assert_array_equal(tips[3 - tool], 0.0)
             np.testing.assert_array_equal(after.contact, before.contact)
-        assert told == (f"compensated: machine error 0.100 to 0.100 mm, tool {tool} moved",)
+        assert reported == (f"compensated: machine error 0.100 to 0.100 mm, tool {tool} moved",)
 
 
 def write_map(path: Path, error, planes: tuple[float, ...] = (-20.0, 0.0), noise: float = 0.0) -> None:  # type: ignore[no-untyped-def]
@@ -223,7 +223,7 @@ def test_unusable_error_maps(text: str | None, code: ErrorCode, tmp_path: Path) 
     assert caught.value.code is code
 
 
-def test_reading_that_does_not_fit_is_told_with_its_place(tmp_path: Path) -> None:
+def test_reading_that_does_not_fit_is_reported_with_its_place(tmp_path: Path) -> None:
     write_map(tmp_path / "map.csv", lambda x, y, r: 0.5 if (x, y) == (150.0, -150.0) else 0.0)
     assert "x = 150.0, y = -150.0" in machine_error.load(tmp_path / "map.csv").warnings[0]
 

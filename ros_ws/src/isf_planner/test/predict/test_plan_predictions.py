@@ -43,9 +43,9 @@ def test_equilibrium_along_a_contour(angle: float, axial: float, radial: float, 
 @pytest.mark.parametrize(("angle", "axial"), [(25, 338), (30, 376), (45, 432), (60, 393)])
 def test_regression_fills_the_predicted_force(angle: float, axial: float, praveen: JobFile) -> None:
     """Praveen 2020 eq. 1-3 evaluated to whole newtons."""
-    (contour,), told = with_predictions([circle(angle=np.radians(angle), sheet=0.8e-3)], praveen)
+    (contour,), reported = with_predictions([circle(angle=np.radians(angle), sheet=0.8e-3)], praveen)
     np.testing.assert_allclose(contour.predicted_force, axial, atol=1.0)
-    assert told == ()
+    assert reported == ()
     contour.validate()
 
 
@@ -63,23 +63,23 @@ def test_too_thin_sheet_is_warned_of_with_its_place(praveen: JobFile) -> None:
     good = circle(angle=np.radians(50), sheet=0.8e-3)
     thin = good.thickness.copy()
     thin[7] = 0.8e-3 * 0.39
-    told = warnings_of(
+    reported = warnings_of(
         [good, replace(good, thickness=thin)], predict([good, replace(good, thickness=thin)], praveen), praveen
     )
-    assert len(told) == 1
+    assert len(reported) == 1
     x, y, z = good.contact[7] * 1e3
-    assert f"contour 2 at x = {x:.1f}, y = {y:.1f}, z = {z:.1f} mm" in told[0]
-    assert "close to the 63 %" in told[0]
+    assert f"contour 2 at x = {x:.1f}, y = {y:.1f}, z = {z:.1f} mm" in reported[0]
+    assert "close to the 63 %" in reported[0]
     thin[7] = 0.8e-3 * 0.3
     assert "beyond the 63 %" in with_predictions([replace(good, thickness=thin)], praveen)[1][0]
 
 
 def test_force_beyond_the_rig_and_extrapolation() -> None:
     heavy = JobFile(JOB.replace("Al8011, thickness: 0.8 mm", "AA7075-O, thickness: 4 mm"), EXAMPLES)
-    told = with_predictions([circle(angle=np.radians(50), sheet=4e-3)], heavy)[1]
-    assert len(told) == 2
-    assert "the rig takes 2000 N" in told[0]
-    assert "sheet of 4.00 mm (known for 0.5 to 2 mm)" in told[1]
+    reported = with_predictions([circle(angle=np.radians(50), sheet=4e-3)], heavy)[1]
+    assert len(reported) == 2
+    assert "the rig allows 2000 N" in reported[0]
+    assert "sheet of 4.00 mm (known for 0.5 to 2 mm)" in reported[1]
 
 
 def test_step_depths_follow_each_feature() -> None:

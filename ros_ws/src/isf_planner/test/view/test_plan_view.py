@@ -88,7 +88,7 @@ def test_unknown_colour_ending_and_folder(made: Plan, tmp_path: Path) -> None:
         assert caught.value.code is code
 
 
-def test_missing_plotly_is_told(made: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_plotly_is_reported(made: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
     with pytest.raises(IsfError, match="pip install plotly"):
         show(made, tmp_path / "plan.html")

@@ -162,7 +162,10 @@ def read_error_map(path: Path) -> ErrorMap:
         table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
     except OSError as error:
         raise IsfError(
-            ErrorCode.FILE_NOT_FOUND, "no such error map", where=str(path), advice="it stands beside the rig file"
+            ErrorCode.FILE_NOT_FOUND,
+            "no such error map",
+            where=str(path),
+            advice="the path is relative to the rig file",
         ) from error
     except ValueError as error:
         raise IsfError(ErrorCode.FILE_SYNTAX, f"not a table of numbers: {error}", where=str(path)) from error

@@ -219,7 +219,7 @@ def conditions(
 class _Occurrence:
     present: float = 0.0
     absent: float = 1e9
-    told: bool = False
+    reported: bool = False
 
 
 @dataclass
@@ -275,13 +275,13 @@ class EventWatch:
         if not holds:
             seen.present = 0.0
             seen.absent += step
-            seen.told = seen.told and seen.absent < ABSENT_AFTER
+            seen.reported = seen.reported and seen.absent < ABSENT_AFTER
             return False
         seen.present += step
         seen.absent = 0.0
-        if seen.told or seen.present < after:
+        if seen.reported or seen.present < after:
             return False
-        seen.told = True
+        seen.reported = True
         return True
 
 
@@ -302,7 +302,7 @@ def settled(watch: EventWatch, bits: int) -> bool:
         EventKind.SATURATION: bool(bits & SATURATED),
     }
     # what holds and was told stays so; what neither holds nor was told long enough ago is not counted
-    return all(seen.told == holds.get(EventKind[name], False) for name, seen in watch.occurrences.items())
+    return all(seen.reported == holds.get(EventKind[name], False) for name, seen in watch.occurrences.items())
 
 
 def event_of(kind: EventKind, facts: TickFacts, limits: EventLimits) -> Event:

@@ -399,7 +399,7 @@ class SimulatedMachine:
         stopped = height == self._holder_asked
         self._holder_asked = height
         if not math.isfinite(height):
-            self.latch(ErrorCode.TARGET_NOT_FINITE, f"blank holder height {height} is no height")
+            self.latch(ErrorCode.TARGET_NOT_FINITE, f"blank holder height {height} is not a finite height")
         elif height != self.holder_height and (stopped or abs(height - self.holder_height) >= HOLDER_STEP):
             self.holder_height = height
             if self._support is not None and isinstance(self.plant, DiePlant):

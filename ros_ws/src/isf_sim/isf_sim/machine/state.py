@@ -141,7 +141,7 @@ def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice=advice) from error
     except (OSError, EOFError, KeyError, ValueError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
         raise IsfError(
-            ErrorCode.FILE_SYNTAX, f"is no saved machine, or damaged: {error}", where=str(path), advice=advice
+            ErrorCode.FILE_SYNTAX, f"is not a saved machine, or is damaged: {error}", where=str(path), advice=advice
         ) from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise IsfError(ErrorCode.FILE_SYNTAX, "is no saved machine", where=str(path), advice=advice)
@@ -157,7 +157,7 @@ def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:
             ErrorCode.FILE_SYNTAX,
             f"was saved by another plant: its sources have the digest {header.get('plant')}, these {plant_digest()}",
             where=str(path),
-            advice=f"take it up with the sources it was saved by (version {header.get('software', '?')}), or form the "
+            advice=f"load it with the sources that saved it (version {header.get('software', '?')}), or form the "
             "part again from its job and save it anew",
         )
     return header, arrays

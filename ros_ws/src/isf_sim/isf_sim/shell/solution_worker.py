@@ -103,7 +103,9 @@ class SolutionWorker:
 
     def _note_failure(self, error: Exception) -> None:
         self.failed += 1
-        self._failure = f"a tick found a coarse solution that its thread did not ({type(error).__name__}: {error})"
+        self._failure = (
+            f"the tick itself computed a coarse solution that failed in its thread ({type(error).__name__}: {error})"
+        )
 
     def __deepcopy__(self, memo: dict[int, Any]) -> SolutionWorker:
         worker = SolutionWorker()

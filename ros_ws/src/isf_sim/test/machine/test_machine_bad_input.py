@@ -146,7 +146,7 @@ def test_a_cell_with_too_small_a_range_is_a_fault_of_its_own(tmp_path: Path) -> 
     assert machine.sample().wrench_1[2] < 80.0 < machine.sample().true_force_1[2] + 80.0
 
 
-def test_a_hexapod_is_told_what_it_cannot_reach() -> None:
+def test_a_hexapod_is_reported_what_it_cannot_reach() -> None:
     job = JOB.replace("ren2018", "torrao2013").replace("DSIF", "SPIF").replace("tool_2: {radius: 5 mm}\n", "")
     machine = make(job)
     go(machine, np.array([0.05, 0.0, 0.09]))

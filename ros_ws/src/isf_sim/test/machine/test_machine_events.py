@@ -39,13 +39,20 @@ class Run:
         found = []
         for _ in range(round(seconds * RATE)):
             self.tick += 1
-            told = QUIET._replace(time=self.tick / RATE, **facts)
+            reported = QUIET._replace(time=self.tick / RATE, **facts)
             bits = judge(
-                told.axial, told.support_force, gap, told.strain, 2.0 * on_support, saturated, told.clipped, BOUNDS
+                reported.axial,
+                reported.support_force,
+                gap,
+                reported.strain,
+                2.0 * on_support,
+                saturated,
+                reported.clipped,
+                BOUNDS,
             )
-            bits |= 0 if math.isnan(told.buckles) else BUCKLES
+            bits |= 0 if math.isnan(reported.buckles) else BUCKLES
             kinds = self.watch.update(bits, self.tick * 30e-3 / RATE)
-            found += [event_of(kind, told, LIMITS) for kind in kinds]
+            found += [event_of(kind, reported, LIMITS) for kind in kinds]
         return found
 
 
@@ -62,7 +69,7 @@ def test_support_force_that_sheds_chips(horizontal: float, chips: bool) -> None:
         assert event.time == pytest.approx(0.01, abs=2.0 / RATE)
 
 
-def test_an_occurrence_is_told_once_and_again_after_a_pause() -> None:
+def test_an_occurrence_is_reported_once_and_again_after_a_pause() -> None:
     run = Run()
     assert len(run.hold(2.0, support_force=400.0)) == 1
     assert run.hold(0.2, support_force=100.0) == []

@@ -128,7 +128,7 @@ def test_another_plant_and_missing_fields_are_named(
         load_machine(change(saved[0], tmp_path / "fields.npz", state={"swell": {"v": 1}}))
 
 
-def test_a_folder_that_is_none_is_told(saved: tuple[Path, list[MachineSample], np.ndarray], tmp_path: Path) -> None:
+def test_a_folder_that_is_none_is_reported(saved: tuple[Path, list[MachineSample], np.ndarray], tmp_path: Path) -> None:
     machine = load_machine(saved[0])
     with pytest.raises(IsfError) as error:
         save_machine(machine, tmp_path / "no" / "such" / "folder.npz")

@@ -95,10 +95,10 @@ def test_an_executive_that_is_gone_releases_a_loaded_tool(machine: Client) -> No
     machine.ready()
     ticks = press(machine, 4e-3)
     tips = (np.array([0.0, 0.0, -4e-3]), PARKED[1])
-    told = machine.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    reported = machine.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
     values = [KeyValue(key="pid", value="4711"), KeyValue(key="busy", value="True")]
-    assert machine.wait(lambda: told.get_subscription_count() == 1)
-    told.publish(DiagnosticArray(status=[DiagnosticStatus(name="/executive", values=values)]))
+    assert machine.wait(lambda: reported.get_subscription_count() == 1)
+    reported.publish(DiagnosticArray(status=[DiagnosticStatus(name="/executive", values=values)]))
 
     def released() -> bool:
         machine.send(stamps.tick_nanoseconds(ticks, RATE), tips)

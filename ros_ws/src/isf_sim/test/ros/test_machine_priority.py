@@ -59,7 +59,7 @@ class Watcher:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.values: dict[str, str] = {}
-        self.told = 0
+        self.reported = 0
         self.wrenches = 0
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self.node.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench, qos.STREAM)
@@ -68,7 +68,7 @@ class Watcher:
         for status in message.status:
             if status.name.endswith("machine"):
                 self.values = {item.key: item.value for item in status.values}
-                self.told += 1
+                self.reported += 1
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         self.wrenches += 1
@@ -130,8 +130,8 @@ def test_the_threads_have_the_priority_where_the_system_permits(machine: tuple[W
     expected = PRIORITY if permitted() else 0
     assert watcher.wait(lambda: watcher.wrenches > 200)
     # said after the first ticks: before them no priority has been asked for
-    told = watcher.told
-    assert watcher.wait(lambda: watcher.told > told + 1)
+    reported = watcher.reported
+    assert watcher.wait(lambda: watcher.reported > reported + 1)
     assert watcher.values["real_time_priority"] == str(expected)
     assert ("real_time_refused" in watcher.values) == (expected == 0)
     policy = os.SCHED_FIFO if expected else os.SCHED_OTHER
@@ -139,7 +139,7 @@ def test_the_threads_have_the_priority_where_the_system_permits(machine: tuple[W
 
 
 @pytest.mark.parametrize("machine", [True], indirect=True)
-def test_a_refused_priority_is_told_and_the_machine_ticks(machine: tuple[Watcher, int, Path]) -> None:
+def test_a_refused_priority_is_reported_and_the_machine_ticks(machine: tuple[Watcher, int, Path]) -> None:
     watcher, process, log = machine
     watcher.clamp()
     assert watcher.wait(lambda: "real_time_refused" in watcher.values)

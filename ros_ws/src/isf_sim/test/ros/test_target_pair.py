@@ -24,7 +24,7 @@ def test_lockstep_takes_a_pair_of_exactly_the_stamp_due_once() -> None:
     assert pair.received == 1
 
 
-def test_real_time_takes_the_newest_and_tells_the_time_between() -> None:
+def test_real_time_takes_the_newest_and_reports_the_time_between() -> None:
     pair = TargetPair()
     for stamp in (1000, 5000):
         pair.add(1, stamp - 500, B)

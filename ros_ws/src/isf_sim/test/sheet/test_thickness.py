@@ -135,7 +135,7 @@ def test_thinning_beside_the_tool_is_that_of_the_wall(degrees: float) -> None:
     assert thinning_up_the_wall(surface, 0.0, 0.0, np.zeros(4), RADIUS, place) == 0.0
 
 
-def test_wall_of_several_passes_is_told_thicker_than_that_of_one() -> None:
+def test_wall_of_several_passes_is_reported_thicker_than_that_of_one() -> None:
     """67 deg in one pass, or after one of 50 deg: the event looks at the material, not at the slope."""
     once, twice, place = flat_surface((0.08, 0.08), 0.5e-3), flat_surface((0.08, 0.08), 0.5e-3), np.empty(3)
     angle = math.radians(67.0)

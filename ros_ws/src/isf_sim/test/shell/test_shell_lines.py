@@ -150,10 +150,10 @@ def test_target_cone_is_soft_enough_along_x() -> None:
     shell.set_shape(-np.clip((opening - r) * np.tan(angle), 0.0, height), 1e-3 * np.cos(slope))
     patch = shell.load_patch(16e-3, 0.0, 3.5e-3)
     for axis, published, within in ((2, (2.71e-3, 5.09e-3), 0.05), (0, (0.62e-3, 1.11e-3), 0.30)):
-        for force, told in zip((200.0, 600.0), published, strict=True):
+        for force, reported in zip((200.0, 600.0), published, strict=True):
             load = np.zeros(3)
             load[axis] = -force
-            assert abs(shell.solve(patch, load).displacement[axis]) == pytest.approx(told, rel=within)
+            assert abs(shell.solve(patch, load).displacement[axis]) == pytest.approx(reported, rel=within)
 
 
 def test_moved_lines_carry_linear_fields() -> None:

@@ -137,7 +137,7 @@ def test_equilibrium_is_one_whatever_the_factors(before: float | None) -> None:
     assert q == pytest.approx(other, abs=1e-9)
 
 
-def test_load_that_is_not_finite_is_told_as_not_converged() -> None:
+def test_load_that_is_not_finite_is_reported_as_not_converged() -> None:
     shell = Shell(*SHEET)
     q, load = loaded(shell, 0.0, np.nan)
     work = find_equilibrium(q, load, 1e-3, False, shell.problem(), shell.factors(), shell._room.arrays)

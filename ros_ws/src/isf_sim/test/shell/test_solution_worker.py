@@ -270,7 +270,7 @@ def test_the_thread_takes_the_priority_that_it_is_given() -> None:
     assert worker.failed == 0
 
 
-def test_a_solution_that_fails_in_its_thread_is_found_by_the_caller_and_told() -> None:
+def test_a_solution_that_fails_in_its_thread_is_found_by_the_caller_and_reported() -> None:
     worker, here = SolutionWorker(), threading.get_ident()
     worker.ahead = True
 

@@ -110,7 +110,7 @@ def _check(load: Array, displacement: Array) -> None:
     if not rising or not (np.diff(np.concatenate([[0.0], load])) > 0.0).all():
         raise IsfError(
             ErrorCode.DATABASE_UNUSABLE,
-            "loads and displacements must rise from zero",
+            "loads and displacements must increase from zero",
             where="load-displacement samples",
             advice="compute the database again",
         )

@@ -130,11 +130,13 @@ class FusedEstimator(Estimator):
         bias = np.clip(disagreement, -np.maximum(model.springback, LARGEST_BIAS), LARGEST_BIAS)
         remarks = [*model.remarks, *self._remarks, *self._model_alone(contour)]
         if np.abs(disagreement).max() >= REPORTED_BIAS:
-            followed = "" if np.array_equal(bias, disagreement) else ", which is not followed altogether"
+            followed = "" if np.array_equal(bias, disagreement) else ", which is followed only in part"
             far = float(disagreement[np.argmax(np.abs(disagreement))])
-            remarks.append(f"the shape says {1e3 * far:+.1f} mm springback against the model{followed}")
+            remarks.append(f"the scanned shape shows {1e3 * far:+.1f} mm of springback relative to the model{followed}")
         if self._doubtful > DOUBTFUL_SHARE:
-            remarks.append(f"the last scan surprises at {100 * self._doubtful:.0f} % of the places: believed less")
+            remarks.append(
+                f"the last scan is implausible at {100 * self._doubtful:.0f} % of the places: it is given less weight"
+            )
         return Prediction(
             model.springback + bias,
             deviation=deviation,

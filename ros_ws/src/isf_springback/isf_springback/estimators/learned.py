@@ -98,7 +98,7 @@ def learned_map(job_file: JobFile) -> LearnedEstimator:
         inside = np.clip(row, low, high)
         far = np.abs(row - inside) > 0.05 * np.maximum(high - low, 1e-9)
         for k in np.flatnonzero(far.any(axis=0)):
-            remarks.append(f"{FEATURES[k]} outside of what was learned: its edge is used")
+            remarks.append(f"{FEATURES[k]} is outside the learned range: the value at its edge is used")
         return np.clip(model.predict(inside), max(smallest, -LARGEST_CORRECTION), min(largest, LARGEST_CORRECTION))
 
     return LearnedEstimator("learned_map", job_file, predict)

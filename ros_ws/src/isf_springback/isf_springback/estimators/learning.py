@@ -144,7 +144,7 @@ def learn_part(
     if not nominal or len(nominal) != nominal[0].count or len(corrections) != len(nominal):
         raise IsfError(
             ErrorCode.LEARNING_UNUSABLE,
-            f"{len(nominal)} contours and {len(corrections)} corrections are no whole part",
+            f"{len(nominal)} contours and {len(corrections)} corrections are not a complete part",
             where=job,
             advice="learn from parts that were formed to the end",
         )

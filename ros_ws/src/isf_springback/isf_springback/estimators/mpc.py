@@ -117,7 +117,7 @@ class ModelPredictiveEstimator(Estimator):
         if move is None:
             return Prediction(np.empty(0), push=last.push, horizontal=Horizontal(radial, None), remarks=remarks)
         if move.bounded:
-            remarks = ("the step depth is at its bound: the lag is made good over several contours", *remarks)
+            remarks = ("the step depth is at its bound: the rest follows over several contours", *remarks)
         return Prediction(
             np.empty(0),
             push=last.push + contour.push_sign * move.vertical,

@@ -382,7 +382,9 @@ class SheetModel(Estimator):
         """Scale the law by the tool lift after contour ``index``; a useless one is reported by a remark."""
         contour = self._contour
         if reading is None or contour is None or contour.index != index:
-            self.lift_remarks = (f"the tool lift after {contour_label(index)} told nothing; the model stays as it was",)
+            self.lift_remarks = (
+                f"the tool lift after {contour_label(index)} gave no usable reading; the model stays as it was",
+            )
             return
         point = int(nearest_points(reading.place[None, :2], contour.forming_tip[:, :2])[0])
         try:

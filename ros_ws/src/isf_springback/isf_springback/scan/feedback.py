@@ -81,7 +81,7 @@ class ScanMemory:
             if contour.process is Process.TPIF and not self._over_die:
                 raise IsfError(
                     ErrorCode.CORRECTION_FAILED,
-                    "over a die the method does not know where shape and target lie to each other",
+                    "over a die the method does not know where shape and target lie relative to each other",
                     where=f"scan after {contour_label(index)}",
                     advice="use the method mpc_tpif",
                 )

@@ -101,13 +101,13 @@ def test_the_force_that_the_plan_lets_rise_is_forecast():
     """Measured is 0.9 of the plan all along: so is the forecast, though the force rises; a plan that falls is held."""
     method = corrector_of(AnalyticModel, job_file(), AnalyticOptions(law="hold"))
     rising = [571.0, 655.0, 740.0, 700.0]
-    told = []
+    reported = []
     for index, force in enumerate(rising):
         contour = planned(index, force)
         correction = method.correct(contour)
-        told.append(float(correction.control_point_force.mean()))
+        reported.append(float(correction.control_point_force.mean()))
         method.add_result(apply(contour, correction), result_of(contour, 0.9 * max(rising[: index + 1])))
-    assert told == pytest.approx([571.0, 0.9 * 655.0, 0.9 * 740.0, 0.9 * 740.0], rel=1e-6)
+    assert reported == pytest.approx([571.0, 0.9 * 655.0, 0.9 * 740.0, 0.9 * 740.0], rel=1e-6)
 
 
 def test_hindsight_is_the_model_under_the_force_that_was_measured():
@@ -117,10 +117,10 @@ def test_hindsight_is_the_model_under_the_force_that_was_measured():
     correction = method.correct(contour)
     assert method.estimator.hindsight() is None
     method.add_result(apply(contour, correction), result_of(contour, 300.0))
-    told = method.estimator.hindsight()
+    reported = method.estimator.hindsight()
     # 300 N in place of 571 N: clearly less; and what the next contour takes, whose force is held
-    assert 0.3 * correction.springback.mean() < told.mean() < 0.9 * correction.springback.mean()
-    assert method.correct(planned(1)).springback.mean() == pytest.approx(told.mean(), rel=0.03)
+    assert 0.3 * correction.springback.mean() < reported.mean() < 0.9 * correction.springback.mean()
+    assert method.correct(planned(1)).springback.mean() == pytest.approx(reported.mean(), rel=0.03)
 
 
 def test_no_change_above_the_limit_between_contours():
@@ -201,7 +201,7 @@ def test_contour_out_of_order_keeps_the_last_correction():
     last_good_is_kept(method, ErrorCode.CONTOUR_OUT_OF_ORDER, 12)
 
 
-def test_result_out_of_order_is_told():
+def test_result_out_of_order_is_reported():
     method = corrector_of(AnalyticModel, job_file())
     run(method, [500.0] * 8)
     method.correct(cone_contour(8))
@@ -209,7 +209,7 @@ def test_result_out_of_order_is_told():
     last_good_is_kept(method, ErrorCode.CONTOUR_OUT_OF_ORDER, 9)
 
 
-def test_start_in_the_middle_of_a_plan_is_told():
+def test_start_in_the_middle_of_a_plan_is_reported():
     correction = corrector_of(AnalyticModel, job_file()).correct(cone_contour(20))
     assert correction.code == ErrorCode.NO_FORCE_HISTORY
     assert not correction.offset.any()
@@ -230,7 +230,7 @@ def test_a_new_plan_starts_anew():
     assert not fresh.offset.any()
 
 
-def test_absurd_force_is_limited_and_told():
+def test_absurd_force_is_limited_and_reported():
     method = corrector_of(AnalyticModel, job_file(gain="gain: 2.0"))
     last = run(method, [20_000.0] * 20)[-1]
     assert last.code == ErrorCode.CORRECTION_LIMITED

@@ -62,7 +62,7 @@ def test_steady_force_gives_the_law(tmp_path):
     assert last.uncertainty == pytest.approx(np.hypot(MODEL_DEVIATION * 3e-3, FORCE_DEVIATION * 10e-6), rel=1e-6)
 
 
-def test_changes_stay_within_the_limits_and_what_remains_is_told(tmp_path):
+def test_changes_stay_within_the_limits_and_what_remains_is_reported(tmp_path):
     method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     made = form(method, [500.0] * 8)
     steps = np.diff([correction.offset[:, 2].mean() for correction in made])
@@ -121,7 +121,7 @@ def test_blocks_hold_the_mean_force_of_the_block_before(tmp_path):
     assert all(correction.code == 0 for correction in made)
 
 
-def test_force_beyond_the_samples_is_told(tmp_path):
+def test_force_beyond_the_samples_is_reported(tmp_path):
     method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     made = form(method, [900.0, 900.0])
     assert not made[0].remarks

@@ -99,7 +99,7 @@ def test_the_map_stays_inside_what_it_has_seen_and_says_so(four_parts):
     method = make_corrector("learned_map", job("learned_map", folder))
     steep = cone_contour(0, count=COUNT, angle=75.0)
     correction = method.correct(steep)
-    assert any("outside of what was learned" in remark for remark in correction.remarks)
+    assert any("outside the learned range" in remark for remark in correction.remarks)
     assert np.abs(correction.springback).max() <= known.springback.max() + 1e-9
 
 

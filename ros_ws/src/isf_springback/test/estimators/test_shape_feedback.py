@@ -138,19 +138,19 @@ def test_noise_and_holes_hardly_matter(name):
     assert not any(c.code for c in corrections)
 
 
-def test_disagreement_of_model_and_shape_is_told_bounded_and_not_followed():
+def test_disagreement_of_model_and_shape_is_reported_bounded_and_not_followed():
     """The model sees a force three times too high; the shape says 0.5 mm."""
     sheet = Sheet(lambda depth, around: 0.5e-3 * (1 - np.exp(-depth / 1e-3)))
     corrections = run(make_corrector("fused", job()), sheet, load=lambda k: 1500.0)
-    told = [c for c in corrections if any("against the model" in r for r in c.remarks)]
-    assert told
+    reported = [c for c in corrections if any("against the model" in r for r in c.remarks)]
+    assert reported
     push = np.array([-c.offset[:, 2].mean() for c in corrections])
     assert push.max() <= 10e-3
     assert push.min() >= -1e-3
     assert push[-1] == pytest.approx(0.5e-3, abs=0.4e-3)
 
 
-def test_fused_tells_its_uncertainty_and_it_shrinks():
+def test_fused_reports_its_uncertainty_and_it_shrinks():
     sheet = Sheet(lambda depth, around: 1e-3 * (1 - np.exp(-depth / 1.5e-3)))
     corrections = run(make_corrector("fused", job()), sheet)
     assert corrections[0].uncertainty.mean() > 2 * corrections[-1].uncertainty.mean() > 0
@@ -230,7 +230,7 @@ def test_a_scan_may_come_before_the_result(session):
     assert session.advance().correction.code == 0
 
 
-def test_a_scan_that_never_comes_is_told_and_the_part_goes_on(session, clock):
+def test_a_scan_that_never_comes_is_reported_and_the_part_goes_on(session, clock):
     correct_first(session)
     session.add_contour(cone_contour(1, count=COUNT))
     assert session.advance() is None

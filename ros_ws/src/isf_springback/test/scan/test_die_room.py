@@ -101,7 +101,7 @@ def test_beside_the_die_it_corrects(job: JobFile, cone: Plan, tmp_path: Path) ->
     assert room.of(contour_over_die(contour), correction.offset).min() > BESIDE
 
 
-def test_a_die_that_is_not_there_is_told(job: JobFile) -> None:
+def test_a_die_that_is_not_there_is_reported(job: JobFile) -> None:
     assert job.job.die is not None
     lost = JobFile(job.text, job.base)
     lost.job = job.job.model_copy(update={"die": job.job.die.model_copy(update={"mesh": "nowhere.stl"})})

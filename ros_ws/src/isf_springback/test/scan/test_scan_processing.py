@@ -69,7 +69,7 @@ def test_noise_tilt_height_and_outliers_are_undone():
     assert shape.plane.tilt_x == pytest.approx(-4e-3, abs=3e-4)
 
 
-def test_forty_percent_holes_are_told_and_left_unknown():
+def test_forty_percent_holes_are_reported_and_left_unknown():
     rng = np.random.default_rng(3)
     points = formed().points()
     keep = np.ones(len(points), dtype=bool)
@@ -209,7 +209,7 @@ def test_the_registration_of_the_scanner_is_found_at_the_clamp_and_undone():
 
 
 @pytest.mark.parametrize("half", [100e-3, 135e-3])
-def test_points_that_do_not_end_at_the_clamp_tell_nothing_of_it(half):
+def test_points_that_do_not_end_at_the_clamp_report_nothing_of_it(half):
     shape = process_scan(scanned((0.2e-3, 0.0), half=half), EXPECTED)
     assert shape.edges is None
     assert shape.shift == pytest.approx([0.2e-3, 0.0], abs=0.1e-3)

@@ -40,7 +40,7 @@ def task(engine: str, edge: EdgeCondition = EdgeCondition()) -> DepthTask:  # no
     )
 
 
-def test_a_missing_engine_is_told_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_engine_is_reported_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
         raise ImportError(f"No module named '{name}'")
 
