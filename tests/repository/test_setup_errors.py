@@ -194,7 +194,7 @@ def test_other_python_installations_stay_outside() -> None:
 
 
 @needs_set_up
-def test_cell_stays_on_this_computer_unless_reported_otherwise() -> None:
+def test_cell_stays_on_this_computer_unless_set_otherwise() -> None:
     show = 'echo "$ROS_AUTOMATIC_DISCOVERY_RANGE"'
     assert _in_environment(show).stdout.strip() == "LOCALHOST"
     assert _in_environment(show, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET").stdout.strip() == "SUBNET"

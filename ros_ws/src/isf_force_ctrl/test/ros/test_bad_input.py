@@ -181,10 +181,10 @@ def numeric() -> list[str]:
 def test_a_parameter_out_of_range_is_refused_at_the_start(name: str) -> None:
     item = next(item for item in fields(ForceCtrlParameters) if item.name == name)
     metadata = item.metadata
-    assert math.isfinite(metadata["least"])
-    wrong: list[Any] = [metadata["least"] - 1]
-    if math.isfinite(metadata["most"]):
-        wrong.append(metadata["most"] * 2 + 1)
+    assert math.isfinite(metadata["minimum"])
+    wrong: list[Any] = [metadata["minimum"] - 1]
+    if math.isfinite(metadata["maximum"]):
+        wrong.append(metadata["maximum"] * 2 + 1)
     if isinstance(item.default, float):
         wrong.append(".nan")
     for value in wrong:
