@@ -27,7 +27,8 @@ class ShellStruct(ctypes.Structure):
         *(
             (name, _double)
             for name in (
-                "young", "poisson", "step", "damping", "table_step", "contact", "friction", "slip_speed",
+                "young", "poisson", "step", "damping", "table_step", "contact", "contact_time", "friction",
+                "slip_speed",
             )
         ),
         *(

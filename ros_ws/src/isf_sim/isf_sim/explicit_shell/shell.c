@@ -29,7 +29,8 @@ static const double SHARE[LAYERS] = {0.236926885056189, 0.478628670499366, 0.568
 
 typedef struct {
     int64_t nx, ny, table_size, support_size;
-    double young, poisson, step, damping, table_step, contact, friction, slip_speed;
+    /* contact: N/m^3, pressure per depth; contact_time: s, depth that a speed of approach counts as, over that speed */
+    double young, poisson, step, damping, table_step, contact, contact_time, friction, slip_speed;
     double *position, *velocity, *spin, *force, *moment; /* (3, nodes) */
     const double *mass, *inertia;                        /* (nodes) */
     const double *spring, *spring_limit;                 /* (nodes) N/m and N of the edge in the plane, 0: none */
@@ -335,7 +336,7 @@ static void touch(const Shell *R q, Tool *R tool, const double *R c, const doubl
                     const double square = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
                     if (square >= touch_at * touch_at)
                         continue;
-                    const double distance = sqrt(square) + 1e-12, normal = per_point * (touch_at - distance);
+                    const double distance = sqrt(square) + 1e-12;
                     double n[3] = {at[0] / distance, at[1] / distance, at[2] / distance}, slip[3], along = 0.0;
                     for (int d = 0; d < 3; d++) {
                         double fast = 0.0;
@@ -344,7 +345,8 @@ static void touch(const Shell *R q, Tool *R tool, const double *R c, const doubl
                         slip[d] = fast - speed[d];
                         along += slip[d] * n[d];
                     }
-                    double size = 0.0;
+                    double normal = per_point * (touch_at - distance - q->contact_time * along), size = 0.0;
+                    normal = normal > 0.0 ? normal : 0.0;
                     for (int d = 0; d < 3; d++)
                         slip[d] -= along * n[d], size += slip[d] * slip[d];
                     const double rub = q->friction * normal / (sqrt(size) + q->slip_speed);

@@ -26,6 +26,9 @@ STEP_SHARE = 0.7
 CONTACT_SHARE = 0.2
 """Of the stiffness at which contact alone would reach the limit of the time step."""
 
+CONTACT_DAMPING = 0.3
+"""Of the critical one of the sheet's mass on the stiffness of contact: the sheet does not chatter on the tool."""
+
 SMOOTHING = 0.02
 """Share of a new contact force in the one that bends the machine: 50 steps."""
 
@@ -34,6 +37,10 @@ REST_STEPS, LONGEST_REST = 250, 400
 
 SETTLED, CALM_SWINGS = 2.0e-6, 4
 """m by which a sheet at rest may still move in a swing, and how many such swings in a row are rest."""
+
+PLUNGE = (5.0, 50.0)
+"""Across the sheet a tool is slower by the first factor than along it, for it would hit it, and by the second one while
+it touches it: the whole sheet has to follow, and swings through once in some 10 ms."""
 
 SLIP_SHARE = 0.02
 """Of the speed of the tools, below which friction fades: a step in it would make the sheet ring."""
@@ -180,6 +187,10 @@ class ExplicitShell:
             for line, value in ((self.x, tip[0]), (self.y, tip[1]))
         ]
 
+    def hold(self, held: NDArray[np.bool_]) -> None:
+        """Hold deflection and slope of the nodes ``held`` (ny + 1, nx + 1), as an edge of another outline does."""
+        self._fixed |= np.where(held.ravel(), 4 + 8, 0).astype(np.uint8)
+
     def set_support(self, support: Support) -> None:
         """Put a rigid surface under the sheet."""
         arrays = (
@@ -225,7 +236,8 @@ class ExplicitShell:
         for tool, tip in zip(tools, tips, strict=True):
             if tool["radius"] > 0.0:
                 tool["end"] = _centre(tool["radius"], tool["side"], tip)
-                way = max(way, float(np.linalg.norm(tool["end"] - tool["begin"])))
+                dx, dy, dz = tool["end"] - tool["begin"]
+                way = max(way, float(np.hypot(np.hypot(dx, dy), PLUNGE[int(tool["touching"] > 0)] * dz)))
         self._advance(max(least, int(np.ceil(way / (self.tool_speed * self.step)))), self._damping)
         return np.array(tools["mean"])
 
@@ -315,6 +327,7 @@ class ExplicitShell:
         struct.young, struct.poisson, struct.step = sheet.young_modulus, sheet.poisson_ratio, self.step
         struct.damping, struct.table_step, struct.friction = damping, TABLE_STEP, self._friction
         struct.contact, struct.slip_speed = self._contact, SLIP_SHARE * self.tool_speed
+        struct.contact_time = 2.0 * CONTACT_DAMPING * np.sqrt(sheet.density * sheet.thickness / self._contact)
         force, moment, element_force = self._scratch
         arrays: dict[str, NDArray[Any]] = {
             **vars(self.state),
