@@ -1,6 +1,14 @@
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 package_name = "isf_sim"
+
+# No Python in it: isf_sim/explicit_shell/library.py loads it. Vector code for several processors is in one file.
+shell_kernels = Extension(
+    "isf_sim.explicit_shell._shell",
+    sources=["isf_sim/explicit_shell/shell.c"],
+    extra_compile_args=["-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-fopenmp-simd"],
+    libraries=["m"],
+)
 
 setup(
     name=package_name,
@@ -13,6 +21,7 @@ setup(
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
+    ext_modules=[shell_kernels],
     zip_safe=False,
     maintainer="ISF cell maintainers",
     maintainer_email="maintainers@isf-cell.invalid",

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.sheet_model import SheetModel
 
 from isf_cell.commands import springback_cli, terminal
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
@@ -114,6 +115,9 @@ def simulate(
     support_force: SupportForce = None,
     world: World = 0,
     seed: Seed = 0,
+    sheet: Annotated[
+        str, typer.Option("--sheet", help="model of the sheet: fast (seconds), shell (elasto-plastic, minutes)")
+    ] = "fast",
     output: Output = None,
     compare: Compare = True,
     json: Json = False,
@@ -121,7 +125,7 @@ def simulate(
     """Form a part on the simulated machine in this process, without ROS: seconds instead of minutes."""
     from isf_cell.commands.simulate import simulate_part
 
-    options = RunOptions(correction, support_force, world, seed)
+    options = RunOptions(correction, support_force, world, seed, cast(SheetModel, sheet))  # checked there
     simulate_part(job, options, output, compare=compare, as_json=json)
 
 

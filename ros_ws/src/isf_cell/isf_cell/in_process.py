@@ -92,4 +92,5 @@ def form(
         wall_time=time.perf_counter() - started,
         events=tuple(cell.machine.events),
         scans=tuple(cell.scans),
+        sheet=cell.machine.sheet_values(),
     )

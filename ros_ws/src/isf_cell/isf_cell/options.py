@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal
+from isf_core.sheet_model import SHEET_MODELS, SheetModel
 
 UNCORRECTED = "none"
 """Springback method of a part that is not corrected."""
@@ -25,6 +26,7 @@ class RunOptions:
     support_force : N, set-point of the support tool; None: the job's
     world : 0 = nominal plant, others = seeded off-nominal plants
     seed : seed of sensor noise and of the off-nominal world
+    sheet : model that forms the simulated sheet
 
     Raises
     ------
@@ -35,8 +37,16 @@ class RunOptions:
     support_force: float | None = None
     world: int = 0
     seed: int = 0
+    sheet: SheetModel = "fast"
 
     def __post_init__(self) -> None:
+        if self.sheet not in SHEET_MODELS:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                f"there is no model '{self.sheet}' of the sheet",
+                where="--sheet",
+                advice=f"known: {', '.join(SHEET_MODELS)}",
+            )
         force = self.support_force
         if force is not None and not 0.0 <= force <= LARGEST_SUPPORT_FORCE:  # NaN neither
             raise IsfError(

@@ -5,7 +5,8 @@ The in-process cell makes a record directly; :mod:`isf_analysis.bag.bag_reader` 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.events import Event
@@ -37,6 +38,7 @@ class PartRecord:
     scans : those made between contours, oldest first; empty too when none was recorded
     events : what happened to sheet or machine, oldest first; empty too when the machine tells none
     notes : remarks for people on how complete the record is
+    sheet : model of the simulated sheet and what it cost; empty when read from a bag
     """
 
     job_name: str
@@ -65,6 +67,7 @@ class PartRecord:
     notes: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
     scans: tuple[ContourScan, ...] = ()
+    sheet: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def planned(self) -> int:

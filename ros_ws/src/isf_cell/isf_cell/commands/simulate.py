@@ -41,13 +41,14 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
                 progress = stack.enter_context(terminal.part_progress(title))
                 record = _form(job_file, options, progress)
                 write_bag(record, bag)
+                counts = {"sheet": dict(record.sheet)}
                 failure = first_failure(record.results) or _stopped(record)
                 if reference and failure and failure.code == ErrorCode.CANCELLED:
                     reference = None  # ended with the stack
                 if reference:
                     progress.phase("waiting for the uncorrected part")
                     reference.wait()
-            finish(folder, reference.bag if reference else None, failure=failure, as_json=as_json)
+            finish(folder, reference.bag if reference else None, failure=failure, as_json=as_json, counts=counts)
         except KeyboardInterrupt:
             raise _stopped_at_once(bag) from None
 

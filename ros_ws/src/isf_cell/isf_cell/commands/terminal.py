@@ -143,6 +143,9 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
             f"{100 * force['within_10N_fraction']:.2f}" if force.get("within_10N_fraction") is not None else "-",
         )
         row("force error, 99.9 % of the time below [N]", number(summary, "force", "p999_abs_error_N", digits=1))
+    if sheet := summary.get("sheet"):
+        words = {"fast": "fast, reduced", "shell": "elasto-plastic shell"}
+        row("simulated sheet", words.get(sheet["model"], sheet["model"]))
     row("late ticks / lost messages", f"{summary.get('late_ticks', 0)} / {summary.get('lost_messages', 0)}")
     row("process time / wall time [s]", f"{number(summary, 'sim_s', digits=1)} / {number(summary, 'wall_s', digits=1)}")
     console.print(table)

@@ -83,7 +83,9 @@ class InProcessCell:
 
     def reset(self, goal: PartGoal) -> None:
         """A new machine with a fresh blank, unless one was given."""
-        self.machine = self._given or SimulatedMachine(goal.job_file, world=goal.options.world, seed=goal.options.seed)
+        self.machine = self._given or SimulatedMachine(
+            goal.job_file, world=goal.options.world, seed=goal.options.seed, sheet=goal.options.sheet
+        )
 
     def tare(self) -> None:
         """As in the protocol."""

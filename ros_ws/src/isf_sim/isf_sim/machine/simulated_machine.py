@@ -18,18 +18,22 @@ from isf_core.events import Event
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics, make_kinematics
+from isf_core.sheet_model import SheetModel
 from isf_core.types import Array
 
+from isf_sim.explicit_shell.formed_sheet import FormedSheet
 from isf_sim.machine import tick as mt
 from isf_sim.machine.build import make_parts
 from isf_sim.machine.events import (
     BUCKLES,
+    LIMITED,
     NEVER,
     EventWatch,
     TickFacts,
     conditions,
     event_bounds,
     event_of,
+    judge,
     settled,
     wall_strain,
 )
@@ -57,6 +61,8 @@ LARGEST_CLIPPED = 5
 HOLDER_STEP = 0.1e-3
 """m of blank holder after which the sheet is brought over the die anew."""
 MAXIMUM_EVENTS = 1000
+THINNING_TICKS = 25
+"""Ticks between two looks at the thinning of the elasto-plastic sheet."""
 
 
 class SimulatedMachine:
@@ -71,7 +77,13 @@ class SimulatedMachine:
     """
 
     def __init__(
-        self, job_file: JobFile, *, world: int = 0, seed: int = 0, constants: PlantConstants | None = None
+        self,
+        job_file: JobFile,
+        *,
+        world: int = 0,
+        seed: int = 0,
+        constants: PlantConstants | None = None,
+        sheet: SheetModel = "fast",
     ) -> None:
         job, rig = job_file.job, job_file.rig
         self.job_file = job_file
@@ -91,6 +103,13 @@ class SimulatedMachine:
         parts = make_parts(job_file, self.world, constants, park_1, self._generator)
         self.plant: SheetPlant = parts.plant
         self._support = parts.support
+        self.sheet_model: SheetModel = sheet
+        self._shell: FormedSheet | None = None
+        if sheet == "shell":
+            plant = self.plant
+            self._shell = FormedSheet(
+                job_file, plant.material, plant.thickness, self.world, constants, plant.surface, parts.support
+            )
         self._constants, self._turned_constants = parts.constants
         self._cell_1, self._cell_2 = parts.cells
         self._ring = parts.adsif
@@ -230,7 +249,19 @@ class SimulatedMachine:
         """Unloaded upper surface without errors of a sensor, 1 mm grid."""
         if self._adsif is not None:
             return adsif.measured_shape(self._adsif, self.plant.surface)
+        if self._shell is not None:
+            return self._shell.measured_shape()
         return self.plant.measured_shape()
+
+    def sheet_values(self) -> dict[str, object]:
+        """What stands behind the shapes and forces of this machine, for a summary."""
+        if self._shell is not None:
+            return self._shell.values()
+        return {
+            "model": "fast",
+            "elements": (len(self.plant.shell.x) - 1) * (len(self.plant.shell.y) - 1),
+            "cpu_s": round(self.plant.solve_time, 2),
+        }
 
     def measured_cloud(self, *, clamped: bool = True, duration: bool = True) -> Array:
         """(N, 3) m, unordered, as a scanner sees the sheet; see :mod:`isf_sim.scanner`.
@@ -239,6 +270,8 @@ class SimulatedMachine:
         and trimming.
         """
         tips = self._axes.tips.copy()
+        if self._shell is not None:
+            self.plant.surface.formed[...] = self._shell.formed(self.plant.surface)
         points = measured_points(
             self.measured_shape(), self.plant.surface, tips, self._radii, self.world, self._more_generator, clamped
         )
@@ -287,6 +320,7 @@ class SimulatedMachine:
             generator=self._generator,
             more_generator=self._more_generator,
             plant=self.plant,
+            shell=self._shell,
             ring=self._adsif,
             axes=self._axes,
             squeeze=self._squeeze,
@@ -304,6 +338,7 @@ class SimulatedMachine:
         self._target, self._draws = state.target, state.draws
         self._generator, self._more_generator = state.generator, state.more_generator
         self.plant, self._adsif, self._axes, self._squeeze = state.plant, state.ring, state.axes, state.squeeze
+        self._shell = state.shell
         self._cell_1, self._cell_2 = state.cell_1, state.cell_2
         self._watch, self._settled = state.watch, state.settled
 
@@ -342,6 +377,8 @@ class SimulatedMachine:
             contact, radius = self.plant.contact, self.plant.radius
             bits = conditions(False, radius, axes, surface, contact, self._squeeze, *cells, self._bounds)
             bits |= BUCKLES if outcome == adsif.BUCKLES else 0
+        elif self._shell is not None:
+            bits = self._advance_shell(self._shell, target, self._draws[row], waited)
         else:
             bits = self._advance_sheet(target, self._draws[row], waited)
         self.tick_count += 1
@@ -373,6 +410,32 @@ class SimulatedMachine:
             else:
                 plant.serve(request, pressing_tip(self._axes.tips, plant.pressing, plant.thickness))
 
+    def _advance_shell(self, shell: FormedSheet, target: Array, draws: Array, waited: int) -> int:
+        """One tick on the elasto-plastic sheet; returns the conditions of events after it."""
+        if waited != UNCHECKED:
+            self._check(target, waited)
+        axes, constants, path = self._axes, self._constants, self.plant.contact.path
+        before = axes.tips[0].copy()
+        mt.move_axes(target, axes, constants)
+        path[TRAVELLED] += float(np.linalg.norm(axes.tips[0] - before))
+        try:
+            axes.force_1[:], axes.force_2[:] = shell.move(axes.tips)
+        except IsfError as error:
+            self.latch(error.code, error.message)
+            axes.force_1[:] = axes.force_2[:] = 0.0
+        mt.finish_tick(draws, axes, self._cell_1, self._cell_2, constants)
+        bounds = self._bounds
+        gap = math.inf
+        if bounds.lower > 0.0:
+            upper, lower = axes.tips + np.array([[0.0, 0.0, bounds.upper], [0.0, 0.0, -bounds.lower]])
+            gap = float(np.linalg.norm(upper - lower)) - bounds.upper - bounds.lower
+        strain = shell.thinning(axes.tips[0], 2.0 * bounds.upper)[0] if self.tick_count % THINNING_TICKS == 0 else 0.0
+        support = float(np.linalg.norm(axes.force_2))
+        clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
+        saturated = int(axes.saturated[0])
+        bits = judge(float(axes.force_1[2]), support, gap, strain, 0.0, saturated, clipped, bounds)
+        return bits | (LIMITED if axes.flags[0] else 0)
+
     def _check_limits(self) -> None:
         axes = self._axes
         if axes.flags[0]:
@@ -388,6 +451,9 @@ class SimulatedMachine:
             buckles = float(self._adsif.local[1]) if self._adsif is not None and bits & BUCKLES else math.nan
             time = self.tick_count / self.control_rate
             facts = tick_facts(time, self._axes, self.plant, self._squeeze, buckles=buckles, clipped=clipped)
+            if self._shell is not None:
+                strain, place = self._shell.thinning(self._axes.tips[0], 2.0 * self.plant.radius)
+                facts = facts._replace(strain=strain, thinnest=(float(place[0]), float(place[1]), float(place[2])))
             self.events += [event_of(kind, facts, self._watch.limits) for kind in kinds]
         if clipped >= LARGEST_CLIPPED and not self.faults:
             self.latch(
@@ -427,7 +493,8 @@ class MachineState:
     tick_count, faults, events, limits, tared, holder_height : as of :class:`SimulatedMachine`
     holder_asked : m, height of the blank holder that was asked for last ; target : (6,) m, tips asked for last
     draws : noise of the present block of ticks ; generator, more_generator : of the noise after it
-    plant : the sheet ; ring : of accumulative forming, None in other processes
+    plant, shell : the sheet, shell None where the fast model forms it
+    ring : of accumulative forming, None in other processes
     axes, squeeze, cell_1, cell_2 : axes, sheet between the tools, load cells
     watch, settled : what is counted of events, and the conditions that change nothing of it
     """
@@ -444,6 +511,7 @@ class MachineState:
     generator: np.random.Generator
     more_generator: np.random.Generator
     plant: SheetPlant
+    shell: FormedSheet | None
     ring: adsif.Adsif | None
     axes: mt.Axes
     squeeze: Squeeze

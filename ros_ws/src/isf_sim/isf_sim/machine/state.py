@@ -35,7 +35,7 @@ from isf_sim.shell.shell_assembly import SupportPoints
 
 _SOURCES = Path(__file__).resolve().parents[1]
 
-FORMAT, VERSION = "isf-machine-state", 3
+FORMAT, VERSION = "isf-machine-state", 4
 
 
 def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
@@ -57,6 +57,7 @@ def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
         "base": str(machine.job_file.base),
         "world": machine.world_number,
         "seed": machine.seed,
+        "sheet": machine.sheet_model,
         "constants": dataclasses.asdict(machine.plant_constants),
         "state": state,
     }
@@ -91,6 +92,7 @@ def load_machine(path: str | Path) -> SimulatedMachine:
             world=header["world"],
             seed=header["seed"],
             constants=PlantConstants(**header["constants"]),
+            sheet=header["sheet"],
         )
         fresh, encoder = vars(machine.state()), _encoder()
         if set(header["state"]) != set(fresh):
@@ -118,6 +120,8 @@ def plant_digest(folder: Path = _SOURCES) -> str:
             if isinstance(body, list):
                 node.body = [line for line in body if not _is_text(line)]  # type: ignore[attr-defined]
         text.update(path.relative_to(folder).as_posix().encode() + b"\0" + ast.dump(tree).encode())
+    for path in sorted(folder.rglob("*.c")):
+        text.update(path.read_bytes())
     return text.hexdigest()[:12]
 
 

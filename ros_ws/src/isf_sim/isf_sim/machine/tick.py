@@ -101,7 +101,7 @@ def advance_tick(
     ``constants`` are those of the tool that presses. Returns DONE, or what the sheet needs first; the caller serves
     the request and calls again.
     """
-    _move_axes(target, axes, constants)
+    move_axes(target, axes, constants)
     forming, support = np.empty(3), np.empty(3)
     turned = role.pressing[0] == 2
     if turned:
@@ -129,7 +129,7 @@ def advance_tick(
             axes.force_1[k], axes.force_2[k] = sign * on_support, sign * on_forming
         else:
             axes.force_1[k], axes.force_2[k] = on_forming, on_support
-    _finish(draws, axes, cell_1, cell_2, constants)
+    finish_tick(draws, axes, cell_1, cell_2, constants)
     if squeeze.indentation[0] > 0.0 and squeeze.indentation[0] >= squeeze.thickness[0]:
         axes.flags[0] |= TOOLS_TOUCH
     return DONE
@@ -148,17 +148,17 @@ def advance_adsif_tick(
     constants: MachineConstants,
 ) -> int:
     """Advance one tick of accumulative forming; returns what the sheet did (adsif.STABLE, BUCKLES, FREE)."""
-    _move_axes(target, axes, constants)
+    move_axes(target, axes, constants)
     outcome = form_ring(axes.tips[0], axes.tips[1], surface, state, ring)
     for k in range(3):
         axes.force_1[k] = -state.force[k]
         axes.force_2[k] = state.force[k]
-    _finish(draws, axes, cell_1, cell_2, constants)
+    finish_tick(draws, axes, cell_1, cell_2, constants)
     return outcome
 
 
 @kernel
-def _move_axes(target: Array, axes: Axes, constants: MachineConstants) -> None:
+def move_axes(target: Array, axes: Axes, constants: MachineConstants) -> None:
     """Servo towards ``target`` once per tick, and the true tips that follow from the encoders' positions."""
     if axes.moved[0] != 0:
         return
@@ -174,7 +174,7 @@ def _move_axes(target: Array, axes: Axes, constants: MachineConstants) -> None:
 
 
 @kernel
-def _finish(draws: Array, axes: Axes, cell_1: CellState, cell_2: CellState, constants: MachineConstants) -> None:
+def finish_tick(draws: Array, axes: Axes, cell_1: CellState, cell_2: CellState, constants: MachineConstants) -> None:
     """Limits and readings of a tick whose forces are known."""
     axes.moved[0] = 0
     axes.flags[0] = 0

@@ -1,0 +1,1 @@
+"""Elasto-plastic sheet: explicit shell elements, contact with tools and supports, clamped edge."""

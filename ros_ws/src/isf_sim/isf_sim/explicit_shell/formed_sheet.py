@@ -1,0 +1,218 @@
+"""The elasto-plastic sheet of a job as the machine meets it: tips in, forces out; what a scanner sees of it.
+
+Frame ``sheet``: the upper face of the flat blank is at z = 0.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import METRES, JobFile
+from isf_core.files.material import YIELD_STRAIN, Material, flow_curve
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+from numpy.typing import NDArray
+from scipy.interpolate import griddata
+
+from isf_sim.explicit_shell.grid import graded_lines
+from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet, Support
+from isf_sim.plant_constants import PlantConstants
+from isf_sim.sheet.surface import Surface
+from isf_sim.world import World
+
+AWAKE = 1.0e-3
+"""m between a tool and the sheet, beyond which a sheet at rest is not computed."""
+
+STILL_ENERGY = 1.0e-7
+"""J, kinetic energy of a sheet that is at rest."""
+
+MOST_CELLS = 56
+"""Cells of the even region along its longer side: a larger part has larger cells."""
+
+FORMED_STRAIN = 0.01
+"""Plastic strain of the middle layer from which on a place counts as formed."""
+
+
+class FormedSheet:
+    """A fresh blank of ``job_file`` in ``world`` over the heights ``support`` (ny, nx) m on the grid of ``surface``.
+
+    Attributes
+    ----------
+    shell : ExplicitShell ; thickness : m, of the flat blank ; cpu : s of the processor spent on it
+    largest_kinetic : J, largest kinetic energy so far
+
+    Raises
+    ------
+    IsfError : FILE_FIELD for processes it does not form yet
+    """
+
+    def __init__(
+        self,
+        job_file: JobFile,
+        material: Material,
+        thickness: float,
+        world: World,
+        constants: PlantConstants,
+        surface: Surface,
+        support: Array | None,
+    ) -> None:
+        job, rig = job_file.job, job_file.rig
+        if job.process not in ("SPIF", "DSIF"):
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                f"the elasto-plastic sheet forms SPIF and DSIF, not {job.process}",
+                where="--sheet",
+                advice="take --sheet fast",
+            )
+        self.thickness = thickness
+        even = _part_region(job_file, job.tool_1.radius)
+        cell = max(constants.shell_cell, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
+        x, y = (
+            graded_lines(-0.5 * size, 0.5 * size, _inside(region, size), cell, constants.shell_flange_cell)
+            for size, region in zip(rig.clamp.size, even, strict=True)
+        )
+        fixed = rig.clamp.edge == "fixed"
+        spring = np.inf if fixed else constants.edge_spring + world.edge_spring
+        self.shell = ExplicitShell(
+            x,
+            y,
+            _sheet_of(material, thickness, world.force_level),
+            Edge(spring),
+            friction=material.friction * world.friction,
+            tool_speed=constants.shell_speed,
+            damping=constants.shell_damping,
+        )
+        self.shell.state.position[2] = -0.5 * thickness
+        far = np.array([0.0, 0.0, 1.0])
+        compliance = np.array(rig.tool_1.compliance) * world.compliance
+        self.shell.set_tool(0, Ball(job.tool_1.radius, 1, compliance=tuple(compliance)), far)
+        if job.tool_2 is not None:
+            compliance = np.array(rig.tool_2.compliance) * world.compliance
+            self.shell.set_tool(1, Ball(job.tool_2.radius, -1, compliance=tuple(compliance)), -far)
+        if support is not None:
+            self.shell.set_support(Support(support, surface.x0, surface.y0, surface.h))
+        self._asleep = True
+        self.cpu = self.largest_kinetic = 0.0
+
+    def move(self, tips: Array) -> Array:
+        """Move the tools straight to ``tips`` (2, 3) m; forces (2, 3) N of the sheet on them.
+
+        Raises
+        ------
+        IsfError : SOLUTION_FAILED, the model became unstable
+        """
+        started = time.thread_time()
+        near = any(
+            self._clearance(number, tip) < AWAKE
+            for number, tip in enumerate(tips)
+            if self.shell.tools["radius"][number] > 0.0
+        )
+        if not near and self._asleep:
+            self.shell.place_tools(tips)
+            return np.zeros((2, 3))
+        forces = self.shell.move(tips)
+        kinetic = self.shell.kinetic_energy
+        if not np.isfinite(forces).all() or not np.isfinite(kinetic):
+            raise IsfError(
+                ErrorCode.SOLUTION_FAILED,
+                f"the sheet model became unstable with the tools at {np.round(1e3 * tips, 2).tolist()} mm",
+                where="--sheet shell",
+                advice="check that the tools do not press through the sheet or into its support",
+            )
+        self.largest_kinetic = max(self.largest_kinetic, kinetic)
+        self._asleep = not near and kinetic < STILL_ENERGY
+        self.cpu += time.thread_time() - started
+        return forces
+
+    def unloaded(self) -> ExplicitShell:
+        """The sheet at rest without tools; the one in the machine stays as it is."""
+        shell = copy.deepcopy(self.shell)
+        shell.tools["radius"] = 0.0
+        shell.settle()
+        return shell
+
+    def measured_shape(self, spacing: float = 1.0e-3) -> HeightMap:
+        """Upper face without load, on a grid of ``spacing`` m over the free sheet."""
+        shell = self.unloaded()
+        x, y, z = shell.upper_face()
+        low, high = (np.array([line[k] for line in (shell.x, shell.y)]) for k in (0, -1))
+        grid_x, grid_y = (np.arange(a, b + 0.5 * spacing, spacing) for a, b in zip(low, high, strict=True))
+        heights = griddata(
+            np.column_stack([x, y]), z, tuple(np.meshgrid(grid_x, grid_y)), method="cubic", fill_value=0.0
+        )
+        return HeightMap(grid_x, grid_y, heights)
+
+    def formed(self, surface: Surface) -> NDArray[np.int8]:
+        """(ny, nx), 1 on the nodes of ``surface`` where the sheet has been formed."""
+        shell = self.shell
+        strained = shell.state.plastic_strain[2].reshape(len(shell.y) - 1, len(shell.x) - 1) > FORMED_STRAIN
+        ny, nx = surface.height.shape
+        i = np.clip(np.searchsorted(shell.x, surface.x0 + surface.h * np.arange(nx)) - 1, 0, strained.shape[1] - 1)
+        j = np.clip(np.searchsorted(shell.y, surface.y0 + surface.h * np.arange(ny)) - 1, 0, strained.shape[0] - 1)
+        return strained[np.ix_(j, i)].astype(np.int8)
+
+    def thinning(self, tip: Array, reach: float) -> tuple[float, Array]:
+        """Largest ln(t0 / t) within ``reach`` m of ``tip`` (3,) m in the plane, and its place (3,) m."""
+        shell = self.shell
+        position = shell.state.position.reshape(3, len(shell.y), len(shell.x))
+        middle = 0.25 * (position[:, 1:, 1:] + position[:, 1:, :-1] + position[:, :-1, 1:] + position[:, :-1, :-1])
+        middle = middle.reshape(3, -1)
+        near = np.hypot(middle[0] - tip[0], middle[1] - tip[1]) < reach
+        if not near.any():
+            return 0.0, np.zeros(3)
+        chosen = np.flatnonzero(near)
+        thinnest = chosen[np.argmin(shell.state.thickness[chosen])]
+        strain = float(np.log(self.thickness / shell.state.thickness[thinnest]))
+        return strain, np.asarray(middle[:, thinnest])
+
+    def values(self) -> dict[str, object]:
+        """For a summary: what stands behind the numbers of a run."""
+        shell = self.shell
+        work = shell.plastic_work
+        return {
+            "model": "shell",
+            "elements": int(shell.state.thickness.size),
+            "kinetic_over_plastic": self.largest_kinetic / work if work > 0.0 else 0.0,
+            "cpu_s": round(self.cpu, 2),
+        }
+
+    def _clearance(self, number: int, tip: Array) -> float:
+        """m between the ball of tool ``number`` and the faces of the sheet, from the nodes."""
+        tool, position = self.shell.tools[number], self.shell.state.position
+        centre = np.array([tip[0], tip[1], tip[2] + tool["side"] * tool["radius"]])
+        nearest = np.sqrt(((position - centre[:, None]) ** 2).sum(axis=0).min())
+        return float(nearest - tool["radius"] - 0.5 * self.thickness)
+
+
+def _sheet_of(material: Material, thickness: float, force_level: float) -> Sheet:
+    strain = np.concatenate([[0.0], np.geomspace(1e-4, 4.0, 400)])
+    # Hollomon's curve from the strain at which the yield strength is defined on
+    stress = force_level * flow_curve(material).stress(strain + YIELD_STRAIN)
+    return Sheet(material.young_modulus, material.poisson_ratio, thickness, strain, np.asarray(stress))
+
+
+def _part_region(job_file: JobFile, radius: float) -> Array:
+    """(2, 2) m, x and y from and to, of the part's mesh with room for the tool; the middle half of the free sheet for
+    files that cannot be read here."""
+    part, clamp = job_file.job.part, np.array(job_file.rig.clamp.size)
+    half = 0.25 * clamp
+    try:
+        import trimesh  # late: only this sheet needs it
+
+        mesh = trimesh.load(job_file.base / part.mesh, force="mesh")
+        size = np.ptp(mesh.bounds, axis=0) * (METRES[part.unit] if part.unit else 1e-3) * part.scale
+        if "x" in part.up or "y" in part.up or any(part.turn):
+            size = np.full(3, size.max())
+        half = 0.5 * size[:2] + 2.0 * radius
+    except Exception:  # whatever a loader raises: the planner says what is wrong with a part
+        pass
+    place = np.array(part.place) if part.place is not None else np.zeros(2)
+    return np.stack([place - half, place + half], axis=1)
+
+
+def _inside(region: Array, size: float) -> tuple[float, float]:
+    margin = min(5.0e-3, 0.05 * size)
+    return max(float(region[0]), -0.5 * size + margin), min(float(region[1]), 0.5 * size - margin)

@@ -1,0 +1,42 @@
+"""Lines of a structured grid: even in the forming region, wider towards the clamp."""
+
+from __future__ import annotations
+
+import numpy as np
+from isf_core.types import Array
+
+GROWTH = 1.25
+"""Ratio of neighbouring cells outside the even region."""
+
+
+def graded_lines(low: float, high: float, even: tuple[float, float], cell: float, largest: float) -> Array:
+    """Lines (n,) m from ``low`` to ``high``; cells of ``cell`` m between the two of ``even``, up to ``largest`` m out.
+
+    Raises
+    ------
+    ValueError : ``even`` is not inside, or a cell is not positive
+    """
+    begin, end = even
+    if not (low <= begin < end <= high and 0.0 < cell <= largest):
+        raise ValueError(f"no grid from {low} to {high} m with cells of {cell} m from {begin} to {end} m")
+    count = max(1, round((end - begin) / cell))
+    middle = np.linspace(begin, end, count + 1)
+    cell = (end - begin) / count
+    return np.concatenate(
+        [low + _grown(begin - low, cell, largest)[::-1], middle, high - _grown(high - end, cell, largest)]
+    )
+
+
+def _grown(length: float, cell: float, largest: float) -> Array:
+    """Distances (n,) m from the far end of ``length`` m, of lines that get wider from the near end on; far end last."""
+    if length < 0.25 * cell:
+        return np.empty(0) if length == 0.0 else np.zeros(1)
+    steps: list[float] = []
+    size = cell
+    while sum(steps) < length:
+        size = min(size * GROWTH, largest)
+        steps.append(size)
+    if len(steps) > 1 and sum(steps) - length > 0.5 * steps[-1]:
+        steps.pop()
+    places = np.cumsum(steps) * (length / sum(steps))
+    return np.asarray(length - places)

@@ -1,0 +1,84 @@
+"""The compiled kernels of shell.c, and the structs they share with Python."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+
+LAYERS = 5
+"""Points through the thickness."""
+
+TOOLS = 2
+
+_double, _long, _pointer = ctypes.c_double, ctypes.c_int64, ctypes.c_void_p
+
+
+class ShellStruct(ctypes.Structure):
+    """``Shell`` of shell.c, field by field."""
+
+    _fields_ = (
+        *((name, _long) for name in ("nx", "ny", "table_size", "support_size")),
+        *(
+            (name, _double)
+            for name in (
+                "young", "poisson", "step", "damping", "table_step", "contact", "contact_time", "friction",
+                "slip_speed",
+            )
+        ),
+        *(
+            (name, _pointer)
+            for name in (
+                "position", "velocity", "spin", "force", "moment", "mass", "inertia", "spring", "spring_limit",
+                "anchor", "fixed", "thickness", "stress", "plastic_strain", "shear", "hourglass", "plastic_work",
+                "element_force", "flow_stress", "hardening", "area",
+            )
+        ),
+        ("support_nx", _long),
+        ("support_ny", _long),
+        *((name, _double) for name in ("support_x", "support_y", "support_spacing", "support_offset")),
+        *(
+            (name, _pointer)
+            for name in ("support_height", "support_element", "support_weight", "support_area")
+        ),
+    )  # fmt: skip
+
+
+TOOL = np.dtype(
+    [
+        ("side", "f8"),
+        ("radius", "f8"),
+        ("flat", "f8"),
+        ("begin", "f8", 3),
+        ("end", "f8", 3),
+        ("compliance", "f8", 3),
+        ("felt", "f8", 3),
+        ("mean", "f8", 3),
+        ("node", "i8", 2),
+        ("touching", "i8"),
+    ]
+)
+"""``Tool`` of shell.c: an array of these is what the kernels change."""
+
+
+@cache
+def advance() -> Callable[..., None]:
+    """``isf_shell_advance(shell, tools, steps, smoothing)``; raises IsfError when it was not built."""
+    folder = Path(__file__).parent
+    for path in (folder / f"_shell{suffix}" for suffix in EXTENSION_SUFFIXES):
+        if path.exists():
+            function = ctypes.CDLL(str(path)).isf_shell_advance
+            function.argtypes = (ctypes.POINTER(ShellStruct), ctypes.c_void_p, _long, _double)
+            function.restype = None
+            return function
+    raise IsfError(
+        ErrorCode.INTERNAL,
+        "the compiled part of the sheet model is missing",
+        where=str(folder),
+        advice="build the workspace again (colcon build; a C compiler is needed)",
+    )

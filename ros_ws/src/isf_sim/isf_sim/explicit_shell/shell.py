@@ -1,0 +1,385 @@
+"""An elasto-plastic sheet of explicit shell elements and the state it is in; the kernels are in shell.c.
+
+Time is not that of the process: the tool is moved at several metres per second, a thousand times faster than in a cell,
+and all elements have the same time step by their mass. What makes the result that of the slow process is that kinetic
+energy stays small against plastic work, which every run reports (Belytschko, Liu, Moran: Nonlinear Finite Elements for
+Continua and Structures, section 6.2).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from isf_core.types import Array
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from isf_sim.explicit_shell import library
+from isf_sim.explicit_shell.library import LAYERS, TOOL, TOOLS, ShellStruct
+
+STEP_SHARE = 0.7
+"""Of the time a wave needs through the smallest element (assumed; 0.9 is the usual limit for flat elements)."""
+
+CONTACT_SHARE = 0.2
+"""Of the stiffness at which contact alone would reach the limit of the time step."""
+
+CONTACT_DAMPING = 0.3
+"""Of the critical one of the sheet's mass on the stiffness of contact: the sheet does not chatter on the tool."""
+
+SMOOTHING = 0.02
+"""Share of a new contact force in the one that bends the machine: 50 steps."""
+
+REST_STEPS, LONGEST_REST = 250, 400
+"""Steps between two looks at the kinetic energy of a sheet that comes to rest, and the most of these."""
+
+SETTLED, CALM_SWINGS = 2.0e-6, 4
+"""m by which a sheet at rest may still move in a swing, and how many such swings in a row are rest."""
+
+PLUNGE = (5.0, 50.0)
+"""Across the sheet a tool is slower by the first factor than along it, for it would hit it, and by the second one while
+it touches it: the whole sheet has to follow, and swings through once in some 10 ms."""
+
+SLIP_SHARE = 0.02
+"""Of the speed of the tools, below which friction fades: a step in it would make the sheet ring."""
+
+NEAR = 8.0e-3
+"""m in the plane, within which the sheet is looked at more closely near the edge of a support."""
+
+TABLE_STEP, TABLE_END = 0.002, 4.0
+"""Plastic strain, of the tabulated flow curve."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What is formed.
+
+    Attributes
+    ----------
+    young_modulus : Pa ; poisson_ratio ; density : kg/m^3 ; thickness : m
+    plastic_strain, flow_stress : (n,), (n,) Pa, flow curve, linear between its points, flat after the last
+    """
+
+    young_modulus: float
+    poisson_ratio: float
+    thickness: float
+    plastic_strain: Array
+    flow_stress: Array
+    density: float = 2700.0
+
+
+@dataclass(frozen=True)
+class Edge:
+    """How the edge of the sheet is held; z and rotations are fixed.
+
+    Attributes
+    ----------
+    spring : N/m^2, in-plane spring per length of edge (inf: fixed) ; limit : N/m, friction limit of the clamp
+    """
+
+    spring: float = np.inf
+    limit: float = np.inf
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A tool: ``radius`` m of the ball or of the rounding of a flat end, ``flat`` m radius of the flat, 0 for a ball.
+
+    ``side`` : 1 touches the upper face, -1 the lower one ; ``compliance`` (3,) m/N by which the machine gives way
+    """
+
+    radius: float
+    side: int = 1
+    flat: float = 0.0
+    compliance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass
+class State:
+    """Everything that changes; saved and restored as a whole. n nodes, e elements, in the order of shell.c.
+
+    Attributes
+    ----------
+    position, velocity, spin : (3, n) m, m/s, 1/s ; anchor : (2, n) m
+    thickness, plastic_work : (e,) m, J ; stress : (3 LAYERS, e) Pa ; plastic_strain : (LAYERS, e)
+    shear : (2, e) Pa ; hourglass : (5, e) N, N m
+    """
+
+    position: Array
+    velocity: Array
+    spin: Array
+    anchor: Array
+    thickness: Array
+    stress: Array
+    plastic_strain: Array
+    shear: Array
+    hourglass: Array
+    plastic_work: Array
+
+    def copy(self) -> State:
+        """An independent copy."""
+        return State(**{name: array.copy() for name, array in vars(self).items()})
+
+
+@dataclass
+class Support:
+    """A rigid surface under the sheet: heights (ny, nx) m at x0 + i spacing, y0 + j spacing; -inf: none there."""
+
+    height: Array
+    x0: float
+    y0: float
+    spacing: float
+    offset: float = 0.0
+    points: int = 3
+    arrays: tuple[NDArray[Any], ...] = field(default_factory=tuple)
+
+
+class ExplicitShell:
+    """A flat sheet on the grid of lines ``x`` (nx + 1,), ``y`` (ny + 1,) m, at z = 0 (its middle surface).
+
+    Attributes
+    ----------
+    x, y : lines ; sheet, edge ; state : State
+    step : s, time step ; steps : done so far ; tools : (2,) of library.TOOL
+    """
+
+    def __init__(
+        self, x: Array, y: Array, sheet: Sheet, edge: Edge | None = None, *, friction: float = 0.1,
+        tool_speed: float = 20.0, damping: float = 600.0,
+    ) -> None:  # fmt: skip
+        self.x, self.y, self.sheet, self.edge = x, y, sheet, edge or Edge()
+        self.tool_speed = tool_speed
+        dx, dy = np.meshgrid(np.diff(x), np.diff(y))
+        shortest = np.minimum(dx, dy)
+        wave = np.sqrt(sheet.young_modulus / (sheet.density * (1.0 - sheet.poisson_ratio**2)))
+        self.step = float(STEP_SHARE * shortest.min() / wave)
+        self.steps = 0
+        self.state = _flat(x, y, sheet)
+        self._area = np.ascontiguousarray((dx * dy).ravel())
+        per_area = sheet.density * sheet.thickness * (shortest.min() / shortest) ** 2
+        corner = per_area * dx * dy / 4.0
+        self._mass = _at_nodes(corner)
+        turning = corner * np.maximum(sheet.thickness**2 / 12.0, dx * dy / 8.0)
+        self._inertia = _at_nodes(turning)
+        self._hold_edge()
+        nodes, elements = self._mass.size, self._area.size
+        self._scratch = np.zeros((3, nodes)), np.zeros((3, nodes)), np.zeros((24, elements))
+        strain = np.arange(0.0, TABLE_END + TABLE_STEP, TABLE_STEP)
+        self._flow = np.interp(strain, sheet.plastic_strain, sheet.flow_stress)
+        self._hardening = np.append(np.diff(self._flow) / TABLE_STEP, 0.0)
+        self._damping, self._friction = damping, friction
+        self._contact = CONTACT_SHARE * sheet.density * sheet.thickness / self.step**2
+        self.tools = np.zeros(TOOLS, dtype=TOOL)
+        self._support: Support | None = None
+
+    # -- what it is made of ------------------------------------------------------------------------
+
+    def set_tool(self, number: int, ball: Ball, tip: Array) -> None:
+        """Tool ``number`` (0, 1) with its ``tip`` (3,) m at rest, the end of the ball towards the sheet."""
+        tool = self.tools[number]
+        tool["radius"], tool["flat"], tool["side"] = ball.radius, ball.flat, ball.side
+        tool["compliance"], tool["felt"] = ball.compliance, 0.0
+        tool["begin"] = tool["end"] = _centre(ball.radius, ball.side, tip)
+        tool["node"] = [
+            int(np.clip(np.searchsorted(line, value), 0, len(line) - 1))
+            for line, value in ((self.x, tip[0]), (self.y, tip[1]))
+        ]
+
+    def hold(self, held: NDArray[np.bool_]) -> None:
+        """Hold deflection and slope of the nodes ``held`` (ny + 1, nx + 1), as an edge of another outline does."""
+        self._fixed |= np.where(held.ravel(), 4 + 8, 0).astype(np.uint8)
+
+    def set_support(self, support: Support) -> None:
+        """Put a rigid surface under the sheet."""
+        arrays = (
+            np.where(np.isfinite(support.height), support.height, -1e9).astype(float),
+            *self._points_over(support),
+        )
+        support.arrays = arrays
+        self._support = support
+
+    def _points_over(self, support: Support) -> tuple[NDArray[np.int32], Array, Array]:
+        """Element (k,), weights of its corners (4, k) and area (k,) m^2 of the points that may touch ``support``: one
+        per element where it is a plane, ``points`` squared near its edges and where it is not."""
+        grid_x, grid_y = np.meshgrid(0.5 * (self.x[1:] + self.x[:-1]), 0.5 * (self.y[1:] + self.y[:-1]))
+        rows = np.clip(np.rint((grid_y - support.y0) / support.spacing).astype(int), 0, support.height.shape[0] - 1)
+        columns = np.clip(np.rint((grid_x - support.x0) / support.spacing).astype(int), 0, support.height.shape[1] - 1)
+        around = 2 * round(NEAR / support.spacing) + 1
+        solid = np.where(np.isfinite(support.height), support.height, -1e9)
+        lowest, highest = minimum_filter(solid, around), maximum_filter(solid, around)
+        near = (highest > -1e8)[rows, columns].ravel()
+        plane = (highest - lowest < 1e-9)[rows, columns].ravel()
+        parts = []
+        for chosen, count in ((near & plane, 1), (near & ~plane, support.points)):
+            elements = np.flatnonzero(chosen).astype(np.int32)
+            u = (np.arange(count) + 0.5) / count
+            u, v = (grid.ravel() for grid in np.meshgrid(u, u))
+            weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+            area = np.repeat(self._area[elements], count**2) / count**2
+            parts.append((np.repeat(elements, count**2), np.tile(weights, elements.size), area))
+        element, weight, area = (
+            np.ascontiguousarray(np.concatenate(part, axis=-1)) for part in zip(*parts, strict=True)
+        )
+        return element, weight, area
+
+    # -- motion --------------------------------------------------------------------------------------
+
+    def move(self, tips: Array, least: int = 4) -> Array:
+        """Move both tools straight to ``tips`` (2, 3) m; returns the mean force (2, 3) N of the sheet on each.
+
+        ``least``: steps at least, also for tools that rest.
+        """
+        tools, way = self.tools, 0.0
+        tools["begin"] = tools["end"]
+        for tool, tip in zip(tools, tips, strict=True):
+            if tool["radius"] > 0.0:
+                tool["end"] = _centre(tool["radius"], tool["side"], tip)
+                dx, dy, dz = tool["end"] - tool["begin"]
+                way = max(way, float(np.hypot(np.hypot(dx, dy), PLUNGE[int(tool["touching"] > 0)] * dz)))
+        self._advance(max(least, int(np.ceil(way / (self.tool_speed * self.step)))), self._damping)
+        return np.array(tools["mean"])
+
+    def place_tools(self, tips: Array) -> None:
+        """Put the tools at ``tips`` (2, 3) m without any time: for tools that are clear of the sheet."""
+        for tool, tip in zip(self.tools, tips, strict=True):
+            if tool["radius"] > 0.0:
+                tool["begin"] = tool["end"] = _centre(tool["radius"], tool["side"], tip)
+                tool["felt"] = 0.0
+
+    def rest(self, steps: int, damping: float | None = None) -> None:
+        """``steps`` steps with the tools where they are, with another mass ``damping`` 1/s."""
+        self.tools["begin"] = self.tools["end"]
+        self._advance(steps, self._damping if damping is None else damping)
+
+    def settle(self, still: float = SETTLED) -> None:
+        """Come to rest with the tools where they are, until a swing moves no point by more than ``still`` m.
+
+        Velocities are set to zero whenever kinetic energy begins to fall (kinetic damping: Barnes, International
+        Journal of Space Structures 14 (1999) 89-104).
+        """
+        self.tools["begin"] = self.tools["end"]
+        begun, before, swings = self.state.position.copy(), 0.0, 0
+        self.state.velocity[:], self.state.spin[:] = 0.0, 0.0
+        for _ in range(LONGEST_REST):
+            self._advance(REST_STEPS, 0.0)
+            energy = self.kinetic_energy
+            if energy < before:
+                self.state.velocity[:], self.state.spin[:] = 0.0, 0.0
+                moved, begun, energy = float(np.abs(self.state.position - begun).max()), self.state.position.copy(), 0.0
+                swings = swings + 1 if moved < still else 0
+                if swings == CALM_SWINGS:
+                    return
+            before = energy
+
+    @property
+    def kinetic_energy(self) -> float:
+        """J, of the translations."""
+        return float(0.5 * (self._mass * (self.state.velocity**2).sum(axis=0)).sum())
+
+    @property
+    def plastic_work(self) -> float:
+        """J, since the sheet was flat."""
+        return float(self.state.plastic_work.sum())
+
+    def upper_face(self) -> Array:
+        """(3, n) m, the points of the upper face over the nodes."""
+        shape = len(self.y), len(self.x)
+        middle = self.state.position.reshape(3, *shape)
+        along = [np.gradient(middle[k], axis=1) for k in range(3)]
+        across = [np.gradient(middle[k], axis=0) for k in range(3)]
+        normal = np.cross(np.stack(along, axis=-1), np.stack(across, axis=-1))
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        thickness = np.pad(self.state.thickness.reshape(shape[0] - 1, shape[1] - 1), 1, mode="edge")
+        at_nodes = 0.25 * (thickness[1:, 1:] + thickness[1:, :-1] + thickness[:-1, 1:] + thickness[:-1, :-1])
+        return np.asarray((middle + 0.5 * at_nodes * np.moveaxis(normal, -1, 0)).reshape(3, -1))
+
+    @property
+    def z(self) -> Array:
+        """(ny + 1, nx + 1) m, heights of the nodes."""
+        return self.state.position[2].reshape(len(self.y), len(self.x))
+
+    # -- inside ----------------------------------------------------------------------------------
+
+    def _advance(self, steps: int, damping: float) -> None:
+        struct = self._struct(damping)
+        library.advance()(ctypes.byref(struct), self.tools.ctypes.data, steps, SMOOTHING)
+        self.steps += steps
+
+    def _hold_edge(self) -> None:
+        shape = len(self.y), len(self.x)
+        border = np.zeros(shape, dtype=bool)
+        border[[0, -1], :] = border[:, [0, -1]] = True
+        held = np.isinf(self.edge.spring)
+        self._fixed = np.where(border, 15 if held else 4 + 8, 0).astype(np.uint8).ravel()
+        length = np.zeros(shape)
+        length[[0, -1], :] += np.gradient(self.x)
+        length[:, [0, -1]] += np.gradient(self.y)[:, None]
+        spring = 0.0 if held else self.edge.spring
+        self._spring = (spring * length).ravel()
+        self._limit = np.where(length > 0.0, np.minimum(self.edge.limit, 1e12) * length, 0.0).ravel()
+
+    def _struct(self, damping: float) -> ShellStruct:
+        """What the kernels need, with the present places of the arrays."""
+        sheet, struct = self.sheet, ShellStruct()
+        struct.nx, struct.ny, struct.table_size = len(self.x) - 1, len(self.y) - 1, self._flow.size
+        struct.young, struct.poisson, struct.step = sheet.young_modulus, sheet.poisson_ratio, self.step
+        struct.damping, struct.table_step, struct.friction = damping, TABLE_STEP, self._friction
+        struct.contact, struct.slip_speed = self._contact, SLIP_SHARE * self.tool_speed
+        struct.contact_time = 2.0 * CONTACT_DAMPING * np.sqrt(sheet.density * sheet.thickness / self._contact)
+        force, moment, element_force = self._scratch
+        arrays: dict[str, NDArray[Any]] = {
+            **vars(self.state),
+            "force": force,
+            "moment": moment,
+            "element_force": element_force,
+            "mass": self._mass,
+            "inertia": self._inertia,
+            "spring": self._spring,
+            "spring_limit": self._limit,
+            "fixed": self._fixed,
+            "flow_stress": self._flow,
+            "hardening": self._hardening,
+            "area": self._area,
+        }
+        if (support := self._support) is not None:
+            names = ("support_height", "support_element", "support_weight", "support_area")
+            arrays |= dict(zip(names, support.arrays, strict=True))
+            struct.support_ny, struct.support_nx = support.height.shape
+            struct.support_x, struct.support_y, struct.support_spacing = support.x0, support.y0, support.spacing
+            struct.support_offset, struct.support_size = support.offset, support.arrays[1].size
+        for name, array in arrays.items():
+            setattr(struct, name, array.ctypes.data)
+        return struct
+
+
+def _flat(x: Array, y: Array, sheet: Sheet) -> State:
+    grid_x, grid_y = (grid.ravel() for grid in np.meshgrid(x, y))
+    nodes, elements = grid_x.size, (len(x) - 1) * (len(y) - 1)
+    return State(
+        position=np.stack([grid_x, grid_y, np.zeros(nodes)]),
+        velocity=np.zeros((3, nodes)),
+        spin=np.zeros((3, nodes)),
+        anchor=np.stack([grid_x, grid_y]),
+        thickness=np.full(elements, sheet.thickness),
+        stress=np.zeros((3 * LAYERS, elements)),
+        plastic_strain=np.zeros((LAYERS, elements)),
+        shear=np.zeros((2, elements)),
+        hourglass=np.zeros((5, elements)),
+        plastic_work=np.zeros(elements),
+    )
+
+
+def _at_nodes(of_corner: Array) -> Array:
+    """(n,), what the elements (ny, nx) give to each of their nodes, summed."""
+    ny, nx = of_corner.shape
+    total = np.zeros((ny + 1, nx + 1))
+    for j in (0, 1):
+        for i in (0, 1):
+            total[j : ny + j, i : nx + i] += of_corner
+    return total.ravel()
+
+
+def _centre(radius: float, side: float, tip: Array) -> Array:
+    return np.asarray(tip, dtype=float) + np.array([0.0, 0.0, side * radius])

@@ -1,0 +1,101 @@
+"""The machine with the elasto-plastic sheet: forces, lasting shape, state, and what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
+from isf_sim.machine.simulated_machine import SimulatedMachine
+from isf_sim.machine.state import load_machine, save_machine
+from isf_sim.plant_constants import PlantConstants
+
+EXAMPLES = Path(__file__).resolve().parents[5] / "examples" / "jobs"
+
+JOB = """
+name: press
+part: {mesh: ../parts/mini_cone.stl, unit: mm}
+process: SPIF
+rig: ren2018
+sheet: {material: AA5754-O, thickness: 1 mm}
+tool_1: {radius: 5 mm}
+path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
+control: {rate: 500 Hz}
+"""
+
+COARSE = PlantConstants(shell_cell=6e-3, shell_flange_cell=16e-3, shell_speed=20.0)
+"""Enough to see what the machine does with a sheet."""
+
+
+def machine(text: str = JOB, sheet: str = "shell") -> SimulatedMachine:
+    return SimulatedMachine(JobFile(text, EXAMPLES, "job"), constants=COARSE, sheet=sheet)  # type: ignore[arg-type]
+
+
+def go(cell: SimulatedMachine, start: float, end: float, speed: float = 40e-3) -> np.ndarray:
+    """Move the upper tool along z; forces (n, 3) N on it."""
+    ticks = max(1, round(abs(end - start) * cell.control_rate / speed))
+    away = (0.0, 0.0, -0.1)
+    return np.array(
+        [cell.tick((0.0, 0.0, height), away).true_force_1 for height in np.linspace(start, end, ticks + 1)[1:]]
+    )
+
+
+@pytest.fixture(scope="module")
+def pressed() -> SimulatedMachine:
+    cell = machine()
+    park = cell.job_file.rig.park_height
+    go(cell, park, 2e-3, speed=0.1)
+    go(cell, 2e-3, -7e-3)
+    return cell
+
+
+def test_force_grows_with_depth_and_a_dent_is_left(pressed: SimulatedMachine) -> None:
+    saved = pressed.state_copy()
+    assert not pressed.faults
+    held = go(pressed, -7e-3, -7e-3 - 1e-6)[-1]
+    assert 300.0 < held[2] < 1200.0  # 400 N on 5 mm with a soft sheet
+    assert np.abs(held[:2]).max() < 0.05 * held[2]
+    go(pressed, -7e-3, 5e-3)
+    assert pressed.sample().true_force_1[2] == 0.0
+    shape = pressed.measured_shape()
+    middle = shape.at(np.array([[0.0, 0.0], [0.03, 0.0], [0.12, 0.12]]))
+    assert -4e-3 < middle[0] < -0.8e-3
+    assert middle[0] < 2.0 * middle[1] < -0.1e-3  # the sheet beside the tool has yielded too
+    assert middle[2] == pytest.approx(0.0, abs=0.1e-3)
+    values = pressed.sheet_values()
+    assert values["model"] == "shell"
+    assert values["elements"] == pressed._shell.shell.state.thickness.size  # type: ignore[union-attr]
+    assert 0.0 < values["kinetic_over_plastic"] < 1.0  # type: ignore[operator]  # little work, and the sheet springs back
+    pressed.restore(saved)
+
+
+def test_goes_on_from_a_copy_and_from_a_file_bit_by_bit(pressed: SimulatedMachine, tmp_path: Path) -> None:
+    saved = pressed.state_copy()
+    file = save_machine(pressed, tmp_path / "state")
+    once = go(pressed, -7e-3, -7.2e-3)
+    pressed.restore(saved)
+    assert np.array_equal(go(pressed, -7e-3, -7.2e-3), once)
+    pressed.restore(saved)
+    assert np.array_equal(go(load_machine(file), -7e-3, -7.2e-3), once)
+
+
+def test_a_sheet_without_numbers_stops_the_machine_with_a_code(pressed: SimulatedMachine) -> None:
+    saved = pressed.state_copy()
+    assert pressed._shell is not None
+    pressed._shell.shell.state.position[2, 5] = np.nan
+    go(pressed, -7e-3, -7.01e-3)
+    assert pressed.faults[0][0] == ErrorCode.SOLUTION_FAILED
+    assert "unstable" in pressed.faults[0][1]
+    pressed.restore(saved)
+
+
+@pytest.mark.parametrize("process", ["tpif_cone", "adsif_cone"])
+def test_processes_it_does_not_form_are_refused(process: str) -> None:
+    folder = EXAMPLES.parents[1] / "tests" / "golden" / "jobs"
+    job = JobFile((folder / f"{process}.yaml").read_text(encoding="utf-8"), folder)
+    with pytest.raises(IsfError) as refused:
+        SimulatedMachine(job, sheet="shell")
+    assert refused.value.code == ErrorCode.FILE_FIELD
+    assert "SPIF and DSIF" in str(refused.value)
