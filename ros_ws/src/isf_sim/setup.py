@@ -2,7 +2,7 @@ from setuptools import Extension, find_packages, setup
 
 package_name = "isf_sim"
 
-# No Python in it: isf_sim/explicit_shell/library.py loads it. Vector code for several processors is in one file.
+# Called by ctypes (isf_sim/explicit_shell/library.py). Vector code for several processors is in one file.
 shell_kernels = Extension(
     "isf_sim.explicit_shell._shell",
     sources=["isf_sim/explicit_shell/shell.c"],

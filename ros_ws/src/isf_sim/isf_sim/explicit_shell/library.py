@@ -5,8 +5,9 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from functools import cache
-from importlib.machinery import EXTENSION_SUFFIXES
+from importlib import import_module
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
@@ -69,16 +70,16 @@ TOOL = np.dtype(
 @cache
 def advance() -> Callable[..., None]:
     """``isf_shell_advance(shell, tools, steps, smoothing)``; raises IsfError when it was not built."""
-    folder = Path(__file__).parent
-    for path in (folder / f"_shell{suffix}" for suffix in EXTENSION_SUFFIXES):
-        if path.exists():
-            function = ctypes.CDLL(str(path)).isf_shell_advance
-            function.argtypes = (ctypes.POINTER(ShellStruct), ctypes.c_void_p, _long, _double)
-            function.restype = None
-            return function
-    raise IsfError(
-        ErrorCode.INTERNAL,
-        "the compiled part of the sheet model is missing",
-        where=str(folder),
-        advice="build the workspace again (colcon build; a C compiler is needed)",
-    )
+    try:
+        module = import_module("isf_sim.explicit_shell._shell")
+    except ImportError as error:
+        raise IsfError(
+            ErrorCode.INTERNAL,
+            f"the compiled part of the sheet model cannot be loaded: {error}",
+            where=str(Path(__file__).parent),
+            advice="build the workspace again (colcon build; a C compiler is needed)",
+        ) from error
+    function = ctypes.CDLL(str(module.__file__)).isf_shell_advance
+    function.argtypes = (ctypes.POINTER(ShellStruct), ctypes.c_void_p, _long, _double)
+    function.restype = None
+    return cast(Callable[..., None], function)

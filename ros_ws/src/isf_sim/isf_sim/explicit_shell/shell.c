@@ -1,14 +1,16 @@
 /* Explicit dynamics of a thin elasto-plastic sheet between moving tools, on a structured grid of quadrilaterals.
  *
  * Element: four nodes, one point in the plane, five through the thickness; corotational velocity strains, Mindlin shear
- * and hourglass stiffness after Belytschko, Lin, Tsay (1984), with the curvature that a warped element gets from its
- * membrane velocities (Belytschko, Wong, Chiang 1992). Material: J2 plasticity in plane stress, isotropic hardening by a
- * table, return mapping in the eigenvectors of the projection (Simo, Taylor 1986). Central differences, lumped mass.
+ * and hourglass stiffness after Belytschko 1984, with the curvature that a warped element gets from its membrane
+ * velocities (Belytschko 1992). Material: J2 plasticity in plane stress, isotropic hardening by a
+ * table, return mapping in the eigenvectors of the projection (Simo 1986). Central differences, lumped mass.
  *
  * Arrays are (components, entries), entries fastest; node n = j (nx + 1) + i, element e = j nx + i. SI units.
  * Corners 1 to 4 of element (i, j): (i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1). The layout and the order of the
  * fields of the structs are repeated in library.py.
  */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -478,4 +480,10 @@ void isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smooth
         edges(q);
         move(q);
     }
+}
+
+/* An empty module, so that Python finds and loads the library as it does any other; see library.py. */
+PyMODINIT_FUNC PyInit__shell(void) {
+    static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_shell", NULL, -1, NULL, NULL, NULL, NULL, NULL};
+    return PyModule_Create(&module);
 }

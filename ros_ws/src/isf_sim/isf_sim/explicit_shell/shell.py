@@ -2,8 +2,7 @@
 
 Time is not that of the process: the tool is moved at several metres per second, a thousand times faster than in a cell,
 and all elements have the same time step by their mass. What makes the result that of the slow process is that kinetic
-energy stays small against plastic work, which every run reports (Belytschko, Liu, Moran: Nonlinear Finite Elements for
-Continua and Structures, section 6.2).
+energy stays small against plastic work, which every run reports.
 """
 
 from __future__ import annotations
@@ -256,8 +255,7 @@ class ExplicitShell:
     def settle(self, still: float = SETTLED) -> None:
         """Come to rest with the tools where they are, until a swing moves no point by more than ``still`` m.
 
-        Velocities are set to zero whenever kinetic energy begins to fall (kinetic damping: Barnes, International
-        Journal of Space Structures 14 (1999) 89-104).
+        Velocities are set to zero whenever kinetic energy begins to fall (kinetic damping, Barnes 1999).
         """
         self.tools["begin"] = self.tools["end"]
         begun, before, swings = self.state.position.copy(), 0.0, 0
