@@ -42,7 +42,7 @@ class FormedSheet:
     Attributes
     ----------
     shell : ExplicitShell ; thickness : m, of the flat blank ; cpu : s of the processor spent on it
-    largest_kinetic : J, largest kinetic energy so far
+    largest_kinetic : J, largest kinetic energy so far ; strain : ln(t0 / t) beside the tool when it was judged last
 
     Raises
     ------
@@ -95,7 +95,7 @@ class FormedSheet:
         if support is not None:
             self.shell.set_support(Support(support, surface.x0, surface.y0, surface.h))
         self._asleep = True
-        self.cpu = self.largest_kinetic = 0.0
+        self.cpu = self.largest_kinetic = self.strain = 0.0
 
     def move(self, tips: Array) -> Array:
         """Move the tools straight to ``tips`` (2, 3) m; forces (2, 3) N of the sheet on them.

@@ -429,11 +429,12 @@ class SimulatedMachine:
         if bounds.lower > 0.0:
             upper, lower = axes.tips + np.array([[0.0, 0.0, bounds.upper], [0.0, 0.0, -bounds.lower]])
             gap = float(np.linalg.norm(upper - lower)) - bounds.upper - bounds.lower
-        strain = shell.thinning(axes.tips[0], 2.0 * bounds.upper)[0] if self.tick_count % THINNING_TICKS == 0 else 0.0
+        if self.tick_count % THINNING_TICKS == 0:
+            shell.strain = shell.thinning(axes.tips[0], 2.0 * bounds.upper)[0]
         support = float(np.linalg.norm(axes.force_2))
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
         saturated = int(axes.saturated[0])
-        bits = judge(float(axes.force_1[2]), support, gap, strain, 0.0, saturated, clipped, bounds)
+        bits = judge(float(axes.force_1[2]), support, gap, shell.strain, 0.0, saturated, clipped, bounds)
         return bits | (LIMITED if axes.flags[0] else 0)
 
     def _check_limits(self) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import EventKind
 from isf_core.files.job import JobFile
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.machine.state import load_machine, save_machine
@@ -68,6 +69,20 @@ def test_force_grows_with_depth_and_a_dent_is_left(pressed: SimulatedMachine) ->
     assert values["model"] == "shell"
     assert values["elements"] == pressed._shell.shell.state.thickness.size  # type: ignore[union-attr]
     assert 0.0 < values["kinetic_over_plastic"] < 1.0  # type: ignore[operator]  # little work, and the sheet springs back
+    pressed.restore(saved)
+
+
+def test_a_torn_sheet_is_reported_once_with_what_is_left_of_it(pressed: SimulatedMachine) -> None:
+    """Thinned by hand where the tool is; the tool then goes on four radii along a line."""
+    saved = pressed.state_copy()
+    assert pressed._shell is not None
+    pressed._shell.shell.state.thickness *= 0.3
+    away = (0.0, 0.0, -0.1)
+    for x in np.arange(0.0, 26e-3, 0.1e-3):
+        pressed.tick((x, 0.0, -7e-3), away)
+    (torn,) = (event for event in pressed.events if event.kind is EventKind.FRACTURE)
+    assert torn.value == pytest.approx(-np.log(0.3), rel=0.1)
+    assert "tears" in torn.text
     pressed.restore(saved)
 
 
