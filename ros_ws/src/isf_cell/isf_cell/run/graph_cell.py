@@ -22,6 +22,7 @@ from isf_ros import stamps
 from isf_ros.conversion import contour_from_message, lift_to_cloud
 from isf_ros.lifecycle import failure
 from isf_ros.watchdog import RegularLook
+from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
@@ -32,6 +33,16 @@ from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
 MANAGED = ("machine", "planner", "springback", "force_ctrl")
 """Nodes brought up in this order, down in reverse."""
+
+COMMANDS = (
+    (Reset, "machine/reset"),
+    (Tare, "machine/tare"),
+    (Scan, "machine/scan"),
+    (Stop, "machine/stop"),
+    (Arm, "force_ctrl/arm"),
+    (Trigger, "force_ctrl/stop"),
+)
+"""Services that change something."""
 
 _SYMPTOMS = (ErrorCode.TARGET_LOST, ErrorCode.WRENCH_LOST, ErrorCode.MACHINE_FAULTED, ErrorCode.SERVICE_TIMEOUT)
 """Failures that may only be the consequence of a node that died; the death is then the thing to tell."""
@@ -133,6 +144,8 @@ class GraphCell:
     def bring_up(self) -> None:
         """As in the protocol."""
         self._monitor.forget_states()
+        self._client.prepare(COMMANDS)
+        self._client.prepare((ChangeState, f"{name}/change_state") for name in MANAGED)
         for name in MANAGED:
             # a node may compile or load for long and be silent meanwhile; its answer is a sign of life
             self._client.bring_up(name, self._watch_operator)
@@ -208,7 +221,9 @@ class GraphCell:
     def form_contour(self, index: int) -> FormedContour:
         """As in the protocol."""
         request = GetContour.Request(plan_id=self._plan_id, index=index)
-        response = self._client.checked_call(GetContour, "planner/get_contour", request, self.check)
+        response = self._client.ask(GetContour, "planner/get_contour", request, self.check)
+        if response.code:
+            raise failure(response.code, response.message)
         with self._news:  # what came before it was sent is no result of this contour
             self._results.pop(index, None)
         self._publishers.publish_nominal(response.contour)

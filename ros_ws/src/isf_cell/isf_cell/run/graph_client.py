@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
@@ -19,6 +19,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.task import Future
+
+ASK_AGAIN = 2.0
+"""s without an answer, after which a question is asked again."""
 
 POLL = 0.05
 """s between two looks at the watch function while waiting."""
@@ -43,11 +46,30 @@ class GraphClient:
                 self._node.destroy_client(client)
         self._clients.clear()
 
+    def prepare(self, services: Iterable[tuple[Any, str]]) -> None:
+        """Make the clients of ``services`` (kind, name) now: a server drops its answer to a client that it has not
+        discovered yet, and what changes something must not be asked for twice."""
+        for kind, name in services:
+            self._service(kind, name)
+
     def call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
         """Response of a service; raises IsfError NODE_MISSING (no server) or SERVICE_TIMEOUT."""
-        client = self._clients.get(name) or self._clients.setdefault(name, self._node.create_client(kind, name))
-        self.wait_until(client.service_is_ready, watch, f"service '{name}' is not available", ErrorCode.NODE_MISSING)
+        client = self._ready(kind, name, watch)
         return self._await(client.call_async(request), watch, name, timeout)
+
+    def ask(self, kind: Any, name: str, request: Any, watch: Watch) -> Any:
+        """As :meth:`call`, for a request that changes nothing when it is made again: one without an answer is."""
+        client = self._ready(kind, name, watch)
+        deadline = time.monotonic() + self._timeout
+        while True:
+            try:
+                return self._await(client.call_async(request), watch, name, min(ASK_AGAIN, self._timeout))
+            except IsfError as error:
+                if error.code != ErrorCode.SERVICE_TIMEOUT:
+                    raise
+                if time.monotonic() > deadline:
+                    text = f"'{name}' did not answer within {self._timeout:g} s"
+                    raise IsfError(ErrorCode.SERVICE_TIMEOUT, text) from None
 
     def checked_call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
         """As :meth:`call`, and raises the IsfError of a response whose ``code`` is not 0."""
@@ -77,13 +99,13 @@ class GraphClient:
         """Set a string parameter of another node; raises the reason of a refusal."""
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
         request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
-        response = self.call(SetParameters, f"{node_name}/set_parameters", request, watch)
+        response = self.ask(SetParameters, f"{node_name}/set_parameters", request, watch)
         if not response.results[0].successful:
             raise IsfError(ErrorCode.METHOD_UNKNOWN, response.results[0].reason)
 
     def state_of(self, node_name: str, watch: Watch) -> int:
         """Lifecycle state id of a node."""
-        return int(self.call(GetState, f"{node_name}/get_state", GetState.Request(), watch).current_state.id)
+        return int(self.ask(GetState, f"{node_name}/get_state", GetState.Request(), watch).current_state.id)
 
     def bring_up(self, node_name: str, watch: Watch) -> None:
         """Configure and activate a node; raises IsfError TRANSITION_FAILED."""
@@ -108,6 +130,14 @@ class GraphClient:
             if time.monotonic() > deadline:
                 raise IsfError(code, what, advice="see isf doctor and the log of the node")
             pause.wait(POLL)
+
+    def _service(self, kind: Any, name: str) -> Any:
+        return self._clients.get(name) or self._clients.setdefault(name, self._node.create_client(kind, name))
+
+    def _ready(self, kind: Any, name: str, watch: Watch) -> Any:
+        client = self._service(kind, name)
+        self.wait_until(client.service_is_ready, watch, f"service '{name}' is not available", ErrorCode.NODE_MISSING)
+        return client
 
     def _transition(self, node_name: str, transition: int, label: str, watch: Watch) -> None:
         request = ChangeState.Request(transition=Transition(id=transition))

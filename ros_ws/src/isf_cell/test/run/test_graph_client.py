@@ -1,0 +1,82 @@
+"""Questions to a node in another process whose first answer never comes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+
+import pytest
+import rclpy
+from isf_cell.run.graph_client import ASK_AGAIN, GraphClient
+from isf_core.errors import ErrorCode, IsfError
+from lifecycle_msgs.msg import State
+from rclpy.executors import SingleThreadedExecutor
+
+pytestmark = pytest.mark.graph
+
+SERVER = """
+import rclpy, sys
+from lifecycle_msgs.srv import GetState
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+
+lost, asked = int(sys.argv[1]), 0
+
+async def answer(request, response):
+    global asked
+    asked += 1
+    if asked <= lost:
+        await Future()  # never done: as an answer that the middleware dropped
+    response.current_state.id = 3
+    response.current_state.label = str(asked)
+    return response
+
+rclpy.init()
+node = rclpy.create_node("forgetful")
+node.create_service(GetState, "forgetful/get_state", answer, callback_group=ReentrantCallbackGroup())
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    pass
+"""
+
+
+@pytest.fixture
+def client(request: pytest.FixtureRequest) -> Iterator[GraphClient]:
+    """Of a server that loses as many answers as the parameter says."""
+    rclpy.init()
+    node, executor = rclpy.create_node("asking"), SingleThreadedExecutor()
+    executor.add_node(node)
+    spinning = threading.Thread(target=executor.spin, daemon=True)
+    spinning.start()
+    server = subprocess.Popen([sys.executable, "-c", SERVER, str(request.param)])
+    made = GraphClient(node, timeout=3.0 * ASK_AGAIN if request.param > 1 else 60.0)
+    try:
+        yield made
+    finally:
+        server.terminate()
+        server.wait(60)
+        executor.shutdown()
+        spinning.join(60)
+        made.close()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def no_watch() -> None:
+    """Nothing else ends a wait."""
+
+
+@pytest.mark.parametrize("client", [1], indirect=True)
+def test_a_question_without_an_answer_is_asked_again(client: GraphClient) -> None:
+    assert client.state_of("forgetful", no_watch) == State.PRIMARY_STATE_ACTIVE
+
+
+@pytest.mark.parametrize("client", [1000], indirect=True)
+def test_a_server_that_never_answers_is_named(client: GraphClient) -> None:
+    with pytest.raises(IsfError) as silent:
+        client.state_of("forgetful", no_watch)
+    assert silent.value.code == ErrorCode.SERVICE_TIMEOUT
+    assert "'forgetful/get_state' did not answer within 6 s" in str(silent.value)
