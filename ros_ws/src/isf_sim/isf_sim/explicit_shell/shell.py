@@ -117,10 +117,6 @@ class State:
     hourglass: Array
     plastic_work: Array
 
-    def copy(self) -> State:
-        """An independent copy."""
-        return State(**{name: array.copy() for name, array in vars(self).items()})
-
 
 @dataclass
 class Support:
@@ -246,11 +242,6 @@ class ExplicitShell:
             if tool["radius"] > 0.0:
                 tool["begin"] = tool["end"] = _centre(tool["radius"], tool["side"], tip)
                 tool["felt"] = 0.0
-
-    def rest(self, steps: int, damping: float | None = None) -> None:
-        """``steps`` steps with the tools where they are, with another mass ``damping`` 1/s."""
-        self.tools["begin"] = self.tools["end"]
-        self._advance(steps, self._damping if damping is None else damping)
 
     def settle(self, still: float = SETTLED) -> None:
         """Come to rest with the tools where they are, until a swing moves no point by more than ``still`` m.

@@ -82,7 +82,7 @@ def test_twisted_beam(root: float, published: float, cells: int, within: float) 
     tip = shell._spring > 0.0
     before = position[1][tip].mean()
     lowest = 3.516 * np.sqrt(young * thick**2 / 12.0 / length**4)
-    shell.rest(round(12.0 / lowest / shell.step), 1.4 * lowest)
+    shell._advance(round(12.0 / lowest / shell.step), 1.4 * lowest)
     assert position[1][tip].mean() - before == pytest.approx(published, rel=within)
 
 
@@ -120,8 +120,8 @@ def test_the_same_again_bit_for_bit_also_from_a_copy() -> None:
         for depth in np.linspace(0.5e-3, -0.5e-3, 20):
             force = shell.move(np.array([[0.0, 0.0, depth], far]))
     assert force[0, 2] > 50.0
-    saved = one.state.copy()
+    saved = one.state.position.copy()
     for shell in (one, other):
         shell.move(np.array([[2e-3, 0.0, -0.5e-3], far]))
     assert all(np.array_equal(a, b) for a, b in zip(vars(one.state).values(), vars(other.state).values(), strict=True))
-    assert not np.array_equal(saved.position, one.state.position)
+    assert not np.array_equal(saved, one.state.position)
