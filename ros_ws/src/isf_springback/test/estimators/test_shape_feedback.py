@@ -142,7 +142,7 @@ def test_disagreement_of_model_and_shape_is_reported_bounded_and_not_followed():
     """The model sees a force three times too high; the shape says 0.5 mm."""
     sheet = Sheet(lambda depth, around: 0.5e-3 * (1 - np.exp(-depth / 1e-3)))
     corrections = run(make_corrector("fused", job()), sheet, load=lambda k: 1500.0)
-    reported = [c for c in corrections if any("against the model" in r for r in c.remarks)]
+    reported = [c for c in corrections if any("relative to the model" in r for r in c.remarks)]
     assert reported
     push = np.array([-c.offset[:, 2].mean() for c in corrections])
     assert push.max() <= 10e-3
