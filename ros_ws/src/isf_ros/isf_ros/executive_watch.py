@@ -17,8 +17,9 @@ EXECUTIVE = "executive"
 class ExecutiveWatch:
     """Follows the executive in the namespace of ``node``, once it was heard busy, until :meth:`release`.
 
-    It is gone when it was not heard busy for ``patience`` s of wall time: its process ended or hangs, it was started
-    anew, or its part is over. How long the cell works on a contour plays no part.
+    It is gone when it was not heard busy for ``patience`` s of wall time: its process ended, or has been in one
+    callback for longer than LONGEST_BUSY of :mod:`isf_ros.busy_heartbeat`, it was started anew, or its part is over.
+    How long the cell works on a contour plays no part.
     """
 
     def __init__(self, node: Node, patience: float, clock: Callable[[], float] = time.monotonic) -> None:

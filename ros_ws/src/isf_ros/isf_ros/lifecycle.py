@@ -30,6 +30,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 
 from isf_ros import parameters
+from isf_ros.busy_heartbeat import BusyHeartbeat
 from isf_ros.guard import guarded, refuse
 from isf_ros.qos_match import best_effort, nothing_comes, nothing_goes, profile_of, taken_best_effort
 
@@ -86,6 +87,8 @@ class CellNode(LifecycleNode, Generic[P]):
         self._text = "ok"
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._heartbeat = self.create_timer(HEARTBEAT_PERIOD, self.publish_health, clock=self.steady_clock)
+        self._health: dict[str, object] = {"state": self._state_label, "pid": os.getpid()}
+        self._busy_heartbeat = BusyHeartbeat(self._publish_busy, HEARTBEAT_PERIOD)
         self._autostart = self.create_timer(0.0, self._bring_up, clock=self.steady_clock)
 
     def values(self) -> P:
@@ -118,6 +121,7 @@ class CellNode(LifecycleNode, Generic[P]):
 
     def destroy_node(self) -> None:
         """Leave the ROS graph at once: the state machine would keep the node in it until a garbage collection."""
+        self._busy_heartbeat.stop()
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 
@@ -387,14 +391,24 @@ class CellNode(LifecycleNode, Generic[P]):
             self.trigger_activate()
 
     def publish_health(self) -> None:
-        status = DiagnosticStatus(
-            level=self._level, name=self.get_fully_qualified_name(), message=self._text, hardware_id="isf"
-        )
+        """The regular sign of life, and at every change of what it says."""
         values = {"state": self._state_label, "pid": os.getpid(), **self.health_values()}
         if self._apart:
             values["qos_incompatible"] = ", ".join(sorted(self._apart))
         if self._fault_count:
             values["software_faults"] = self._fault_count
+        self._health = values
+        self._publish_status(values)
+        self._busy_heartbeat.served()
+
+    def _publish_busy(self, seconds: float) -> None:
+        """The last sign of life once more, from a thread of its own: the executor is in one callback."""
+        self._publish_status({**self._health, "in_one_callback_s": round(seconds, 1)})
+
+    def _publish_status(self, values: dict[str, object]) -> None:
+        status = DiagnosticStatus(
+            level=self._level, name=self.get_fully_qualified_name(), message=self._text, hardware_id="isf"
+        )
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()

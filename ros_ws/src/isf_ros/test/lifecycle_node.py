@@ -1,6 +1,7 @@
 """A small cell node whose configuration can be made to fail; started by test_lifecycle.py."""
 
 import sys
+import time
 from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
@@ -15,6 +16,7 @@ class SampleParameters:
 
     broken: bool = parameter(False, "configuration fails")
     gain: float = parameter(1.5, "a number that may change", read_only=False)
+    work: float = parameter(0.0, "s that configuration takes")
     closing_note: str = parameter("", "file written when the process ends")
 
 
@@ -25,6 +27,9 @@ class SampleNode(CellNode[SampleParameters]):
     def configure(self) -> None:
         if self.values().broken:
             raise IsfError(ErrorCode.FILE_FIELD, "a wrong field", advice="correct it")
+        end = time.monotonic() + self.values().work
+        while time.monotonic() < end:
+            pass
 
     def close(self) -> None:
         if self.values().closing_note:

@@ -105,6 +105,24 @@ def test_a_failing_configuration_is_reported_and_the_node_stays_unconfigured(obs
         assert values(heard[-1])["state"] == "unconfigured"
 
 
+def test_a_node_in_a_long_callback_says_so_and_one_that_hangs_falls_silent(observer: Node) -> None:
+    heard = listen(observer)
+    with sample(work=23.0):
+        client = observer.create_client(ChangeState, "sample/change_state")
+        assert client.wait_for_service(LIMIT)
+        transition = Transition(id=Transition.TRANSITION_CONFIGURE)
+        done = client.call_async(ChangeState.Request(transition=transition))
+        busy = []
+        while not done.done():
+            rclpy.spin_once(observer, timeout_sec=0.1)
+            busy += [float(v) for status in heard for k, v in values(status).items() if k == "in_one_callback_s"]
+            heard.clear()
+        assert len(busy) >= 10
+        assert 15.0 < max(busy) <= 20.0  # 23 s of work: after 20 s it counts as one that hangs
+        assert spin_until(observer, lambda: heard and values(heard[-1])["state"] == "inactive")
+        assert "in_one_callback_s" not in values(heard[-1])
+
+
 def test_read_only_parameters_cannot_change_and_others_can(observer: Node) -> None:
     heard = listen(observer)
     with sample():
