@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.sheet_model import SheetModel
+from isf_core.sheet_model import DEFAULT_SHEET, sheet_model
 
 from isf_cell.commands import springback_cli, terminal
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
@@ -37,6 +37,9 @@ World = Annotated[
 ]
 Seed = Annotated[
     int, typer.Option("--seed", help="seed of sensor noise and of the off-nominal world", min=0, max=LARGEST_NUMBER)
+]
+Sheet = Annotated[
+    str, typer.Option("--sheet", help="model of the simulated sheet: fast (seconds), shell (elasto-plastic, minutes)")
 ]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/JOB-TIME]", metavar="DIR")
@@ -115,9 +118,7 @@ def simulate(
     support_force: SupportForce = None,
     world: World = 0,
     seed: Seed = 0,
-    sheet: Annotated[
-        str, typer.Option("--sheet", help="model of the sheet: fast (seconds), shell (elasto-plastic, minutes)")
-    ] = "fast",
+    sheet: Sheet = DEFAULT_SHEET,
     output: Output = None,
     compare: Compare = True,
     json: Json = False,
@@ -125,7 +126,7 @@ def simulate(
     """Form a part on the simulated machine in this process, without ROS: seconds instead of minutes."""
     from isf_cell.commands.simulate import simulate_part
 
-    options = RunOptions(correction, support_force, world, seed, cast(SheetModel, sheet))  # checked there
+    options = RunOptions(correction, support_force, world, seed, sheet_model(sheet, "--sheet"))
     simulate_part(job, options, output, compare=compare, as_json=json)
 
 
@@ -136,6 +137,7 @@ def form(
     support_force: SupportForce = None,
     world: World = 0,
     seed: Seed = 0,
+    sheet: Sheet = DEFAULT_SHEET,
     output: Output = None,
     compare: Compare = True,
     real_time: Annotated[
@@ -146,7 +148,7 @@ def form(
     """Form a part through the ROS 2 node graph: five nodes and a recorder, each a process of its own."""
     from isf_cell.commands.form import form_part
 
-    options = RunOptions(correction, support_force, world, seed)
+    options = RunOptions(correction, support_force, world, seed, sheet_model(sheet, "--sheet"))
     form_part(job, options, output, compare=compare, lockstep=not real_time, as_json=json)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal
-from isf_core.sheet_model import SHEET_MODELS, SheetModel
+from isf_core.sheet_model import DEFAULT_SHEET, SheetModel
 
 UNCORRECTED = "none"
 """Springback method of a part that is not corrected."""
@@ -37,16 +37,9 @@ class RunOptions:
     support_force: float | None = None
     world: int = 0
     seed: int = 0
-    sheet: SheetModel = "fast"
+    sheet: SheetModel = DEFAULT_SHEET
 
     def __post_init__(self) -> None:
-        if self.sheet not in SHEET_MODELS:
-            raise IsfError(
-                ErrorCode.FILE_FIELD,
-                f"there is no model '{self.sheet}' of the sheet",
-                where="--sheet",
-                advice=f"known: {', '.join(SHEET_MODELS)}",
-            )
         force = self.support_force
         if force is not None and not 0.0 <= force <= LARGEST_SUPPORT_FORCE:  # NaN neither
             raise IsfError(

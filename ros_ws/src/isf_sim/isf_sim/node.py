@@ -22,6 +22,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.own_folder import path_below
 from isf_core.geometry.height_map import HeightMap
+from isf_core.sheet_model import DEFAULT_SHEET, sheet_model
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
 from isf_ros import conversion, process, qos, stamps
@@ -48,6 +49,7 @@ class MachineParameters:
     job: str = parameter("", "job file whose blank is clamped at the start; empty: by machine/reset")
     world: int = parameter(0, "plant for that blank: 0 nominal, others seeded off-nominal plants")
     seed: int = parameter(0, "seed of noise and of the off-nominal plant")
+    sheet: str = parameter(DEFAULT_SHEET, "model of the sheet for that blank: fast (seconds) or shell (minutes)")
     target_timeout: float = parameter(
         0.0, "s without targets before contact is released; 0: 5 lockstep, 0.25 real time"
     )
@@ -107,7 +109,8 @@ class MachineNode(CellNode[MachineParameters]):
         timeout = values.target_timeout or (LOCKSTEP_TIMEOUT if values.lockstep else REAL_TIME_TIMEOUT)
         self._stream, self._look = TargetStream(timeout), RegularLook(0.5 * timeout)
         if values.job:
-            self.clamp(SimulatedMachine(load_job(values.job), world=values.world, seed=values.seed))
+            model = sheet_model(values.sheet)
+            self.clamp(SimulatedMachine(load_job(values.job), world=values.world, seed=values.seed, sheet=model))
         self._output = MachinePublishers(self, clock=values.lockstep)
         self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM)
         self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM)
@@ -161,7 +164,19 @@ class MachineNode(CellNode[MachineParameters]):
     # -- blank and time ------------------------------------------------------------------------------
 
     def clamp(self, machine: SimulatedMachine) -> None:
-        """Take ``machine`` in place of the one before: a fresh blank or a saved one; time goes on where it was."""
+        """Take ``machine`` in place of the one before: a fresh blank or a saved one; time goes on where it was.
+
+        Raises
+        ------
+        IsfError : FILE_FIELD, its sheet cannot follow the wall clock
+        """
+        if machine.sheet_model == "shell" and not self._settings.lockstep:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                "the elasto-plastic sheet is slower than the wall clock",
+                where="sheet",
+                advice="run in lockstep, or take the sheet fast",
+            )
         tick, before = self._tick(), self._machine
         if before is not None and before.control_rate != machine.control_rate:
             tick = math.ceil(tick / before.control_rate * machine.control_rate)
@@ -173,7 +188,10 @@ class MachineNode(CellNode[MachineParameters]):
         self._targets.clear()
         self._listen_to_holder(machine.job_file.job.process == "TPIF")
         name = machine.job_file.job.name
-        self.get_logger().info(f"{machine.job_file.material.name} for '{name}', plant {machine.world.as_dict()}")
+        self.get_logger().info(
+            f"{machine.job_file.material.name} for '{name}', sheet {machine.sheet_model}, "
+            f"plant {machine.world.as_dict()}"
+        )
 
     def _listen_to_holder(self, wanted: bool) -> None:
         """A blank holder belongs to TPIF alone: then every tick takes three targets instead of two."""
@@ -515,7 +533,8 @@ class MachineServices:
             with self._answering(response):
                 if request.new_blank:
                     job_file = self._job_of(request)
-                    node.clamp(SimulatedMachine(job_file, world=request.world, seed=request.seed))
+                    model = sheet_model(request.sheet)
+                    node.clamp(SimulatedMachine(job_file, world=request.world, seed=request.seed, sheet=model))
                 else:
                     node.needed().reset()
                 self._begin_anew()

@@ -5,8 +5,9 @@ in the frame in which the scanner believes the sheet to be. Left out are points 
 the shadow of a tool, and in patches of shine. All sizes other than noise and duration are assumed.
 
 After release and trimming: everything further from the formed region than the trimming margin is cut off, and the part
-is levelled on its rim. The change of shape by the release itself is left out: no more than 0.03 mm on walls (Praveen
-2020, 3.1), practically none in the formed region (Lu 2016, 4.3.3); the flange, which moves, is cut.
+is levelled on its rim. The elasto-plastic sheet finds its shape without clamp and cut-off flange by equilibrium. On the
+fast sheet the change of shape by the release is left out: no more than 0.03 mm on walls (Praveen 2020, 3.1),
+practically none in the formed region (Lu 2016, 4.3.3); the flange, which moves, is cut.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def measured_points(
     if clamped:
         seen &= ~_behind_tool(points, tips[0], float(radii[0]))
     else:
-        seen &= _kept_by_trimming(plan, surface)
+        seen &= kept_by_trimming(plan, surface)
     seen &= ~_shining(points, slopes, generator)
     points, slopes = points[seen], slopes[seen]
     if not clamped:
@@ -105,7 +106,7 @@ def _shining(points: Array, slopes: Array, generator: np.random.Generator) -> ND
     return hit
 
 
-def _kept_by_trimming(plan: Array, surface: Surface) -> NDArray[np.bool_]:
+def kept_by_trimming(plan: Array, surface: Surface) -> NDArray[np.bool_]:
     """Points in the formed region, what it encloses, and a rim around it."""
     formed = surface.formed != 0
     if not formed.any():

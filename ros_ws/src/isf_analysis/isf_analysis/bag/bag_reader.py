@@ -120,6 +120,7 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
         notes=notes + _of_version(job.software) + tuple(f"not in the bag: {what}" for what in missing),
         events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if time >= part.start),
         scans=_between(scans[: len(scans) - len(final)], results),
+        sheet=_sheet(job),
     )
 
 
@@ -180,6 +181,12 @@ def _gaps(nominal: tuple[Contour, ...], results: tuple[ContourResult, ...]) -> l
         if lost:
             gaps.append(f"{name} of {len(lost)} contour(s), first {contour_label(lost[0])}")
     return gaps
+
+
+def _sheet(job: Any) -> dict[str, object]:
+    """Model of the simulated sheet; empty for a real machine and for bags that do not name it yet."""
+    model = getattr(job, "sheet", "")
+    return {"model": model} if model else {}
 
 
 def _counted(before: list[Any], after: list[tuple[int, Any]], name: str) -> int:

@@ -118,6 +118,7 @@ def _job(record: PartRecord) -> Any:
         control_rate=float(record.control_rate),
         lockstep=bool(record.lockstep),
         software=record.software,
+        sheet=str(record.sheet.get("model", "")),
     )
 
 

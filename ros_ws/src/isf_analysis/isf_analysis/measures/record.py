@@ -38,7 +38,7 @@ class PartRecord:
     scans : those made between contours, oldest first; empty too when none was recorded
     events : what happened to sheet or machine, oldest first; empty too when the machine tells none
     notes : remarks for people on how complete the record is
-    sheet : model of the simulated sheet and what it cost; empty when read from a bag
+    sheet : ``model`` of the simulated sheet, and what it cost where it was formed in this process; empty: not known
     """
 
     job_name: str

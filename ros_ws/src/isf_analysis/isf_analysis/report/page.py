@@ -185,6 +185,11 @@ def _reading(record: PartRecord, numbers: dict[str, Any]) -> str:
             "The part was formed by a <b>simulated machine</b>. Its sheet model is an approximation, calibrated on few "
             "published parts; compare methods with it, and expect other numbers from real sheet."
         )
+        if record.sheet.get("model") == "fast":
+            limits.append(
+                "The <b>fast</b> sheet yields only under the tools: what a real sheet does at the opening and in the "
+                "flange is missing, so that its errors are too small there. <code>--sheet shell</code> has it."
+            )
     items.append("<b>Limits</b>: " + " ".join(limits))
     return "<ul>" + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
 

@@ -159,6 +159,7 @@ class GraphCell:
             base_folder=str(goal.job_file.base),
             world=goal.options.world,
             seed=goal.options.seed,
+            sheet=goal.options.sheet,
         )
         self._machine = None
         timeout = 6 * self._settings.service_timeout
@@ -372,6 +373,7 @@ class GraphCell:
             support_force=float(options.set_point(goal.job_file)),
             world=options.world,
             seed=options.seed,
+            sheet=options.sheet,
             control_rate=float(job.control.rate),
             lockstep=self._settings.lockstep,
             software=__version__,

@@ -99,6 +99,7 @@ class CellClient:
             support_force=options.support_force_field(),
             world=options.world,
             seed=options.seed,
+            sheet=options.sheet,
         )
         handle = self._wait(
             self._action.send_goal_async(goal, feedback_callback=lambda message: feedback(message.feedback)), group

@@ -20,6 +20,7 @@ from scipy.interpolate import griddata
 from isf_sim.explicit_shell.grid import graded_lines
 from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet, Support
 from isf_sim.plant_constants import PlantConstants
+from isf_sim.scanner import kept_by_trimming
 from isf_sim.sheet.surface import Surface
 from isf_sim.world import World
 
@@ -42,6 +43,7 @@ class FormedSheet:
     Attributes
     ----------
     shell : ExplicitShell ; thickness : m, of the flat blank ; cpu : s of the processor spent on it
+    raised : m by which the support shall stand higher after the next move (TPIF: the blank holder came down)
     largest_kinetic : J, largest kinetic energy so far ; strain : ln(t0 / t) beside the tool when it was judged last
 
     Raises
@@ -60,10 +62,10 @@ class FormedSheet:
         support: Array | None,
     ) -> None:
         job, rig = job_file.job, job_file.rig
-        if job.process not in ("SPIF", "DSIF"):
+        if job.process not in ("SPIF", "DSIF", "TPIF"):
             raise IsfError(
                 ErrorCode.FILE_FIELD,
-                f"the elasto-plastic sheet forms SPIF and DSIF, not {job.process}",
+                f"the elasto-plastic sheet forms SPIF, DSIF and TPIF, not {job.process}",
                 where="--sheet",
                 advice="take --sheet fast",
             )
@@ -95,7 +97,7 @@ class FormedSheet:
         if support is not None:
             self.shell.set_support(Support(support, surface.x0, surface.y0, surface.h))
         self._asleep = True
-        self.cpu = self.largest_kinetic = self.strain = 0.0
+        self.cpu = self.largest_kinetic = self.strain = self.raised = 0.0
 
     def move(self, tips: Array) -> Array:
         """Move the tools straight to ``tips`` (2, 3) m; forces (2, 3) N of the sheet on them.
@@ -110,10 +112,10 @@ class FormedSheet:
             for number, tip in enumerate(tips)
             if self.shell.tools["radius"][number] > 0.0
         )
-        if not near and self._asleep:
+        if not near and self._asleep and self.raised == self.shell.raised:
             self.shell.place_tools(tips)
             return np.zeros((2, 3))
-        forces = self.shell.move(tips)
+        forces = self.shell.move(tips, raised=self.raised)
         kinetic = self.shell.kinetic_energy
         if not np.isfinite(forces).all() or not np.isfinite(kinetic):
             raise IsfError(
@@ -134,9 +136,17 @@ class FormedSheet:
         shell.settle()
         return shell
 
-    def measured_shape(self, spacing: float = 1.0e-3) -> HeightMap:
-        """Upper face without load, on a grid of ``spacing`` m over the free sheet."""
-        shell = self.unloaded()
+    def released(self, surface: Surface) -> ExplicitShell:
+        """The sheet at rest out of the clamp, trimmed round what is marked as formed on ``surface``."""
+        shell = copy.deepcopy(self.shell)
+        x, y = np.meshgrid(*(0.5 * (line[1:] + line[:-1]) for line in (shell.x, shell.y)))
+        shell.release(kept_by_trimming(np.column_stack([x.ravel(), y.ravel()]), surface).reshape(x.shape))
+        shell.settle()
+        return shell
+
+    def measured_shape(self, shell: ExplicitShell | None = None, spacing: float = 1.0e-3) -> HeightMap:
+        """Upper face of ``shell``, else of the sheet in the clamp without load, every ``spacing`` m of the free sheet."""
+        shell = shell or self.unloaded()
         x, y, z = shell.upper_face()
         low, high = (np.array([line[k] for line in (shell.x, shell.y)]) for k in (0, -1))
         grid_x, grid_y = (np.arange(a, b + 0.5 * spacing, spacing) for a, b in zip(low, high, strict=True))

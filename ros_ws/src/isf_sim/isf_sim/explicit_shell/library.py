@@ -42,10 +42,10 @@ class ShellStruct(ctypes.Structure):
         ),
         ("support_nx", _long),
         ("support_ny", _long),
-        *((name, _double) for name in ("support_x", "support_y", "support_spacing", "support_offset")),
+        *((name, _double) for name in ("support_x", "support_y", "support_spacing", "support_from", "support_to")),
         *(
             (name, _pointer)
-            for name in ("support_height", "support_element", "support_weight", "support_area")
+            for name in ("support_height", "support_element", "support_weight", "support_area", "support_near")
         ),
     )  # fmt: skip
 

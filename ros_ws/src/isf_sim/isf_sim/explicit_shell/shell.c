@@ -45,10 +45,12 @@ typedef struct {
     const double *area;                                  /* (elements) m^2, undeformed */
     /* a rigid surface under the sheet: heights (support_ny, support_nx) m on a regular grid, -1e9: none */
     int64_t support_nx, support_ny;
-    double support_x, support_y, support_spacing, support_offset;
+    double support_x, support_y, support_spacing;
+    double support_from, support_to; /* m by which it stands higher before and after the steps */
     const double *support_height;
     const int32_t *support_element;                      /* (support_size) element of each point that may touch it */
     const double *support_weight, *support_area;         /* (4, support_size) of its corners, (support_size) m^2 */
+    int32_t *support_near;                               /* (support_size) scratch */
 } Shell;
 
 /* A tool touches the sheet from above (side 1) or from below (side -1): a disc of radius `flat` with a rounding of
@@ -369,40 +371,71 @@ static void touch(const Shell *R q, Tool *R tool, const double *R c, const doubl
         }
 }
 
-/* The rigid surface under the sheet pushes where the lower face is below it. */
-static void support(const Shell *R q) {
-    const int64_t nx = q->nx, nn = (nx + 1) * (q->ny + 1), sx = q->support_nx, sy = q->support_ny;
-    const double *R x = q->position, *R v = q->velocity;
-    double *R f = q->force;
-    for (int64_t k = 0; k < q->support_size; k++) {
-        const int64_t e = q->support_element[k], i = e % nx, n1 = (e / nx) * (nx + 1) + i;
-        const int64_t node[4] = {n1, n1 + 1, n1 + nx + 2, n1 + nx + 1};
-        double at[3], weight[4];
+/* Steps after which it is found out anew which points are near the support, and what is near, m. */
+enum { LOOK = 256 };
+static const double NEAR = 1.5e-3;
+
+/* m by which the lower face of the sheet is inside the rigid surface raised by `offset`, at point k, normal (3);
+ * far outside where there is none. */
+static double inside(const Shell *R q, int64_t k, const int64_t *R node, const double *R weight, double offset,
+                     double *R n) {
+    const int64_t nn = (q->nx + 1) * (q->ny + 1), sx = q->support_nx, sy = q->support_ny;
+    double at[3];
+    for (int d = 0; d < 3; d++) {
+        at[d] = 0.0;
         for (int m = 0; m < 4; m++)
-            weight[m] = q->support_weight[m * q->support_size + k];
-        for (int d = 0; d < 3; d++) {
-            at[d] = 0.0;
-            for (int m = 0; m < 4; m++)
-                at[d] += weight[m] * x[d * nn + node[m]];
-        }
-        const double gx = (at[0] - q->support_x) / q->support_spacing, gy = (at[1] - q->support_y) / q->support_spacing;
-        if (!(gx >= 0.0 && gy >= 0.0 && gx < (double)(sx - 1) && gy < (double)(sy - 1)))
-            continue;
-        const int64_t ci = (int64_t)gx, cj = (int64_t)gy;
-        const double *R h = q->support_height + cj * sx + ci;
-        const double u = gx - (double)ci, w = gy - (double)cj;
-        const double low = h[0] + u * (h[1] - h[0]), high = h[sx] + u * (h[sx + 1] - h[sx]);
-        const double height = low + w * (high - low) + q->support_offset;
-        if (!(height > -1e3)) /* none at a corner */
-            continue;
-        const double slope_x = ((1.0 - w) * (h[1] - h[0]) + w * (h[sx + 1] - h[sx])) / q->support_spacing;
-        const double slope_y = (high - low) / q->support_spacing;
-        const double up = 1.0 / sqrt(1.0 + slope_x * slope_x + slope_y * slope_y);
-        const double deep = (height - at[2]) * up + 0.5 * q->thickness[e];
+            at[d] += weight[m] * q->position[d * nn + node[m]];
+    }
+    const double gx = (at[0] - q->support_x) / q->support_spacing, gy = (at[1] - q->support_y) / q->support_spacing;
+    if (!(gx >= 0.0 && gy >= 0.0 && gx < (double)(sx - 1) && gy < (double)(sy - 1)))
+        return -1.0;
+    const int64_t ci = (int64_t)gx, cj = (int64_t)gy;
+    const double *R h = q->support_height + cj * sx + ci;
+    const double u = gx - (double)ci, w = gy - (double)cj;
+    const double low = h[0] + u * (h[1] - h[0]), high = h[sx] + u * (h[sx + 1] - h[sx]);
+    const double height = low + w * (high - low) + offset;
+    if (!(height > -1e3)) /* none at a corner */
+        return -1.0;
+    const double slope_x = ((1.0 - w) * (h[1] - h[0]) + w * (h[sx + 1] - h[sx])) / q->support_spacing;
+    const double slope_y = (high - low) / q->support_spacing;
+    const double up = 1.0 / sqrt(1.0 + slope_x * slope_x + slope_y * slope_y);
+    n[0] = -slope_x * up, n[1] = -slope_y * up, n[2] = up;
+    return (height - at[2]) * up + 0.5 * q->thickness[q->support_element[k]];
+}
+
+static void corners_of(const Shell *R q, int64_t k, int64_t *R node, double *R weight) {
+    const int64_t nx = q->nx, e = q->support_element[k], n1 = (e / nx) * (nx + 1) + e % nx;
+    node[0] = n1, node[1] = n1 + 1, node[2] = n1 + nx + 2, node[3] = n1 + nx + 1;
+    for (int m = 0; m < 4; m++)
+        weight[m] = q->support_weight[m * q->support_size + k];
+}
+
+/* The points that may touch the rigid surface before it is found out anew; returns how many. */
+static int64_t near_support(const Shell *R q, double offset) {
+    int64_t count = 0, node[4];
+    double weight[4], n[3];
+    for (int64_t k = 0; k < q->support_size; k++) {
+        corners_of(q, k, node, weight);
+        if (inside(q, k, node, weight, offset, n) > -NEAR)
+            q->support_near[count++] = (int32_t)k;
+    }
+    return count;
+}
+
+/* The rigid surface under the sheet pushes where the lower face is below it. */
+static void support(const Shell *R q, int64_t count, double offset) {
+    const int64_t nn = (q->nx + 1) * (q->ny + 1);
+    const double *R v = q->velocity;
+    double *R f = q->force;
+    for (int64_t near = 0; near < count; near++) {
+        const int64_t k = q->support_near[near];
+        int64_t node[4];
+        double weight[4], n[3], slip[3], along = 0.0, size = 0.0;
+        corners_of(q, k, node, weight);
+        const double deep = inside(q, k, node, weight, offset, n);
         if (deep <= 0.0)
             continue;
-        const double normal = q->contact * q->support_area[k] * deep, n[3] = {-slope_x * up, -slope_y * up, up};
-        double slip[3], along = 0.0, size = 0.0;
+        const double normal = q->contact * q->support_area[k] * deep;
         for (int d = 0; d < 3; d++) {
             slip[d] = 0.0;
             for (int m = 0; m < 4; m++)
@@ -456,7 +489,11 @@ VECTORISED static void move(const Shell *R q) {
 void isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smoothing) {
     for (int t = 0; t < TOOLS; t++)
         memset(tools[t].mean, 0, sizeof tools[t].mean);
+    int64_t near = 0;
     for (int64_t k = 1; k <= steps; k++) {
+        const double offset = q->support_from + (q->support_to - q->support_from) * ((double)k / (double)steps);
+        if (k % LOOK == 1)
+            near = near_support(q, offset);
         elements(q, 0, q->ny);
         assemble(q);
         for (int t = 0; t < TOOLS; t++) {
@@ -475,8 +512,7 @@ void isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smooth
                 tool->mean[d] += felt[d] / (double)steps;
             }
         }
-        if (q->support_size)
-            support(q);
+        support(q, near, offset);
         edges(q);
         move(q);
     }

@@ -120,7 +120,10 @@ class State:
 
 @dataclass
 class Support:
-    """A rigid surface under the sheet: heights (ny, nx) m at x0 + i spacing, y0 + j spacing; -inf: none there."""
+    """A rigid surface under the sheet: heights (ny, nx) m at x0 + i spacing, y0 + j spacing; -inf: none there.
+
+    ``offset`` m by which it stands higher now.
+    """
 
     height: Array
     x0: float
@@ -186,13 +189,37 @@ class ExplicitShell:
         """Hold deflection and slope of the nodes ``held`` (ny + 1, nx + 1), as an edge of another outline does."""
         self._fixed |= np.where(held.ravel(), 4 + 8, 0).astype(np.uint8)
 
+    def release(self, kept: NDArray[np.bool_]) -> None:
+        """Open the clamp, take the support and the tools away and cut off what is not in ``kept`` (ny, nx) elements:
+        it stays in the arrays without stress and with a thousandth of its thickness."""
+        self._fixed[:] = 0
+        self._spring[:] = 0.0
+        self._support = None
+        self.tools["radius"] = 0.0
+        cut, state = ~kept.ravel(), self.state
+        state.thickness[cut] *= 1e-3
+        for stresses in (state.stress, state.shear, state.hourglass):
+            stresses[:, cut] = 0.0
+
+    def release(self, kept: NDArray[np.bool_]) -> None:
+        """Open the clamp, take tools and support away and cut off the elements that are not ``kept`` (ny, nx).
+
+        What is cut off stays in the arrays, without stress and with a thousandth of its thickness.
+        """
+        self._fixed[:] = 0
+        self._spring[:] = 0.0
+        self._support = None
+        self.tools["radius"] = 0.0
+        cut, state = ~kept.ravel(), self.state
+        state.thickness[cut] *= 1e-3
+        for stresses in (state.stress, state.shear, state.hourglass):
+            stresses[:, cut] = 0.0
+
     def set_support(self, support: Support) -> None:
         """Put a rigid surface under the sheet."""
-        arrays = (
-            np.where(np.isfinite(support.height), support.height, -1e9).astype(float),
-            *self._points_over(support),
-        )
-        support.arrays = arrays
+        heights = np.where(np.isfinite(support.height), support.height, -1e9).astype(float)
+        points = self._points_over(support)
+        support.arrays = (heights, *points, np.empty(points[0].size, dtype=np.int32))
         self._support = support
 
     def _points_over(self, support: Support) -> tuple[NDArray[np.int32], Array, Array]:
@@ -221,10 +248,10 @@ class ExplicitShell:
 
     # -- motion --------------------------------------------------------------------------------------
 
-    def move(self, tips: Array, least: int = 4) -> Array:
+    def move(self, tips: Array, least: int = 4, raised: float | None = None) -> Array:
         """Move both tools straight to ``tips`` (2, 3) m; returns the mean force (2, 3) N of the sheet on each.
 
-        ``least``: steps at least, also for tools that rest.
+        ``least``: steps at least, also for tools that rest ; ``raised`` m, the support is brought to that offset.
         """
         tools, way = self.tools, 0.0
         tools["begin"] = tools["end"]
@@ -233,7 +260,11 @@ class ExplicitShell:
                 tool["end"] = _centre(tool["radius"], tool["side"], tip)
                 dx, dy, dz = tool["end"] - tool["begin"]
                 way = max(way, float(np.hypot(np.hypot(dx, dy), PLUNGE[int(tool["touching"] > 0)] * dz)))
-        self._advance(max(least, int(np.ceil(way / (self.tool_speed * self.step)))), self._damping)
+        raised = self.raised if raised is None or self._support is None else raised
+        way = max(way, PLUNGE[1] * abs(raised - self.raised))
+        self._advance(max(least, int(np.ceil(way / (self.tool_speed * self.step)))), self._damping, raised)
+        if self._support:
+            self._support.offset = raised
         return np.array(tools["mean"])
 
     def place_tools(self, tips: Array) -> None:
@@ -261,6 +292,11 @@ class ExplicitShell:
                 if swings == CALM_SWINGS:
                     return
             before = energy
+
+    @property
+    def raised(self) -> float:
+        """m by which the support stands higher than it was set."""
+        return self._support.offset if self._support else 0.0
 
     @property
     def kinetic_energy(self) -> float:
@@ -291,8 +327,10 @@ class ExplicitShell:
 
     # -- inside ----------------------------------------------------------------------------------
 
-    def _advance(self, steps: int, damping: float) -> None:
+    def _advance(self, steps: int, damping: float, raised: float | None = None) -> None:
         struct = self._struct(damping)
+        if raised is not None:
+            struct.support_to = raised
         library.advance()(ctypes.byref(struct), self.tools.ctypes.data, steps, SMOOTHING)
         self.steps += steps
 
@@ -333,11 +371,12 @@ class ExplicitShell:
             "area": self._area,
         }
         if (support := self._support) is not None:
-            names = ("support_height", "support_element", "support_weight", "support_area")
+            names = ("support_height", "support_element", "support_weight", "support_area", "support_near")
             arrays |= dict(zip(names, support.arrays, strict=True))
             struct.support_ny, struct.support_nx = support.height.shape
             struct.support_x, struct.support_y, struct.support_spacing = support.x0, support.y0, support.spacing
-            struct.support_offset, struct.support_size = support.offset, support.arrays[1].size
+            struct.support_from = struct.support_to = support.offset
+            struct.support_size = support.arrays[1].size
         for name, array in arrays.items():
             setattr(struct, name, array.ctypes.data)
         return struct

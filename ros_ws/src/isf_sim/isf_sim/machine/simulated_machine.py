@@ -269,11 +269,13 @@ class SimulatedMachine:
         ``duration``: the machine waits for the 2.5 s that a scan takes, ticks at rest. Not ``clamped``: after release
         and trimming.
         """
-        tips = self._axes.tips.copy()
-        if self._shell is not None:
-            self.plant.surface.formed[...] = self._shell.formed(self.plant.surface)
+        tips, surface, shell = self._axes.tips.copy(), self.plant.surface, self._shell
+        shape = None
+        if shell is not None:
+            surface.formed[...] = shell.formed(surface)
+            shape = None if clamped else shell.measured_shape(shell.released(surface))
         points = measured_points(
-            self.measured_shape(), self.plant.surface, tips, self._radii, self.world, self._more_generator, clamped
+            shape or self.measured_shape(), surface, tips, self._radii, self.world, self._more_generator, clamped
         )
         if duration:
             for _ in range(round(SCAN_TIME * self.control_rate)):
@@ -467,9 +469,13 @@ class SimulatedMachine:
         self._holder_asked = height
         if not math.isfinite(height):
             self.latch(ErrorCode.TARGET_NOT_FINITE, f"blank holder height {height} is not a finite height")
-        elif height != self.holder_height and (stopped or abs(height - self.holder_height) >= HOLDER_STEP):
+        elif height != self.holder_height and (
+            stopped or self._shell is not None or abs(height - self.holder_height) >= HOLDER_STEP
+        ):
             self.holder_height = height
-            if self._support is not None and isinstance(self.plant, DiePlant):
+            if self._shell is not None:
+                self._shell.raised = -height
+            elif self._support is not None and isinstance(self.plant, DiePlant):
                 self.plant.rise(self._support, -height)
 
     def _judge_target(self, bits: int, target: Array, waited: int) -> None:

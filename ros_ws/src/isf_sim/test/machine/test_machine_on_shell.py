@@ -106,11 +106,32 @@ def test_a_sheet_without_numbers_stops_the_machine_with_a_code(pressed: Simulate
     pressed.restore(saved)
 
 
-@pytest.mark.parametrize("process", ["tpif_cone", "adsif_cone"])
-def test_processes_it_does_not_form_are_refused(process: str) -> None:
+def golden_job(name: str) -> JobFile:
     folder = EXAMPLES.parents[1] / "tests" / "golden" / "jobs"
-    job = JobFile((folder / f"{process}.yaml").read_text(encoding="utf-8"), folder)
+    return JobFile((folder / f"{name}.yaml").read_text(encoding="utf-8"), folder)
+
+
+def test_accumulative_forming_is_refused() -> None:
     with pytest.raises(IsfError) as refused:
-        SimulatedMachine(job, sheet="shell")
+        SimulatedMachine(golden_job("adsif_cone"), sheet="shell")
     assert refused.value.code == ErrorCode.FILE_FIELD
-    assert "SPIF and DSIF" in str(refused.value)
+    assert "SPIF, DSIF and TPIF" in str(refused.value)
+
+
+def test_a_die_carries_the_sheet_when_the_holder_comes_down() -> None:
+    """By 3 mm, without a tool: over the die the sheet stands 3 mm above the holder, at the clamp it stays with it."""
+    cell = SimulatedMachine(golden_job("tpif_cone"), constants=COARSE, sheet="shell")
+    park = cell.job_file.rig.park_height
+    for height in np.linspace(0.0, -3e-3, 50):
+        cell.tick((0.0, 0.0, park), (0.0, 0.0, -park), height)
+    assert not cell.faults
+    saved = cell.state_copy()
+    clamp = 0.5 * cell.job_file.rig.clamp.size[0]
+    middle, edge = cell.measured_shape().at(np.array([[0.0, 0.0], [clamp - 2e-3, 0.0]]))
+    assert middle == pytest.approx(3e-3, abs=0.15e-3)
+    assert edge == pytest.approx(0.0, abs=0.2e-3)
+    for height in np.linspace(-3e-3, 0.0, 50):
+        cell.tick((0.0, 0.0, park), (0.0, 0.0, -park), height)
+    assert cell.measured_shape().at(np.array([[0.0, 0.0]]))[0] < 1.5e-3
+    cell.restore(saved)
+    assert cell.measured_shape().at(np.array([[0.0, 0.0]]))[0] == middle
