@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 from isf_core.errors import ErrorCode, IsfError
 
@@ -28,4 +28,4 @@ def sheet_model(name: str, where: str = "sheet") -> SheetModel:
             where=where,
             advice=f"known: {', '.join(SHEET_MODELS)}",
         )
-    return cast(SheetModel, name or DEFAULT_SHEET)
+    return name or DEFAULT_SHEET

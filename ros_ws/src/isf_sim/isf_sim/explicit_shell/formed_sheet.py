@@ -145,7 +145,7 @@ class FormedSheet:
         return shell
 
     def measured_shape(self, shell: ExplicitShell | None = None, spacing: float = 1.0e-3) -> HeightMap:
-        """Upper face of ``shell``, else of the sheet in the clamp without load, every ``spacing`` m of the free sheet."""
+        """Upper face of ``shell``, or of the sheet in the clamp without load, every ``spacing`` m of the free sheet."""
         shell = shell or self.unloaded()
         x, y, z = shell.upper_face()
         low, high = (np.array([line[k] for line in (shell.x, shell.y)]) for k in (0, -1))

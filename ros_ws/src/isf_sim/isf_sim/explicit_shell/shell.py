@@ -190,18 +190,6 @@ class ExplicitShell:
         self._fixed |= np.where(held.ravel(), 4 + 8, 0).astype(np.uint8)
 
     def release(self, kept: NDArray[np.bool_]) -> None:
-        """Open the clamp, take the support and the tools away and cut off what is not in ``kept`` (ny, nx) elements:
-        it stays in the arrays without stress and with a thousandth of its thickness."""
-        self._fixed[:] = 0
-        self._spring[:] = 0.0
-        self._support = None
-        self.tools["radius"] = 0.0
-        cut, state = ~kept.ravel(), self.state
-        state.thickness[cut] *= 1e-3
-        for stresses in (state.stress, state.shear, state.hourglass):
-            stresses[:, cut] = 0.0
-
-    def release(self, kept: NDArray[np.bool_]) -> None:
         """Open the clamp, take tools and support away and cut off the elements that are not ``kept`` (ny, nx).
 
         What is cut off stays in the arrays, without stress and with a thousandth of its thickness.

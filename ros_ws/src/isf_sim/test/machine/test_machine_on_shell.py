@@ -72,6 +72,31 @@ def test_force_grows_with_depth_and_a_dent_is_left(pressed: SimulatedMachine) ->
     pressed.restore(saved)
 
 
+def test_a_released_part_finds_another_shape_and_the_blank_in_the_machine_keeps_its_own(
+    pressed: SimulatedMachine,
+) -> None:
+    saved = pressed.state_copy()
+    go(pressed, -7e-3, 5e-3)
+    shell, surface = pressed._shell, pressed.plant.surface
+    assert shell is not None
+    before = shell.shell.state.position.copy()
+    clamped = shell.measured_shape()
+    surface.formed[...] = shell.formed(surface)
+    part = shell.released(surface)
+    assert np.array_equal(shell.shell.state.position, before)
+    kept = part.state.thickness > 0.5e-3
+    assert 4 < kept.sum() < 0.3 * kept.size  # the dent and a rim of 8 mm
+    force = np.abs(part.state.stress * part.state.thickness)  # per length of a cut
+    assert force[:, ~kept].max() < 1e-3 * force[:, kept].max()
+    here, at = np.array([[0.0, 0.0]]), np.array([[0.012, 0.0]])
+    shape = shell.measured_shape(part)
+    change = (shape.at(here) - shape.at(at)) - (clamped.at(here) - clamped.at(at))
+    assert 1e-6 < abs(float(change[0])) < 0.5e-3
+    cloud = pressed.measured_cloud(clamped=False)
+    assert np.hypot(cloud[:, 0], cloud[:, 1]).max() < 0.06
+    pressed.restore(saved)
+
+
 def test_a_torn_sheet_is_reported_once_with_what_is_left_of_it(pressed: SimulatedMachine) -> None:
     """Thinned by hand where the tool is; the tool then goes on four radii along a line."""
     saved = pressed.state_copy()
