@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.sheet_model import DEFAULT_SHEET, sheet_model
+from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
 
 from isf_cell.commands import springback_cli, terminal
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
@@ -39,7 +39,10 @@ Seed = Annotated[
     int, typer.Option("--seed", help="seed of sensor noise and of the off-nominal world", min=0, max=LARGEST_NUMBER)
 ]
 Sheet = Annotated[
-    str, typer.Option("--sheet", help="model of the simulated sheet: fast (seconds), shell (elasto-plastic, minutes)")
+    str,
+    typer.Option(
+        "--sheet", help="simulated sheet: fast (seconds), shell_coarse, shell or shell_fine (elasto-plastic, minutes)"
+    ),
 ]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/JOB-TIME]", metavar="DIR")
@@ -126,7 +129,7 @@ def simulate(
     """Form a part on the simulated machine in this process, without ROS: seconds instead of minutes."""
     from isf_cell.commands.simulate import simulate_part
 
-    options = RunOptions(correction, support_force, world, seed, sheet_model(sheet, "--sheet"))
+    options = RunOptions(correction, support_force, world, seed, sheet_kind(sheet, "--sheet"))
     simulate_part(job, options, output, compare=compare, as_json=json)
 
 
@@ -148,7 +151,7 @@ def form(
     """Form a part through the ROS 2 node graph: five nodes and a recorder, each a process of its own."""
     from isf_cell.commands.form import form_part
 
-    options = RunOptions(correction, support_force, world, seed, sheet_model(sheet, "--sheet"))
+    options = RunOptions(correction, support_force, world, seed, sheet_kind(sheet, "--sheet"))
     form_part(job, options, output, compare=compare, lockstep=not real_time, as_json=json)
 
 

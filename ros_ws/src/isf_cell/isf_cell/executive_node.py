@@ -12,7 +12,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_core.sheet_model import sheet_model
+from isf_core.simulated_sheet import sheet_kind
 from isf_msgs.action import FormPart
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo, MachineState
 from isf_ros import process, qos
@@ -208,7 +208,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
 def _goal_of(request: FormPart.Goal) -> PartGoal:
     """Raises IsfError of job and options."""
     force = None if np.isnan(request.support_force) else float(request.support_force)
-    options = RunOptions(request.correction or None, force, request.world, request.seed, sheet_model(request.sheet))
+    options = RunOptions(request.correction or None, force, request.world, request.seed, sheet_kind(request.sheet))
     return PartGoal(JobFile(request.job_text, Path(request.base_folder), "job"), options, request.first_index)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal
-from isf_core.sheet_model import DEFAULT_SHEET, SheetModel
+from isf_core.simulated_sheet import DEFAULT_SHEET, SheetKind
 
 UNCORRECTED = "none"
 """Springback method of a part that is not corrected."""
@@ -37,7 +37,7 @@ class RunOptions:
     support_force: float | None = None
     world: int = 0
     seed: int = 0
-    sheet: SheetModel = DEFAULT_SHEET
+    sheet: SheetKind = DEFAULT_SHEET
 
     def __post_init__(self) -> None:
         force = self.support_force

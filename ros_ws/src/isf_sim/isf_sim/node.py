@@ -22,7 +22,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.own_folder import path_below
 from isf_core.geometry.height_map import HeightMap
-from isf_core.sheet_model import DEFAULT_SHEET, sheet_model
+from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
 from isf_ros import conversion, process, qos, stamps
@@ -109,8 +109,11 @@ class MachineNode(CellNode[MachineParameters]):
         timeout = values.target_timeout or (LOCKSTEP_TIMEOUT if values.lockstep else REAL_TIME_TIMEOUT)
         self._stream, self._look = TargetStream(timeout), RegularLook(0.5 * timeout)
         if values.job:
-            model = sheet_model(values.sheet)
-            self.clamp(SimulatedMachine(load_job(values.job), world=values.world, seed=values.seed, sheet=model))
+            self.clamp(
+                SimulatedMachine(
+                    load_job(values.job), world=values.world, seed=values.seed, sheet=sheet_kind(values.sheet)
+                )
+            )
         self._output = MachinePublishers(self, clock=values.lockstep)
         self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM)
         self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM)
@@ -170,7 +173,7 @@ class MachineNode(CellNode[MachineParameters]):
         ------
         IsfError : FILE_FIELD, its sheet cannot follow the wall clock
         """
-        if machine.sheet_model == "shell" and not self._settings.lockstep:
+        if machine.sheet_kind != "fast" and not self._settings.lockstep:
             raise IsfError(
                 ErrorCode.FILE_FIELD,
                 "the elasto-plastic sheet is slower than the wall clock",
@@ -189,7 +192,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._listen_to_holder(machine.job_file.job.process == "TPIF")
         name = machine.job_file.job.name
         self.get_logger().info(
-            f"{machine.job_file.material.name} for '{name}', sheet {machine.sheet_model}, "
+            f"{machine.job_file.material.name} for '{name}', sheet {machine.sheet_kind}, "
             f"plant {machine.world.as_dict()}"
         )
 
@@ -533,8 +536,8 @@ class MachineServices:
             with self._answering(response):
                 if request.new_blank:
                     job_file = self._job_of(request)
-                    model = sheet_model(request.sheet)
-                    node.clamp(SimulatedMachine(job_file, world=request.world, seed=request.seed, sheet=model))
+                    kind = sheet_kind(request.sheet)
+                    node.clamp(SimulatedMachine(job_file, world=request.world, seed=request.seed, sheet=kind))
                 else:
                     node.needed().reset()
                 self._begin_anew()

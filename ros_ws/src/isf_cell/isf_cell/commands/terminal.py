@@ -144,7 +144,12 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
         )
         row("force error, 99.9 % of the time below [N]", number(summary, "force", "p999_abs_error_N", digits=1))
     if sheet := summary.get("sheet"):
-        words = {"fast": "fast, reduced", "shell": "elasto-plastic shell"}
+        words = {
+            "fast": "fast, reduced",
+            "shell": "elasto-plastic shell",
+            "shell_coarse": "elasto-plastic shell, coarse",
+            "shell_fine": "elasto-plastic shell, fine",
+        }
         row("simulated sheet", words.get(sheet["model"], sheet["model"]))
     row("late ticks / lost messages", f"{summary.get('late_ticks', 0)} / {summary.get('lost_messages', 0)}")
     row("process time / wall time [s]", f"{number(summary, 'sim_s', digits=1)} / {number(summary, 'wall_s', digits=1)}")

@@ -13,6 +13,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES, JobFile
 from isf_core.files.material import YIELD_STRAIN, Material, flow_curve
 from isf_core.geometry.height_map import HeightMap
+from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.interpolate import griddata
@@ -33,12 +34,19 @@ STILL_ENERGY = 1.0e-7
 MOST_CELLS = 56
 """Cells of the even region along its longer side: a larger part has larger cells."""
 
+FIDELITY: dict[str, tuple[float, float]] = {
+    "shell_coarse": (1.4, 2.0),
+    "shell": (1.0, 1.0),
+    "shell_fine": (1 / 1.5, 0.5),
+}
+"""Per kind of sheet: factors on the size of the cells and on the speed of the tools."""
+
 FORMED_STRAIN = 0.01
 """Plastic strain of the middle layer from which on a place counts as formed."""
 
 
 class FormedSheet:
-    """A fresh blank of ``job_file`` in ``world`` over the heights ``support`` (ny, nx) m on the grid of ``surface``.
+    """A fresh blank of ``job_file``, a sheet of ``kind`` in ``world``, over the heights ``support`` (ny, nx) m on the grid of ``surface``.
 
     Attributes
     ----------
@@ -54,6 +62,7 @@ class FormedSheet:
     def __init__(
         self,
         job_file: JobFile,
+        kind: SheetKind,
         material: Material,
         thickness: float,
         world: World,
@@ -70,10 +79,12 @@ class FormedSheet:
                 advice="take --sheet fast",
             )
         self.thickness = thickness
+        self.kind = kind
+        coarseness, haste = FIDELITY[kind]
         even = _part_region(job_file, job.tool_1.radius)
-        cell = max(constants.shell_cell, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
+        cell = coarseness * max(constants.shell_cell, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
         x, y = (
-            graded_lines(-0.5 * size, 0.5 * size, _inside(region, size), cell, constants.shell_flange_cell)
+            graded_lines(-0.5 * size, 0.5 * size, _inside(region, size), cell, coarseness * constants.shell_flange_cell)
             for size, region in zip(rig.clamp.size, even, strict=True)
         )
         fixed = rig.clamp.edge == "fixed"
@@ -84,7 +95,7 @@ class FormedSheet:
             _sheet_of(material, thickness, world.force_level),
             Edge(spring),
             friction=material.friction * world.friction,
-            tool_speed=constants.shell_speed,
+            tool_speed=haste * constants.shell_speed,
             damping=constants.shell_damping,
         )
         self.shell.state.position[2] = -0.5 * thickness
@@ -183,7 +194,7 @@ class FormedSheet:
         shell = self.shell
         work = shell.plastic_work
         return {
-            "model": "shell",
+            "model": self.kind,
             "elements": int(shell.state.thickness.size),
             "kinetic_over_plastic": self.largest_kinetic / work if work > 0.0 else 0.0,
             "cpu_s": round(self.cpu, 2),

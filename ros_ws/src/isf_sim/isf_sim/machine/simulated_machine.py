@@ -18,7 +18,7 @@ from isf_core.events import Event
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics, make_kinematics
-from isf_core.sheet_model import SheetModel
+from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
 
 from isf_sim.explicit_shell.formed_sheet import FormedSheet
@@ -83,7 +83,7 @@ class SimulatedMachine:
         world: int = 0,
         seed: int = 0,
         constants: PlantConstants | None = None,
-        sheet: SheetModel = "fast",
+        sheet: SheetKind = "fast",
     ) -> None:
         job, rig = job_file.job, job_file.rig
         self.job_file = job_file
@@ -103,12 +103,12 @@ class SimulatedMachine:
         parts = make_parts(job_file, self.world, constants, park_1, self._generator)
         self.plant: SheetPlant = parts.plant
         self._support = parts.support
-        self.sheet_model: SheetModel = sheet
+        self.sheet_kind: SheetKind = sheet
         self._shell: FormedSheet | None = None
-        if sheet == "shell":
+        if sheet != "fast":
             plant = self.plant
             self._shell = FormedSheet(
-                job_file, plant.material, plant.thickness, self.world, constants, plant.surface, parts.support
+                job_file, sheet, plant.material, plant.thickness, self.world, constants, plant.surface, parts.support
             )
         self._constants, self._turned_constants = parts.constants
         self._cell_1, self._cell_2 = parts.cells

@@ -57,7 +57,7 @@ def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
         "base": str(machine.job_file.base),
         "world": machine.world_number,
         "seed": machine.seed,
-        "sheet": machine.sheet_model,
+        "sheet": machine.sheet_kind,
         "constants": dataclasses.asdict(machine.plant_constants),
         "state": state,
     }
