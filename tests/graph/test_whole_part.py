@@ -76,6 +76,24 @@ def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
     np.testing.assert_allclose(graph_record.scan.z, alone.scan.z, atol=1e-6)
 
 
+def test_graph_and_in_process_agree_on_the_elasto_plastic_sheet(tmp_path: Path) -> None:
+    """1 um and 0.1 N here too; the bag names the sheet."""
+    job_file, options = quick_cone(), RunOptions(seed=3, sheet="shell_coarse")
+    result, failure = graph_run.form(job_file, options, tmp_path, quiet)
+    assert failure is None
+    assert (result.late_ticks, result.lost_messages) == (0, 0)
+    there, here = read_bag(tmp_path / "bag"), in_process.form(job_file, options)
+    assert there.sheet["model"] == "shell_coarse"
+    assert here.sheet["model"] == "shell_coarse"
+    for mine, theirs in zip(here.results, there.results, strict=True):
+        np.testing.assert_allclose(theirs.forming_force, mine.forming_force, atol=0.1)
+    assert here.scan is not None
+    assert there.scan is not None
+    np.testing.assert_allclose(there.scan.z, here.scan.z, atol=1e-6)
+    assert here.scan.z.min() < -3e-3  # a part, at the depth of its five contours
+    assert there.results[-1].forming_force[:, 2].max() > 200.0
+
+
 @pytest.mark.parametrize("victim", ["force_ctrl", "springback", "planner", "machine"])
 def test_when_a_node_dies_the_machine_holds_and_the_executive_says_why(victim: str, tmp_path: Path) -> None:
     killed: list[str] = []

@@ -46,7 +46,9 @@ FORMED_STRAIN = 0.01
 
 
 class FormedSheet:
-    """A fresh blank of ``job_file``, a sheet of ``kind`` in ``world``, over the heights ``support`` (ny, nx) m on the grid of ``surface``.
+    """A fresh blank of ``job_file``, a sheet of ``kind`` in ``world``.
+
+    It lies over the heights ``support`` (ny, nx) m on the grid of ``surface``.
 
     Attributes
     ----------
