@@ -23,6 +23,7 @@ from isf_cell.processes.process_group import ProcessGroup
 from isf_cell.run import graph_run
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
+from isf_core.files.yaml_file import find_named
 from quick_cone import quick_cone, quick_cone_file
 
 pytestmark = pytest.mark.graph
@@ -78,7 +79,11 @@ def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
 
 def test_graph_and_in_process_agree_on_the_elasto_plastic_sheet(tmp_path: Path) -> None:
     """1 um and 0.1 N here too; the bag names the sheet."""
-    job_file, options = quick_cone(), RunOptions(seed=3, sheet="shell_coarse")
+    rig = find_named("rigs", "ren2018").read_text().replace("size: [250 mm, 250 mm]", "size: [100 mm, 100 mm]")
+    (tmp_path / "small.yaml").write_text(rig)
+    job = quick_cone_file(tmp_path)
+    job.write_text(job.read_text().replace("unit: mm", "unit: mm\n  scale: 0.5").replace("ren2018", "small.yaml"))
+    job_file, options = load_job(job), RunOptions(seed=3, sheet="shell_coarse", support_force=0.0)
     result, failure = graph_run.form(job_file, options, tmp_path, quiet)
     assert failure is None
     assert (result.late_ticks, result.lost_messages) == (0, 0)
@@ -90,7 +95,7 @@ def test_graph_and_in_process_agree_on_the_elasto_plastic_sheet(tmp_path: Path) 
     assert here.scan is not None
     assert there.scan is not None
     np.testing.assert_allclose(there.scan.z, here.scan.z, atol=1e-6)
-    assert here.scan.z.min() < -3e-3  # a part, at the depth of its five contours
+    assert here.scan.z.min() < -1.5e-3  # a part: its target is 2.5 mm deep
     assert there.results[-1].forming_force[:, 2].max() > 200.0
 
 

@@ -49,7 +49,9 @@ class MachineParameters:
     job: str = parameter("", "job file whose blank is clamped at the start; empty: by machine/reset")
     world: int = parameter(0, "plant for that blank: 0 nominal, others seeded off-nominal plants")
     seed: int = parameter(0, "seed of noise and of the off-nominal plant")
-    sheet: str = parameter(DEFAULT_SHEET, "model of the sheet for that blank: fast (seconds) or shell (minutes)")
+    sheet: str = parameter(
+        DEFAULT_SHEET, "sheet of that blank: fast (seconds), shell_coarse, shell or shell_fine (minutes)"
+    )
     target_timeout: float = parameter(
         0.0, "s without targets before contact is released; 0: 5 lockstep, 0.25 real time"
     )
