@@ -9,8 +9,12 @@ GROWTH = 1.25
 """Ratio of neighbouring cells outside the even region."""
 
 
-def graded_lines(low: float, high: float, even: tuple[float, float], cell: float, largest: float) -> Array:
+def graded_lines(
+    low: float, high: float, even: tuple[float, float], cell: float, largest: float, multiple: int = 1
+) -> Array:
     """Lines (n,) m from ``low`` to ``high``; cells of ``cell`` m between the two of ``even``, up to ``largest`` m out.
+
+    ``multiple``: the number of cells is one of it; those of the even region are made smaller for that.
 
     Raises
     ------
@@ -20,11 +24,12 @@ def graded_lines(low: float, high: float, even: tuple[float, float], cell: float
     if not (low <= begin < end <= high and 0.0 < cell <= largest):
         raise ValueError(f"no grid from {low} to {high} m with cells of {cell} m from {begin} to {end} m")
     count = max(1, round((end - begin) / cell))
-    middle = np.linspace(begin, end, count + 1)
-    cell = (end - begin) / count
-    return np.concatenate(
-        [low + _grown(begin - low, cell, largest)[::-1], middle, high - _grown(high - end, cell, largest)]
-    )
+    while True:
+        cell = (end - begin) / count
+        outer = [_grown(length, cell, largest) for length in (begin - low, high - end)]
+        if (count + outer[0].size + outer[1].size) % multiple == 0:
+            return np.concatenate([low + outer[0][::-1], np.linspace(begin, end, count + 1), high - outer[1]])
+        count += 1
 
 
 def _grown(length: float, cell: float, largest: float) -> Array:

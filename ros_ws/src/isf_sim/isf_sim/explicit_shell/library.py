@@ -24,20 +24,20 @@ class ShellStruct(ctypes.Structure):
     """``Shell`` of shell.c, field by field."""
 
     _fields_ = (
-        *((name, _long) for name in ("nx", "ny", "table_size", "support_size")),
+        *((name, _long) for name in ("nx", "ny", "table_size", "support_size", "spring_size")),
         *(
             (name, _double)
             for name in (
                 "young", "poisson", "step", "damping", "table_step", "contact", "contact_time", "friction",
-                "slip_speed",
+                "slip_speed", "kinematic",
             )
         ),
         *(
             (name, _pointer)
             for name in (
-                "position", "velocity", "spin", "force", "moment", "mass", "inertia", "spring", "spring_limit",
-                "anchor", "fixed", "thickness", "stress", "plastic_strain", "shear", "hourglass", "plastic_work",
-                "element_force", "flow_stress", "hardening", "area",
+                "position", "velocity", "spin", "force", "moment", "per_mass", "per_inertia", "spring_node", "spring",
+                "spring_limit", "anchor", "fixed", "thickness", "stress", "plastic_strain", "shear", "hourglass", "plastic_work",
+                "back_stress", "element_force", "flow_stress", "hardening", "area",
             )
         ),
         ("support_nx", _long),
@@ -45,7 +45,9 @@ class ShellStruct(ctypes.Structure):
         *((name, _double) for name in ("support_x", "support_y", "support_spacing", "support_from", "support_to")),
         *(
             (name, _pointer)
-            for name in ("support_height", "support_element", "support_weight", "support_area", "support_near")
+            for name in (
+                "support_height", "support_plane", "support_element", "support_weight", "support_area", "support_near",
+            )
         ),
     )  # fmt: skip
 

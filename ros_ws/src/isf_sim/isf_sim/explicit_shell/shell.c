@@ -2,8 +2,9 @@
  *
  * Element: four nodes, one point in the plane, five through the thickness; corotational velocity strains, Mindlin shear
  * and hourglass stiffness after Belytschko 1984, with the curvature that a warped element gets from its membrane
- * velocities (Belytschko 1992). Material: J2 plasticity in plane stress, isotropic hardening by a
- * table, return mapping in the eigenvectors of the projection (Simo 1986). Central differences, lumped mass.
+ * velocities (Belytschko 1992). Material: J2 plasticity in plane stress, hardening by a table, isotropic or a share of
+ * it kinematic after Prager, return mapping in the eigenvectors of the projection (Simo 1986). Central differences,
+ * lumped mass.
  *
  * Arrays are (components, entries), entries fastest; node n = j (nx + 1) + i, element e = j nx + i. SI units.
  * Corners 1 to 4 of element (i, j): (i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1). The layout and the order of the
@@ -30,24 +31,28 @@ static const double SHARE[LAYERS] = {0.236926885056189, 0.478628670499366, 0.568
                                      0.236926885056189};
 
 typedef struct {
-    int64_t nx, ny, table_size, support_size;
+    int64_t nx, ny, table_size, support_size, spring_size;
     /* contact: N/m^3, pressure per depth; contact_time: s, depth that a speed of approach counts as, over that speed */
     double young, poisson, step, damping, table_step, contact, contact_time, friction, slip_speed;
+    double kinematic;                                    /* share of the hardening that moves the yield surface */
     double *position, *velocity, *spin, *force, *moment; /* (3, nodes) */
-    const double *mass, *inertia;                        /* (nodes) */
-    const double *spring, *spring_limit;                 /* (nodes) N/m and N of the edge in the plane, 0: none */
+    const double *per_mass, *per_inertia;                /* (nodes) 1/kg, 1/(kg m^2) */
+    const int32_t *spring_node;                          /* (spring_size) nodes of the edge that a spring holds */
+    const double *spring, *spring_limit;                 /* (spring_size) N/m and N, in the plane */
     double *anchor;                                      /* (2, nodes) where these springs are free of force */
     const uint8_t *fixed;                                /* (nodes) bits 1, 2, 4: x, y, z; 8: rotations */
     double *thickness, *stress, *plastic_strain;         /* (elements), (LAYERS 3, elements), (LAYERS, elements) */
     double *shear, *hourglass, *plastic_work;            /* (2, elements), (5, elements), (elements) J */
+    double *back_stress;                                 /* (LAYERS 3, elements) Pa, only where kinematic is not 0 */
     double *element_force;                               /* (24, elements), scratch */
-    const double *flow_stress, *hardening;               /* (table_size) Pa, over the plastic strain */
+    const double *flow_stress, *hardening;               /* (table_size) Pa, isotropic part, over the plastic strain */
     const double *area;                                  /* (elements) m^2, undeformed */
     /* a rigid surface under the sheet: heights (support_ny, support_nx) m on a regular grid, -1e9: none */
     int64_t support_nx, support_ny;
     double support_x, support_y, support_spacing;
     double support_from, support_to; /* m by which it stands higher before and after the steps */
     const double *support_height;
+    const double *support_plane;                         /* (elements) height m where it is a plane, -1e9: elsewhere */
     const int32_t *support_element;                      /* (support_size) element of each point that may touch it */
     const double *support_weight, *support_area;         /* (4, support_size) of its corners, (support_size) m^2 */
     int32_t *support_near;                               /* (support_size) scratch */
@@ -66,173 +71,267 @@ typedef struct {
 
 #define DOT(a, b) ((a##x) * (b##x) + (a##y) * (b##y) + (a##z) * (b##z))
 
-VECTORISED static void elements(const Shell *R q, int64_t first_row, int64_t rows) {
+/* Elements side by side that one call of `block` computes: two vectors of the widest registers. */
+enum { BLOCK = 16 };
+
+/* `count` elements from number `begin` of row j on. What the layers need of the kinematics, and the forces need of
+ * both, stands in arrays of a block, so that each of the three loops is made of vector code and the return mapping is
+ * left out where no element of the block yields, as most do not. */
+static inline __attribute__((always_inline)) void block(const Shell *R q, int64_t j, int64_t begin, const int64_t count,
+                                                        const int mixed) {
     const int64_t nx = q->nx, nn = (q->nx + 1) * (q->ny + 1), ne = q->nx * q->ny, last = q->table_size - 2;
     const double young = q->young, nu = q->poisson, dt = q->step;
     const double G = young / (2.0 * (1.0 + nu)), C = young / (1.0 - nu * nu), kappa = 5.0 / 6.0;
     const double bulk = young / (3.0 * (1.0 - nu)), thin = -nu / (1.0 - nu), per_step = 1.0 / q->table_step;
-    const double *R px = q->position, *R py = px + nn, *R pz = py + nn;
-    const double *R qx = q->velocity, *R qy = qx + nn, *R qz = qy + nn;
-    const double *R rx = q->spin, *R ry = rx + nn, *R rz = ry + nn;
+    const double moving = mixed ? q->kinematic / (1.0 - q->kinematic) : 0.0; /* kinematic over isotropic hardening */
+    const int64_t first = j * (nx + 1) + begin, element = j * nx + begin;
+    const double *R px = q->position + first, *R py = px + nn, *R pz = py + nn;
+    const double *R qx = q->velocity + first, *R qy = qx + nn, *R qz = qy + nn;
+    const double *R rx = q->spin + first, *R ry = rx + nn, *R rz = ry + nn;
     const double *R flow = q->flow_stress, *R hard = q->hardening;
-    double *R thickness = q->thickness, *R stress = q->stress, *R strain = q->plastic_strain, *R work = q->plastic_work;
-    double *R shear = q->shear, *R hg = q->hourglass, *R out = q->element_force;
-    const double *R area = q->area;
-    for (int64_t j = first_row; j < first_row + rows; j++) {
-        const int64_t below = j * (nx + 1), above = below + nx + 1;
+    double *R thickness = q->thickness + element, *R work = q->plastic_work + element;
+    double *R shear = q->shear + element, *R hg = q->hourglass + element, *R out = q->element_force + element;
+    const double *R area = q->area + element;
+    /* frame; derivatives of the shape functions times the area; warping; strain rates; velocities for the hourglass */
+    double ux[BLOCK], uy[BLOCK], uz[BLOCK], vx[BLOCK], vy[BLOCK], vz[BLOCK], wx[BLOCK], wy[BLOCK], wz[BLOCK];
+    double b11[BLOCK], b12[BLOCK], b21[BLOCK], b22[BLOCK], A[BLOCK], iA[BLOCK], g1[BLOCK], g2[BLOCK], warp[BLOCK];
+    double pxx[BLOCK], pyy[BLOCK], pxy[BLOCK], px1[BLOCK], py1[BLOCK], px2[BLOCK], py2[BLOCK];
+    double ex[BLOCK], ey[BLOCK], exy[BLOCK], kx[BLOCK], ky[BLOCK], kxy[BLOCK];
+    double hg1[BLOCK], hg2[BLOCK], hg3[BLOCK], hg4[BLOCK], hg5[BLOCK], Qx[BLOCK], Qy[BLOCK];
+    double Nx[BLOCK], Ny[BLOCK], Nxy[BLOCK], Mx[BLOCK], My[BLOCK], Mxy[BLOCK], ezz[BLOCK], done[BLOCK];
 #pragma omp simd
-        for (int64_t i = 0; i < nx; i++) {
-            const int64_t n1 = below + i, n2 = n1 + 1, n4 = above + i, n3 = n4 + 1, e = j * nx + i;
-            /* corotational frame: e3 across both diagonals, e1 and e2 symmetric to the middle lines */
-            const double ax = px[n3] - px[n1], ay = py[n3] - py[n1], az = pz[n3] - pz[n1];
-            const double bx = px[n4] - px[n2], by = py[n4] - py[n2], bz = pz[n4] - pz[n2];
-            double gx = ax - bx, gy = ay - by, gz = az - bz, hx = ax + bx, hy = ay + by, hz = az + bz;
-            double norm = 1.0 / sqrt(DOT(g, g));
-            gx *= norm, gy *= norm, gz *= norm;
-            norm = 1.0 / sqrt(DOT(h, h));
-            hx *= norm, hy *= norm, hz *= norm;
-            double sx = gx + hx, sy = gy + hy, sz = gz + hz, tx = gx - hx, ty = gy - hy, tz = gz - hz;
-            norm = M_SQRT1_2 / sqrt(DOT(s, s));
-            sx *= norm, sy *= norm, sz *= norm;
-            norm = M_SQRT1_2 / sqrt(DOT(t, t));
-            tx *= norm, ty *= norm, tz *= norm;
-            const double ux = sx + tx, uy = sy + ty, uz = sz + tz, vx = sx - tx, vy = sy - ty, vz = sz - tz;
-            const double wx = uy * vz - uz * vy, wy = uz * vx - ux * vz, wz = ux * vy - uy * vx;
-            /* derivatives of the shape functions in the middle, times the area */
-            const double x31 = DOT(a, u), y31 = DOT(a, v), x42 = DOT(b, u), y42 = DOT(b, v);
-            const double A = 0.5 * (x31 * y42 - x42 * y31), iA = 1.0 / A;
-            const double b11 = -0.5 * y42, b12 = 0.5 * y31, b21 = 0.5 * x42, b22 = -0.5 * x31;
-            /* corners seen from corner 1, for hourglass shape and warping */
-            const double cx = px[n2] - px[n1], cy = py[n2] - py[n1], cz = pz[n2] - pz[n1];
-            const double dx = px[n4] - px[n1], dy = py[n4] - py[n1], dz = pz[n4] - pz[n1];
-            const double x21 = DOT(c, u), y21 = DOT(c, v), z21 = DOT(c, w);
-            const double x41 = DOT(d, u), y41 = DOT(d, v), z41 = DOT(d, w), z31 = DOT(a, w);
-            const double lx = x31 - x21 - x41, ly = y31 - y21 - y41;
-            const double g1 = 1.0 - iA * (lx * b11 + ly * b21), g2 = -1.0 - iA * (lx * b12 + ly * b22);
-            const double g3 = 2.0 - g1, g4 = -2.0 - g2;
-            /* warping: z = c xi eta; gradient of the normals' in-plane components, minus the second derivatives of z */
-            const double warp = 0.25 * (z31 - z21 - z41);
-            const double xi_x = iA * (y31 + y42), xi_y = -iA * (x31 + x42);
-            const double eta_x = iA * (y42 - y31), eta_y = iA * (x31 - x42);
-            const double pxx = -2.0 * warp * xi_x * eta_x, pyy = -2.0 * warp * xi_y * eta_y;
-            const double pxy = -warp * (xi_x * eta_y + xi_y * eta_x);
-            /* normals in corners 1 and 2; those of 3 and 4 lean the other way */
-            const double px1 = warp * (xi_x + eta_x), py1 = warp * (xi_y + eta_y);
-            const double px2 = warp * (xi_x - eta_x), py2 = warp * (xi_y - eta_y);
-            /* velocities in the frame; B is antisymmetric in opposite corners, so two differences are enough */
-            double mx = qx[n1] - qx[n3], my = qy[n1] - qy[n3], mz = qz[n1] - qz[n3];
-            const double u13 = DOT(m, u), v13 = DOT(m, v), w13 = DOT(m, w);
-            mx = qx[n2] - qx[n4], my = qy[n2] - qy[n4], mz = qz[n2] - qz[n4];
-            const double u24 = DOT(m, u), v24 = DOT(m, v), w24 = DOT(m, w);
-            mx = qx[n1] + qx[n3] - qx[n2] - qx[n4], my = qy[n1] + qy[n3] - qy[n2] - qy[n4];
-            mz = qz[n1] + qz[n3] - qz[n2] - qz[n4];
-            const double us = DOT(m, u), vs = DOT(m, v), ws = DOT(m, w);
-            /* velocity gradients */
-            const double uxx = (b11 * u13 + b12 * u24) * iA, uxy = (b21 * u13 + b22 * u24) * iA;
-            const double vxx = (b11 * v13 + b12 * v24) * iA, vxy = (b21 * v13 + b22 * v24) * iA;
-            /* spins; about the normal of its corner each node turns with the element, for nothing else resists there */
-            const double turn = 0.5 * (vxx - uxy);
-            mx = rx[n1] - rx[n3], my = ry[n1] - ry[n3], mz = rz[n1] - rz[n3];
-            double ox = rx[n1] + rx[n3], oy = ry[n1] + ry[n3], oz = rz[n1] + rz[n3];
-            double about = DOT(o, w) - 2.0 * turn;
-            const double p13 = DOT(m, u) - px1 * about, q13 = DOT(m, v) - py1 * about;
-            about = DOT(m, w);
-            const double ps13 = DOT(o, u) - px1 * about, qs13 = DOT(o, v) - py1 * about;
-            mx = rx[n2] - rx[n4], my = ry[n2] - ry[n4], mz = rz[n2] - rz[n4];
-            ox = rx[n2] + rx[n4], oy = ry[n2] + ry[n4], oz = rz[n2] + rz[n4];
-            about = DOT(o, w) - 2.0 * turn;
-            const double p24 = DOT(m, u) - px2 * about, q24 = DOT(m, v) - py2 * about;
-            about = DOT(m, w);
-            const double ps24 = DOT(o, u) - px2 * about, qs24 = DOT(o, v) - py2 * about;
-            const double pm = 0.25 * (ps13 + ps24), qm = 0.25 * (qs13 + qs24), ps = ps13 - ps24, qs = qs13 - qs24;
-            /* curvatures and shear */
-            const double xy = uxy + vxx, slope_x = (b11 * w13 + b12 * w24) * iA, slope_y = (b21 * w13 + b22 * w24) * iA;
-            const double kx = (b11 * q13 + b12 * q24) * iA - uxx * pxx - 0.5 * xy * pxy;
-            const double ky = -(b21 * p13 + b22 * p24) * iA - vxy * pyy - 0.5 * xy * pxy;
-            const double kxy = (b21 * q13 + b22 * q24 - b11 * p13 - b12 * p24) * iA
-                - (uxx + vxy) * pxy - 0.5 * xy * (pxx + pyy);
-            const double sxz = slope_x + qm, syz = slope_y - pm;
-            const double qxz = shear[e] += G * sxz * dt, qyz = shear[ne + e] += G * syz * dt;
-            /* layers */
-            const double h = thickness[e], half = 0.5 * h;
-            double Nx = 0.0, Ny = 0.0, Nxy = 0.0, Mx = 0.0, My = 0.0, Mxy = 0.0, ezz = 0.0, done = 0.0;
-#pragma GCC unroll 5
-            for (int k = 0; k < LAYERS; k++) {
-                const double z = half * LEVEL[k], weight = half * SHARE[k];
-                const double ex_ = (uxx + z * kx) * dt, ey_ = (vxy + z * ky) * dt, exy = (xy + z * kxy) * dt;
-                double *R s = stress + 3 * k * ne, *R ep = strain + k * ne;
-                const double trial_x = s[e] + C * (ex_ + nu * ey_), trial_y = s[ne + e] + C * (ey_ + nu * ex_);
-                double txy = s[2 * ne + e] + G * exy, sum = trial_x + trial_y, dif = trial_x - trial_y;
-                const double before = ep[e];
-                int32_t place = (int32_t)(before * per_step);
-                place = place < last ? place : (int32_t)last;
-                place = place > 0 ? place : 0; /* also where a sheet that has become unstable gives no number */
-                const double H = hard[place], Y = flow[place] + H * (before - place * q->table_step);
-                const double P = sum * sum * (1.0 / 6.0), Q = 0.5 * dif * dif + 2.0 * txy * txy;
-                const double on = 0.5 * (P + Q) > Y * Y * (1.0 / 3.0) ? 1.0 : 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        const int64_t n1 = i, n2 = i + 1, n4 = i + nx + 1, n3 = n4 + 1;
+        /* corotational frame: e3 across both diagonals, e1 and e2 symmetric to the middle lines */
+        const double ax = px[n3] - px[n1], ay = py[n3] - py[n1], az = pz[n3] - pz[n1];
+        const double bx = px[n4] - px[n2], by = py[n4] - py[n2], bz = pz[n4] - pz[n2];
+        double gx = ax - bx, gy = ay - by, gz = az - bz, hx = ax + bx, hy = ay + by, hz = az + bz;
+        double norm = 1.0 / sqrt(DOT(g, g));
+        gx *= norm, gy *= norm, gz *= norm;
+        norm = 1.0 / sqrt(DOT(h, h));
+        hx *= norm, hy *= norm, hz *= norm;
+        double sx = gx + hx, sy = gy + hy, sz = gz + hz, tx = gx - hx, ty = gy - hy, tz = gz - hz;
+        norm = M_SQRT1_2 / sqrt(DOT(s, s));
+        sx *= norm, sy *= norm, sz *= norm;
+        norm = M_SQRT1_2 / sqrt(DOT(t, t));
+        tx *= norm, ty *= norm, tz *= norm;
+        const double Ux = sx + tx, Uy = sy + ty, Uz = sz + tz, Vx = sx - tx, Vy = sy - ty, Vz = sz - tz;
+        const double Wx = Uy * Vz - Uz * Vy, Wy = Uz * Vx - Ux * Vz, Wz = Ux * Vy - Uy * Vx;
+        /* derivatives of the shape functions in the middle, times the area */
+        const double x31 = DOT(a, U), y31 = DOT(a, V), x42 = DOT(b, U), y42 = DOT(b, V);
+        const double area_now = 0.5 * (x31 * y42 - x42 * y31), inverse = 1.0 / area_now;
+        const double c11 = -0.5 * y42, c12 = 0.5 * y31, c21 = 0.5 * x42, c22 = -0.5 * x31;
+        /* corners seen from corner 1, for hourglass shape and warping */
+        const double cx = px[n2] - px[n1], cy = py[n2] - py[n1], cz = pz[n2] - pz[n1];
+        const double dx = px[n4] - px[n1], dy = py[n4] - py[n1], dz = pz[n4] - pz[n1];
+        const double x21 = DOT(c, U), y21 = DOT(c, V), z21 = DOT(c, W);
+        const double x41 = DOT(d, U), y41 = DOT(d, V), z41 = DOT(d, W), z31 = DOT(a, W);
+        const double lx = x31 - x21 - x41, ly = y31 - y21 - y41;
+        const double shape_1 = 1.0 - inverse * (lx * c11 + ly * c21), shape_2 = -1.0 - inverse * (lx * c12 + ly * c22);
+        /* warping: z = c xi eta; gradient of the normals' in-plane components, minus the second derivatives of z */
+        const double twist = 0.25 * (z31 - z21 - z41);
+        const double xi_x = inverse * (y31 + y42), xi_y = -inverse * (x31 + x42);
+        const double eta_x = inverse * (y42 - y31), eta_y = inverse * (x31 - x42);
+        const double nxx = -2.0 * twist * xi_x * eta_x, nyy = -2.0 * twist * xi_y * eta_y;
+        const double nxy = -twist * (xi_x * eta_y + xi_y * eta_x);
+        /* normals in corners 1 and 2; those of 3 and 4 lean the other way */
+        const double nx1 = twist * (xi_x + eta_x), ny1 = twist * (xi_y + eta_y);
+        const double nx2 = twist * (xi_x - eta_x), ny2 = twist * (xi_y - eta_y);
+        /* velocities in the frame; B is antisymmetric in opposite corners, so two differences are enough */
+        double mx = qx[n1] - qx[n3], my = qy[n1] - qy[n3], mz = qz[n1] - qz[n3];
+        const double u13 = DOT(m, U), v13 = DOT(m, V), w13 = DOT(m, W);
+        mx = qx[n2] - qx[n4], my = qy[n2] - qy[n4], mz = qz[n2] - qz[n4];
+        const double u24 = DOT(m, U), v24 = DOT(m, V), w24 = DOT(m, W);
+        mx = qx[n1] + qx[n3] - qx[n2] - qx[n4], my = qy[n1] + qy[n3] - qy[n2] - qy[n4];
+        mz = qz[n1] + qz[n3] - qz[n2] - qz[n4];
+        const double us = DOT(m, U), vs = DOT(m, V), ws = DOT(m, W);
+        /* velocity gradients */
+        const double uxx = (c11 * u13 + c12 * u24) * inverse, uxy = (c21 * u13 + c22 * u24) * inverse;
+        const double vxx = (c11 * v13 + c12 * v24) * inverse, vxy = (c21 * v13 + c22 * v24) * inverse;
+        /* spins; about the normal of its corner each node turns with the element, for nothing else resists there */
+        const double turn = 0.5 * (vxx - uxy);
+        mx = rx[n1] - rx[n3], my = ry[n1] - ry[n3], mz = rz[n1] - rz[n3];
+        double ox = rx[n1] + rx[n3], oy = ry[n1] + ry[n3], oz = rz[n1] + rz[n3];
+        double about = DOT(o, W) - 2.0 * turn;
+        const double p13 = DOT(m, U) - nx1 * about, q13 = DOT(m, V) - ny1 * about;
+        about = DOT(m, W);
+        const double ps13 = DOT(o, U) - nx1 * about, qs13 = DOT(o, V) - ny1 * about;
+        mx = rx[n2] - rx[n4], my = ry[n2] - ry[n4], mz = rz[n2] - rz[n4];
+        ox = rx[n2] + rx[n4], oy = ry[n2] + ry[n4], oz = rz[n2] + rz[n4];
+        about = DOT(o, W) - 2.0 * turn;
+        const double p24 = DOT(m, U) - nx2 * about, q24 = DOT(m, V) - ny2 * about;
+        about = DOT(m, W);
+        const double ps24 = DOT(o, U) - nx2 * about, qs24 = DOT(o, V) - ny2 * about;
+        const double pm = 0.25 * (ps13 + ps24), qm = 0.25 * (qs13 + qs24), ps = ps13 - ps24, qs = qs13 - qs24;
+        /* curvatures and shear */
+        const double xy = uxy + vxx;
+        const double slope_x = (c11 * w13 + c12 * w24) * inverse, slope_y = (c21 * w13 + c22 * w24) * inverse;
+        ex[i] = uxx * dt, ey[i] = vxy * dt, exy[i] = xy * dt;
+        kx[i] = dt * ((c11 * q13 + c12 * q24) * inverse - uxx * nxx - 0.5 * xy * nxy);
+        ky[i] = dt * (-(c21 * p13 + c22 * p24) * inverse - vxy * nyy - 0.5 * xy * nxy);
+        kxy[i] = dt * ((c21 * q13 + c22 * q24 - c11 * p13 - c12 * p24) * inverse - (uxx + vxy) * nxy
+                       - 0.5 * xy * (nxx + nyy));
+        Qx[i] = shear[i] += G * (slope_x + qm) * dt, Qy[i] = shear[ne + i] += G * (slope_y - pm) * dt;
+        /* hourglass velocities, gamma . v with g1 + g3 = 2, g2 + g4 = -2; a warped element that turns has membrane
+         * velocities of its own */
+        const double m1 = shape_1 - 1.0, m2 = shape_2 + 1.0;
+        hg1[i] = ps + m1 * p13 + m2 * p24, hg2[i] = qs + m1 * q13 + m2 * q24, hg3[i] = ws + m1 * w13 + m2 * w24;
+        hg4[i] = us + m1 * u13 + m2 * u24 + 4.0 * twist * slope_x, hg5[i] = vs + m1 * v13 + m2 * v24 + 4.0 * twist * slope_y;
+        ux[i] = Ux, uy[i] = Uy, uz[i] = Uz, vx[i] = Vx, vy[i] = Vy, vz[i] = Vz, wx[i] = Wx, wy[i] = Wy, wz[i] = Wz;
+        b11[i] = c11, b12[i] = c12, b21[i] = c21, b22[i] = c22, A[i] = area_now, iA[i] = inverse;
+        g1[i] = shape_1, g2[i] = shape_2, warp[i] = twist;
+        pxx[i] = nxx, pyy[i] = nyy, pxy[i] = nxy, px1[i] = nx1, py1[i] = ny1, px2[i] = nx2, py2[i] = ny2;
+        Nx[i] = Ny[i] = Nxy[i] = Mx[i] = My[i] = Mxy[i] = ezz[i] = done[i] = 0.0;
+    }
+    for (int k = 0; k < LAYERS; k++) {
+        double *R s = q->stress + 3 * k * ne + element, *R ep = q->plastic_strain + k * ne + element;
+        double *R back = mixed ? q->back_stress + 3 * k * ne + element : s;
+        double sum[BLOCK], dif[BLOCK], txy[BLOCK], Y[BLOCK], H[BLOCK], strain_sum[BLOCK];
+        int64_t yielding = 0;
+#pragma omp simd reduction(| : yielding)
+        for (int64_t i = 0; i < count; i++) {
+            const double z = 0.5 * thickness[i] * LEVEL[k];
+            const double dex = ex[i] + z * kx[i], dey = ey[i] + z * ky[i];
+            double trial_x = s[i] + C * (dex + nu * dey), trial_y = s[ne + i] + C * (dey + nu * dex);
+            txy[i] = s[2 * ne + i] + G * (exy[i] + z * kxy[i]);
+            if (mixed)
+                trial_x -= back[i], trial_y -= back[ne + i], txy[i] -= back[2 * ne + i];
+            sum[i] = trial_x + trial_y, dif[i] = trial_x - trial_y, strain_sum[i] = dex + dey;
+            int32_t place = (int32_t)(ep[i] * per_step);
+            place = place < last ? place : (int32_t)last;
+            place = place > 0 ? place : 0; /* also where a sheet that has become unstable gives no number */
+            H[i] = hard[place], Y[i] = flow[place] + H[i] * (ep[i] - place * q->table_step);
+            const double P = sum[i] * sum[i] * (1.0 / 6.0), Q = 0.5 * dif[i] * dif[i] + 2.0 * txy[i] * txy[i];
+            yielding |= 0.5 * (P + Q) > Y[i] * Y[i] * (1.0 / 3.0) ? 1 : 0;
+        }
+        double plastic[BLOCK] = {0.0};
+        if (yielding) {
+#pragma omp simd
+            for (int64_t i = 0; i < count; i++) {
+                const double P = sum[i] * sum[i] * (1.0 / 6.0), Q = 0.5 * dif[i] * dif[i] + 2.0 * txy[i] * txy[i];
+                const double on = 0.5 * (P + Q) > Y[i] * Y[i] * (1.0 / 3.0) ? 1.0 : 0.0;
+                const double prager = 2.0 / 3.0 * moving * H[i], of_sum = bulk + prager, of_dif = 2.0 * G + prager;
                 double dg = 0.0, d1, d2, square, length;
 #pragma GCC unroll 3
                 for (int it = 0; it < 3; it++) {
-                    d1 = 1.0 / (1.0 + bulk * dg), d2 = 1.0 / (1.0 + 2.0 * G * dg);
+                    d1 = 1.0 / (1.0 + of_sum * dg), d2 = 1.0 / (1.0 + of_dif * dg);
                     square = P * d1 * d1 + Q * d2 * d2;
                     length = sqrt(2.0 / 3.0 * square) + 1e-30;
-                    const double Yk = Y + H * dg * length;
-                    const double slope = -2.0 * (bulk * P * d1 * d1 * d1 + 2.0 * G * Q * d2 * d2 * d2);
+                    const double Yk = Y[i] + H[i] * dg * length;
+                    const double slope = -2.0 * (of_sum * P * d1 * d1 * d1 + of_dif * Q * d2 * d2 * d2);
                     const double f = 0.5 * square - Yk * Yk * (1.0 / 3.0);
-                    const double df = 0.5 * slope - 2.0 / 3.0 * Yk * H * (length + dg * slope / (3.0 * length));
+                    const double df = 0.5 * slope - 2.0 / 3.0 * Yk * H[i] * (length + dg * slope / (3.0 * length));
                     dg -= on * f / df;
                     dg = dg > 0.0 ? dg : 0.0;
                 }
-                d1 = 1.0 / (1.0 + bulk * dg), d2 = 1.0 / (1.0 + 2.0 * G * dg);
+                d1 = 1.0 / (1.0 + of_sum * dg), d2 = 1.0 / (1.0 + of_dif * dg);
                 square = P * d1 * d1 + Q * d2 * d2;
                 const double more = dg * sqrt(2.0 / 3.0 * square);
-                sum *= d1, dif *= d2, txy *= d2;
-                const double new_x = 0.5 * (sum + dif), new_y = 0.5 * (sum - dif), plastic = dg * sum * (1.0 / 3.0);
-                s[e] = new_x, s[ne + e] = new_y, s[2 * ne + e] = txy, ep[e] = before + more;
-                done += weight * more * (Y + 0.5 * H * more);
-                ezz += 0.5 * SHARE[k] * (thin * (ex_ + ey_ - plastic) - plastic);
-                Nx += weight * new_x, Ny += weight * new_y, Nxy += weight * txy;
-                Mx += weight * z * new_x, My += weight * z * new_y, Mxy += weight * z * txy;
+                sum[i] *= d1, dif[i] *= d2, txy[i] *= d2;
+                plastic[i] = dg * sum[i] * (1.0 / 3.0);
+                ep[i] += more;
+                if (mixed) {
+                    back[i] += 0.5 * prager * dg * (sum[i] + dif[i]), back[ne + i] += 0.5 * prager * dg * (sum[i] - dif[i]);
+                    back[2 * ne + i] += prager * dg * txy[i];
+                }
+                done[i] += 0.5 * thickness[i] * SHARE[k] * more * (Y[i] + 0.5 * H[i] * more);
             }
-            thickness[e] = h * (1.0 + ezz);
-            work[e] += done * area[e];
-            /* membrane forces with the part of the moments that a warped element turns into them */
-            const double Txx = Nx - Mx * pxx - Mxy * pxy, Tyy = Ny - My * pyy - Mxy * pxy;
-            const double Txy = Nxy - 0.5 * ((Mx + My) * pxy + Mxy * (pxx + pyy));
-            const double Qx = kappa * h * qxz, Qy = kappa * h * qyz;
-            /* hourglass stiffness: bending, shear, membrane */
-            const double BB = 2.0 * (b11 * b11 + b12 * b12 + b21 * b21 + b22 * b22) * iA * iA * dt;
-            const double of_bending = 0.03 / 192.0 * young * h * h * h * A * BB;
-            const double of_shear = 0.03 / 12.0 * kappa * G * h * h * h * BB, of_membrane = 0.03 / 8.0 * young * h * A * BB;
-            /* gamma . v with g1 + g3 = 2, g2 + g4 = -2; a warped element that turns has membrane velocities of its own */
-            const double m1 = g1 - 1.0, m2 = g2 + 1.0;
-            const double H1 = hg[e] += of_bending * (ps + m1 * p13 + m2 * p24);
-            const double H2 = hg[ne + e] += of_bending * (qs + m1 * q13 + m2 * q24);
-            const double H3 = hg[2 * ne + e] += of_shear * (ws + m1 * w13 + m2 * w24);
-            const double H4 = hg[3 * ne + e] += of_membrane * (us + m1 * u13 + m2 * u24 + 4.0 * warp * slope_x);
-            const double H5 = hg[4 * ne + e] += of_membrane * (vs + m1 * v13 + m2 * v24 + 4.0 * warp * slope_y);
-            const double Vx = Qx + 4.0 * warp * iA * H4, Vy = Qy + 4.0 * warp * iA * H5;
+        }
+#pragma omp simd
+        for (int64_t i = 0; i < count; i++) {
+            const double half = 0.5 * thickness[i], z = half * LEVEL[k], weight = half * SHARE[k];
+            double new_x = 0.5 * (sum[i] + dif[i]), new_y = 0.5 * (sum[i] - dif[i]);
+            if (mixed)
+                new_x += back[i], new_y += back[ne + i], txy[i] += back[2 * ne + i];
+            s[i] = new_x, s[ne + i] = new_y, s[2 * ne + i] = txy[i];
+            ezz[i] += 0.5 * SHARE[k] * (thin * (strain_sum[i] - plastic[i]) - plastic[i]);
+            Nx[i] += weight * new_x, Ny[i] += weight * new_y, Nxy[i] += weight * txy[i];
+            Mx[i] += weight * z * new_x, My[i] += weight * z * new_y, Mxy[i] += weight * z * txy[i];
+        }
+    }
+#pragma omp simd
+    for (int64_t i = 0; i < count; i++) {
+        const double h = thickness[i];
+        thickness[i] = h * (1.0 + ezz[i]);
+        work[i] += done[i] * area[i];
+        /* membrane forces with the part of the moments that a warped element turns into them */
+        const double Txx = Nx[i] - Mx[i] * pxx[i] - Mxy[i] * pxy[i], Tyy = Ny[i] - My[i] * pyy[i] - Mxy[i] * pxy[i];
+        const double Txy = Nxy[i] - 0.5 * ((Mx[i] + My[i]) * pxy[i] + Mxy[i] * (pxx[i] + pyy[i]));
+        const double of_x = kappa * h * Qx[i], of_y = kappa * h * Qy[i];
+        /* hourglass stiffness: bending, shear, membrane */
+        const double squares = b11[i] * b11[i] + b12[i] * b12[i] + b21[i] * b21[i] + b22[i] * b22[i];
+        const double BB = 2.0 * squares * iA[i] * iA[i] * dt;
+        const double of_bending = 0.03 / 192.0 * young * h * h * h * A[i] * BB;
+        const double of_shear = 0.03 / 12.0 * kappa * G * h * h * h * BB, of_membrane = 0.03 / 8.0 * young * h * A[i] * BB;
+        const double H1 = hg[i] += of_bending * hg1[i], H2 = hg[ne + i] += of_bending * hg2[i];
+        const double H3 = hg[2 * ne + i] += of_shear * hg3[i];
+        const double H4 = hg[3 * ne + i] += of_membrane * hg4[i], H5 = hg[4 * ne + i] += of_membrane * hg5[i];
+        const double across_x = of_x + 4.0 * warp[i] * iA[i] * H4, across_y = of_y + 4.0 * warp[i] * iA[i] * H5;
+        const double g3 = 2.0 - g1[i], g4 = -2.0 - g2[i];
 #define MOMENTS(I, B1, B2, GAMMA)                                                                                      \
-    const double s##I = -(B2)*My - (B1)*Mxy - 0.25 * A * Qy + (GAMMA)*H1;                                              \
-    const double t##I = (B1)*Mx + (B2)*Mxy + 0.25 * A * Qx + (GAMMA)*H2;
-            MOMENTS(0, b11, b21, g1)
-            MOMENTS(1, b12, b22, g2)
-            MOMENTS(2, -b11, -b21, g3)
-            MOMENTS(3, -b12, -b22, g4)
-            const double S = 0.5 * iA * (px1 * (s0 - s2) + py1 * (t0 - t2) + px2 * (s1 - s3) + py2 * (t1 - t3));
+    const double s##I = -(B2)*My[i] - (B1)*Mxy[i] - 0.25 * A[i] * of_y + (GAMMA)*H1;                                   \
+    const double t##I = (B1)*Mx[i] + (B2)*Mxy[i] + 0.25 * A[i] * of_x + (GAMMA)*H2;
+        MOMENTS(0, b11[i], b21[i], g1[i])
+        MOMENTS(1, b12[i], b22[i], g2[i])
+        MOMENTS(2, -b11[i], -b21[i], g3)
+        MOMENTS(3, -b12[i], -b22[i], g4)
+        const double S = 0.5 * iA[i] * (px1[i] * (s0 - s2) + py1[i] * (t0 - t2) + px2[i] * (s1 - s3) + py2[i] * (t1 - t3));
 #define CORNER(I, B1, B2, GAMMA, PX, PY)                                                                               \
     {                                                                                                                  \
         const double f1 = (B1)*Txx + (B2) * (Txy - S) + (GAMMA)*H4, f2 = (B1) * (Txy + S) + (B2)*Tyy + (GAMMA)*H5;     \
-        const double f3 = (B1)*Vx + (B2)*Vy + (GAMMA)*H3, r = -(PX)*s##I - (PY)*t##I;                                  \
+        const double f3 = (B1)*across_x + (B2)*across_y + (GAMMA)*H3, r = -(PX)*s##I - (PY)*t##I;                      \
         double *R o = out + 6 * (I)*ne;                                                                                \
-        o[e] = f1 * ux + f2 * vx + f3 * wx, o[ne + e] = f1 * uy + f2 * vy + f3 * wy;                                   \
-        o[2 * ne + e] = f1 * uz + f2 * vz + f3 * wz, o[3 * ne + e] = s##I * ux + t##I * vx + r * wx;                   \
-        o[4 * ne + e] = s##I * uy + t##I * vy + r * wy, o[5 * ne + e] = s##I * uz + t##I * vz + r * wz;                \
+        o[i] = f1 * ux[i] + f2 * vx[i] + f3 * wx[i], o[ne + i] = f1 * uy[i] + f2 * vy[i] + f3 * wy[i];                 \
+        o[2 * ne + i] = f1 * uz[i] + f2 * vz[i] + f3 * wz[i];                                                          \
+        o[3 * ne + i] = s##I * ux[i] + t##I * vx[i] + r * wx[i];                                                       \
+        o[4 * ne + i] = s##I * uy[i] + t##I * vy[i] + r * wy[i];                                                       \
+        o[5 * ne + i] = s##I * uz[i] + t##I * vz[i] + r * wz[i];                                                       \
     }
-            CORNER(0, b11, b21, g1, px1, py1)
-            CORNER(1, b12, b22, g2, px2, py2)
-            CORNER(2, -b11, -b21, g3, -px1, -py1)
-            CORNER(3, -b12, -b22, g4, -px2, -py2)
+        CORNER(0, b11[i], b21[i], g1[i], px1[i], py1[i])
+        CORNER(1, b12[i], b22[i], g2[i], px2[i], py2[i])
+        CORNER(2, -b11[i], -b21[i], g3, -px1[i], -py1[i])
+        CORNER(3, -b12[i], -b22[i], g4, -px2[i], -py2[i])
+    }
+}
+
+/* Forces of all elements, a row at a time. */
+VECTORISED static void elements(const Shell *R q) {
+    const int64_t whole = q->nx / BLOCK * BLOCK, rest = q->nx - whole;
+    const int mixed = q->kinematic > 0.0;
+    for (int64_t j = 0; j < q->ny; j++) {
+        for (int64_t i = 0; i < whole; i += BLOCK) {
+            if (mixed)
+                block(q, j, i, BLOCK, 1);
+            else
+                block(q, j, i, BLOCK, 0);
+        }
+        if (rest)
+            block(q, j, whole, rest, mixed);
+    }
+}
+
+/* A plane under the sheet pushes each element whose lower face is below it, with a quarter on each corner; the forces
+ * are added to those of the elements. */
+VECTORISED static void planes(const Shell *R q, double offset) {
+    const int64_t nx = q->nx, nn = (nx + 1) * (q->ny + 1), ne = nx * q->ny;
+    for (int64_t j = 0; j < q->ny; j++) {
+        const double *R z = q->position + 2 * nn + j * (nx + 1), *R above = z + nx + 1;
+        const double *R vx = q->velocity + j * (nx + 1), *R vy = vx + nn;
+        const double *R plane = q->support_plane + j * nx, *R area = q->area + j * nx, *R thickness = q->thickness + j * nx;
+        double *R out = q->element_force + j * nx;
+#pragma omp simd
+        for (int64_t i = 0; i < nx; i++) {
+            const double height = 0.25 * (z[i] + z[i + 1] + above[i] + above[i + 1]);
+            const double deep = plane[i] + offset - height + 0.5 * thickness[i];
+            const double quarter = 0.25 * q->contact * area[i] * (deep > 0.0 ? deep : 0.0);
+            const double sx = 0.25 * (vx[i] + vx[i + 1] + vx[i + nx + 1] + vx[i + nx + 2]);
+            const double sy = 0.25 * (vy[i] + vy[i + 1] + vy[i + nx + 1] + vy[i + nx + 2]);
+            const double rub = q->friction * quarter / (sqrt(sx * sx + sy * sy) + q->slip_speed);
+#pragma GCC unroll 4
+            for (int corner = 0; corner < 4; corner++) {
+                double *R o = out + 6 * corner * ne;
+                o[i] += rub * sx, o[ne + i] += rub * sy, o[2 * ne + i] -= quarter;
+            }
         }
     }
 }
@@ -454,17 +553,16 @@ static void support(const Shell *R q, int64_t count, double offset) {
 /* Springs of the clamped edge in the plane; beyond its limit of friction an anchor slides after its node. */
 static void edges(const Shell *R q) {
     const int64_t nn = (q->nx + 1) * (q->ny + 1);
-    for (int64_t n = 0; n < nn; n++) {
-        if (q->spring[n] <= 0.0)
-            continue;
+    for (int64_t k = 0; k < q->spring_size; k++) {
+        const int64_t n = q->spring_node[k];
         double dx = q->position[n] - q->anchor[n], dy = q->position[nn + n] - q->anchor[nn + n];
-        const double size = sqrt(dx * dx + dy * dy), limit = q->spring_limit[n] / q->spring[n];
+        const double size = sqrt(dx * dx + dy * dy), limit = q->spring_limit[k] / q->spring[k];
         if (size > limit) {
             const double kept = limit / size;
             dx *= kept, dy *= kept;
             q->anchor[n] = q->position[n] - dx, q->anchor[nn + n] = q->position[nn + n] - dy;
         }
-        q->force[n] -= q->spring[n] * dx, q->force[nn + n] -= q->spring[n] * dy;
+        q->force[n] -= q->spring[k] * dx, q->force[nn + n] -= q->spring[k] * dy;
     }
 }
 
@@ -472,14 +570,14 @@ VECTORISED static void move(const Shell *R q) {
     const int64_t nn = (q->nx + 1) * (q->ny + 1);
     const double dt = q->step, kept = 1.0 - q->damping * dt;
     const uint8_t *R fixed = q->fixed;
-    const double *R mass = q->mass, *R inertia = q->inertia;
+    const double *R per_mass = q->per_mass, *R per_inertia = q->per_inertia;
     for (int d = 0; d < 3; d++) {
         double *R x = q->position + d * nn, *R v = q->velocity + d * nn, *R w = q->spin + d * nn;
         const double *R f = q->force + d * nn, *R m = q->moment + d * nn;
         const uint8_t bit = (uint8_t)(1 << d);
         for (int64_t n = 0; n < nn; n++) {
-            v[n] = fixed[n] & bit ? 0.0 : kept * v[n] + dt * f[n] / mass[n];
-            w[n] = fixed[n] & 8 ? 0.0 : kept * w[n] + dt * m[n] / inertia[n];
+            v[n] = fixed[n] & bit ? 0.0 : kept * v[n] + dt * f[n] * per_mass[n];
+            w[n] = fixed[n] & 8 ? 0.0 : kept * w[n] + dt * m[n] * per_inertia[n];
             x[n] += dt * v[n];
         }
     }
@@ -494,7 +592,9 @@ void isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smooth
         const double offset = q->support_from + (q->support_to - q->support_from) * ((double)k / (double)steps);
         if (k % LOOK == 1)
             near = near_support(q, offset);
-        elements(q, 0, q->ny);
+        elements(q);
+        if (q->support_plane)
+            planes(q, offset);
         assemble(q);
         for (int t = 0; t < TOOLS; t++) {
             Tool *tool = tools + t;

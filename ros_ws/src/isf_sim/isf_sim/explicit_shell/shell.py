@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from isf_core.types import Array
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
 
 from isf_sim.explicit_shell import library
 from isf_sim.explicit_shell.library import LAYERS, TOOL, TOOLS, ShellStruct
@@ -31,11 +30,11 @@ CONTACT_DAMPING = 0.3
 SMOOTHING = 0.02
 """Share of a new contact force in the one that bends the machine: 50 steps."""
 
-REST_STEPS, LONGEST_REST = 250, 400
-"""Steps between two looks at the kinetic energy of a sheet that comes to rest, and the most of these."""
+REST_STEPS, LONGEST_REST = 1000, 400
+"""Steps between two looks at a sheet that comes to rest, and the most of these."""
 
-SETTLED, CALM_SWINGS = 2.0e-6, 4
-"""m by which a sheet at rest may still move in a swing, and how many such swings in a row are rest."""
+SETTLED, CALM_LOOKS = 2.0e-6, 3
+"""m by which a sheet at rest may be away from equilibrium, and how many looks in a row must find it so."""
 
 PLUNGE = (5.0, 50.0)
 """Across the sheet a tool is slower by the first factor than along it, for it would hit it, and by the second one while
@@ -44,8 +43,8 @@ it touches it: the whole sheet has to follow, and swings through once in some 10
 SLIP_SHARE = 0.02
 """Of the speed of the tools, below which friction fades: a step in it would make the sheet ring."""
 
-NEAR = 8.0e-3
-"""m in the plane, within which the sheet is looked at more closely near the edge of a support."""
+SLIDES = 2.0e-3
+"""m by which the sheet may slide along a support (assumed): as near to its edge, an element is checked at more points."""
 
 TABLE_STEP, TABLE_END = 0.002, 4.0
 """Plastic strain, of the tabulated flow curve."""
@@ -59,6 +58,7 @@ class Sheet:
     ----------
     young_modulus : Pa ; poisson_ratio ; density : kg/m^3 ; thickness : m
     plastic_strain, flow_stress : (n,), (n,) Pa, flow curve, linear between its points, flat after the last
+    kinematic : share of its hardening, 0 to 0.99, that moves the yield surface (Prager 1956) in place of widening it
     """
 
     young_modulus: float
@@ -67,6 +67,7 @@ class Sheet:
     plastic_strain: Array
     flow_stress: Array
     density: float = 2700.0
+    kinematic: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class State:
     ----------
     position, velocity, spin : (3, n) m, m/s, 1/s ; anchor : (2, n) m
     thickness, plastic_work : (e,) m, J ; stress : (3 LAYERS, e) Pa ; plastic_strain : (LAYERS, e)
-    shear : (2, e) Pa ; hourglass : (5, e) N, N m
+    shear : (2, e) Pa ; hourglass : (5, e) N, N m ; back_stress : (3 LAYERS, e) Pa, (0, e) for isotropic hardening
     """
 
     position: Array
@@ -116,6 +117,7 @@ class State:
     shear: Array
     hourglass: Array
     plastic_work: Array
+    back_stress: Array
 
 
 @dataclass
@@ -160,12 +162,13 @@ class ExplicitShell:
         corner = per_area * dx * dy / 4.0
         self._mass = _at_nodes(corner)
         turning = corner * np.maximum(sheet.thickness**2 / 12.0, dx * dy / 8.0)
-        self._inertia = _at_nodes(turning)
+        self._per_mass, self._per_inertia = 1.0 / self._mass, 1.0 / _at_nodes(turning)
         self._hold_edge()
         nodes, elements = self._mass.size, self._area.size
         self._scratch = np.zeros((3, nodes)), np.zeros((3, nodes)), np.zeros((24, elements))
         strain = np.arange(0.0, TABLE_END + TABLE_STEP, TABLE_STEP)
-        self._flow = np.interp(strain, sheet.plastic_strain, sheet.flow_stress)
+        curve = np.interp(strain, sheet.plastic_strain, sheet.flow_stress)
+        self._flow = curve[0] + (1.0 - sheet.kinematic) * (curve - curve[0])
         self._hardening = np.append(np.diff(self._flow) / TABLE_STEP, 0.0)
         self._damping, self._friction = damping, friction
         self._contact = CONTACT_SHARE * sheet.density * sheet.thickness / self.step**2
@@ -195,44 +198,47 @@ class ExplicitShell:
         What is cut off stays in the arrays, without stress and with a thousandth of its thickness.
         """
         self._fixed[:] = 0
-        self._spring[:] = 0.0
+        self._spring_node = self._spring_node[:0]
         self._support = None
         self.tools["radius"] = 0.0
         cut, state = ~kept.ravel(), self.state
         state.thickness[cut] *= 1e-3
-        for stresses in (state.stress, state.shear, state.hourglass):
+        for stresses in (state.stress, state.shear, state.hourglass, state.back_stress):
             stresses[:, cut] = 0.0
 
     def set_support(self, support: Support) -> None:
         """Put a rigid surface under the sheet."""
         heights = np.where(np.isfinite(support.height), support.height, -1e9).astype(float)
-        points = self._points_over(support)
-        support.arrays = (heights, *points, np.empty(points[0].size, dtype=np.int32))
+        plane, *points = self._points_over(support)
+        support.arrays = (heights, plane, *points, np.empty(points[0].size, dtype=np.int32))
         self._support = support
 
-    def _points_over(self, support: Support) -> tuple[NDArray[np.int32], Array, Array]:
-        """Element (k,), weights of its corners (4, k) and area (k,) m^2 of the points that may touch ``support``: one
-        per element where it is a plane, ``points`` squared near its edges and where it is not."""
-        grid_x, grid_y = np.meshgrid(0.5 * (self.x[1:] + self.x[:-1]), 0.5 * (self.y[1:] + self.y[:-1]))
-        rows = np.clip(np.rint((grid_y - support.y0) / support.spacing).astype(int), 0, support.height.shape[0] - 1)
-        columns = np.clip(np.rint((grid_x - support.x0) / support.spacing).astype(int), 0, support.height.shape[1] - 1)
-        around = 2 * round(NEAR / support.spacing) + 1
+    def _points_over(self, support: Support) -> tuple[Array, NDArray[np.int32], Array, Array]:
+        """Height (elements,) m of ``support`` under the elements where it is a plane, -1e9 elsewhere; there, near its
+        edges: element (k,), weights of its corners (4, k) and area (k,) m^2 of ``points`` squared points per element.
+        """
         solid = np.where(np.isfinite(support.height), support.height, -1e9)
-        lowest, highest = minimum_filter(solid, around), maximum_filter(solid, around)
-        near = (highest > -1e8)[rows, columns].ravel()
-        plane = (highest - lowest < 1e-9)[rows, columns].ravel()
-        parts = []
-        for chosen, count in ((near & plane, 1), (near & ~plane, support.points)):
-            elements = np.flatnonzero(chosen).astype(np.int32)
-            u = (np.arange(count) + 0.5) / count
-            u, v = (grid.ravel() for grid in np.meshgrid(u, u))
-            weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
-            area = np.repeat(self._area[elements], count**2) / count**2
-            parts.append((np.repeat(elements, count**2), np.tile(weights, elements.size), area))
-        element, weight, area = (
-            np.ascontiguousarray(np.concatenate(part, axis=-1)) for part in zip(*parts, strict=True)
+        rows, columns = (
+            [slice(*_cells_between(low - SLIDES, high + SLIDES, begin, support.spacing, cells)) for low, high in
+             zip(line[:-1], line[1:], strict=True)]
+            for line, begin, cells in ((self.y, support.y0, solid.shape[0]), (self.x, support.x0, solid.shape[1]))
+        )  # fmt: skip
+        around = [solid[row, column] for row in rows for column in columns]
+        lowest = np.array([part.min(initial=1e9) for part in around])
+        highest = np.array([part.max(initial=-1e9) for part in around])
+        plane, near = highest - lowest < 1e-9, highest > -1e8
+        heights = np.where(near & plane, highest, -1e9)
+        elements = np.flatnonzero(near & ~plane).astype(np.int32)
+        count = support.points
+        u = (np.arange(count) + 0.5) / count
+        u, v = (grid.ravel() for grid in np.meshgrid(u, u))
+        weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+        return (
+            heights,
+            np.repeat(elements, count**2),
+            np.ascontiguousarray(np.tile(weights, elements.size)),
+            np.repeat(self._area[elements], count**2) / count**2,
         )
-        return element, weight, area
 
     # -- motion --------------------------------------------------------------------------------------
 
@@ -263,23 +269,32 @@ class ExplicitShell:
                 tool["felt"] = 0.0
 
     def settle(self, still: float = SETTLED) -> None:
-        """Come to rest with the tools where they are, until a swing moves no point by more than ``still`` m.
+        """Come to rest with the tools where they are, until the sheet is within ``still`` m of equilibrium.
 
-        Velocities are set to zero whenever kinetic energy begins to fall (kinetic damping, Barnes 1999).
+        Adaptive dynamic relaxation (Underwood 1983): damping is critical for the motion that is left, whose frequency
+        is the Rayleigh quotient of what forces and positions changed by between two looks. How far equilibrium is
+        away follows from the forces that are left and this frequency.
         """
         self.tools["begin"] = self.tools["end"]
-        begun, before, swings = self.state.position.copy(), 0.0, 0
         self.state.velocity[:], self.state.spin[:] = 0.0, 0.0
+        self._advance(1, 0.0)
+        free = np.stack([self._fixed & bit == 0 for bit in (1, 2, 4)])
+        position, force = self.state.position.copy(), self._scratch[0] * free
+        frequency, calm = 0.0, 0
         for _ in range(LONGEST_REST):
-            self._advance(REST_STEPS, 0.0)
-            energy = self.kinetic_energy
-            if energy < before:
-                self.state.velocity[:], self.state.spin[:] = 0.0, 0.0
-                moved, begun, energy = float(np.abs(self.state.position - begun).max()), self.state.position.copy(), 0.0
-                swings = swings + 1 if moved < still else 0
-                if swings == CALM_SWINGS:
-                    return
-            before = energy
+            self._advance(REST_STEPS, 2.0 * frequency)
+            moved, change = self.state.position - position, self._scratch[0] * free - force
+            position, force = position + moved, force + change
+            inertia = float((self._mass * moved**2).sum())
+            if inertia == 0.0:
+                return
+            frequency = float(np.sqrt(max(0.0, -float((moved * change).sum())) / inertia))
+            left = np.sqrt(float((force**2 * self._per_mass).sum()) / float(self._mass.sum()))
+            speed = np.sqrt(2.0 * self.kinetic_energy / float(self._mass.sum()))
+            calm = calm + 1 if left <= still * frequency**2 and speed <= still * frequency else 0
+            if calm == CALM_LOOKS:
+                break
+        self.state.velocity[:], self.state.spin[:] = 0.0, 0.0
 
     @property
     def raised(self) -> float:
@@ -331,16 +346,18 @@ class ExplicitShell:
         length = np.zeros(shape)
         length[[0, -1], :] += np.gradient(self.x)
         length[:, [0, -1]] += np.gradient(self.y)[:, None]
-        spring = 0.0 if held else self.edge.spring
-        self._spring = (spring * length).ravel()
-        self._limit = np.where(length > 0.0, np.minimum(self.edge.limit, 1e12) * length, 0.0).ravel()
+        self._spring_node = np.flatnonzero(border & (not held and self.edge.spring > 0.0)).astype(np.int32)
+        self._spring = self.edge.spring * length.ravel()[self._spring_node]
+        self._limit = np.minimum(self.edge.limit, 1e12) * length.ravel()[self._spring_node]
 
     def _struct(self, damping: float) -> ShellStruct:
         """What the kernels need, with the present places of the arrays."""
         sheet, struct = self.sheet, ShellStruct()
         struct.nx, struct.ny, struct.table_size = len(self.x) - 1, len(self.y) - 1, self._flow.size
         struct.young, struct.poisson, struct.step = sheet.young_modulus, sheet.poisson_ratio, self.step
+        struct.spring_size = self._spring_node.size
         struct.damping, struct.table_step, struct.friction = damping, TABLE_STEP, self._friction
+        struct.kinematic = sheet.kinematic
         struct.contact, struct.slip_speed = self._contact, SLIP_SHARE * self.tool_speed
         struct.contact_time = 2.0 * CONTACT_DAMPING * np.sqrt(sheet.density * sheet.thickness / self._contact)
         force, moment, element_force = self._scratch
@@ -349,8 +366,9 @@ class ExplicitShell:
             "force": force,
             "moment": moment,
             "element_force": element_force,
-            "mass": self._mass,
-            "inertia": self._inertia,
+            "per_mass": self._per_mass,
+            "per_inertia": self._per_inertia,
+            "spring_node": self._spring_node,
             "spring": self._spring,
             "spring_limit": self._limit,
             "fixed": self._fixed,
@@ -359,12 +377,12 @@ class ExplicitShell:
             "area": self._area,
         }
         if (support := self._support) is not None:
-            names = ("support_height", "support_element", "support_weight", "support_area", "support_near")
+            names = ("support_height", "support_plane", *(f"support_{name}" for name in ("element", "weight", "area", "near")))
             arrays |= dict(zip(names, support.arrays, strict=True))
             struct.support_ny, struct.support_nx = support.height.shape
             struct.support_x, struct.support_y, struct.support_spacing = support.x0, support.y0, support.spacing
             struct.support_from = struct.support_to = support.offset
-            struct.support_size = support.arrays[1].size
+            struct.support_size = support.arrays[2].size
         for name, array in arrays.items():
             setattr(struct, name, array.ctypes.data)
         return struct
@@ -384,7 +402,13 @@ def _flat(x: Array, y: Array, sheet: Sheet) -> State:
         shear=np.zeros((2, elements)),
         hourglass=np.zeros((5, elements)),
         plastic_work=np.zeros(elements),
+        back_stress=np.zeros((3 * LAYERS if sheet.kinematic > 0.0 else 0, elements)),
     )
+
+
+def _cells_between(low: float, high: float, begin: float, spacing: float, cells: int) -> tuple[int, int]:
+    """First and last + 1 of the points at begin + i spacing m that surround low to high m, of ``cells``."""
+    return max(0, int(np.floor((low - begin) / spacing))), min(cells, int(np.ceil((high - begin) / spacing)) + 1)
 
 
 def _at_nodes(of_corner: Array) -> Array:
