@@ -16,6 +16,7 @@ import time
 
 import numpy as np
 from isf_sim.explicit_shell.grid import graded_lines
+from isf_sim.explicit_shell.library import LANES
 from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet
 
 PLACES = (0.0, 15.0, 30.0)
@@ -24,17 +25,18 @@ PLACES = (0.0, 15.0, 30.0)
 CALCULIX = {400: (1.152, 0.589, 0.342), 880: (2.781, 1.173, 0.666)}
 """N to mm left at PLACES."""
 
-HALF, EVEN, RADIUS = 0.125, 0.03, 5.0e-3
-"""m, half the sheet, half of its even region, radius of the ball."""
+HALF, EVEN, LARGEST, RADIUS = 0.125, 0.015, 6.0e-3, 5.0e-3
+"""m, half the sheet, half of its even region, largest cell, radius of the ball."""
 
 
 def make_shell(cell: float, speed: float) -> ExplicitShell:
     """A flat sheet, 1 mm thick, with the hardening of the reference."""
-    lines = graded_lines(-HALF, HALF, (-EVEN, EVEN), cell, 9e-3)
+    lines = graded_lines(-HALF, HALF, (-EVEN, EVEN), cell, max(cell, LARGEST), LANES)
     strain = np.linspace(0.0, 1.0, 2001)
     sheet = Sheet(70e9, 0.33, 1e-3, strain, 1e6 * (110.0 + 148.0 * (1.0 - np.exp(-strain / 0.06))))
     shell = ExplicitShell(lines, lines, sheet, Edge(1e6), friction=0.05, tool_speed=speed, damping=300.0)
-    shell.hold(np.hypot(*np.meshgrid(lines, lines)) > HALF - 1e-4)
+    # held nodes begin half a cell inside the circle, so that the steps of the edge are as much inside as outside
+    shell.hold(np.hypot(*np.meshgrid(lines, lines)) > HALF - 0.5 * (lines[1] - lines[0]))
     shell.set_tool(0, Ball(RADIUS), np.array([0.0, 0.0, 0.5e-3]))
     return shell
 
@@ -60,7 +62,7 @@ def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--cell", type=float, default=2.5, help="mm")
+    parser.add_argument("--cell", type=float, default=1.0, help="mm")
     parser.add_argument("--speed", type=float, default=5.0, help="m/s of a ball along the sheet, a fiftieth of it down")
     options = parser.parse_args()
     found = {}

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import griddata
 
 from isf_sim.explicit_shell.grid import graded_lines
+from isf_sim.explicit_shell.library import LANES
 from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet, Support
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import kept_by_trimming
@@ -86,7 +87,9 @@ class FormedSheet:
         even = _part_region(job_file, job.tool_1.radius)
         cell = coarseness * max(constants.shell_cell, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
         x, y = (
-            graded_lines(-0.5 * size, 0.5 * size, _inside(region, size), cell, coarseness * constants.shell_flange_cell)
+            graded_lines(
+                -0.5 * size, 0.5 * size, _inside(region, size), cell, coarseness * constants.shell_flange_cell, LANES
+            )
             for size, region in zip(rig.clamp.size, even, strict=True)
         )
         fixed = rig.clamp.edge == "fixed"
@@ -97,7 +100,7 @@ class FormedSheet:
             _sheet_of(material, thickness, world.force_level),
             Edge(spring),
             friction=material.friction * world.friction,
-            tool_speed=haste * constants.shell_speed,
+            tool_speed=haste * (constants.shell_speed if job.tool_2 else constants.shell_speed_alone),
             damping=constants.shell_damping,
         )
         self.shell.state.position[2] = -0.5 * thickness

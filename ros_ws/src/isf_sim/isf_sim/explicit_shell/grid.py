@@ -37,11 +37,12 @@ def _grown(length: float, cell: float, largest: float) -> Array:
     if length < 0.25 * cell:
         return np.empty(0) if length == 0.0 else np.zeros(1)
     steps: list[float] = []
-    size = cell
-    while sum(steps) < length:
+    size, total = cell, 0.0
+    while total < length:
         size = min(size * GROWTH, largest)
         steps.append(size)
+        total += size
     if len(steps) > 1 and sum(steps) - length > 0.5 * steps[-1]:
         steps.pop()
     places = np.cumsum(steps) * (length / sum(steps))
-    return np.asarray(length - places)
+    return np.append(length - places[:-1], 0.0)

@@ -17,6 +17,9 @@ LAYERS = 5
 
 TOOLS = 2
 
+LANES = 8
+"""Elements that vector code computes at once: a row of another number of them has a slow rest."""
+
 _double, _long, _pointer = ctypes.c_double, ctypes.c_int64, ctypes.c_void_p
 
 
