@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
-from isf_core.events import Event
+from isf_core.events import Event, torn
 from isf_core.geometry.height_map import HeightMap
 
 from isf_analysis.measures.contour_scan import ContourScan
@@ -85,7 +85,9 @@ class PartRecord:
         return self.correction not in ("", "none")
 
     def failure(self) -> tuple[int, str] | None:
-        """Code and text of what ended the part early; code 0 when it is unknown; None for a whole part."""
+        """Code and text of what ended the part early, or tore it; code 0 when unknown; None for a whole part."""
+        if (lost := torn(self.events)) is not None:
+            return int(lost.code), lost.message
         for result in self.results:
             if not result.completed:
                 return int(result.code), f"{contour_label(result.index)}: {result.message or 'not completed'}"

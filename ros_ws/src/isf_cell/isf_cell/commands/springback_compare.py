@@ -9,6 +9,7 @@ from typing import Any
 from isf_analysis.measures.deviation import Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import torn
 from isf_core.files.job import load_job
 from isf_planner import plan
 from isf_springback.database.database import cached_path, database_of
@@ -67,11 +68,11 @@ def _deviation(record: PartRecord) -> Deviation | None:
 
 def _row(name: str, record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
     """Numbers of one method; mm, N, ms."""
-    last = record.results[-1]  # a completed contour may carry the code of a warning
+    last, lost = record.results[-1], torn(record.events)  # a completed contour may carry the code of a warning
     row: dict[str, Any] = {
         "method": name,
         "contours": len(record.results),
-        "code": 0 if last.completed else int(last.code),
+        "code": int(lost.code) if lost else 0 if last.completed else int(last.code),
     }
     for region in ("wall_and_base", "wall", "base", "rim"):
         errors = None if deviation is None else deviation.regions[region]

@@ -12,6 +12,7 @@ from typing import TypeVar
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import torn
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.measurements.measurement import AtRest, Measurement
@@ -184,6 +185,10 @@ class InProcessCell:
             code, text = self._controller.fault
             self.results[-1] = replace(self.results[-1], completed=False, code=int(code), message=text)
             raise IsfError(code, text)
+
+    def torn(self) -> IsfError | None:
+        """As in the protocol."""
+        return torn(self.machine.events)
 
     def explain(self, error: IsfError) -> IsfError:
         """Nothing else can be known."""

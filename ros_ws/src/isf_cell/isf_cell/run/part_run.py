@@ -45,7 +45,10 @@ class PartRun:
         return sum(result.completed for result in self.results)
 
     def run(self) -> IsfError | None:
-        """Form the part; why it ended early, None when it is complete. Never raises IsfError."""
+        """Form the part; why it ended early or is lost, None when it is complete. Never raises IsfError.
+
+        A part whose sheet tears ends after the contour.
+        """
         error: IsfError | None = None
         try:
             self._form()
@@ -92,6 +95,8 @@ class PartRun:
         if not formed.result.completed:
             raise IsfError(ErrorCode(formed.result.code), formed.result.message, where=contour_label(index))
         self._operator.formed(PartStep.of(formed.nominal, formed.correction, formed.result))
+        if (lost := self._cell.torn()) is not None:
+            raise lost
         return formed
 
     def _pause_before(self, index: int, count: int) -> None:

@@ -11,7 +11,7 @@ import time
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES, JobFile
-from isf_core.files.material import YIELD_STRAIN, Material, flow_curve
+from isf_core.files.material import YIELD_STRAIN, Material, flow_curve, forming_limit
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
@@ -20,6 +20,7 @@ from scipy.interpolate import griddata
 
 from isf_sim.explicit_shell.grid import graded_lines
 from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet, Support
+from isf_sim.explicit_shell.strength import Strength
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import kept_by_trimming
 from isf_sim.sheet.surface import Surface
@@ -54,7 +55,8 @@ class FormedSheet:
     ----------
     shell : ExplicitShell ; thickness : m, of the flat blank ; cpu : s of the processor spent on it
     raised : m by which the support shall stand higher after the next move (TPIF: the blank holder came down)
-    largest_kinetic : J, largest kinetic energy so far ; strain : ln(t0 / t) beside the tool when it was judged last
+    largest_kinetic : J, largest kinetic energy so far
+    strength : of the sheet, and what of it is used up
 
     Raises
     ------
@@ -109,8 +111,9 @@ class FormedSheet:
             self.shell.set_tool(1, Ball(job.tool_2.radius, -1, compliance=tuple(compliance)), -far)
         if support is not None:
             self.shell.set_support(Support(support, surface.x0, surface.y0, surface.h))
+        self.strength = Strength(self.shell, forming_limit(material), constants.window_radii * job.tool_1.radius)
         self._asleep = True
-        self.cpu = self.largest_kinetic = self.strain = self.raised = 0.0
+        self.cpu = self.largest_kinetic = self.raised = 0.0
 
     def move(self, tips: Array) -> Array:
         """Move the tools straight to ``tips`` (2, 3) m; forces (2, 3) N of the sheet on them.
@@ -176,20 +179,6 @@ class FormedSheet:
         i = np.clip(np.searchsorted(shell.x, surface.x0 + surface.h * np.arange(nx)) - 1, 0, strained.shape[1] - 1)
         j = np.clip(np.searchsorted(shell.y, surface.y0 + surface.h * np.arange(ny)) - 1, 0, strained.shape[0] - 1)
         return strained[np.ix_(j, i)].astype(np.int8)
-
-    def thinning(self, tip: Array, reach: float) -> tuple[float, Array]:
-        """Largest ln(t0 / t) within ``reach`` m of ``tip`` (3,) m in the plane, and its place (3,) m."""
-        shell = self.shell
-        position = shell.state.position.reshape(3, len(shell.y), len(shell.x))
-        middle = 0.25 * (position[:, 1:, 1:] + position[:, 1:, :-1] + position[:, :-1, 1:] + position[:, :-1, :-1])
-        middle = middle.reshape(3, -1)
-        near = np.hypot(middle[0] - tip[0], middle[1] - tip[1]) < reach
-        if not near.any():
-            return 0.0, np.zeros(3)
-        chosen = np.flatnonzero(near)
-        thinnest = chosen[np.argmin(shell.state.thickness[chosen])]
-        strain = float(np.log(self.thickness / shell.state.thickness[thinnest]))
-        return strain, np.asarray(middle[:, thinnest])
 
     def values(self) -> dict[str, object]:
         """For a summary: what stands behind the numbers of a run."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.files.job import JobFile
+from isf_core.files.material import forming_limit
 from isf_core.types import Array
 
 from isf_sim.machine import tick as mt
@@ -99,7 +100,7 @@ def make_parts(
         event_limits=event_limits(
             # accumulative forming squeezes with up to 1500 N (Ren 2018, 3.2.4); no limit of chips is published for it
             math.inf if job.process == "ADSIF" else material.tensile_strength * world.force_level,
-            job.wall_angle_limit or material.max_wall_angle,
+            forming_limit(material),
             min(job.tool_1.radius, job.tool_2.radius if job.tool_2 else job.tool_1.radius),
             plant.thickness,
             rate,

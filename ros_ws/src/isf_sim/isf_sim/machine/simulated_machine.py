@@ -28,6 +28,7 @@ from isf_sim.machine.events import (
     BUCKLES,
     LIMITED,
     NEVER,
+    EventBounds,
     EventWatch,
     TickFacts,
     conditions,
@@ -62,7 +63,7 @@ HOLDER_STEP = 0.1e-3
 """m of blank holder after which the sheet is brought over the die anew."""
 MAXIMUM_EVENTS = 1000
 THINNING_TICKS = 25
-"""Ticks between two looks at the thinning of the elasto-plastic sheet."""
+"""Ticks between two looks at the strains of the elasto-plastic sheet."""
 
 
 class SimulatedMachine:
@@ -422,6 +423,7 @@ class SimulatedMachine:
         path[TRAVELLED] += float(np.linalg.norm(axes.tips[0] - before))
         try:
             axes.force_1[:], axes.force_2[:] = shell.move(axes.tips)
+            shell.strength.note(shell.shell, float(path[TRAVELLED]))
         except IsfError as error:
             self.latch(error.code, error.message)
             axes.force_1[:] = axes.force_2[:] = 0.0
@@ -432,11 +434,11 @@ class SimulatedMachine:
             upper, lower = axes.tips + np.array([[0.0, 0.0, bounds.upper], [0.0, 0.0, -bounds.lower]])
             gap = float(np.linalg.norm(upper - lower)) - bounds.upper - bounds.lower
         if self.tick_count % THINNING_TICKS == 0:
-            shell.strain = shell.thinning(axes.tips[0], 2.0 * bounds.upper)[0]
+            shell.strength.judge(shell.shell, axes.tips[0], 2.0 * bounds.upper)
         support = float(np.linalg.norm(axes.force_2))
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
         saturated = int(axes.saturated[0])
-        bits = judge(float(axes.force_1[2]), support, gap, shell.strain, 0.0, saturated, clipped, bounds)
+        bits = judge(float(axes.force_1[2]), support, gap, shell.strength.strain, 0.0, saturated, clipped, bounds)
         return bits | (LIMITED if axes.flags[0] else 0)
 
     def _check_limits(self) -> None:
@@ -453,10 +455,13 @@ class SimulatedMachine:
         if kinds and len(self.events) < MAXIMUM_EVENTS:
             buckles = float(self._adsif.local[1]) if self._adsif is not None and bits & BUCKLES else math.nan
             time = self.tick_count / self.control_rate
-            facts = tick_facts(time, self._axes, self.plant, self._squeeze, buckles=buckles, clipped=clipped)
+            facts = tick_facts(
+                time, self._axes, self.plant, self._squeeze, self._bounds, buckles=buckles, clipped=clipped
+            )
             if self._shell is not None:
-                strain, place = self._shell.thinning(self._axes.tips[0], 2.0 * self.plant.radius)
-                facts = facts._replace(strain=strain, thinnest=(float(place[0]), float(place[1]), float(place[2])))
+                strength = self._shell.strength
+                x, y, z = strength.place.tolist()
+                facts = facts._replace(strain=strength.strain, thinnest=(x, y, z))
             self.events += [event_of(kind, facts, self._watch.limits) for kind in kinds]
         if clipped >= LARGEST_CLIPPED and not self.faults:
             self.latch(
@@ -620,7 +625,7 @@ def millimetres(position: Array) -> str:
 
 
 def tick_facts(
-    time: float, axes: Axes, plant: SheetPlant, squeeze: Squeeze, *, buckles: float, clipped: int
+    time: float, axes: Axes, plant: SheetPlant, squeeze: Squeeze, bounds: EventBounds, *, buckles: float, clipped: int
 ) -> TickFacts:
     """Facts after the tick at ``time`` s."""
     contact = plant.contact
@@ -631,7 +636,7 @@ def tick_facts(
     fx, fy, fz = on_support.tolist()
     strain, place = 0.0, np.zeros(3)
     if contact.axial[0] > 0.0:
-        strain = float(wall_strain(plant.surface, contact, squeeze, plant.radius, plant.thickness, fz, place))
+        strain = float(wall_strain(plant.surface, contact, squeeze, plant.radius, fz, bounds, place))
     return TickFacts(
         time=time,
         forming=tuple(forming),

@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from isf_core.files.material import Material
+from isf_core.files.material import Material, forming_limit
 from isf_core.files.rig import Clamp
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
@@ -235,7 +235,7 @@ class SheetPlant:
 
     def limit_margin(self) -> Array:
         """(ny, nx), thinning ln(t0 / t) that is left before the forming limit; negative beyond it."""
-        return limit_margin(self.thickness_map(), self.thickness, self.material.max_wall_angle)
+        return limit_margin(self.thickness_map(), self.thickness, forming_limit(self.material).strain)
 
     def forget_solutions(self) -> None:
         """Drop the control points: the sheet is loaded in another way from now on."""
