@@ -12,7 +12,7 @@ import numpy as np
 from isf_analysis.figures import style
 from isf_core.types import Array
 from isf_sim.plant_constants import PlantConstants, provenance
-from isf_sim.world import STANDARD_WORLDS, make_world
+from isf_sim.variant import STANDARD_VARIANTS, make_variant
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "results"
 DATA = Path(__file__).with_name("validation_rows.json")
@@ -69,7 +69,7 @@ def write(
     )
     notes = [f"Not run yet: {', '.join(missing)}.\n"] if missing else []
     parts = [HEAD, _table(rows), _counts(rows), *earlier, *notes, *pictures]
-    parts += [_CONSTANTS_HEAD, _constants(), _EVENTS, _WORLDS_HEAD, _worlds(), _LIMITS]
+    parts += [_CONSTANTS_HEAD, _constants(), _EVENTS, _VARIANTS_HEAD, _variants(), _LIMITS]
     (DOCS / "validation.md").write_text("\n".join(parts), encoding="utf-8")
 
 
@@ -147,22 +147,23 @@ at the ribs of a pyramid and at the bottom of a cone; the cone that is formed fo
 apart.
 """
 
-_WORLDS_HEAD = """## Standard set of off-nominal worlds
+_VARIANTS_HEAD = """## Variants 1 to 20
 
-Controllers are scored on worlds 1 to 20 of seed 0 (`isf_sim.world.STANDARD_WORLDS`), never on the nominal one alone.
+Controllers are scored on these (seed 0, `isf_sim.variant.STANDARD_VARIANTS`), never on the nominal one alone; others
+differ in [structure](../methods/machine.md#variants).
 Factors on the nominal constants; edge spring in N/mm^2; registration of a scanner in mm and deg.
 The yield strength acts through the flow stress alone, its mean with the tensile strength: on the stiffness of the
 squeeze between the tools and of the sheet between tool and die. The sheet between tool and clamp never yields.
 """
 
 
-def _worlds() -> str:
+def _variants() -> str:
     lines = [
-        "| world | E | t | force | friction | compliance | cell | edge | yield | registration x, y, z, turn |",
+        "| variant | E | t | force | friction | compliance | cell | edge | yield | registration x, y, z, turn |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for number in STANDARD_WORLDS:
-        w = make_world(number)
+    for number in STANDARD_VARIANTS:
+        w = make_variant(number)
         shift = ", ".join(f"{1e3 * v:+.2f}" for v in (w.registration_x, w.registration_y, w.registration_z))
         lines.append(
             f"| {number} | {w.young_modulus:.3f} | {w.thickness:.3f} | {w.force_level:.3f} | {w.friction:.3f} | "

@@ -78,7 +78,7 @@ def form(
         process=job_file.job.process,
         correction=options.method(job_file),
         support_force=options.set_point(job_file),
-        world=options.world,
+        variant=options.variant,
         seed=options.seed,
         control_rate=job_file.job.control.rate,
         lockstep=False,

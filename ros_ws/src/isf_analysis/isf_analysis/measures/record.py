@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.events import Event, torn
 from isf_core.geometry.height_map import HeightMap
+from isf_core.simulated_sheet import SEALED_VARIANTS
 
 from isf_analysis.measures.contour_scan import ContourScan
 
@@ -26,7 +27,7 @@ class PartRecord:
     process : SPIF, TPIF, DSIF or ADSIF
     correction : springback method in use ("none": nothing was corrected)
     support_force : N, set-point in use; 0 = position control
-    world, seed : simulated plant; world -1 = a real machine
+    variant, seed : of the simulated plant; variant -1 = a real machine
     control_rate : Hz
     lockstep : run in lockstep with a simulated machine
     software : version of the software that formed the part
@@ -47,7 +48,7 @@ class PartRecord:
     process: str
     correction: str
     support_force: float
-    world: int
+    variant: int
     seed: int
     control_rate: float
     lockstep: bool
@@ -78,6 +79,11 @@ class PartRecord:
     def formed(self) -> int:
         """Number of contours of which every point was reached."""
         return sum(result.completed for result in self.results)
+
+    @property
+    def sealed(self) -> bool:
+        """True for a variant that is kept to publish results with."""
+        return self.variant in SEALED_VARIANTS
 
     @property
     def corrects(self) -> bool:

@@ -28,7 +28,7 @@ class ReferenceRun:
         self.folder = folder
         self._log = folder.with_suffix(".log")
         command = [sys.executable, "-m", "isf_cell.cli", "simulate", str(job), "--correction", UNCORRECTED]
-        command += ["--no-compare", "--world", str(options.world), "--seed", str(options.seed), "-o", str(folder)]
+        command += ["--no-compare", "--variant", str(options.variant), "--seed", str(options.seed), "-o", str(folder)]
         command += ["--sheet", options.sheet]
         if options.support_force is not None:
             command += ["--support-force", repr(options.support_force)]

@@ -163,7 +163,7 @@ class GraphCell:
             new_blank=goal.first_index == 0,
             job_text=goal.job_file.text,
             base_folder=str(goal.job_file.base),
-            world=goal.options.world,
+            world=goal.options.variant,
             seed=goal.options.seed,
             sheet=goal.options.sheet,
         )
@@ -202,7 +202,7 @@ class GraphCell:
     def arm(self, goal: PartGoal, planned: PlannedPart) -> None:
         """As in the protocol; the force controller may first have to hear the machine, just activated."""
         base, options = str(goal.job_file.base), goal.options
-        self._sensor = goal.job_file.job.springback.scan_sensor
+        self._sensor = goal.options.scans_with_sensor(goal.job_file)
         self._client.set_parameter("springback", "base_folder", base, self.check)
         self._client.set_parameter("springback", "method", goal.method, self.check)
         self._publishers.publish_info(self._info(goal, planned))
@@ -381,7 +381,7 @@ class GraphCell:
             process=job.process,
             correction=goal.method,
             support_force=float(options.set_point(goal.job_file)),
-            world=options.world,
+            world=options.variant,
             seed=options.seed,
             sheet=options.sheet,
             control_rate=float(job.control.rate),

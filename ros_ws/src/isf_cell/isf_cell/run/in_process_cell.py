@@ -85,7 +85,7 @@ class InProcessCell:
     def reset(self, goal: PartGoal) -> None:
         """A new machine with a fresh blank, unless one was given."""
         self.machine = self._given or SimulatedMachine(
-            goal.job_file, world=goal.options.world, seed=goal.options.seed, sheet=goal.options.sheet
+            goal.job_file, variant=goal.options.variant, seed=goal.options.seed, sheet=goal.options.sheet
         )
 
     def tare(self) -> None:
@@ -107,7 +107,7 @@ class InProcessCell:
         self._controller = ForceController(ControlConfig.from_job(job_file, support_force=goal.options.support_force))
         tips = sample.tip_1.tolist(), sample.tip_2.tolist()
         self._controller.arm(planned.plan_id, goal.first_index, planned.count, *tips)
-        self._sensor = job_file.job.springback.scan_sensor
+        self._sensor = goal.options.scans_with_sensor(job_file)
 
     def form_contour(self, index: int) -> FormedContour:
         """As in the protocol."""

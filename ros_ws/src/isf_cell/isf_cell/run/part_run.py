@@ -118,7 +118,7 @@ class PartRun:
             return
         goal, planned = self._goal, self.planned
         name, options = goal.job_file.job.name, goal.options
-        Checkpoint(name, planned.plan_id, next_index, planned.count, goal.method, options.world, options.seed).write(
+        Checkpoint(name, planned.plan_id, next_index, planned.count, goal.method, options.variant, options.seed).write(
             self._checkpoint
         )
 
@@ -132,7 +132,7 @@ class Checkpoint:
     next_index: int
     count: int
     correction: str
-    world: int
+    variant: int
     seed: int
 
     def write(self, path: Path) -> None:

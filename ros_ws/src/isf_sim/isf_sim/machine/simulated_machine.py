@@ -50,7 +50,7 @@ from isf_sim.sheet.sheet_plant import SheetPlant
 from isf_sim.sheet.sheet_point import DONE, TRAVELLED
 from isf_sim.sheet.squeeze import Squeeze, no_squeeze
 from isf_sim.sheet.turned_sheet import pressing_tip, turn_over
-from isf_sim.world import World, make_world
+from isf_sim.variant import Variant, make_variant
 
 __all__ = ["LIMIT_FORCE", "LIMIT_SPEED", "LIMIT_TRAVEL", "MachineSample", "SimulatedMachine"]
 
@@ -67,11 +67,11 @@ THINNING_TICKS = 25
 
 
 class SimulatedMachine:
-    """A machine with a fresh blank for ``job_file``, tools parked; deterministic for (job, world, seed).
+    """A machine with a fresh blank for ``job_file``, tools parked; deterministic for (job, variant, seed, blank).
 
     Attributes
     ----------
-    control_rate : Hz ; tick_count : ticks since the blank was clamped ; world : World
+    control_rate : Hz ; tick_count : ticks since the blank was clamped ; variant : Variant
     faults : latched faults (code, text), oldest first ; limits : flags of limits hit since the last reset
     events : what happened to the part, oldest first ; tared : True after :meth:`tare`
     holder_height : m, blank holder over its start (TPIF: negative as the sheet comes down over the die)
@@ -81,16 +81,18 @@ class SimulatedMachine:
         self,
         job_file: JobFile,
         *,
-        world: int = 0,
+        variant: int = 0,
         seed: int = 0,
+        blank: int = 0,
         constants: PlantConstants | None = None,
         sheet: SheetKind = "fast",
     ) -> None:
         job, rig = job_file.job, job_file.rig
         self.job_file = job_file
-        self.world_number, self.seed = world, seed
-        self.world: World = make_world(world, seed)
-        self.plant_constants = constants = constants or PlantConstants()
+        self.variant_number, self.seed, self.blank = variant, seed, blank
+        self.variant: Variant = make_variant(variant, seed, blank)
+        self.plant_constants = constants or PlantConstants()
+        constants, plant_file = self.variant.constants(self.plant_constants), self.variant.plant_file(job_file)
         self.control_rate = job.control.rate
         self.tick_count = 0
         self.faults: list[tuple[ErrorCode, str]] = []
@@ -99,9 +101,9 @@ class SimulatedMachine:
         self.tared = False
         self.holder_height = 0.0
         park_1, park_2 = np.array([0.0, 0.0, rig.park_height]), np.array([0.0, 0.0, -rig.park_height])
-        self._generator = np.random.default_rng([seed % 2**63, world])
-        self._more_generator = np.random.default_rng([seed % 2**63, world, 1])
-        parts = make_parts(job_file, self.world, constants, park_1, self._generator)
+        self._generator = np.random.default_rng([seed % 2**63, variant])
+        self._more_generator = np.random.default_rng([seed % 2**63, variant, 1])
+        parts = make_parts(plant_file, self.variant, constants, park_1, self._generator)
         self.plant: SheetPlant = parts.plant
         self._support = parts.support
         self.sheet_kind: SheetKind = sheet
@@ -109,7 +111,14 @@ class SimulatedMachine:
         if sheet != "fast":
             plant = self.plant
             self._shell = FormedSheet(
-                job_file, sheet, plant.material, plant.thickness, self.world, constants, plant.surface, parts.support
+                plant_file,
+                sheet,
+                plant.material,
+                plant.thickness,
+                self.variant,
+                constants,
+                plant.surface,
+                parts.support,
             )
         self._constants, self._turned_constants = parts.constants
         self._cell_1, self._cell_2 = parts.cells
@@ -276,7 +285,7 @@ class SimulatedMachine:
             surface.formed[...] = shell.formed(surface)
             shape = None if clamped else shell.measured_shape(shell.released(surface))
         points = measured_points(
-            shape or self.measured_shape(), surface, tips, self._radii, self.world, self._more_generator, clamped
+            shape or self.measured_shape(), surface, tips, self._radii, self.variant, self._more_generator, clamped
         )
         if duration:
             for _ in range(round(SCAN_TIME * self.control_rate)):
@@ -496,7 +505,7 @@ class SimulatedMachine:
 
 @dataclass
 class MachineState:
-    """Everything of a machine that changes while it runs; what is not here follows from job, world and seed.
+    """Everything of a machine that changes while it runs; what is not here follows from job, variant and seed.
 
     A change of these fields, or of the objects in them, counts :data:`isf_sim.machine.state.VERSION` up.
 
