@@ -110,9 +110,9 @@ def form(case: Loops) -> tuple[Seen, Deviation, int, int]:
     assert old in text
     job_file = JobFile(text.replace(old, f"compliance_compensation: {case.factor}"), JOBS, case.job)
     part = plan(job_file)
-    machine = SimulatedMachine(job_file, world=case.world)
+    machine = SimulatedMachine(job_file, variant=case.world)
     machine.tare()
-    compliance = np.array(job_file.rig.tool_1.compliance[:2]) * machine.world.compliance
+    compliance = np.array(job_file.rig.tool_1.compliance[:2]) * machine.variant.compliance
     method = make_corrector(case.correction, job_file)
     controller = ForceController(ControlConfig.from_job(job_file, support_force=case.force))
     sample = machine.sample()

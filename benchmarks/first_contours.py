@@ -50,7 +50,7 @@ def run(case: Case, method: str, first_contour: str) -> str:
     job_file, name = job_of(case)
     springback = job_file.job.springback.model_copy(update={"first_contour": first_contour})
     job_file.job = job_file.job.model_copy(update={"springback": springback})
-    options = RunOptions(correction=name, world=case.world, seed=0)
+    options = RunOptions(correction=name, variant=case.world, seed=0)
     record = in_process.form(job_file, options, part_plan=plan_for(job_file, method))
     last = record.results[-1]
     if not last.completed:

@@ -117,7 +117,7 @@ def form(case: Case) -> Ticks:
     """Ticks of a part."""
     job_file = JobFile(job_text(case.job), JOBS, case.job)
     part = plan(job_file)
-    machine = SimulatedMachine(job_file, world=case.world)
+    machine = SimulatedMachine(job_file, variant=case.world)
     machine.tare()
     method = make_corrector(case.correction, job_file)
     controller = ForceController(

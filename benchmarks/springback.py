@@ -107,7 +107,7 @@ def run(case: Case) -> dict[str, Any]:
     job_file, name = job_of(case)
     if case.method.endswith(PUSHED):
         with_database(job_file)
-    record = in_process.form(job_file, RunOptions(correction=name, world=case.world, seed=0))
+    record = in_process.form(job_file, RunOptions(correction=name, variant=case.world, seed=0))
     row: dict[str, Any] = {**vars(case), "contours": len(record.results), "code": int(record.results[-1].code)}
     if record.scan is None or record.target is None:
         return row

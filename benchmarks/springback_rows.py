@@ -108,7 +108,7 @@ def run(case: Case, name: str, digest: str, maps: Path) -> dict[str, Any]:
         if case.method.endswith(PUSHED):
             with_database(job_file)
         # the standard worlds are those of seed 0
-        record = in_process.form(job_file, RunOptions(correction=method, world=case.world, seed=0))
+        record = in_process.form(job_file, RunOptions(correction=method, variant=case.world, seed=0))
     except IsfError as error:
         return {**row, "code": int(error.code), "message": str(error), "contours": 0, "planned": 0}
     row["wall_s"], row["cpu_s"] = round(time.perf_counter() - started, 1), round(time.process_time() - used, 1)

@@ -9,7 +9,7 @@ import numpy as np
 from isf_cell.in_process import form
 from isf_cell.options import RunOptions
 from isf_core.files.job import BackingPlateSpec, JobFile, load_job
-from isf_core.files.material import load_material
+from isf_core.files.material import forming_limit, load_material
 from isf_core.files.rig import load_rig
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
@@ -18,7 +18,7 @@ from isf_sim.sheet import adsif
 from isf_sim.sheet.control_points import HEIGHT
 from isf_sim.sheet.sheet_plant import SheetPlant
 from isf_sim.sheet.support_surface import plate_heights
-from isf_sim.sheet.thickness import thinning_up_the_wall
+from isf_sim.sheet.thickness import strain_up_the_wall
 from isf_sim.shell.shell import Elastic, Shell
 from plant_validation import SECTIONS, row, tool_circle
 
@@ -70,26 +70,26 @@ def stable_angles() -> None:
 
 def process_limits() -> None:
     """Chips, fracture: limits of the events."""
-    limit = event_limits(load_material("AA1100-O").tensile_strength, 1.1, 4.5e-3, 1e-3, 500.0).galling
+    soft = load_material("AA1100-O")
+    limit = event_limits(soft.tensile_strength, forming_limit(soft), 4.5e-3, 1e-3, 500.0).galling
     for horizontal, reported in ((120.0, "none"), (200.0, "chips")):
         force = horizontal / math.sin(math.radians(65.0))
         found = "chips" if force > limit else "none"
         check = [(float(found == reported), 1.0)]
         row(f"AA1100-O, R 4.5 mm, support force {horizontal:.0f} N", reported, found, "C", check)
-    for name, angles, reported, tag in (
-        ("AA1050", (45.0,), "formed", "C"),
-        ("AA1050", (70.0,), "torn", "C"),
-        ("AA3103", (60.0,), "formed", "A"),
-        ("AA3103", (65.0,), "formed", "A"),
-        ("AA3103", (60.0, 68.0, 76.0), "formed", "A"),
-        ("AA3103", (60.0, 67.0, 73.0, 80.0), "torn", "A"),
+    for name, thickness, step, angles, reported, tag in (
+        ("AA1050", 1e-3, 0.5e-3, (45.0,), "formed", "C"),
+        ("AA1050", 1e-3, 0.5e-3, (70.0,), "torn", "C"),
+        ("AA3103", 1.5e-3, 1e-3, (60.0,), "formed", "A"),
+        ("AA3103", 1.5e-3, 1e-3, (65.0,), "formed", "A"),
+        ("AA3103", 1.5e-3, 1e-3, (60.0, 68.0, 76.0), "formed", "C"),
+        ("AA3103", 1.5e-3, 1e-3, (60.0, 67.0, 73.0, 80.0), "torn", "C"),
     ):
-        material = load_material(name)
-        limits = event_limits(material.tensile_strength, material.max_wall_angle, 5e-3, 1.5e-3, 500.0)
-        strain = wall_thinning(name, angles)
-        found = "torn" if strain > limits.fracture else "formed"
+        borne = forming_limit(load_material(name)).strain
+        thinning, strain = wall_strains(name, angles, thickness, 5e-3, step)
+        found = "torn" if strain > borne else "formed"
         passes = {1: "one pass", 3: "three passes", 4: "four passes"}[len(angles)]
-        text = f"{found}, ln(t0/t) {strain:.2f} of {limits.fracture:.2f}"
+        text = f"{found}, strain {strain:.2f} of {borne:.2f}, ln(t0/t) {thinning:.2f}"
         row(f"{name}, wall of {angles[-1]:.0f} deg in {passes}", reported, text, tag, [(float(found == reported), 1.0)])
 
 
@@ -103,20 +103,30 @@ class RigidSheet(SheetPlant):
         points.displacement[0], points.force[0], points.exponent[0] = 0.0, 500.0, 1.0
 
 
-def wall_thinning(material: str, angles: tuple[float, ...]) -> float:
-    """Median ln(t0 / t) beside a tool of R 5 mm on the last circles of a cone, 20 mm deep, one pass per angle, deg."""
-    clamp = load_rig("behera2015").clamp.model_copy(update={"size": (0.12, 0.12)})
-    plant = RigidSheet(clamp, load_material(material), 1.5e-3, 5e-3, 0.5e-3, (0.0, 0.0, 0.0))
-    found, place = [], np.empty(3)
+def wall_strains(
+    name: str, angles: tuple[float, ...], thickness: float, radius: float, step: float, opening: float = 40e-3
+) -> tuple[float, float]:
+    """Medians of ln(t0 / t) and of the strain with bends, as the forming limit counts it, beside a tool on the last
+    circles of a cone, half as deep as its ``opening``, one pass per angle; m, deg."""
+    clamp = load_rig("behera2015").clamp.model_copy(update={"size": (3.0 * opening, 3.0 * opening)})
+    material = load_material(name)
+    plant = RigidSheet(clamp, material, thickness, radius, step, (0.0, 0.0, 0.0))
+    found, place, depth = [], np.empty(3), 0.5 * opening
+    limit = forming_limit(material)
+    bent = 0.5 * thickness * limit.bending_share
     for angle in angles:
-        for depth in np.arange(0.5e-3, 20.1e-3, 0.5e-3):
-            r = float(tool_circle(depth, 40e-3, math.radians(angle), 5e-3))
+        for z in np.arange(step, depth + 1e-6, step):
+            r = float(tool_circle(z, opening, math.radians(angle), radius))
             for turn in np.arange(0.0, 2 * np.pi, 0.8e-3 / r):
-                plant.move(np.array([r * np.cos(turn), r * np.sin(turn), -depth]), np.zeros(2))
+                plant.move(np.array([r * np.cos(turn), r * np.sin(turn), -z]), np.zeros(2))
                 tip, wall = plant.contact.formed_tip, plant.contact.wall
-                if angle == angles[-1] and depth > 15e-3:
-                    found.append(thinning_up_the_wall(plant.surface, tip[0], tip[1], wall, 5e-3, place))
-    return float(np.median(found))
+                if angle == angles[-1] and z > 0.75 * depth:
+                    of_tool = plant.surface, tip[0], tip[1], wall, radius
+                    found.append(
+                        [strain_up_the_wall(*of_tool, *kind, place) for kind in ((1.0, 0.0), (limit.slope, bent))]
+                    )
+    thinning, strain = np.median(found, axis=0)
+    return float(thinning), float(strain)
 
 
 def as_published(name: str, method: str) -> JobFile:
@@ -277,13 +287,12 @@ def step_depth() -> None:
         "P",
         [(float(ordered), 1.0)],
     )
-    row(
-        "Lu, 60 deg to 75 mm: fracture at steps up to 0.5 mm only",
-        "torn / formed",
-        "no effect of the step",
-        "P",
-        [(0.0, 1.0)],
-    )
+    borne = forming_limit(load_material("AA7075-O")).strain
+    for step, reported, tag in ((0.2, "torn", "P"), (0.5, "torn", "C"), (0.7, "formed", "C"), (1.0, "formed", "P")):
+        thinning, strain = wall_strains("AA7075-O", (60.0,), 1.6e-3, 15e-3, 1e-3 * step, 60e-3)
+        found = "torn" if strain > borne else "formed"
+        text = f"{found}, strain {strain:.2f} of {borne:.2f}, ln(t0/t) {thinning:.2f}"
+        row(f"Lu, wall of 60 deg in steps of {step} mm", reported, text, tag, [(float(found == reported), 1.0)])
 
 
 def behera_pyramid() -> None:

@@ -20,6 +20,7 @@ from isf_cell.in_process import form
 from isf_cell.options import RunOptions
 from isf_core.events import Event, EventKind
 from isf_core.files.job import JobFile
+from isf_core.files.material import strain_of_angle
 from isf_planner import plan
 from isf_planner.part_library.part_mesh import part_mesh
 from plant_validation import row
@@ -47,7 +48,9 @@ def formed_funnel(limit: float, force: float) -> PartRecord:
         file.job = file.job.model_copy(update={"wall_angle_limit": math.radians(STEEPEST)})
         planned = plan(file)
     control = file.job.control.model_copy(update={"compliance_compensation": 1.0 if force else 0.0})
-    file.job = file.job.model_copy(update={"wall_angle_limit": math.radians(limit), "control": control})
+    file.job = file.job.model_copy(update={"control": control})
+    borne = strain_of_angle(math.radians(limit))
+    file.material = file.material.model_copy(update={"fracture_strain": borne})
     return form(file, RunOptions(correction="none", support_force=force), part_plan=planned)
 
 

@@ -18,7 +18,7 @@ from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
-from isf_sim.world import make_world
+from isf_sim.variant import make_variant
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -195,4 +195,4 @@ def test_both_tables_form_the_standard_worlds(
     with suppress(IsfError):
         module.run(table.Case("mini_cone", "none", 3), *more)
     (options,) = asked
-    assert make_world(options.world, options.seed) == make_world(3)
+    assert make_variant(options.variant, options.seed) == make_variant(3)

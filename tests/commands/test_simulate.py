@@ -1,4 +1,4 @@
-"""``isf simulate`` as a user runs it: numbers, files, repeatability, SPIF, off-nominal worlds."""
+"""``isf simulate`` as a user runs it: numbers, files, repeatability, SPIF, off-nominal variants."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_the_same_seed_repeats_bit_by_bit_and_another_does_not() -> None:
 
 def test_an_off_nominal_world_gives_another_part() -> None:
     job_file = quick_cone()
-    nominal, other = (in_process.form(job_file, RunOptions(world=world)) for world in (0, 3))
+    nominal, other = (in_process.form(job_file, RunOptions(variant=variant)) for variant in (0, 3))
     assert nominal.scan is not None
     assert other.scan is not None
     assert np.abs(nominal.scan.z - other.scan.z).max() > 1e-5

@@ -111,7 +111,7 @@ CASES = [
     _form("spif_cone", "mpc_two_directional", SENSOR),
     _form("dsif_cone", "none", name="position_control", support_force=0.0),
     _form("dsif_cone", "analytic", always=True),
-    _form("dsif_cone", "analytic", name="world_5", world=5, always=True),
+    _form("dsif_cone", "analytic", name="world_5", variant=5, always=True),
     _form("dsif_cone", "analytic", "first_contour: zero, gain: 0.8", name="zero"),
     _form("dsif_cone", "elastic"),
     _form("dsif_cone", "elastic", "elastic: {horizontal: true, forecast: linear, block: 2}", name="horizontal"),

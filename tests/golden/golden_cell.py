@@ -107,7 +107,7 @@ def planned(job: Path) -> dict[str, Series]:
 def formed(job: Path, springback: str, contours: int | None = None, **options: Any) -> dict[str, Series]:
     """The part of ``job`` with the YAML fields ``springback`` of that section, formed in process.
 
-    ``contours`` : formed are so many (None: all); ``options`` : fields of the run options (world, seed, ...)
+    ``contours`` : formed are so many (None: all); ``options`` : fields of the run options (variant, seed, ...)
     """
     number = count(1)
     record = in_process.form(

@@ -138,7 +138,7 @@ def make_part(
         process=process,
         correction=correction,
         support_force=support_force,
-        world=0,
+        variant=0,
         seed=seed,
         control_rate=rate,
         lockstep=True,

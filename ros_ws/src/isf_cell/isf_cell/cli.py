@@ -32,12 +32,17 @@ Correction = Annotated[
 SupportForce = Annotated[
     float | None, typer.Option("--support-force", help="set-point in N, 0 = position control  [default: the job's]")
 ]
-World = Annotated[
-    int, typer.Option("--world", help="simulated plant: 0 nominal, others off-nominal", min=0, max=LARGEST_NUMBER)
+Variant = Annotated[
+    int,
+    typer.Option(
+        "--variant",
+        "--world",
+        help="simulated plant: 0 nominal, others variants of it, 101-120 sealed",
+        min=0,
+        max=LARGEST_NUMBER,
+    ),
 ]
-Seed = Annotated[
-    int, typer.Option("--seed", help="seed of sensor noise and of the off-nominal world", min=0, max=LARGEST_NUMBER)
-]
+Seed = Annotated[int, typer.Option("--seed", help="seed of sensor noise and of the variant", min=0, max=LARGEST_NUMBER)]
 Sheet = Annotated[
     str,
     typer.Option(
@@ -119,7 +124,7 @@ def simulate(
     job: JobArgument,
     correction: Correction = None,
     support_force: SupportForce = None,
-    world: World = 0,
+    variant: Variant = 0,
     seed: Seed = 0,
     sheet: Sheet = DEFAULT_SHEET,
     output: Output = None,
@@ -129,7 +134,7 @@ def simulate(
     """Form a part on the simulated machine in this process, without ROS: seconds instead of minutes."""
     from isf_cell.commands.simulate import simulate_part
 
-    options = RunOptions(correction, support_force, world, seed, sheet_kind(sheet, "--sheet"))
+    options = RunOptions(correction, support_force, variant, seed, sheet_kind(sheet, "--sheet"))
     simulate_part(job, options, output, compare=compare, as_json=json)
 
 
@@ -138,7 +143,7 @@ def form(
     job: JobArgument,
     correction: Correction = None,
     support_force: SupportForce = None,
-    world: World = 0,
+    variant: Variant = 0,
     seed: Seed = 0,
     sheet: Sheet = DEFAULT_SHEET,
     output: Output = None,
@@ -151,7 +156,7 @@ def form(
     """Form a part through the ROS 2 node graph: five nodes and a recorder, each a process of its own."""
     from isf_cell.commands.form import form_part
 
-    options = RunOptions(correction, support_force, world, seed, sheet_kind(sheet, "--sheet"))
+    options = RunOptions(correction, support_force, variant, seed, sheet_kind(sheet, "--sheet"))
     form_part(job, options, output, compare=compare, lockstep=not real_time, as_json=json)
 
 
@@ -261,7 +266,7 @@ def identify(
     ] = None,
     max_force: Annotated[float, typer.Option(help="N that no load cell may exceed")] = 600.0,
     contours: Annotated[int | None, typer.Option(help="contours formed first, for a wall  [default: 70 %]")] = None,
-    world: World = 0,
+    variant: Variant = 0,
     seed: Seed = 0,
     cell: Annotated[
         bool, typer.Option("--cell", help="on the running cell of this ROS domain, armed, as it is")
@@ -285,7 +290,7 @@ def identify(
         places=tuple(place or ()),
         max_force=max_force,
         contours=contours,
-        world=world,
+        variant=variant,
         seed=seed,
         cell=cell,
         as_json=json,

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from isf_analysis.measures.events import event_of_message
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.simulated_sheet import sheet_kind
 from isf_msgs.action import FormPart
-from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo, MachineState
+from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo, MachineEvent, MachineState
 from isf_ros import process, qos
 from isf_ros.background import in_thread
 from isf_ros.conversion import correction_from_message, result_from_message
@@ -72,6 +73,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT)
         self.create_subscription(ContourCorrection, "contour/correction", self._on_correction, qos.EVENT)
         self.create_subscription(MachineState, "machine/state", self._on_machine_state, qos.STREAM)
+        self.create_subscription(MachineEvent, "machine/event", self._on_event, qos.EVENT)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
         self.create_service(SetBool, "executive/pause", self._on_pause)
         self.create_action_server(
@@ -187,6 +189,10 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
     def _on_machine_state(self, message: MachineState) -> None:
         if self._cell:
             self._cell.on_machine_state(message)
+
+    def _on_event(self, message: MachineEvent) -> None:
+        if self._cell:
+            self._cell.on_event(event_of_message(message))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         own = self.get_namespace().rstrip("/") + "/"

@@ -62,7 +62,11 @@ def form(
     started = time.perf_counter()
     cell = InProcessCell(part_plan)
     error = PartRun(cell, PartGoal(job_file, options), _Operator(progress, cancelled)).run()
-    reported = error is None or error.code == ErrorCode.CANCELLED or (cell.results and not cell.results[-1].completed)
+    reported = (
+        error is None
+        or error.code in (ErrorCode.CANCELLED, ErrorCode.SHEET_TORN)
+        or (cell.results and not cell.results[-1].completed)
+    )
     if error is not None and not reported:
         raise error
     part_plan = cell.part_plan
@@ -74,7 +78,7 @@ def form(
         process=job_file.job.process,
         correction=options.method(job_file),
         support_force=options.set_point(job_file),
-        world=options.world,
+        variant=options.variant,
         seed=options.seed,
         control_rate=job_file.job.control.rate,
         lockstep=False,

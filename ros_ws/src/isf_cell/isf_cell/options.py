@@ -1,4 +1,4 @@
-"""What a run may choose beyond its job file: correction method, support force, plant world, seed."""
+"""What a run may choose beyond its job file: correction method, support force, variant of the plant, seed."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal
-from isf_core.simulated_sheet import DEFAULT_SHEET, SheetKind
+from isf_core.simulated_sheet import DEFAULT_SHEET, SheetKind, is_structural
 
 UNCORRECTED = "none"
 """Springback method of a part that is not corrected."""
 
 LARGEST_NUMBER = 2**31 - 1
-"""Largest world and seed: what the messages of the node graph carry."""
+"""Largest variant and seed: what the messages of the node graph carry."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class RunOptions:
     ----------
     correction : springback method; None: the job's
     support_force : N, set-point of the support tool; None: the job's
-    world : 0 = nominal plant, others = seeded off-nominal plants
-    seed : seed of sensor noise and of the off-nominal world
+    variant : of the simulated plant, 0 = nominal; :mod:`isf_sim.variant`
+    seed : seed of sensor noise and of the variant
     sheet : model that forms the simulated sheet
 
     Raises
@@ -35,7 +35,7 @@ class RunOptions:
 
     correction: str | None = None
     support_force: float | None = None
-    world: int = 0
+    variant: int = 0
     seed: int = 0
     sheet: SheetKind = DEFAULT_SHEET
 
@@ -57,6 +57,12 @@ class RunOptions:
         job.check_set_point(
             force, where="--support-force", advice="leave it out, or use a job of process DSIF with a support tool"
         )
+
+    def scans_with_sensor(self, job_file: JobFile) -> bool:
+        """Scans between contours are those of a scanner. The job says so; a variant of another structure has no exact
+        ones unless the job asks for them by name, ``scan_sensor: false``."""
+        asked = job_file.job.springback
+        return asked.scan_sensor or (is_structural(self.variant) and "scan_sensor" not in asked.model_fields_set)
 
     def method(self, job_file: JobFile) -> str:
         """Springback method of the run."""

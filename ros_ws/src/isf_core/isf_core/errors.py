@@ -110,6 +110,7 @@ class ErrorCode(IntEnum):
     MACHINE_FAULTED = 1410
     LOAD_CELL_RANGE = 1411
     UNATTENDED = 1412
+    SHEET_TORN = 1413
     SOLUTION_FAILED = 1420
 
     # executive

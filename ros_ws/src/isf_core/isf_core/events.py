@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
+
+from isf_core.errors import ErrorCode, IsfError
 
 
 class EventKind(IntEnum):
@@ -39,6 +42,19 @@ class Event:
     def name(self) -> str:
         """The kind in words."""
         return kind_name(self.kind)
+
+
+def torn(events: Iterable[Event]) -> IsfError | None:
+    """Why the part is lost, SHEET_TORN with the place, when its sheet tore; else None."""
+    for event in events:
+        if event.kind == EventKind.FRACTURE:
+            return IsfError(
+                ErrorCode.SHEET_TORN,
+                event.text,
+                where=f"after {event.time:.1f} s",
+                advice="make the wall flatter, take another material, larger steps or more support force",
+            )
+    return None
 
 
 def kind_name(kind: int) -> str:

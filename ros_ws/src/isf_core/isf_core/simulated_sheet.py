@@ -1,4 +1,4 @@
-"""The kinds of simulated sheet that a user can choose."""
+"""The kinds of simulated sheet that a user can choose, and the variants of the plant that are sealed."""
 
 from __future__ import annotations
 
@@ -13,6 +13,18 @@ SheetKind = Literal["fast", "shell", "shell_coarse", "shell_fine"]
 SHEET_KINDS: tuple[SheetKind, ...] = get_args(SheetKind)
 
 DEFAULT_SHEET: SheetKind = "fast"
+
+STRUCTURAL_VARIANTS = tuple(range(21, 41))
+"""Numbers of the open variants of the simulated plant that differ from the nominal one in structure."""
+
+SEALED_VARIANTS = tuple(range(101, 121))
+"""Numbers of the variants of the simulated plant that are kept to publish results with: no constant and no method is
+chosen by them. Nothing refuses them; reports and ``--json`` mark their runs as sealed."""
+
+
+def is_structural(variant: int) -> bool:
+    """The ``variant`` differs from the nominal plant in structure, open or sealed."""
+    return variant in STRUCTURAL_VARIANTS or variant in SEALED_VARIANTS
 
 
 def sheet_kind(name: str, where: str = "sheet") -> SheetKind:

@@ -17,7 +17,7 @@ from isf_identify.identification import finding, make_probe
 from isf_identify.servo_probe import ServoProbe, chirp_way, fit_servo
 from isf_identify.settings import IdentifySettings, Property, ToolGeometry
 from isf_sim.machine.simulated_machine import SimulatedMachine
-from isf_sim.world import STANDARD_WORLDS, make_world
+from isf_sim.variant import STANDARD_VARIANTS, make_variant
 from plant_cell import PlantCell
 
 Readings = Callable[[np.ndarray, np.ndarray], None]
@@ -29,17 +29,17 @@ def goal(kind: Property, *, tool: int = 1, places: Any = (), force: float = 600.
 
 
 class Bench:
-    """The small cone on a machine of another world, some contours formed."""
+    """The small cone on a machine of another variant, some contours formed."""
 
-    def __init__(self, contours: int, world: int = 0) -> None:
+    def __init__(self, contours: int, variant: int = 0) -> None:
         self.cell = PlantCell(ForceController)
-        self.cell.machine = SimulatedMachine(self.cell.job_file, world=world)
+        self.cell.machine = SimulatedMachine(self.cell.job_file, variant=variant)
         self.cell.machine.tare()
         self.cell.sample = self.cell.machine.sample()
         self.cell.form(contours)
         self.geometry = ToolGeometry.from_job(self.cell.job_file)
         squeeze = self.cell.machine._constants.squeeze
-        gain = self.cell.machine.world.load_cell_gain
+        gain = self.cell.machine.variant.load_cell_gain
         # forces are read too great by the gain, so compliances seem too small by it
         self.give = 1.0 / squeeze.stiffness / gain
         self.tool_1 = np.array(squeeze.forming_compliance) / gain
@@ -71,9 +71,9 @@ class Bench:
 
 @pytest.fixture(scope="module")
 def wall() -> Bench:
-    """Seven contours in a world with 20 % other compliance; each measurement leaves the part as it was."""
-    world = max(STANDARD_WORLDS, key=lambda number: abs(make_world(number).compliance - 1.0))
-    return Bench(7, world)
+    """Seven contours in a variant with 20 % other compliance; each measurement leaves the part as it was."""
+    variant = max(STANDARD_VARIANTS, key=lambda number: abs(make_variant(number).compliance - 1.0))
+    return Bench(7, variant)
 
 
 def test_compliance_of_an_off_nominal_machine(wall: Bench) -> None:

@@ -47,7 +47,8 @@ class MachineParameters:
 
     lockstep: bool = parameter(True, "one tick per pair of targets; false: ticks by the wall clock")
     job: str = parameter("", "job file whose blank is clamped at the start; empty: by machine/reset")
-    world: int = parameter(0, "plant for that blank: 0 nominal, others seeded off-nominal plants")
+    variant: int = parameter(0, "plant for that blank: 0 nominal, others seeded variants, 101-120 sealed")
+    world: int = parameter(0, "the same by its former name, where variant is 0")
     seed: int = parameter(0, "seed of noise and of the off-nominal plant")
     sheet: str = parameter(
         DEFAULT_SHEET, "sheet of that blank: fast (seconds), shell_coarse, shell or shell_fine (minutes)"
@@ -113,7 +114,10 @@ class MachineNode(CellNode[MachineParameters]):
         if values.job:
             self.clamp(
                 SimulatedMachine(
-                    load_job(values.job), world=values.world, seed=values.seed, sheet=sheet_kind(values.sheet)
+                    load_job(values.job),
+                    variant=values.variant or values.world,
+                    seed=values.seed,
+                    sheet=sheet_kind(values.sheet),
                 )
             )
         self._output = MachinePublishers(self, clock=values.lockstep)
@@ -195,7 +199,7 @@ class MachineNode(CellNode[MachineParameters]):
         name = machine.job_file.job.name
         self.get_logger().info(
             f"{machine.job_file.material.name} for '{name}', sheet {machine.sheet_kind}, "
-            f"plant {machine.world.as_dict()}"
+            f"plant {machine.variant.as_dict()}"
         )
 
     def _listen_to_holder(self, wanted: bool) -> None:
@@ -539,7 +543,7 @@ class MachineServices:
                 if request.new_blank:
                     job_file = self._job_of(request)
                     kind = sheet_kind(request.sheet)
-                    node.clamp(SimulatedMachine(job_file, world=request.world, seed=request.seed, sheet=kind))
+                    node.clamp(SimulatedMachine(job_file, variant=request.world, seed=request.seed, sheet=kind))
                 else:
                     node.needed().reset()
                 self._begin_anew()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
 from isf_sim.sheet.surface import Surface
-from isf_sim.world import World
+from isf_sim.variant import Variant
 
 SCAN_TIME = 2.5
 """s, published."""
@@ -32,6 +32,8 @@ FLATTEST_VIEW = np.radians(75.0)
 VIEW = np.array([0.0, -np.sin(np.radians(15.0)), np.cos(np.radians(15.0))])
 """Towards the scanner."""
 SHINE_PATCHES, SHINE_RADIUS = 6, 4.0e-3
+CLAMP_HEIGHT, CLAMP_SPACING = 10.0e-3, 2.0e-3
+"""m, of a clamp's frame over the sheet, and between points of it (assumed)."""
 REPEATED_SHIFT, REPEATED_TURN = 0.02e-3, 2.0e-4
 """m and rad, registration that differs from scan to scan (standard deviation)."""
 TRIM_MARGIN = 8.0e-3
@@ -43,13 +45,14 @@ def measured_points(
     surface: Surface,
     tips: Array,
     radii: Array,
-    world: World,
+    variant: Variant,
     generator: np.random.Generator,
     clamped: bool,
 ) -> Array:
     """(N, 3) m, unordered points of ``shape`` as the scanner reports them.
 
-    ``surface`` tells what was formed; ``tips`` (2, 3) m and ``radii`` (2,) m of the tools; ``world`` the registration.
+    ``surface`` tells what was formed; ``tips`` (2, 3) m and ``radii`` (2,) m of the tools; ``variant`` what is wrong
+    with the scanner.
     """
     margin = 0.5 * SPACING
     gx, gy = np.meshgrid(_middles(shape.x), _middles(shape.y))
@@ -57,17 +60,21 @@ def measured_points(
     dz_dx, dz_dy = shape.gradient()
     slopes = np.column_stack([HeightMap(shape.x, shape.y, g).at(plan) for g in (dz_dx, dz_dy)])
     points = np.column_stack([plan, shape.at(plan)])
-    seen = np.isfinite(points).all(axis=1) & _facing(slopes)
+    seen = np.isfinite(points).all(axis=1) & _facing(slopes, variant.scan_flattest or FLATTEST_VIEW)
     if clamped:
         seen &= ~_behind_tool(points, tips[0], float(radii[0]))
     else:
         seen &= kept_by_trimming(plan, surface)
-    seen &= ~_shining(points, slopes, generator)
+    seen &= ~_shining(points, slopes, generator, round(SHINE_PATCHES * variant.scan_shine))
     points, slopes = points[seen], slopes[seen]
     if not clamped:
         points = _levelled(points, slopes)
-    points = points + np.clip(generator.normal(0.0, NOISE / 3.0, points.shape), -NOISE, NOISE)
-    points = _registered(points, world, generator)
+    else:
+        points = np.vstack([points, _clamp_beside(shape, variant.scan_beyond)])
+    largest = 3.0 * variant.scan_noise or NOISE
+    points = points + np.clip(generator.normal(0.0, largest / 3.0, points.shape), -largest, largest)
+    points[:, 2] += _bow(points, shape, variant.scan_bow)
+    points = _registered(points, variant, generator)
     return np.asarray(generator.permutation(points, axis=0))
 
 
@@ -77,10 +84,27 @@ def _middles(line: Array) -> Array:
     return np.asarray(0.5 * (line[0] + line[-1]) + SPACING * (np.arange(count) - 0.5 * (count - 1)))
 
 
-def _facing(slopes: Array) -> NDArray[np.bool_]:
+def _clamp_beside(shape: HeightMap, width: float) -> Array:
+    """(N, 3) m, points of the clamp that a scanner sees ``width`` m beyond the free sheet, without disorder."""
+    if width <= 0.0:
+        return np.zeros((0, 3))
+    lines = [np.arange(line[0] - width, line[-1] + width, CLAMP_SPACING) for line in (shape.x, shape.y)]
+    x, y = (grid.ravel() for grid in np.meshgrid(*lines))
+    beside = (x < shape.x[0]) | (x > shape.x[-1]) | (y < shape.y[0]) | (y > shape.y[-1])
+    return np.column_stack([x[beside], y[beside], np.full(np.count_nonzero(beside), CLAMP_HEIGHT)])
+
+
+def _bow(points: Array, shape: HeightMap, bow: float) -> Array:
+    """(N,) m, systematic error of height: a bowl from 0 in the middle to ``bow`` m in the corners of the sheet."""
+    if bow == 0.0:
+        return np.zeros(len(points))
+    return np.asarray(bow * (points[:, :2] ** 2).sum(axis=1) / (shape.x[-1] ** 2 + shape.y[-1] ** 2))
+
+
+def _facing(slopes: Array, flattest: float) -> NDArray[np.bool_]:
     """Surface seen steeply enough; normals are (-dz/dx, -dz/dy, 1)."""
     cosine = (VIEW[2] - slopes @ VIEW[:2]) / np.sqrt(1.0 + (slopes**2).sum(axis=1))
-    return np.asarray(cosine > np.cos(FLATTEST_VIEW))
+    return np.asarray(cosine > np.cos(flattest))
 
 
 def _behind_tool(points: Array, tip: Array, radius: float) -> NDArray[np.bool_]:
@@ -92,14 +116,14 @@ def _behind_tool(points: Array, tip: Array, radius: float) -> NDArray[np.bool_]:
     return np.asarray((chord > 0.0) & (at[:, 1] > tip[1] - chord))
 
 
-def _shining(points: Array, slopes: Array, generator: np.random.Generator) -> NDArray[np.bool_]:
+def _shining(points: Array, slopes: Array, generator: np.random.Generator, patches: int) -> NDArray[np.bool_]:
     """Patches that mirror the light past the sensor, more likely where the surface is steep."""
     if len(points) == 0:
         return np.zeros(0, dtype=bool)
     steep = (slopes**2).sum(axis=1)
     weight = np.where(np.isfinite(steep), steep, 0.0) + 0.01
-    centres = generator.choice(len(points), SHINE_PATCHES, p=weight / weight.sum())
-    radii = generator.uniform(0.3, 1.0, SHINE_PATCHES) * SHINE_RADIUS
+    centres = generator.choice(len(points), patches, p=weight / weight.sum())
+    radii = generator.uniform(0.3, 1.0, patches) * SHINE_RADIUS
     hit = np.zeros(len(points), dtype=bool)
     for centre, radius in zip(centres, radii, strict=True):
         hit |= np.hypot(points[:, 0] - points[centre, 0], points[:, 1] - points[centre, 1]) < radius
@@ -132,10 +156,10 @@ def _levelled(points: Array, slopes: Array) -> Array:
     return out
 
 
-def _registered(points: Array, world: World, generator: np.random.Generator) -> Array:
-    """Turned about z and shifted by the world's registration and by what differs from scan to scan."""
-    turn = world.registration_turn + generator.normal(0.0, REPEATED_TURN)
-    shift = np.array([world.registration_x, world.registration_y, world.registration_z])
+def _registered(points: Array, variant: Variant, generator: np.random.Generator) -> Array:
+    """Turned about z and shifted by the variant's registration and by what differs from scan to scan."""
+    turn = variant.registration_turn + generator.normal(0.0, REPEATED_TURN)
+    shift = np.array([variant.registration_x, variant.registration_y, variant.registration_z])
     shift = shift + generator.normal(0.0, REPEATED_SHIFT, 3)
     c, s = np.cos(turn), np.sin(turn)
     turned = points[:, :2] @ np.array([[c, s], [-s, c]])

@@ -12,7 +12,7 @@ from isf_core.files.job import JobFile
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.sheet.die_plant import DiePlant
 from isf_sim.sheet.sheet_plant import SheetPlant
-from isf_sim.sheet.thickness import thinning_up_the_wall
+from isf_sim.sheet.thickness import strain_up_the_wall
 from isf_sim.sheet.turned_sheet import turn_over
 
 _JOB = """
@@ -36,7 +36,7 @@ def warm_up() -> float:
     machine.tick(np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]))
     _go_round(plant)
     contact, tip = plant.contact, plant.contact.formed_tip
-    thinning_up_the_wall(plant.surface, tip[0], tip[1], contact.wall, plant.radius, np.zeros(3))
+    strain_up_the_wall(plant.surface, tip[0], tip[1], contact.wall, plant.radius, 1.0, 0.0, np.zeros(3))
     machine.measured_shape()
     turn_over(plant, np.array([0.0, 0.0, 0.02]))
     _go_over_a_die(machine)

@@ -7,7 +7,7 @@ import pytest
 from isf_core.geometry.height_map import HeightMap
 from isf_sim.scanner import NOISE, TRIM_MARGIN, measured_points
 from isf_sim.sheet.surface import Surface, flat_surface
-from isf_sim.world import STANDARD_WORLDS, World, make_world
+from isf_sim.variant import STANDARD_VARIANTS, Variant, make_variant
 
 AWAY = np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -0.3]])
 RADII = np.array([5e-3, 5e-3])
@@ -27,10 +27,10 @@ def cone(angle: float = SLOPE, tilt: float = 0.0) -> tuple[HeightMap, Surface]:
 
 
 def scan(
-    world: World | None = None, seed: int = 1, clamped: bool = True, **shape: float
+    variant: Variant | None = None, seed: int = 1, clamped: bool = True, **shape: float
 ) -> tuple[HeightMap, np.ndarray]:
     true, surface = cone(**shape)
-    points = measured_points(true, surface, AWAY, RADII, world or World(), np.random.default_rng(seed), clamped)
+    points = measured_points(true, surface, AWAY, RADII, variant or Variant(), np.random.default_rng(seed), clamped)
     return true, points
 
 
@@ -69,7 +69,7 @@ def test_steep_walls_away_from_the_scanner_are_not_seen() -> None:
 def test_a_tool_over_the_sheet_hides_what_is_behind_it() -> None:
     true, surface = cone()
     tips = np.array([[20e-3, 0.0, -10e-3], AWAY[1]])
-    points = measured_points(true, surface, tips, RADII, World(), np.random.default_rng(1), True)
+    points = measured_points(true, surface, tips, RADII, Variant(), np.random.default_rng(1), True)
     assert (np.hypot(points[:, 0] - 20e-3, points[:, 1]) < 4e-3).sum() == 0
     _, free = scan()
     assert len(points) < len(free) - 100
@@ -81,7 +81,7 @@ def test_a_raised_tool_hides_a_strip_further_behind_and_one_aside_nothing() -> N
 
     def seen(tip: list[float]) -> np.ndarray:
         tips = np.array([tip, AWAY[1]])
-        return measured_points(true, surface, tips, RADII, World(), np.random.default_rng(1), True)
+        return measured_points(true, surface, tips, RADII, Variant(), np.random.default_rng(1), True)
 
     raised = seen([0.0, 0.0, 0.1])
     strip = raised[np.abs(raised[:, 0]) < 4e-3]
@@ -92,9 +92,9 @@ def test_a_raised_tool_hides_a_strip_further_behind_and_one_aside_nothing() -> N
 
 
 def test_registration_of_a_world_shifts_and_turns_the_cloud() -> None:
-    """Fit of shift and turn on the known cone: within 0.05 mm of the world's, the scatter of single scans."""
-    world = World(registration_x=0.3e-3, registration_y=-0.2e-3, registration_z=0.1e-3)
-    _, points = scan(world)
+    """Fit of shift and turn on the known cone: within 0.05 mm of the variant's, the scatter of single scans."""
+    variant = Variant(registration_x=0.3e-3, registration_y=-0.2e-3, registration_z=0.1e-3)
+    _, points = scan(variant)
     wall = points[(points[:, 2] < -3e-3) & (points[:, 2] > -12e-3)]
     # on the wall r = 30 mm - depth / tan(50 deg); least squares for the centre
     radius = 30e-3 + (wall[:, 2] - 0.1e-3) / SLOPE
@@ -118,6 +118,6 @@ def test_same_generator_same_cloud() -> None:
 
 
 def test_standard_worlds_are_twenty_different_ones() -> None:
-    worlds = [make_world(number) for number in STANDARD_WORLDS]
-    assert len(set(worlds)) == 20
-    assert all(world != World() for world in worlds)
+    variants = [make_variant(number) for number in STANDARD_VARIANTS]
+    assert len(set(variants)) == 20
+    assert all(variant != Variant() for variant in variants)

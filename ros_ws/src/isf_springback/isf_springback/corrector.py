@@ -344,7 +344,7 @@ FIRST_SHARE = 0.6
 """Push of the first pass over the push on the wall before it (assumed, on the careful side)."""
 NEXT_ROUND = 0.5
 """Share of what is left that a further pass over the same ring presses deeper (assumed): the rings beside it lower it
-too, and scans scatter. With all of it the base of lu_cone came out up to 0.17 mm off in worlds 2 and 3, 0.16 and
+too, and scans scatter. With all of it the base of lu_cone came out up to 0.17 mm off in variants 2 and 3, 0.16 and
 0.14 mm with half."""
 SAME_PLACE = 0.2e-3
 """m between points of passes that follow the same ring."""

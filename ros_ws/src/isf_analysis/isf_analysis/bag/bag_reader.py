@@ -100,7 +100,7 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
         process=job.process,
         correction=job.correction,
         support_force=job.support_force,
-        world=job.world,
+        variant=job.world,
         seed=job.seed,
         control_rate=job.control_rate,
         lockstep=job.lockstep,

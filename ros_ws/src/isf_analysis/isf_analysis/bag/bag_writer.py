@@ -113,7 +113,7 @@ def _job(record: PartRecord) -> Any:
         process=record.process,
         correction=record.correction,
         support_force=float(record.support_force),
-        world=int(record.world),
+        world=int(record.variant),
         seed=int(record.seed),
         control_rate=float(record.control_rate),
         lockstep=bool(record.lockstep),

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
-from isf_core.events import Event
+from isf_core.events import Event, torn
 from isf_core.geometry.height_map import HeightMap
+from isf_core.simulated_sheet import SEALED_VARIANTS
 
 from isf_analysis.measures.contour_scan import ContourScan
 
@@ -26,7 +27,7 @@ class PartRecord:
     process : SPIF, TPIF, DSIF or ADSIF
     correction : springback method in use ("none": nothing was corrected)
     support_force : N, set-point in use; 0 = position control
-    world, seed : simulated plant; world -1 = a real machine
+    variant, seed : of the simulated plant; variant -1 = a real machine
     control_rate : Hz
     lockstep : run in lockstep with a simulated machine
     software : version of the software that formed the part
@@ -47,7 +48,7 @@ class PartRecord:
     process: str
     correction: str
     support_force: float
-    world: int
+    variant: int
     seed: int
     control_rate: float
     lockstep: bool
@@ -80,12 +81,19 @@ class PartRecord:
         return sum(result.completed for result in self.results)
 
     @property
+    def sealed(self) -> bool:
+        """True for a variant that is kept to publish results with."""
+        return self.variant in SEALED_VARIANTS
+
+    @property
     def corrects(self) -> bool:
         """True when a springback method was at work."""
         return self.correction not in ("", "none")
 
     def failure(self) -> tuple[int, str] | None:
-        """Code and text of what ended the part early; code 0 when it is unknown; None for a whole part."""
+        """Code and text of what ended the part early, or tore it; code 0 when unknown; None for a whole part."""
+        if (lost := torn(self.events)) is not None:
+            return int(lost.code), lost.message
         for result in self.results:
             if not result.completed:
                 return int(result.code), f"{contour_label(result.index)}: {result.message or 'not completed'}"

@@ -91,7 +91,7 @@ def write_report(
 def render(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture, ...]) -> str:
     """The HTML page."""
     page = Template(resources.files("isf_analysis").joinpath("report_template.html").read_text(encoding="utf-8"))
-    plant = "real machine" if record.world < 0 else "simulated machine"
+    plant = "real machine" if record.variant < 0 else "simulated machine"
     method = f"correction: {record.correction}" if record.corrects else "no springback correction"
     made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
     return page.substitute(
@@ -180,11 +180,16 @@ def _reading(record: PartRecord, numbers: dict[str, Any]) -> str:
         "The shape is measured <b>in the clamp</b> and not aligned to the target. Unclamping and trimming let the part "
         "spring further; that is not in these numbers.",
     ]
-    if record.world >= 0:
+    if record.variant >= 0:
         limits.append(
             "The part was formed by a <b>simulated machine</b>. Its sheet model is an approximation, calibrated on few "
             "published parts; compare methods with it, and expect other numbers from real sheet."
         )
+        if record.sealed:
+            limits.append(
+                f"Variant {record.variant} of the machine is <b>sealed</b>: its runs are published, and no constant "
+                "and no method is chosen by them."
+            )
         if record.sheet.get("model") == "fast":
             limits.append(
                 "The <b>fast</b> sheet yields only under the tools: what a real sheet does at the opening and in the "

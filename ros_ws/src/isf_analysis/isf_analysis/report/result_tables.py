@@ -137,9 +137,9 @@ def percent(fraction: float | None, digits: int = 2) -> str:
 def job_table(record: PartRecord) -> str:
     """What was formed, how, and with which software."""
     plant = "real machine"
-    if record.world >= 0:
+    if record.variant >= 0:
         sheet = f", sheet: {record.sheet['model']}" if "model" in record.sheet else ""
-        plant = f"simulated{sheet}, world {record.world}, seed {record.seed}"
+        plant = f"simulated{sheet}, variant {record.variant}{' (sealed)' if record.sealed else ''}, seed {record.seed}"
     metrics = force_metrics(record.results, record.control_rate) if record.support_force > 0 else None
     support = f"{record.support_force:.0f} N" if record.support_force > 0 else "position control or none"
     if metrics is not None and (places := by_place(metrics.lowest, metrics.highest)):

@@ -84,13 +84,13 @@ def test_unknown_cells_come_back(tmp_path: Path) -> None:
 @given(
     name=st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=30),
     seed=st.integers(-(2**63), 2**63 - 1),
-    world=st.integers(-1, 20),
+    variant=st.integers(-1, 20),
     force=st.floats(0, 1500),
     ticks=st.integers(0, 2**53),
     wall=st.floats(0, 1e5).map(lambda value: round(value, 9)),
 )
 def test_any_job_comes_back(
-    name: str, seed: int, world: int, force: float, ticks: int, wall: float, tmp_path: Path
+    name: str, seed: int, variant: int, force: float, ticks: int, wall: float, tmp_path: Path
 ) -> None:
     folder = tmp_path / "bag"
     shutil.rmtree(folder, ignore_errors=True)
@@ -98,7 +98,7 @@ def test_any_job_comes_back(
         make_part(contours=2, spacing=25e-3, points=12),
         job_name=name,
         seed=seed,
-        world=world,
+        variant=variant,
         support_force=force,
         ticks=ticks,
         wall_time=wall,
@@ -138,14 +138,14 @@ def test_a_sqlite_bag_is_read(tmp_path: Path) -> None:
 
 def test_the_last_part_of_a_bag_is_read(tmp_path: Path) -> None:
     first = make_part(contours=5, spacing=10e-3)
-    second = replace(make_part(contours=5, spacing=10e-3, stop_after=2, seed=9), world=4)
+    second = replace(make_part(contours=5, spacing=10e-3, stop_after=2, seed=9), variant=4)
     bags = [
         write_bag(first, tmp_path / "first", end=200_000_000_000),
         write_bag(second, tmp_path / "second", end=300_000_000_000),
     ]
     both = copy_bag(bags, tmp_path / "both")
     record = read_bag(both)
-    assert (record.world, record.seed) == (4, 9)
+    assert (record.variant, record.seed) == (4, 9)
     assert len(record.results) == len(second.results)  # none of the first part, whose plan has the same name
     assert record.wall_time == pytest.approx(second.wall_time)
 

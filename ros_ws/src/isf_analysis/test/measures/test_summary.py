@@ -38,7 +38,7 @@ def test_the_numbers_are_those_of_the_metrics_in_the_units_of_their_names() -> N
     assert (numbers["contours"], numbers["contours_planned"]) == (6, 6)
     assert (numbers["ticks"], numbers["late_ticks"], numbers["lost_messages"]) == (PART.ticks, 3, 0)
     assert (numbers["sim_s"], numbers["wall_s"]) == (PART.sim_time, 71.25)
-    assert (numbers["correction"], numbers["world"], numbers["seed"]) == ("analytic", 0, 3)
+    assert (numbers["correction"], numbers["variant"], numbers["seed"]) == ("analytic", 0, 3)
     assert (numbers["bag"], numbers["report"]) == ("runs/x/bag", "runs/x/report.html")
     assert numbers["complete"]
     assert numbers["failure"] is numbers["reference"] is numbers["improvement"] is None
@@ -140,3 +140,12 @@ def test_without_scan_or_force_control_those_parts_are_null() -> None:
     numbers = summary(replace(make_part(process="SPIF", support_force=0.0, contours=3), scan=None), REFERENCE)
     assert numbers["deviation"] is numbers["force"] is numbers["improvement"] is None
     json.dumps(numbers, allow_nan=False)
+
+
+def test_a_run_of_a_sealed_variant_is_marked() -> None:
+    """101 to 120 are sealed; the report says so, and the former name of the number is there as well."""
+    for variant, sealed in ((0, False), (20, False), (40, False), (101, True), (120, True), (121, False)):
+        record = replace(PART, variant=variant)
+        numbers = summary(record)
+        assert (numbers["variant"], numbers["world"], numbers["sealed"]) == (variant, variant, sealed)
+        assert ("(sealed)" in job_table(record)) is sealed

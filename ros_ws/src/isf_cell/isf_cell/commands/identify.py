@@ -55,7 +55,7 @@ def identify_machine(
     places: tuple[str, ...],
     max_force: float,
     contours: int | None,
-    world: int,
+    variant: int,
     seed: int,
     cell: bool,
     as_json: bool,
@@ -97,7 +97,7 @@ def identify_machine(
 
             with TemporaryDirectory() as folder:
                 job_file = _job(job, rig, Path(folder))
-                found = identify(job_file, settings, contours=contours, world=world, seed=seed, progress=progress)
+                found = identify(job_file, settings, contours=contours, variant=variant, seed=seed, progress=progress)
     if not len(found.value):
         raise IsfError(found.code, found.message)
     data = _written(found, settings, piece, picture)

@@ -11,6 +11,7 @@ from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.report.page import write_report
 from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import torn
 
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import ReportedError
@@ -48,6 +49,7 @@ def finish(
         if failure:  # the reason why there is nothing to report
             raise failure from None
         raise
+    failure = failure or (torn(record.events) if own else None)
     if own and failure is None and (early := record.failure()) is not None:
         failure = IsfError(
             ErrorCode.BAG_INCOMPLETE,

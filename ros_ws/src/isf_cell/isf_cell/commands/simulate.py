@@ -12,6 +12,7 @@ from types import FrameType
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import torn
 from isf_core.files.job import JobFile, load_job
 
 from isf_cell import in_process
@@ -24,7 +25,7 @@ from isf_cell.run.part_step import PartStep
 
 
 def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compare: bool, as_json: bool) -> None:
-    """Form ``job`` in process; raises IsfError when the part does not complete.
+    """Form ``job`` in process; raises IsfError when the part does not complete or tears.
 
     Ctrl-C ends the part after the present contour; what was formed is kept and reported, with CANCELLED.
     """
@@ -42,7 +43,7 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
                 record = _form(job_file, options, progress)
                 write_bag(record, bag)
                 counts = {"sheet": dict(record.sheet)}
-                failure = first_failure(record.results) or _stopped(record)
+                failure = torn(record.events) or first_failure(record.results) or _stopped(record)
                 if reference and failure and failure.code == ErrorCode.CANCELLED:
                     reference = None  # ended with the stack
                 if reference:

@@ -172,7 +172,7 @@ def edge_of(job_file: JobFile, push: PushCurve) -> EdgeCalibration:
 
 
 def calibrate_clamp(
-    job: Path, curve: Path | None, place_mm: tuple[float, float], world: int = 0, seed: int = 0, *, as_json: bool
+    job: Path, curve: Path | None, place_mm: tuple[float, float], variant: int = 0, seed: int = 0, *, as_json: bool
 ) -> None:
     """Edge condition from a push; without a ``curve`` the simulated machine is pushed.
 
@@ -182,7 +182,7 @@ def calibrate_clamp(
     place = (1e-3 * place_mm[0], 1e-3 * place_mm[1])
     if curve is None:
         with terminal.console.status("pushing the flat sheet of the simulated machine"):
-            push = push_flat_sheet(job_file, world, seed, place=place)
+            push = push_flat_sheet(job_file, variant, seed, place=place)
     else:
         push = read_push_curve(curve, place)
     found = edge_of(job_file, push)

@@ -18,8 +18,17 @@ Job = Annotated[Path, typer.Argument(help="job file (YAML)", metavar="JOB", show
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/NAME-TIME]", metavar="DIR")
 ]
-World = Annotated[int, typer.Option(help="simulated plant: 0 nominal, others off-nominal", min=0, max=LARGEST_NUMBER)]
-Seed = Annotated[int, typer.Option(help="seed of sensor noise and of the off-nominal world", min=0, max=LARGEST_NUMBER)]
+Variant = Annotated[
+    int,
+    typer.Option(
+        "--variant",
+        "--world",
+        help="simulated plant: 0 nominal, others variants of it, 101-120 sealed",
+        min=0,
+        max=LARGEST_NUMBER,
+    ),
+]
+Seed = Annotated[int, typer.Option(help="seed of sensor noise and of the variant", min=0, max=LARGEST_NUMBER)]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object on stdout")]
 
 
@@ -76,21 +85,21 @@ def calibrate(
         ),
     ] = None,
     place: Annotated[tuple[float, float], typer.Option("--at", help="x and y of the push in mm")] = (0.0, 0.0),
-    world: World = 0,
+    variant: Variant = 0,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Edge condition of the clamp from one push on the flat sheet."""
     from isf_cell.commands.springback import calibrate_clamp
 
-    calibrate_clamp(job, curve, place, world, seed, as_json=json)
+    calibrate_clamp(job, curve, place, variant, seed, as_json=json)
 
 
 @app.command()
 def compare(
     job: Job,
     methods: Annotated[str, typer.Option(help="names, separated by commas")] = "none,analytic,elastic",
-    world: World = 0,
+    variant: Variant = 0,
     seed: Seed = 0,
     output: Output = None,
     json: Json = False,
@@ -99,5 +108,5 @@ def compare(
     from isf_cell.commands.springback_compare import compare_methods
 
     compare_methods(
-        job, [name.strip() for name in methods.split(",") if name.strip()], world, seed, output, as_json=json
+        job, [name.strip() for name in methods.split(",") if name.strip()], variant, seed, output, as_json=json
     )

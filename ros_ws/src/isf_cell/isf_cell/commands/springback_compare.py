@@ -9,7 +9,9 @@ from typing import Any
 from isf_analysis.measures.deviation import Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import torn
 from isf_core.files.job import load_job
+from isf_core.simulated_sheet import SEALED_VARIANTS
 from isf_planner import plan
 from isf_springback.database.database import cached_path, database_of
 from isf_springback.methods import check_name
@@ -24,7 +26,7 @@ from isf_cell.options import RunOptions
 
 
 def compare_methods(
-    job: Path, methods: list[str], world: int, seed: int, output: Path | None, *, as_json: bool
+    job: Path, methods: list[str], variant: int, seed: int, output: Path | None, *, as_json: bool
 ) -> None:
     """Form ``job`` once with each of ``methods``; raises IsfError when a method or the plan fails.
 
@@ -45,14 +47,21 @@ def compare_methods(
         built(job_file, part_plan.contours).save(cached_path(job_file))
     records: dict[str, PartRecord] = {}
     for name in methods:
-        options = RunOptions(correction=name, world=world, seed=seed)
+        options = RunOptions(correction=name, variant=variant, seed=seed)
         with terminal.part_progress(f"{job_file.job.name} ({name})") as progress:
             records[name] = in_process.form(job_file, options, part_plan=part_plan, progress=progress.contour)
     deviations = {name: _deviation(record) for name, record in records.items()}
     rows = [_row(name, records[name], deviations[name]) for name in methods]
     _write(rows, folder / "methods.csv")
     picture = draw_comparison(records, deviations, folder / "methods.png")
-    data = {"job": job_file.job.name, "world": world, "seed": seed, "methods": rows, "picture": str(picture)}
+    data = {
+        "job": job_file.job.name,
+        "variant": variant,
+        "sealed": variant in SEALED_VARIANTS,
+        "seed": seed,
+        "methods": rows,
+        "picture": str(picture),
+    }
     if as_json:
         terminal.print_json(data)
     terminal.console.print(_table(job_file.job.name, rows))
@@ -67,11 +76,11 @@ def _deviation(record: PartRecord) -> Deviation | None:
 
 def _row(name: str, record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
     """Numbers of one method; mm, N, ms."""
-    last = record.results[-1]  # a completed contour may carry the code of a warning
+    last, lost = record.results[-1], torn(record.events)  # a completed contour may carry the code of a warning
     row: dict[str, Any] = {
         "method": name,
         "contours": len(record.results),
-        "code": 0 if last.completed else int(last.code),
+        "code": int(lost.code) if lost else 0 if last.completed else int(last.code),
     }
     for region in ("wall_and_base", "wall", "base", "rim"):
         errors = None if deviation is None else deviation.regions[region]

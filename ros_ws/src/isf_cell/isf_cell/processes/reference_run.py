@@ -16,6 +16,7 @@ from types import TracebackType
 
 from isf_core.errors import ErrorCode, IsfError
 
+from isf_cell.commands.exit_codes import Exit
 from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.processes.process_group import ends_with_owner
 
@@ -27,7 +28,7 @@ class ReferenceRun:
         self.folder = folder
         self._log = folder.with_suffix(".log")
         command = [sys.executable, "-m", "isf_cell.cli", "simulate", str(job), "--correction", UNCORRECTED]
-        command += ["--no-compare", "--world", str(options.world), "--seed", str(options.seed), "-o", str(folder)]
+        command += ["--no-compare", "--variant", str(options.variant), "--seed", str(options.seed), "-o", str(folder)]
         command += ["--sheet", options.sheet]
         if options.support_force is not None:
             command += ["--support-force", repr(options.support_force)]
@@ -53,8 +54,11 @@ class ReferenceRun:
         return self.folder / "bag"
 
     def wait(self) -> None:
-        """Wait for the end; raises IsfError with the last line of its output when it failed."""
-        if self._popen.wait() != 0:
+        """Wait for the end; raises IsfError with the last line of its output when it failed.
+
+        A reference that was stopped by its process, as by a torn sheet, is one: its report says so.
+        """
+        if self._popen.wait() not in (Exit.OK, Exit.PROCESS) or not self.bag.exists():
             lines = self._log.read_text(errors="replace").strip().splitlines() or ["no output"]
             raise IsfError(
                 ErrorCode.BAG_INCOMPLETE,

@@ -79,6 +79,9 @@ class Cell(Protocol):
     def check(self) -> None:
         """Raise IsfError for what went wrong between two contours."""
 
+    def torn(self) -> IsfError | None:
+        """Why the part is lost when the machine told that its sheet tore."""
+
     def explain(self, error: IsfError) -> IsfError:
         """The cause behind ``error``, where the cell knows one; never raises."""
 

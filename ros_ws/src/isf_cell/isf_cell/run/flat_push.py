@@ -23,12 +23,18 @@ FREE = 1e-3
 """m above the sheet, where the push begins."""
 DEEPEST = 15e-3
 """m; a sheet that gives way more is not in its clamp."""
+PUSHED = 1
+"""The blank that is pushed; the part is formed of another one."""
 LOADS = 12
 """Loads of the curve, evenly spaced from the smallest of them on."""
 
 
 def push_flat_sheet(
-    job_file: JobFile, world: int = 0, seed: int = 0, force: float = LARGEST_FORCE, place: tuple[float, float] = (0, 0)
+    job_file: JobFile,
+    variant: int = 0,
+    seed: int = 0,
+    force: float = LARGEST_FORCE,
+    place: tuple[float, float] = (0, 0),
 ) -> PushCurve:
     """Push of tool 1 of a fresh machine at ``place`` m onto its flat sheet, up to ``force`` N; tool 2 stays parked.
 
@@ -44,7 +50,7 @@ def push_flat_sheet(
             where=held[0],
             advice="push a sheet without it: a copy of the job that leaves it out",
         )
-    machine = SimulatedMachine(job_file, world=world, seed=seed)
+    machine = SimulatedMachine(job_file, variant=variant, seed=seed, blank=PUSHED)
     start = machine.sample()
     step = FEED / machine.control_rate
     speed = job_file.rig.limits.speed / machine.control_rate

@@ -15,6 +15,7 @@ import numpy as np
 from isf_core import __version__
 from isf_core.contour import ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import Event, torn
 from isf_msgs.action import LiftTool, MoveAside, PlanPart
 from isf_msgs.msg import Contour, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
@@ -105,6 +106,7 @@ class GraphCell:
         self._results: dict[int, ContourResult] = {}
         self._corrections: dict[int, ContourCorrection] = {}
         self._machine: MachineState | None = None
+        self._events: list[Event] = []
         self._at_start = TickCounts()
         self._plan_id = ""
         self._sensor = False
@@ -122,6 +124,10 @@ class GraphCell:
         """A contour was corrected."""
         if correction.plan_id == self._plan_id:
             self._corrections[correction.index] = correction
+
+    def on_event(self, event: Event) -> None:
+        """The machine told what happened to the sheet or to itself."""
+        self._events.append(event)
 
     def on_machine_state(self, state: MachineState) -> None:
         """The machine told its state."""
@@ -157,11 +163,11 @@ class GraphCell:
             new_blank=goal.first_index == 0,
             job_text=goal.job_file.text,
             base_folder=str(goal.job_file.base),
-            world=goal.options.world,
+            world=goal.options.variant,
             seed=goal.options.seed,
             sheet=goal.options.sheet,
         )
-        self._machine = None
+        self._machine, self._events = None, []
         timeout = 6 * self._settings.service_timeout
         self._client.checked_call(Reset, "machine/reset", request, self._watch_nodes, timeout=timeout)
 
@@ -196,7 +202,7 @@ class GraphCell:
     def arm(self, goal: PartGoal, planned: PlannedPart) -> None:
         """As in the protocol; the force controller may first have to hear the machine, just activated."""
         base, options = str(goal.job_file.base), goal.options
-        self._sensor = goal.job_file.job.springback.scan_sensor
+        self._sensor = goal.options.scans_with_sensor(goal.job_file)
         self._client.set_parameter("springback", "base_folder", base, self.check)
         self._client.set_parameter("springback", "method", goal.method, self.check)
         self._publishers.publish_info(self._info(goal, planned))
@@ -270,6 +276,10 @@ class GraphCell:
                 where = f"springback, {contour_label(correction.index)}"
                 raise IsfError(ErrorCode(correction.code), correction.message, where=where)
 
+    def torn(self) -> IsfError | None:
+        """As in the protocol."""
+        return torn(self._events)
+
     def explain(self, error: IsfError) -> IsfError:
         """A fault that a dead node explains is told as its death."""
         if error.code not in _SYMPTOMS:
@@ -285,7 +295,7 @@ class GraphCell:
 
     def stop(self, error: IsfError) -> None:
         """Each step may fail without stopping the next; only time limits count, the part has failed already."""
-        if error.code == ErrorCode.CANCELLED:
+        if error.code in (ErrorCode.CANCELLED, ErrorCode.SHEET_TORN):
             self._attempt(lambda: self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), _no_watch))
             release = Arm.Request(plan_id="")
             self._attempt(lambda: self._client.call(Arm, "force_ctrl/arm", release, _no_watch, timeout=60.0))
@@ -371,7 +381,7 @@ class GraphCell:
             process=job.process,
             correction=goal.method,
             support_force=float(options.set_point(goal.job_file)),
-            world=options.world,
+            world=options.variant,
             seed=options.seed,
             sheet=options.sheet,
             control_rate=float(job.control.rate),

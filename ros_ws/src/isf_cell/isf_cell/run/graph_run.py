@@ -97,7 +97,7 @@ class CellClient:
             base_folder=str(job_file.base),
             correction=options.correction or "",
             support_force=options.support_force_field(),
-            world=options.world,
+            world=options.variant,
             seed=options.seed,
             sheet=options.sheet,
         )

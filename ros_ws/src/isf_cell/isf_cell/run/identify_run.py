@@ -30,19 +30,19 @@ def identify(
     settings: IdentifySettings,
     *,
     contours: int | None = None,
-    world: int = 0,
+    variant: int = 0,
     seed: int = 0,
     progress: Progress | None = None,
     machine: SimulatedMachine | None = None,
 ) -> Finding:
-    """What the tools find out about the simulated ``machine`` (None: one of ``world`` and ``seed``).
+    """What the tools find out about the simulated ``machine`` (None: one of ``variant`` and ``seed``).
 
     ``contours`` are formed first (None: most of the part; none for the servo). Raises IsfError as planning, forming and
     the measurement do.
     """
     notify = progress or (lambda phase, share: None)
     cell = InProcessCell(machine=machine)
-    goal = PartGoal(job_file, RunOptions(correction=UNCORRECTED, world=world, seed=seed))
+    goal = PartGoal(job_file, RunOptions(correction=UNCORRECTED, variant=variant, seed=seed))
     cell.reset(goal)
     cell.tare()
     planned = cell.plan(goal)

@@ -12,6 +12,7 @@ from typing import TypeVar
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import torn
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.measurements.measurement import AtRest, Measurement
@@ -84,7 +85,7 @@ class InProcessCell:
     def reset(self, goal: PartGoal) -> None:
         """A new machine with a fresh blank, unless one was given."""
         self.machine = self._given or SimulatedMachine(
-            goal.job_file, world=goal.options.world, seed=goal.options.seed, sheet=goal.options.sheet
+            goal.job_file, variant=goal.options.variant, seed=goal.options.seed, sheet=goal.options.sheet
         )
 
     def tare(self) -> None:
@@ -106,7 +107,7 @@ class InProcessCell:
         self._controller = ForceController(ControlConfig.from_job(job_file, support_force=goal.options.support_force))
         tips = sample.tip_1.tolist(), sample.tip_2.tolist()
         self._controller.arm(planned.plan_id, goal.first_index, planned.count, *tips)
-        self._sensor = job_file.job.springback.scan_sensor
+        self._sensor = goal.options.scans_with_sensor(job_file)
 
     def form_contour(self, index: int) -> FormedContour:
         """As in the protocol."""
@@ -184,6 +185,10 @@ class InProcessCell:
             code, text = self._controller.fault
             self.results[-1] = replace(self.results[-1], completed=False, code=int(code), message=text)
             raise IsfError(code, text)
+
+    def torn(self) -> IsfError | None:
+        """As in the protocol."""
+        return torn(self.machine.events)
 
     def explain(self, error: IsfError) -> IsfError:
         """Nothing else can be known."""

@@ -45,7 +45,10 @@ class PartRun:
         return sum(result.completed for result in self.results)
 
     def run(self) -> IsfError | None:
-        """Form the part; why it ended early, None when it is complete. Never raises IsfError."""
+        """Form the part; why it ended early or is lost, None when it is complete. Never raises IsfError.
+
+        A part whose sheet tears ends after the contour.
+        """
         error: IsfError | None = None
         try:
             self._form()
@@ -92,6 +95,8 @@ class PartRun:
         if not formed.result.completed:
             raise IsfError(ErrorCode(formed.result.code), formed.result.message, where=contour_label(index))
         self._operator.formed(PartStep.of(formed.nominal, formed.correction, formed.result))
+        if (lost := self._cell.torn()) is not None:
+            raise lost
         return formed
 
     def _pause_before(self, index: int, count: int) -> None:
@@ -113,7 +118,7 @@ class PartRun:
             return
         goal, planned = self._goal, self.planned
         name, options = goal.job_file.job.name, goal.options
-        Checkpoint(name, planned.plan_id, next_index, planned.count, goal.method, options.world, options.seed).write(
+        Checkpoint(name, planned.plan_id, next_index, planned.count, goal.method, options.variant, options.seed).write(
             self._checkpoint
         )
 
@@ -127,7 +132,7 @@ class Checkpoint:
     next_index: int
     count: int
     correction: str
-    world: int
+    variant: int
     seed: int
 
     def write(self, path: Path) -> None:

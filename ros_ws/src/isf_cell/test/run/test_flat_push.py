@@ -9,7 +9,7 @@ from isf_cell.commands.springback import edge_of
 from isf_cell.run.flat_push import push_flat_sheet
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
-from isf_sim.world import make_world
+from isf_sim.variant import make_variant
 from typer.testing import CliRunner
 
 JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "ren_cone.yaml"
@@ -24,13 +24,13 @@ def test_the_nominal_sheet_gives_way_as_published_and_its_edge_is_free():
     assert (found.edge.slope, found.edge.in_plane) == ("clamped", 0.0)
 
 
-@pytest.mark.parametrize("world", [1, 9])
-def test_a_stiffer_edge_is_found(world):
+@pytest.mark.parametrize("variant", [1, 9])
+def test_a_stiffer_edge_is_found(variant):
     """Springs of 50 and 52 N/mm per mm; modulus, thickness and load cell are off as well, and go into what is found."""
     job_file = load_job(JOB)
-    spring = make_world(world).edge_spring
+    spring = make_variant(variant).edge_spring
     assert spring > 45e6
-    found = edge_of(job_file, push_flat_sheet(job_file, world))
+    found = edge_of(job_file, push_flat_sheet(job_file, variant))
     assert found.edge.slope == "clamped"
     assert 0.7 * spring < found.edge.in_plane < 2.0 * spring
 

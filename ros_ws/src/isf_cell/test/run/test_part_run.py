@@ -73,6 +73,9 @@ class ScriptedCell:
         if "check" in self.failing:
             raise IsfError(self.failing["check"], "check failed")
 
+    def torn(self) -> IsfError | None:
+        return IsfError(ErrorCode.SHEET_TORN, "torn") if "torn" in self.failing and len(self.asked) > 7 else None
+
     def explain(self, error: IsfError) -> IsfError:
         return error if self.cause is None else IsfError(self.cause, "the cause", advice=error.message)
 
@@ -123,6 +126,15 @@ def test_the_whole_part(contours: tuple[Contour, ...], tmp_path: Path) -> None:
     assert cell.asked == [*BEGIN, *(f"contour {k}" for k in range(CONTOURS)), "finish"]
     assert [step.index for step in operator.steps] == list(range(CONTOURS))
     assert json.loads(checkpoint.read_text())["next_index"] == CONTOURS
+
+
+def test_a_torn_part_ends_after_the_contour(contours: tuple[Contour, ...]) -> None:
+    cell, operator = ScriptedCell(contours, {"torn": ErrorCode.SHEET_TORN}), Watching()
+    error = _run(cell, operator)
+    assert error is not None
+    assert error.code is ErrorCode.SHEET_TORN
+    assert cell.asked == [*BEGIN, "contour 0", "contour 1", "contour 2", "stop SHEET_TORN", "finish"]
+    assert [step.index for step in operator.steps] == [0, 1, 2]
 
 
 def test_lifts_and_scans_come_when_the_job_asks_for_them(contours: tuple[Contour, ...]) -> None:

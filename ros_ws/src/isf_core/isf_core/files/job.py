@@ -624,7 +624,7 @@ class Job(FileModel):
     strategy: str = ""
     """Process of another package that plans the contours; ``process: NAME`` sets it, and its kind as the process."""
     wall_angle_limit: Angle | None = Field(default=None, gt=0.0, lt=1.5708)
-    """Overrides the material's largest wall angle."""
+    """Largest wall angle that may be planned, in place of the material's; what the sheet bears does not change."""
     _support_window: SupportWindow | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")

@@ -4,6 +4,10 @@ Files are in ``share/isf_core/materials``. The flow curve is Hollomon's law: flo
 material file does not give K and n, they follow from yield and tensile strength: the tensile test becomes unstable at
 the strain n (Considere), so the tensile strength is K (n / e)^n, and the yield strength is taken at the plastic strain
 of 0.2 %. This is an estimate; the material file should give measured values where there are some.
+
+The forming limit is the fracture line in principal strains: the sheet tears where major + k minor strain reaches what
+it bears in plane strain (Torrao 2013, 2.2.2: parallel to pure shear, k = 1, so the loss of thickness alone decides).
+It is what the simulated sheet bears. What a planner allows is ``max_wall_angle``, another thing.
 """
 
 from __future__ import annotations
@@ -41,7 +45,13 @@ class Material(FileModel):
     friction: float = Field(ge=0, lt=1)
     """Coefficient between tool and sheet."""
     max_wall_angle: Angle = Field(gt=0.1, lt=1.5708)
-    """Largest wall angle that one pass forms."""
+    """Largest wall angle that a plan may have: a rule of the planner, not what a simulated sheet bears."""
+    fracture_strain: float | None = Field(default=None, gt=0, lt=4)
+    """Major true strain at which the sheet tears in plane strain; without it it is estimated from `max_wall_angle`."""
+    fracture_slope: float | None = Field(default=None, ge=0, le=2)
+    """k of the fracture line, major strain + k minor strain; 1 without it: the thickness decides."""
+    bending_share: float | None = Field(default=None, ge=0, lt=1)
+    """Share of the outer fibre's strain that each bend to a tool and back uses up; 0.15 without it."""
     strength_coefficient: Stress | None = Field(default=None, gt=1e6, lt=5e9)
     """K of the flow curve K strain^n; without it the curve is estimated (:mod:`isf_core.files.material`)."""
     hardening_exponent: float | None = Field(default=None, ge=0, lt=1)
@@ -102,6 +112,54 @@ def flow_curve(material: Material) -> FlowCurve:
         exponent = float(brentq(lambda n: n * np.log(n / SMALLEST_EXPONENT) - ratio, SMALLEST_EXPONENT, 1.5))
     coefficient = material.tensile_strength * (np.e / exponent) ** exponent
     return FlowCurve(float(coefficient), exponent, estimated=True)
+
+
+OWN_THINNING = 1.15
+"""Thinning of a wall formed in one pass over the sine law's: 1.05 to 1.17 on simulated cones of 45 to 70 deg, R 5 mm.
+A largest wall angle becomes a strain by it."""
+USUAL_STEP = 0.5
+"""Incremental depth over thickness, where the source of a largest wall angle does not print it (assumed)."""
+BENDING_SHARE = 0.15
+"""Calibrated: AA3103 of 1.5 mm in steps of 1 mm, formed at 76 deg in three passes and torn at 80 deg in four (Behera
+2015, Table 1), which 0.13 to 0.22 give."""
+
+
+@dataclass(frozen=True)
+class FormingLimit:
+    """When a sheet tears: major + slope minor + bending_share bent reaches the strain; true strains, ``bent`` the sum
+    of the outer fibre's strains t / 2R over the bends to tools of radius R.
+
+    Attributes
+    ----------
+    strain : major strain of a sheet that was not bent, in plane strain ; slope : k ; bending_share
+    estimated : the strain is from the largest wall angle, not from the material file
+    """
+
+    strain: float
+    slope: float
+    bending_share: float
+    estimated: bool = False
+
+
+def strain_of_angle(angle: float, bending_share: float = BENDING_SHARE) -> float:
+    """What a wall of ``angle`` rad formed in one pass uses up: its thinning, and its bends.
+
+    A tool of radius R that touches R sin a of the wall in plan comes by R sin a tan a / step times, with t / 2R each.
+    """
+    bends = np.sin(angle) * np.tan(angle) / (2.0 * USUAL_STEP)
+    return float(-OWN_THINNING * np.log(np.cos(angle)) + bending_share * bends)
+
+
+def forming_limit(material: Material) -> FormingLimit:
+    """Forming limit of ``material``: its own constants, or the strain estimated from its largest wall angle."""
+    own = material.fracture_strain
+    share = BENDING_SHARE if material.bending_share is None else material.bending_share
+    return FormingLimit(
+        strain=strain_of_angle(material.max_wall_angle, share) if own is None else own,
+        slope=1.0 if material.fracture_slope is None else material.fracture_slope,
+        bending_share=share,
+        estimated=own is None,
+    )
 
 
 def plane_strain(initial: float, thickness: Array | float) -> Array:

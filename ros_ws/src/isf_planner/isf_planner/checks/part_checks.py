@@ -74,9 +74,9 @@ def check_wall_angle(mesh: Mesh, limit: float) -> tuple[str, ...]:
     if angle > limit:
         raise IsfError(
             ErrorCode.WALL_TOO_STEEP,
-            f"the wall is {steepest:.1f} deg steep, the sheet allows {most:.1f} deg",
+            f"the wall is {steepest:.1f} deg steep, {most:.1f} deg may be planned",
             where=f"mesh at {where}",
-            advice="make the wall flatter, or set wall_angle_limit if the limit is known to be higher",
+            advice="make the wall flatter, or set wall_angle_limit to try it: the sheet may tear",
         )
     if angle > ANGLE_MARGIN * limit:
         return (f"the wall at {where} is {steepest:.1f} deg steep, close to the limit of {most:.1f} deg",)

@@ -11,7 +11,7 @@ import time
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES, JobFile
-from isf_core.files.material import YIELD_STRAIN, Material, flow_curve
+from isf_core.files.material import Material, forming_limit
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
@@ -21,10 +21,11 @@ from scipy.interpolate import griddata
 from isf_sim.explicit_shell.grid import graded_lines
 from isf_sim.explicit_shell.library import LANES
 from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet, Support
+from isf_sim.explicit_shell.strength import Strength
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import kept_by_trimming
 from isf_sim.sheet.surface import Surface
-from isf_sim.world import World
+from isf_sim.variant import Variant
 
 AWAKE = 1.0e-3
 """m between a tool and the sheet, beyond which a sheet at rest is not computed."""
@@ -47,7 +48,7 @@ FORMED_STRAIN = 0.01
 
 
 class FormedSheet:
-    """A fresh blank of ``job_file``, a sheet of ``kind`` in ``world``.
+    """A fresh blank of ``job_file``, a sheet of ``kind`` in ``variant``.
 
     It lies over the heights ``support`` (ny, nx) m on the grid of ``surface``.
 
@@ -55,7 +56,8 @@ class FormedSheet:
     ----------
     shell : ExplicitShell ; thickness : m, of the flat blank ; cpu : s of the processor spent on it
     raised : m by which the support shall stand higher after the next move (TPIF: the blank holder came down)
-    largest_kinetic : J, largest kinetic energy so far ; strain : ln(t0 / t) beside the tool when it was judged last
+    largest_kinetic : J, largest kinetic energy so far
+    strength : of the sheet, and what of it is used up
 
     Raises
     ------
@@ -68,7 +70,7 @@ class FormedSheet:
         kind: SheetKind,
         material: Material,
         thickness: float,
-        world: World,
+        variant: Variant,
         constants: PlantConstants,
         surface: Surface,
         support: Array | None,
@@ -93,27 +95,28 @@ class FormedSheet:
             for size, region in zip(rig.clamp.size, even, strict=True)
         )
         fixed = rig.clamp.edge == "fixed"
-        spring = np.inf if fixed else constants.edge_spring + world.edge_spring
+        spring, slips_at = (np.inf, np.inf) if fixed else variant.edge(constants.edge_spring)
         self.shell = ExplicitShell(
             x,
             y,
-            _sheet_of(material, thickness, world.force_level),
-            Edge(spring),
-            friction=material.friction * world.friction,
+            _sheet_of(material, thickness, variant),
+            Edge(spring, slips_at),
+            friction=material.friction * variant.friction,
             tool_speed=haste * (constants.shell_speed if job.tool_2 else constants.shell_speed_alone),
             damping=constants.shell_damping,
         )
         self.shell.state.position[2] = -0.5 * thickness
         far = np.array([0.0, 0.0, 1.0])
-        compliance = np.array(rig.tool_1.compliance) * world.compliance
+        compliance = np.array(rig.tool_1.compliance) * variant.compliance
         self.shell.set_tool(0, Ball(job.tool_1.radius, 1, compliance=tuple(compliance)), far)
         if job.tool_2 is not None:
-            compliance = np.array(rig.tool_2.compliance) * world.compliance
+            compliance = np.array(rig.tool_2.compliance) * variant.compliance
             self.shell.set_tool(1, Ball(job.tool_2.radius, -1, compliance=tuple(compliance)), -far)
         if support is not None:
             self.shell.set_support(Support(support, surface.x0, surface.y0, surface.h))
+        self.strength = Strength(self.shell, forming_limit(material), constants.window_radii * job.tool_1.radius)
         self._asleep = True
-        self.cpu = self.largest_kinetic = self.strain = self.raised = 0.0
+        self.cpu = self.largest_kinetic = self.raised = 0.0
 
     def move(self, tips: Array) -> Array:
         """Move the tools straight to ``tips`` (2, 3) m; forces (2, 3) N of the sheet on them.
@@ -180,20 +183,6 @@ class FormedSheet:
         j = np.clip(np.searchsorted(shell.y, surface.y0 + surface.h * np.arange(ny)) - 1, 0, strained.shape[0] - 1)
         return strained[np.ix_(j, i)].astype(np.int8)
 
-    def thinning(self, tip: Array, reach: float) -> tuple[float, Array]:
-        """Largest ln(t0 / t) within ``reach`` m of ``tip`` (3,) m in the plane, and its place (3,) m."""
-        shell = self.shell
-        position = shell.state.position.reshape(3, len(shell.y), len(shell.x))
-        middle = 0.25 * (position[:, 1:, 1:] + position[:, 1:, :-1] + position[:, :-1, 1:] + position[:, :-1, :-1])
-        middle = middle.reshape(3, -1)
-        near = np.hypot(middle[0] - tip[0], middle[1] - tip[1]) < reach
-        if not near.any():
-            return 0.0, np.zeros(3)
-        chosen = np.flatnonzero(near)
-        thinnest = chosen[np.argmin(shell.state.thickness[chosen])]
-        strain = float(np.log(self.thickness / shell.state.thickness[thinnest]))
-        return strain, np.asarray(middle[:, thinnest])
-
     def values(self) -> dict[str, object]:
         """For a summary: what stands behind the numbers of a run."""
         shell = self.shell
@@ -213,10 +202,9 @@ class FormedSheet:
         return float(nearest - tool["radius"] - 0.5 * self.thickness)
 
 
-def _sheet_of(material: Material, thickness: float, force_level: float) -> Sheet:
+def _sheet_of(material: Material, thickness: float, variant: Variant) -> Sheet:
     strain = np.concatenate([[0.0], np.geomspace(1e-4, 4.0, 400)])
-    # Hollomon's curve from the strain at which the yield strength is defined on
-    stress = force_level * flow_curve(material).stress(strain + YIELD_STRAIN)
+    stress = variant.force_level * variant.flow_stress(material, strain)
     return Sheet(material.young_modulus, material.poisson_ratio, thickness, strain, np.asarray(stress))
 
 

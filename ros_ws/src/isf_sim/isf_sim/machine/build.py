@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from isf_core.files.job import JobFile
+from isf_core.files.material import forming_limit
 from isf_core.types import Array
 
 from isf_sim.machine import tick as mt
@@ -19,7 +20,7 @@ from isf_sim.sheet.die_plant import DiePlant
 from isf_sim.sheet.sheet_plant import LowerTool, SheetPlant
 from isf_sim.sheet.squeeze import SqueezeConstants, indentation_stiffness
 from isf_sim.sheet.support_surface import support_of
-from isf_sim.world import World
+from isf_sim.variant import Variant
 
 USUAL_PITCH = 0.2e-3
 """m between two turns, where the job does not say (Ren 2018, 3.2.1)."""
@@ -27,7 +28,7 @@ USUAL_PITCH = 0.2e-3
 
 @dataclass(frozen=True)
 class MachineParts:
-    """Everything of a machine that a job, a world and a generator decide.
+    """Everything of a machine that a job, a variant and a generator decide.
 
     Attributes
     ----------
@@ -46,12 +47,12 @@ class MachineParts:
 
 
 def make_parts(
-    job_file: JobFile, world: World, constants: PlantConstants, tip: Array, generator: np.random.Generator
+    job_file: JobFile, variant: Variant, constants: PlantConstants, tip: Array, generator: np.random.Generator
 ) -> MachineParts:
     """Parts for a fresh blank with the forming tool parked at ``tip`` (3,) m; raises IsfError for the job's files."""
     job, rig = job_file.job, job_file.rig
     material = job_file.material.model_copy(
-        update={"yield_strength": job_file.material.yield_strength * world.yield_strength}
+        update={"yield_strength": job_file.material.yield_strength * variant.yield_strength}
     )
     kind = DiePlant if job.process == "TPIF" else SheetPlant
     plant = kind(
@@ -61,7 +62,7 @@ def make_parts(
         job.tool_1.radius,
         job.path.incremental_depth,
         rig.tool_1.compliance,
-        world=world,
+        variant=variant,
         constants=constants,
         tip=tip,
         lower=LowerTool(job.tool_2.radius, rig.tool_2.compliance) if job.tool_2 else None,
@@ -69,7 +70,7 @@ def make_parts(
     support = support_of(job_file, plant.surface, plant.thickness)
     if support is not None:
         plant.set_support(support)
-    rate, gain = job.control.rate, world.load_cell_gain
+    rate, gain = job.control.rate, variant.load_cell_gain
     cell_1, state_1 = make_cell(rig.load_cell, constants, rate, gain, generator, weight=rig.tool_1.weight, above=True)
     cell_2, state_2 = make_cell(rig.load_cell, constants, rate, gain, generator, weight=rig.tool_2.weight, above=False)
     servo = make_servo(
@@ -85,7 +86,7 @@ def make_parts(
         servo=servo,
         errors=make_axis_errors(rig),
         point=plant.sides[0],
-        squeeze=_squeeze_constants(job_file, world, constants, plant),
+        squeeze=_squeeze_constants(job_file, variant, constants, plant),
         cell_1=cell_1,
         cell_2=cell_2,
         force_limit=np.array(rig.limits.force),
@@ -94,12 +95,12 @@ def make_parts(
         plant=plant,
         constants=(of_tick, of_tick._replace(point=plant.sides[1], squeeze=_swapped(of_tick.squeeze))),
         cells=(state_1, state_2),
-        adsif=_adsif_constants(job_file, world, plant) if job.process == "ADSIF" else None,
+        adsif=_adsif_constants(job_file, variant, plant) if job.process == "ADSIF" else None,
         support=support,
         event_limits=event_limits(
             # accumulative forming squeezes with up to 1500 N (Ren 2018, 3.2.4); no limit of chips is published for it
-            math.inf if job.process == "ADSIF" else material.tensile_strength * world.force_level,
-            job.wall_angle_limit or material.max_wall_angle,
+            math.inf if job.process == "ADSIF" else material.tensile_strength * variant.force_level,
+            forming_limit(material),
             min(job.tool_1.radius, job.tool_2.radius if job.tool_2 else job.tool_1.radius),
             plant.thickness,
             rate,
@@ -108,7 +109,7 @@ def make_parts(
 
 
 def _squeeze_constants(
-    job_file: JobFile, world: World, constants: PlantConstants, plant: SheetPlant
+    job_file: JobFile, variant: Variant, constants: PlantConstants, plant: SheetPlant
 ) -> SqueezeConstants:
     job, rig, material = job_file.job, job_file.rig, plant.material
     flow = 0.5 * constants.flow_factor * (material.yield_strength + material.tensile_strength)
@@ -118,13 +119,13 @@ def _squeeze_constants(
         present=job.tool_2 is not None,
         forming_radius=radius_1,
         support_radius=radius_2,
-        stiffness=indentation_stiffness(radius_1, radius_2, flow * world.force_level, constants.indentation_factor),
+        stiffness=indentation_stiffness(radius_1, radius_2, flow * variant.force_level, constants.indentation_factor),
         memory=constants.squeeze_memory,
         thickness=plant.thickness,
         window=constants.window_radii * radius_1,
-        forming_compliance=np.array(rig.tool_1.compliance) * world.compliance,
-        support_compliance=np.array(rig.tool_2.compliance) * world.compliance,
-        flow_stress=flow * world.force_level,
+        forming_compliance=np.array(rig.tool_1.compliance) * variant.compliance,
+        support_compliance=np.array(rig.tool_2.compliance) * variant.compliance,
+        flow_stress=flow * variant.force_level,
         constraint=constants.indentation_factor,
     )
 
@@ -140,14 +141,14 @@ def _swapped(c: SqueezeConstants) -> SqueezeConstants:
     )
 
 
-def _adsif_constants(job_file: JobFile, world: World, plant: SheetPlant) -> AdsifConstants:
+def _adsif_constants(job_file: JobFile, variant: Variant, plant: SheetPlant) -> AdsifConstants:
     job, rig = job_file.job, job_file.rig
     radius_1 = job.tool_1.radius
     return AdsifConstants(
         thickness=plant.thickness,
         radius_1=radius_1,
         radius_2=job.tool_2.radius if job.tool_2 else radius_1,
-        compliance=(rig.tool_1.compliance[0] + rig.tool_2.compliance[0]) * world.compliance,
-        force_level=world.force_level,
+        compliance=(rig.tool_1.compliance[0] + rig.tool_2.compliance[0]) * variant.compliance,
+        force_level=variant.force_level,
         width=max(1.5 * (job.adsif.pitch if job.adsif else USUAL_PITCH), 0.8 * plant.surface.h),
     )

@@ -1,8 +1,8 @@
 """Events of a part: what happened to sheet or machine, each told once with place, time, value and limit.
 
-fracture      ln(t0 / t) of the wall beside the tool above 1.15 ln(1 / cos(a_max)) (1 + c_n F_n / 200 N) over four tool
-              radii of way; a_max of the material in one pass; c_n from the later failure of the funnel with force
-              control (Ren 2018, 2.4.1)
+fracture      strain of the wall beside the tool above the forming limit of the material times 1 + c_n F_n / 200 N over
+              four tool radii of way (:class:`isf_core.files.material.FormingLimit`: strains and bends of all passes);
+              c_n from the later failure of the funnel with force control (Ren 2018, 2.4.1)
 galling       support force above c_g R_m R t0: 120 N is fine and 200 N sheds chips on AA1100-O with R 4.5 mm (same)
 buckling      accumulative forming outside the stable gaps (Ren 2018, 3.2.3)
 contact lost  the support tool carried load and carries none for 0.1 s, still beside the pressing forming tool
@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 from isf_core.events import Event, EventKind
+from isf_core.files.material import FormingLimit
 from isf_core.types import Array
 
 from isf_sim.jit import kernel
@@ -32,17 +33,13 @@ from isf_sim.machine.tick import Axes
 from isf_sim.sheet.sheet_point import Contact
 from isf_sim.sheet.squeeze import Squeeze
 from isf_sim.sheet.surface import Surface
-from isf_sim.sheet.thickness import thinning_up_the_wall
+from isf_sim.sheet.thickness import strain_up_the_wall
 
 GALLING_FACTOR = 0.42
 """c_g, calibrated: geometric mean between the fine and the shedding support force of Ren 2018, 2.4.1."""
 SQUEEZE_GAIN = 0.16
 """c_n, calibrated: funnel 19.0 mm deep without, 22.1 mm with 200 N, taken as a ratio of strains (assumed)."""
 REFERENCE_FORCE = 200.0
-OWN_THINNING = 1.15
-"""Thinning of a wall formed in one pass over the sine law's, as the material that is carried along gives it: 1.05 to
-1.17 on cones of 45 to 70 deg with R 5 mm. The limit of the wall angle is one of a single pass, so it is told in the
-same measure; nothing published went into it."""
 TORN_WAY = 4.0
 """Tool radii of way over which the limit must be passed: the seam of the contours is thinner over a shorter way."""
 LOADED, ENGAGED = 50.0, 10.0
@@ -62,21 +59,23 @@ NEVER = -1
 
 @dataclass(frozen=True)
 class EventLimits:
-    """Limits of one job: galling N, fracture strain without squeeze, control rate Hz, tool radius, thickness m."""
+    """Limits of one job: galling N, forming limit without squeeze, control rate Hz, tool radius, thickness m."""
 
     galling: float
-    fracture: float
+    forming: FormingLimit
     rate: float
     radius: float
     thickness: float
 
 
 class EventBounds(NamedTuple):
-    """Limits of support force N and strain without squeeze, of the gap m; radii m of upper and lower ball (0: none);
-    blank thickness m."""
+    """Limits of support force N, strain without squeeze (with the slope of its line, and the strain m per sum of
+    curvatures that bends use up), of the gap m; radii m of upper and lower ball (0: none); blank thickness m."""
 
     galling: float
     strain: float
+    slope: float
+    bent: float
     gap: float
     upper: float
     lower: float
@@ -89,7 +88,7 @@ class TickFacts(NamedTuple):
     Attributes
     ----------
     time : s ; forming, support : tips m ; axial : N on the forming tool ; support_force : N, magnitude
-    strain : ln(t0 / t) of the wall beside the tool, 0 without contact ; thinnest : its place m
+    strain : of the wall beside the tool, as the forming limit counts it, 0 without contact ; thinnest : its place m
     buckles : gap / t0 of an unstable ring, NaN when stable ; clipped : readings in a row at the end of a range
     """
 
@@ -105,12 +104,12 @@ class TickFacts(NamedTuple):
 
 
 def event_limits(
-    tensile_strength: float, max_wall_angle: float, radius: float, thickness: float, rate: float
+    tensile_strength: float, forming: FormingLimit, radius: float, thickness: float, rate: float
 ) -> EventLimits:
-    """Limits for a material (Pa, rad), the smaller tool radius m, the blank's thickness m and the control rate Hz."""
+    """Limits for a material (Pa), the smaller tool radius m, the blank's thickness m and the control rate Hz."""
     return EventLimits(
         galling=GALLING_FACTOR * tensile_strength * radius * thickness,
-        fracture=-OWN_THINNING * math.log(math.cos(max_wall_angle)),
+        forming=forming,
         rate=rate,
         radius=radius,
         thickness=thickness,
@@ -119,7 +118,9 @@ def event_limits(
 
 def event_bounds(limits: EventLimits, radii: tuple[float, float], blank: float) -> EventBounds:
     """Bounds for ``limits``, ``radii`` m of both balls (0: no second tool) and a ``blank`` m thick."""
-    return EventBounds(limits.galling, limits.fracture, 3.0 * limits.thickness, *radii, blank)
+    forming = limits.forming
+    bent = 0.5 * blank * forming.bending_share
+    return EventBounds(limits.galling, forming.strain, forming.slope, bent, 3.0 * limits.thickness, *radii, blank)
 
 
 @kernel
@@ -134,19 +135,19 @@ def wall_strain(
     contact: Contact,
     squeeze: Squeeze,
     radius: float,
-    blank: float,
     support_axial: float,
+    bounds: EventBounds,
     place: Array,
 ) -> float:
-    """ln(t0 / t) of the thinnest wall beside the tool of ``radius`` m, its place m in ``place`` (3,); ``blank`` m.
+    """Largest strain of the wall beside the tool of ``radius`` m, its place m in ``place`` (3,).
 
     What the support tool, loaded with ``support_axial`` N, has squeezed thin comes on top.
     """
     tip = contact.formed_tip
-    strain = thinning_up_the_wall(surface, tip[0], tip[1], contact.wall, radius, place)
+    strain = strain_up_the_wall(surface, tip[0], tip[1], contact.wall, radius, bounds.slope, bounds.bent, place)
     if support_axial != 0.0:
         slope = contact.wall[0]
-        formed = blank / math.sqrt(1.0 + slope * slope)
+        formed = bounds.thickness / math.sqrt(1.0 + slope * slope)
         strain += max(math.log(formed / squeeze.thickness[0]), 0.0)
     return strain
 
@@ -206,7 +207,7 @@ def conditions(
         gap = math.sqrt(dx * dx + dy * dy + dz * dz) - bounds.upper - bounds.lower
     strain = 0.0
     if contact.axial[0] > 0.0:
-        strain = wall_strain(surface, contact, squeeze, radius, bounds.thickness, fz, np.empty(3))
+        strain = wall_strain(surface, contact, squeeze, radius, fz, bounds, np.empty(3))
     clipped = max(cell_1.clipped[0], cell_2.clipped[0])
     force = math.sqrt(fx * fx + fy * fy + fz * fz)
     bits = judge(axial, force, gap, strain, contact.on_die[0], axes.saturated[0], clipped, bounds)
@@ -323,7 +324,7 @@ def event_of(kind: EventKind, facts: TickFacts, limits: EventLimits) -> Event:
     if kind is EventKind.SATURATION:
         text = "a load cell is at the end of its range" if facts.clipped else "an axis saturates"
         return Event(kind, facts.time, facts.forming, facts.axial, 0.0, text)
-    limit = squeezed_limit(limits.fracture, force)
-    left, least = (1e3 * limits.thickness * math.exp(-strain) for strain in (facts.strain, limit))
-    text = f"the sheet tears: {left:.2f} mm are left, limit {least:.2f} mm"
+    limit = squeezed_limit(limits.forming.strain, force)
+    x, y, z = (1e3 * value for value in facts.thinnest)
+    text = f"the sheet tears at ({x:.1f}, {y:.1f}, {z:.1f}) mm: strain {facts.strain:.2f}, it bears {limit:.2f}"
     return Event(kind, facts.time, facts.thinnest, facts.strain, limit, text)

@@ -28,6 +28,7 @@ from isf_sim.machine.events import (
     BUCKLES,
     LIMITED,
     NEVER,
+    EventBounds,
     EventWatch,
     TickFacts,
     conditions,
@@ -49,7 +50,7 @@ from isf_sim.sheet.sheet_plant import SheetPlant
 from isf_sim.sheet.sheet_point import DONE, TRAVELLED
 from isf_sim.sheet.squeeze import Squeeze, no_squeeze
 from isf_sim.sheet.turned_sheet import pressing_tip, turn_over
-from isf_sim.world import World, make_world
+from isf_sim.variant import Variant, make_variant
 
 __all__ = ["LIMIT_FORCE", "LIMIT_SPEED", "LIMIT_TRAVEL", "MachineSample", "SimulatedMachine"]
 
@@ -62,15 +63,15 @@ HOLDER_STEP = 0.1e-3
 """m of blank holder after which the sheet is brought over the die anew."""
 MAXIMUM_EVENTS = 1000
 THINNING_TICKS = 25
-"""Ticks between two looks at the thinning of the elasto-plastic sheet."""
+"""Ticks between two looks at the strains of the elasto-plastic sheet."""
 
 
 class SimulatedMachine:
-    """A machine with a fresh blank for ``job_file``, tools parked; deterministic for (job, world, seed).
+    """A machine with a fresh blank for ``job_file``, tools parked; deterministic for (job, variant, seed, blank).
 
     Attributes
     ----------
-    control_rate : Hz ; tick_count : ticks since the blank was clamped ; world : World
+    control_rate : Hz ; tick_count : ticks since the blank was clamped ; variant : Variant
     faults : latched faults (code, text), oldest first ; limits : flags of limits hit since the last reset
     events : what happened to the part, oldest first ; tared : True after :meth:`tare`
     holder_height : m, blank holder over its start (TPIF: negative as the sheet comes down over the die)
@@ -80,16 +81,18 @@ class SimulatedMachine:
         self,
         job_file: JobFile,
         *,
-        world: int = 0,
+        variant: int = 0,
         seed: int = 0,
+        blank: int = 0,
         constants: PlantConstants | None = None,
         sheet: SheetKind = "fast",
     ) -> None:
         job, rig = job_file.job, job_file.rig
         self.job_file = job_file
-        self.world_number, self.seed = world, seed
-        self.world: World = make_world(world, seed)
-        self.plant_constants = constants = constants or PlantConstants()
+        self.variant_number, self.seed, self.blank = variant, seed, blank
+        self.variant: Variant = make_variant(variant, seed, blank)
+        self.plant_constants = constants or PlantConstants()
+        constants, plant_file = self.variant.constants(self.plant_constants), self.variant.plant_file(job_file)
         self.control_rate = job.control.rate
         self.tick_count = 0
         self.faults: list[tuple[ErrorCode, str]] = []
@@ -98,9 +101,9 @@ class SimulatedMachine:
         self.tared = False
         self.holder_height = 0.0
         park_1, park_2 = np.array([0.0, 0.0, rig.park_height]), np.array([0.0, 0.0, -rig.park_height])
-        self._generator = np.random.default_rng([seed % 2**63, world])
-        self._more_generator = np.random.default_rng([seed % 2**63, world, 1])
-        parts = make_parts(job_file, self.world, constants, park_1, self._generator)
+        self._generator = np.random.default_rng([seed % 2**63, variant])
+        self._more_generator = np.random.default_rng([seed % 2**63, variant, 1])
+        parts = make_parts(plant_file, self.variant, constants, park_1, self._generator)
         self.plant: SheetPlant = parts.plant
         self._support = parts.support
         self.sheet_kind: SheetKind = sheet
@@ -108,7 +111,14 @@ class SimulatedMachine:
         if sheet != "fast":
             plant = self.plant
             self._shell = FormedSheet(
-                job_file, sheet, plant.material, plant.thickness, self.world, constants, plant.surface, parts.support
+                plant_file,
+                sheet,
+                plant.material,
+                plant.thickness,
+                self.variant,
+                constants,
+                plant.surface,
+                parts.support,
             )
         self._constants, self._turned_constants = parts.constants
         self._cell_1, self._cell_2 = parts.cells
@@ -275,7 +285,7 @@ class SimulatedMachine:
             surface.formed[...] = shell.formed(surface)
             shape = None if clamped else shell.measured_shape(shell.released(surface))
         points = measured_points(
-            shape or self.measured_shape(), surface, tips, self._radii, self.world, self._more_generator, clamped
+            shape or self.measured_shape(), surface, tips, self._radii, self.variant, self._more_generator, clamped
         )
         if duration:
             for _ in range(round(SCAN_TIME * self.control_rate)):
@@ -422,6 +432,7 @@ class SimulatedMachine:
         path[TRAVELLED] += float(np.linalg.norm(axes.tips[0] - before))
         try:
             axes.force_1[:], axes.force_2[:] = shell.move(axes.tips)
+            shell.strength.note(shell.shell, float(path[TRAVELLED]))
         except IsfError as error:
             self.latch(error.code, error.message)
             axes.force_1[:] = axes.force_2[:] = 0.0
@@ -432,11 +443,11 @@ class SimulatedMachine:
             upper, lower = axes.tips + np.array([[0.0, 0.0, bounds.upper], [0.0, 0.0, -bounds.lower]])
             gap = float(np.linalg.norm(upper - lower)) - bounds.upper - bounds.lower
         if self.tick_count % THINNING_TICKS == 0:
-            shell.strain = shell.thinning(axes.tips[0], 2.0 * bounds.upper)[0]
+            shell.strength.judge(shell.shell, axes.tips[0], 2.0 * bounds.upper)
         support = float(np.linalg.norm(axes.force_2))
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
         saturated = int(axes.saturated[0])
-        bits = judge(float(axes.force_1[2]), support, gap, shell.strain, 0.0, saturated, clipped, bounds)
+        bits = judge(float(axes.force_1[2]), support, gap, shell.strength.strain, 0.0, saturated, clipped, bounds)
         return bits | (LIMITED if axes.flags[0] else 0)
 
     def _check_limits(self) -> None:
@@ -453,10 +464,13 @@ class SimulatedMachine:
         if kinds and len(self.events) < MAXIMUM_EVENTS:
             buckles = float(self._adsif.local[1]) if self._adsif is not None and bits & BUCKLES else math.nan
             time = self.tick_count / self.control_rate
-            facts = tick_facts(time, self._axes, self.plant, self._squeeze, buckles=buckles, clipped=clipped)
+            facts = tick_facts(
+                time, self._axes, self.plant, self._squeeze, self._bounds, buckles=buckles, clipped=clipped
+            )
             if self._shell is not None:
-                strain, place = self._shell.thinning(self._axes.tips[0], 2.0 * self.plant.radius)
-                facts = facts._replace(strain=strain, thinnest=(float(place[0]), float(place[1]), float(place[2])))
+                strength = self._shell.strength
+                x, y, z = strength.place.tolist()
+                facts = facts._replace(strain=strength.strain, thinnest=(x, y, z))
             self.events += [event_of(kind, facts, self._watch.limits) for kind in kinds]
         if clipped >= LARGEST_CLIPPED and not self.faults:
             self.latch(
@@ -491,7 +505,7 @@ class SimulatedMachine:
 
 @dataclass
 class MachineState:
-    """Everything of a machine that changes while it runs; what is not here follows from job, world and seed.
+    """Everything of a machine that changes while it runs; what is not here follows from job, variant and seed.
 
     A change of these fields, or of the objects in them, counts :data:`isf_sim.machine.state.VERSION` up.
 
@@ -620,7 +634,7 @@ def millimetres(position: Array) -> str:
 
 
 def tick_facts(
-    time: float, axes: Axes, plant: SheetPlant, squeeze: Squeeze, *, buckles: float, clipped: int
+    time: float, axes: Axes, plant: SheetPlant, squeeze: Squeeze, bounds: EventBounds, *, buckles: float, clipped: int
 ) -> TickFacts:
     """Facts after the tick at ``time`` s."""
     contact = plant.contact
@@ -631,7 +645,7 @@ def tick_facts(
     fx, fy, fz = on_support.tolist()
     strain, place = 0.0, np.zeros(3)
     if contact.axial[0] > 0.0:
-        strain = float(wall_strain(plant.surface, contact, squeeze, plant.radius, plant.thickness, fz, place))
+        strain = float(wall_strain(plant.surface, contact, squeeze, plant.radius, fz, bounds, place))
     return TickFacts(
         time=time,
         forming=tuple(forming),

@@ -1,8 +1,8 @@
 """A simulated machine saved to one file and taken up again: sheet, axes, load cells, events, generators, time.
 
 The file is a numpy archive of plain arrays with a header in JSON: format, version, digest of the sources of the plant,
-job, world, seed and the structure of the state. A machine taken up goes on bit by bit as the saved one would have gone
-on, with the same software; a file saved by another plant is refused.
+job, variant, seed, blank and the structure of the state. A machine taken up goes on bit by bit as the saved one would
+have gone on, with the same software; a file saved by another plant is refused.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from isf_sim.shell.shell_assembly import SupportPoints
 
 _SOURCES = Path(__file__).resolve().parents[1]
 
-FORMAT, VERSION = "isf-machine-state", 4
+FORMAT, VERSION = "isf-machine-state", 5
 
 
 def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
@@ -55,8 +55,9 @@ def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
         "plant": plant_digest(),
         "job": machine.job_file.text,
         "base": str(machine.job_file.base),
-        "world": machine.world_number,
+        "variant": machine.variant_number,
         "seed": machine.seed,
+        "blank": machine.blank,
         "sheet": machine.sheet_kind,
         "constants": dataclasses.asdict(machine.plant_constants),
         "state": state,
@@ -89,8 +90,9 @@ def load_machine(path: str | Path) -> SimulatedMachine:
     try:
         machine = SimulatedMachine(
             job_file,
-            world=header["world"],
+            variant=header["variant"],
             seed=header["seed"],
+            blank=header["blank"],
             constants=PlantConstants(**header["constants"]),
             sheet=header["sheet"],
         )

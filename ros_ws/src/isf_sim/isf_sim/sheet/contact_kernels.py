@@ -129,6 +129,7 @@ def envelope(surface: Surface, path: float, window: float, x: float, y: float, t
     # all nodes move from the same shape: in place, material would flow with the order of the nodes
     old = z[j0 - 1 : j1 + 1, i0 - 1 : i1 + 1].copy()
     origin = surface.origin[j0 - 1 : j1 + 1, i0 - 1 : i1 + 1].copy()
+    bending = surface.bending[j0 - 1 : j1 + 1, i0 - 1 : i1 + 1].copy()
     for j in range(j0, j1):
         dy = surface.y0 + j * h - y
         for i in range(i0, i1):
@@ -137,19 +138,24 @@ def envelope(surface: Surface, path: float, window: float, x: float, y: float, t
             if rest > 0.0:
                 ball = tip + radius - math.sqrt(rest)
                 if z[j, i] > ball:
-                    if path - surface.touched[j, i] >= window:
+                    begins = path - surface.touched[j, i] >= window
+                    if begins:
                         surface.before[j, i] = z[j, i]
                         surface.touched[j, i] = path
-                    _move_material(surface, j, i, old, origin, j - j0 + 1, i - i0 + 1, z[j, i] - ball)
+                    _move_material(surface, j, i, old, origin, bending, j - j0 + 1, i - i0 + 1, z[j, i] - ball)
+                    if begins:
+                        surface.bending[j, i] += 1.0 / radius
                     z[j, i] = ball
                     surface.formed[j, i] = 1
 
 
 @kernel
-def _move_material(surface: Surface, j: int, i: int, z: Array, origin: Array, b: int, a: int, drop: float) -> None:
+def _move_material(
+    surface: Surface, j: int, i: int, z: Array, origin: Array, bending: Array, b: int, a: int, drop: float
+) -> None:
     """Node (j, i) goes down by ``drop`` m: its material moves along the normal, so it comes from further up the slope.
 
-    ``z`` m and ``origin`` m: shape and origins before the ball came, in a window where the node is (b, a).
+    ``z`` m, ``origin`` m and ``bending`` 1/m: as they were before the ball came, in a window where the node is (b, a).
     """
     h = surface.h
     zx, zy = (z[b, a + 1] - z[b, a - 1]) / (2.0 * h), (z[b + 1, a] - z[b - 1, a]) / (2.0 * h)
@@ -160,6 +166,9 @@ def _move_material(surface: Surface, j: int, i: int, z: Array, origin: Array, b:
         here = origin[b, a, k]
         carried = abs(sx) * (origin[b, before_a, k] - here) + abs(sy) * (origin[before_b, a, k] - here)
         surface.origin[j, i, k] = here + carried / h - (sx if k == 0 else sy)
+    bent = bending[b, a]
+    carried = abs(sx) * (bending[b, before_a] - bent) + abs(sy) * (bending[before_b, a] - bent)
+    surface.bending[j, i] = bent + carried / h
 
 
 @kernel

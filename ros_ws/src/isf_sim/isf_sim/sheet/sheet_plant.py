@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from isf_core.files.material import Material
+from isf_core.files.material import Material, forming_limit
 from isf_core.files.rig import Clamp
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
@@ -54,7 +54,7 @@ from isf_sim.sheet.thickness import limit_margin, thickness_map
 from isf_sim.shell.shell import Elastic, Shell
 from isf_sim.shell.shell_lines import Grading
 from isf_sim.shell.solution_worker import SolutionWorker
-from isf_sim.world import World
+from isf_sim.variant import Variant
 
 SMALLEST_FORCE = 30.0
 """N, force of a coarse solution at first touch, when none is known yet."""
@@ -100,15 +100,15 @@ class SheetPlant:
         incremental_depth: float,
         compliance: tuple[float, float, float],
         *,
-        world: World | None = None,
+        variant: Variant | None = None,
         constants: PlantConstants | None = None,
         tip: Array | None = None,
         lower: LowerTool | None = None,
     ) -> None:
-        world = world or World()
+        variant = variant or Variant()
         self.constants = constants = constants or PlantConstants()
-        self.thickness = thickness = thickness * world.thickness
-        self.material = material.model_copy(update={"young_modulus": material.young_modulus * world.young_modulus})
+        self.thickness = thickness = thickness * variant.thickness
+        self.material = material.model_copy(update={"young_modulus": material.young_modulus * variant.young_modulus})
         self.size = clamp.size
         self.shell = Shell(
             clamp.size,
@@ -116,7 +116,7 @@ class SheetPlant:
             Elastic(self.material.young_modulus, self.material.poisson_ratio),
             thickness,
             edge=clamp.edge,
-            edge_spring=constants.edge_spring + world.edge_spring,
+            edge_spring=variant.edge(constants.edge_spring)[0],
         )
         self.surface: Surface = flat_surface(clamp.size, constants.fine_cell)
         self.track: TipTrack = empty_track(clamp.size, constants.track_cell)
@@ -126,8 +126,8 @@ class SheetPlant:
         self.aside = Aside(
             empty_track(clamp.size, constants.track_cell), np.array([0.0, LONG_AGO, 0.0, 0.0]), np.zeros(1)
         )
-        upper = self._point_constants(radius, incremental_depth, compliance, world)
-        other = self._point_constants(lower.radius, incremental_depth, lower.compliance, world) if lower else upper
+        upper = self._point_constants(radius, incremental_depth, compliance, variant)
+        other = self._point_constants(lower.radius, incremental_depth, lower.compliance, variant) if lower else upper
         self.sides: tuple[PointConstants, PointConstants] = (upper, other)
         self.solve_time = 0.0
         self.solutions = 0
@@ -235,7 +235,7 @@ class SheetPlant:
 
     def limit_margin(self) -> Array:
         """(ny, nx), thinning ln(t0 / t) that is left before the forming limit; negative beyond it."""
-        return limit_margin(self.thickness_map(), self.thickness, self.material.max_wall_angle)
+        return limit_margin(self.thickness_map(), self.thickness, forming_limit(self.material).strain)
 
     def forget_solutions(self) -> None:
         """Drop the control points: the sheet is loaded in another way from now on."""
@@ -320,12 +320,12 @@ class SheetPlant:
         self._states = [self._states[k] for k in chosen[:kept].tolist()] + [state]
 
     def _point_constants(
-        self, radius: float, incremental_depth: float, compliance: tuple[float, float, float], world: World
+        self, radius: float, incremental_depth: float, compliance: tuple[float, float, float], variant: Variant
     ) -> PointConstants:
         constants = self.constants
         amplitude = (
             constants.force_factor
-            * world.force_level
+            * variant.force_level
             * (self.material.tensile_strength / 1e6)
             * (self.thickness * 1e3) ** 1.57
             * (2e3 * radius) ** 0.41
@@ -334,11 +334,11 @@ class SheetPlant:
             radius=radius,
             amplitude=amplitude,
             step=incremental_depth,
-            friction=self.material.friction * world.friction,
+            friction=self.material.friction * variant.friction,
             tangential_share=constants.tangential_share,
             exponent=constants.force_exponent,
             wrap_exponent=constants.wrap_exponent,
-            compliance=np.array(compliance) * world.compliance,
+            compliance=np.array(compliance) * variant.compliance,
             local_compliance=self._local_compliance(constants.forming_cell),
             die_stiffness=self._die_stiffness(radius),
             window=constants.window_radii * radius,

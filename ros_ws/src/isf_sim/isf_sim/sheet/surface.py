@@ -29,6 +29,7 @@ class Surface(NamedTuple):
     formed : (ny, nx) 1 where the tool that presses has formed, -1 where the other one has
     squeeze, squeeze_before, squeezed : (ny, nx) largest squeeze force, the same before the present pass, path length
     origin : (ny, nx, 2) m, where a node's material lay on the flat blank minus where it is (x, y)
+    bending : (ny, nx) 1/m, curvatures 1/R of the tools that a node's material was bent to, a pass each, summed up
     support : (ny, nx) upper face of a sheet that lies on the rigid surface below, at rest; -inf where there is none
     holder : (2,) 1 where a support stands at all, its rise m
     """
@@ -44,6 +45,7 @@ class Surface(NamedTuple):
     squeeze_before: Array
     squeezed: Array
     origin: Array
+    bending: Array
     support: Array
     holder: Array
 
@@ -83,6 +85,7 @@ def flat_surface(size: tuple[float, float], h: float) -> Surface:
         squeeze_before=np.zeros(shape),
         squeezed=np.full(shape, LONG_AGO),
         origin=np.zeros((*shape, 2)),
+        bending=np.zeros(shape),
         support=np.full(shape, -np.inf),
         holder=np.zeros(2),
     )

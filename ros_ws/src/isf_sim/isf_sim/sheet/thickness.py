@@ -1,10 +1,11 @@
-"""Thickness of the formed sheet by volume constancy, with the material's real motion.
+"""Thickness of the formed sheet by volume constancy, and how far it is used up, with the material's real motion.
 
 Under the tool the sheet moves along its present normal, so on a wall the material moves sideways as well as down
 (the kinematics of the overlap method, Praveen 2020, 2.1). The surface carries for every node where its material lay
 on the flat blank; the thickness follows from the area there over the area of the surface now:
 t = t0 det(dX/dx) / sqrt(1 + |grad z|^2). A single pass gives the sine law t0 cos(alpha) in the developed wall, later
-passes stretch what is there instead of starting from the blank again.
+passes stretch what is there instead of starting from the blank again. The principal strains are those of the same
+motion.
 """
 
 from __future__ import annotations
@@ -35,10 +36,14 @@ def thickness_map(surface: Surface, blank: float) -> Array:
 
 
 @kernel
-def thinning_up_the_wall(surface: Surface, x: float, y: float, wall: Array, radius: float, place: Array) -> float:
-    """Largest ln(t0 / t) of the wall beside a tool of ``radius`` m at (x, y) m, and its ``place`` (3,) m.
+def strain_up_the_wall(
+    surface: Surface, x: float, y: float, wall: Array, radius: float, slope_of_limit: float, bent: float, place: Array
+) -> float:
+    """Largest strain of the wall beside a tool of ``radius`` m at (x, y) m, as the forming limit counts it
+    (:class:`isf_core.files.material.FormingLimit`), and its ``place`` (3,) m.
 
-    ``wall`` (4,): as in Contact, the wall's direction in 1 and 2; without one the answer is 0.
+    ``wall`` (4,): as in Contact, the wall's direction in 1 and 2; without one the answer is 0. ``slope_of_limit``: k,
+    with 1 the strain is ln(t0 / t). ``bent`` m: strain per sum of curvatures, 0 leaves bending out.
     """
     worst = 0.0
     place[0], place[1], place[2] = x, y, bilinear(surface.height, surface.x0, surface.y0, surface.h, x, y)
@@ -56,11 +61,34 @@ def thinning_up_the_wall(surface: Surface, x: float, y: float, wall: Array, radi
             origin_y[axis] = _difference(surface.origin[:, :, 1], surface, px, py, ax, ay)
         area = (1.0 + origin_x[0]) * (1.0 + origin_y[1]) - origin_x[1] * origin_y[0]
         left = max(area / np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2), THINNEST)
-        if -np.log(left) > worst:
-            worst = -np.log(left)
+        strain = -np.log(left)
+        if slope_of_limit != 1.0:
+            strain += (slope_of_limit - 1.0) * minor_strain(origin_x, origin_y, slope)
+        if bent > 0.0:
+            strain += bent * bilinear(surface.bending, surface.x0, surface.y0, surface.h, px, py)
+        if strain > worst:
+            worst = strain
             place[0], place[1] = px, py
             place[2] = bilinear(surface.height, surface.x0, surface.y0, surface.h, px, py)
     return worst
+
+
+@kernel
+def minor_strain(origin_x: Array, origin_y: Array, slope: Array) -> float:
+    """Smaller principal true strain in the sheet: of its plane, from the slopes (2,) of origin and height along x, y.
+
+    A way dx in the plane is |A dx| long on the blank and sqrt(dx . M dx) now; A = 1 + grad origin, M = 1 + slope
+    slope^T.
+    """
+    a, b, c, d = 1.0 + origin_x[0], origin_x[1], origin_y[0], 1.0 + origin_y[1]
+    xx, xy, yy = a * a + c * c, a * b + c * d, b * b + d * d  # A^T A
+    area = xx * yy - xy * xy
+    if area <= 0.0:
+        return 0.0
+    mx, my, mxy = 1.0 + slope[0] ** 2, 1.0 + slope[1] ** 2, slope[0] * slope[1]
+    half = 0.5 * (yy * mx + xx * my - 2.0 * xy * mxy) / area
+    product = (mx * my - mxy * mxy) / area
+    return 0.5 * np.log(product / (half + np.sqrt(max(half * half - product, 0.0))))
 
 
 @kernel
@@ -76,12 +104,9 @@ def coarse_area(origin: Array, x: Array, y: Array) -> Array:
     return _origin_area(origin, y, x)
 
 
-def limit_margin(thickness: Array, blank: float, max_wall_angle: float) -> Array:
-    """ln(1 / cos(a_max)) - ln(t0 / t): thinning that is left before the forming limit, negative beyond it.
-
-    The limit is that of one pass at the material's largest wall angle (rad), where the sine law holds.
-    """
-    return np.asarray(-np.log(np.cos(max_wall_angle)) - np.log(blank / thickness))
+def limit_margin(thickness: Array, blank: float, fracture_strain: float) -> Array:
+    """Thinning that is left before the forming limit in plane strain, bending left out; negative beyond it."""
+    return np.asarray(fracture_strain - np.log(blank / thickness))
 
 
 def _origin_area(origin: Array, y: Array | float, x: Array | float) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_core.events import EventKind
-from isf_core.files.material import load_material
+from isf_core.files.material import FormingLimit, load_material
 from isf_core.files.rig import load_rig
 from isf_sim.machine.axes import make_axis_errors
 from isf_sim.machine.events import NEVER, EventWatch, conditions, event_bounds, event_limits, settled
@@ -22,7 +22,7 @@ from isf_sim.sheet.squeeze import no_squeeze
 
 RATE, RADIUS, BLANK = 500.0, 5e-3, 1e-3
 RIG, MATERIAL = load_rig("ren2018"), load_material("AA5754-O")
-LIMITS = event_limits(MATERIAL.tensile_strength, math.radians(65.0), RADIUS, BLANK, RATE)
+LIMITS = event_limits(MATERIAL.tensile_strength, FormingLimit(0.990, 1.0, 0.15), RADIUS, BLANK, RATE)
 PLANT = SheetPlant(
     RIG.clamp,
     MATERIAL,
@@ -53,7 +53,9 @@ STRETCHES = st.builds(
     force=st.sampled_from([0.0, 5.0, 10.0, 10.5, 80.0, 0.999 * LIMITS.galling, LIMITS.galling, 1.2 * LIMITS.galling]),
     axial=st.sampled_from([0.0, 50.0, 51.0, 600.0]),
     gap=st.sampled_from([0.9e-3, 3e-3 - 1e-12, 3e-3, 3e-3 + 1e-12, 20e-3]),
-    strain=st.sampled_from([0.0, 0.5, LIMITS.fracture, 1.01 * LIMITS.fracture, 1.3 * LIMITS.fracture]),
+    strain=st.sampled_from(
+        [0.0, 0.5, LIMITS.forming.strain, 1.01 * LIMITS.forming.strain, 1.3 * LIMITS.forming.strain]
+    ),
     on_die=st.sampled_from([0.0, 1.0, 1.1]),
     clipped=st.sampled_from([0, 0, 0, 1]),
     saturated=st.sampled_from([0, 0, 0, 4]),
@@ -90,6 +92,6 @@ def test_a_watch_that_looks_only_when_something_changes_finds_the_same(stretches
     assert found[0] == found[1]
     assert always.broken == seldom.broken
     if not any(stretch.clipped for stretch in stretches):
-        quiet = [item for item in stretches if item.strain < 0.9 * LIMITS.fracture]
+        quiet = [item for item in stretches if item.strain < 0.9 * LIMITS.forming.strain]
         # nothing is counted longer than half a second: 250 ticks
         assert looks <= tick - sum(max(item.ticks - 260, 0) for item in quiet)

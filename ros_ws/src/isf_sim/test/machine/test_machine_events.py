@@ -6,12 +6,12 @@ import math
 
 import pytest
 from isf_core.events import Event, EventKind
-from isf_core.files.material import load_material
+from isf_core.files.material import FormingLimit, load_material
 from isf_sim.machine.events import BUCKLES, EventWatch, TickFacts, event_bounds, event_limits, event_of, judge
 
 RATE = 500.0
 AA1100 = load_material("AA1100-O")
-LIMITS = event_limits(AA1100.tensile_strength, math.radians(65.0), 4.5e-3, 1e-3, RATE)
+LIMITS = event_limits(AA1100.tensile_strength, FormingLimit(0.990, 1.0, 0.15), 4.5e-3, 1e-3, RATE)
 BOUNDS = event_bounds(LIMITS, (4.5e-3, 4.5e-3), 1e-3)
 QUIET = TickFacts(
     time=0.0,
@@ -97,7 +97,7 @@ def test_tools_that_are_lifted_lose_nothing() -> None:
 
 
 def test_sheet_tears_over_four_tool_radii_of_way_and_once() -> None:
-    """Limit of the material's 65 deg without squeeze: -1.15 ln cos 65 deg = 0.990."""
+    """Beyond the forming limit of 0.990, and the text says where."""
     run = Run()
     assert run.hold(0.5, strain=1.05) == []  # 15 mm of way: the seam
     assert run.hold(1.0, strain=0.98) == []
@@ -105,6 +105,7 @@ def test_sheet_tears_over_four_tool_radii_of_way_and_once() -> None:
     assert [event.kind for event in torn] == [EventKind.FRACTURE]
     assert torn[0].limit == pytest.approx(0.990, abs=1e-3)
     assert torn[0].position == QUIET.thinnest
+    assert torn[0].text == "the sheet tears at (12.0, 0.0, -3.0) mm: strain 1.05, it bears 0.99"
     assert run.hold(2.0, strain=1.4) == []
 
 

@@ -101,12 +101,12 @@ def test_a_torn_sheet_is_reported_once_with_what_is_left_of_it(pressed: Simulate
     """Thinned by hand where the tool is; the tool then goes on four radii along a line."""
     saved = pressed.state_copy()
     assert pressed._shell is not None
-    pressed._shell.shell.state.thickness *= 0.3
+    pressed._shell.shell.state.thickness *= 0.2
     away = (0.0, 0.0, -0.1)
     for x in np.arange(0.0, 26e-3, 0.1e-3):
         pressed.tick((x, 0.0, -7e-3), away)
     (torn,) = (event for event in pressed.events if event.kind is EventKind.FRACTURE)
-    assert torn.value == pytest.approx(-np.log(0.3), rel=0.1)
+    assert torn.value == pytest.approx(-np.log(0.2), rel=0.1)
     assert "tears" in torn.text
     pressed.restore(saved)
 

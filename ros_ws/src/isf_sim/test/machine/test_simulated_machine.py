@@ -12,7 +12,7 @@ from isf_core.files.job import JobFile
 from isf_core.types import Array
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_sim.plant_constants import PlantConstants
-from isf_sim.world import make_world
+from isf_sim.variant import make_variant
 
 JOB = """
 name: machine-test
@@ -30,8 +30,8 @@ COARSE = PlantConstants(coarse_cell=250e-3 / 16, fine_cell=1e-3)
 PARK_1, PARK_2 = np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1])
 
 
-def make(seed: int = 0, world: int = 0, job: str = JOB) -> SimulatedMachine:
-    return SimulatedMachine(JobFile(job, Path()), world=world, seed=seed, constants=COARSE)
+def make(seed: int = 0, variant: int = 0, job: str = JOB) -> SimulatedMachine:
+    return SimulatedMachine(JobFile(job, Path()), variant=variant, seed=seed, constants=COARSE)
 
 
 class Hand:
@@ -124,7 +124,7 @@ def test_readings_follow_the_true_force(formed: tuple[Hand, list[MachineSample]]
 
 
 def test_same_job_world_and_seed_repeat_bit_by_bit() -> None:
-    first, second = (form_cone(Hand(make(seed=4, world=2)), 2.5e-3)[-1] for _ in range(2))
+    first, second = (form_cone(Hand(make(seed=4, variant=2)), 2.5e-3)[-1] for _ in range(2))
     for a, b in zip(first, second, strict=True):
         assert np.array_equal(a, b)
 
@@ -306,15 +306,16 @@ def test_single_point_forming_has_an_idle_support_tool() -> None:
     assert np.abs(sample.wrench_2).max() < 10.0
 
 
-def test_worlds_are_seeded_and_world_zero_is_nominal() -> None:
-    assert set(make_world(0, 5).as_dict().values()) == {1.0, 0.0}
-    assert make_world(3, 1) == make_world(3, 1)
-    assert make_world(3, 1) != make_world(4, 1)
-    for number in range(1, 30):
-        factors = make_world(number).as_dict()
+def test_variants_are_seeded_and_variant_zero_is_nominal() -> None:
+    assert set(make_variant(0, 5).as_dict().values()) == {1.0, 0.0, "power"}
+    assert make_variant(3, 1) == make_variant(3, 1)
+    assert make_variant(3, 1) != make_variant(4, 1)
+    for number in range(1, 21):
+        factors = make_variant(number).as_dict()
+        assert {factors.pop(name) for name in list(factors)[12:]} == {1.0, 0.0, "power"}
         assert 0.0 <= factors.pop("edge_spring") <= 60e6
         assert abs(factors.pop("registration_turn")) <= 0.0035
         assert all(abs(factors.pop(f"registration_{axis}")) <= 0.2e-3 for axis in "xyz")
         assert all(0.8 <= value <= 1.2 for value in factors.values())
     with pytest.raises(IsfError):
-        make_world(-1)
+        make_variant(-1)

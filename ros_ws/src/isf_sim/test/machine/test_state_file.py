@@ -48,7 +48,7 @@ def rings(machine: SimulatedMachine, first: int, last: int) -> list[MachineSampl
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[MachineSample], np.ndarray]:
     """A file written in the middle of a part, and what the saved machine did afterwards."""
-    machine = SimulatedMachine(JobFile(JOB, Path()), world=3, seed=5, constants=COARSE)
+    machine = SimulatedMachine(JobFile(JOB, Path()), variant=3, seed=5, constants=COARSE)
     machine.tare()
     rings(machine, 1, 6)
     path = save_machine(machine, tmp_path_factory.mktemp("state") / "machine.npz")

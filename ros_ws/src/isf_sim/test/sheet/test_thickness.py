@@ -6,23 +6,23 @@ import math
 
 import numpy as np
 import pytest
+from isf_core.files.material import OWN_THINNING
 from isf_core.process.thickness_and_tips import overlap
 from isf_core.types import Array
-from isf_sim.machine.events import OWN_THINNING
 from isf_sim.sheet.contact_kernels import envelope
-from isf_sim.sheet.surface import Surface, flat_surface, sample
-from isf_sim.sheet.thickness import coarse_area, limit_margin, thickness_map, thinning_up_the_wall
+from isf_sim.sheet.surface import LONG_AGO, Surface, flat_surface, sample
+from isf_sim.sheet.thickness import coarse_area, limit_margin, minor_strain, strain_up_the_wall, thickness_map
 
 BLANK, RADIUS, OPENING, STEP = 1e-3, 5e-3, 30e-3, 0.5e-3
 
 
-def form_cone(surface: Surface, angle: float, depth: float) -> None:
+def form_cone(surface: Surface, angle: float, depth: float, step: float = STEP) -> None:
     """Level circles of a ball that touches the wall; the enclosed base goes down with each."""
     n = surface.height.shape[0]
     x = surface.x0 + surface.h * np.arange(n)
     distance = np.hypot(x[None, :], x[:, None])
     path = 0.0
-    for tip in np.arange(-STEP, -depth - 1e-9, -STEP):
+    for tip in np.arange(-step, -depth - 1e-9, -step):
         circle = OPENING - (RADIUS - (tip + RADIUS) * math.cos(angle)) / math.sin(angle)
         for turn in np.arange(0.0, 2.0 * math.pi, 0.5e-3 / circle):
             path += 0.5e-3
@@ -128,11 +128,11 @@ def test_thinning_beside_the_tool_is_that_of_the_wall(degrees: float) -> None:
     for turn in (2.0, 3.0, 4.0):
         outward = np.array([0.0, math.cos(turn), math.sin(turn), 1.0])
         x, y = circle * outward[1], circle * outward[2]
-        strain = thinning_up_the_wall(surface, x, y, outward, RADIUS, place)
+        strain = strain_up_the_wall(surface, x, y, outward, RADIUS, 1.0, 0.0, place)
         assert strain == pytest.approx(-OWN_THINNING * math.log(math.cos(angle)), rel=0.10)
         assert circle < math.hypot(place[0], place[1]) < OPENING
         assert -15e-3 < place[2] < 0.0
-    assert thinning_up_the_wall(surface, 0.0, 0.0, np.zeros(4), RADIUS, place) == 0.0
+    assert strain_up_the_wall(surface, 0.0, 0.0, np.zeros(4), RADIUS, 1.0, 0.0, place) == 0.0
 
 
 def test_wall_of_several_passes_is_reported_thicker_than_that_of_one() -> None:
@@ -144,7 +144,7 @@ def test_wall_of_several_passes_is_reported_thicker_than_that_of_one() -> None:
     form_cone(twice, angle, 15e-3)
     circle = OPENING - (RADIUS - (RADIUS - 15e-3) * math.cos(angle)) / math.sin(angle)
     outward = np.array([0.0, 0.0, 1.0, 1.0])
-    single, double = (thinning_up_the_wall(s, 0.0, circle, outward, RADIUS, place) for s in (once, twice))
+    single, double = (strain_up_the_wall(s, 0.0, circle, outward, RADIUS, 1.0, 0.0, place) for s in (once, twice))
     assert 0.4 < double < single - 0.05
 
 
@@ -154,10 +154,50 @@ def test_coarse_area_of_a_flat_sheet_is_one() -> None:
     assert (coarse_area(sample(surface, nodes, nodes)[1], nodes, nodes) == 1.0).all()
 
 
-def test_margin_vanishes_at_the_largest_wall_angle() -> None:
-    limit = math.radians(66.0)
-    thickness = BLANK * np.cos(np.array([limit, 0.0, math.radians(70.0)]))
-    margin = limit_margin(thickness, BLANK, limit)
-    assert margin[0] == pytest.approx(0.0, abs=1e-12)
-    assert margin[1] == pytest.approx(-math.log(math.cos(limit)))
-    assert margin[2] < 0.0
+def test_minor_strain_is_the_one_across_of_a_wall_and_of_a_stretched_sheet() -> None:
+    """Material drawn down a wall of 60 deg along x, flat sheet stretched by 1.5 and 1.2 at 30 deg to the axes."""
+    down = minor_strain(np.zeros(2), np.zeros(2), np.array([math.tan(math.radians(60.0)), 0.0]))
+    assert down == pytest.approx(0.0, abs=1e-12)
+    c, s = math.cos(math.radians(30.0)), math.sin(math.radians(30.0))
+    turn = np.array([[c, -s], [s, c]])
+    back = turn @ np.diag([1 / 1.5, 1 / 1.2]) @ turn.T - np.eye(2)  # blank minus now, per length now
+    assert minor_strain(back[0], back[1], np.zeros(2)) == pytest.approx(math.log(1.2), abs=1e-12)
+
+
+def test_the_slope_of_the_fracture_line_counts_where_the_sheet_is_stretched_both_ways() -> None:
+    """Stretched to 1 / 0.8 along x alone, then along y too; k = 0.5 lets it bear more than the thickness says."""
+    surface, place, along_x = flat_surface((0.08, 0.08), 0.5e-3), np.empty(3), np.array([0.0, 1.0, 0.0, 1.0])
+    x = surface.x0 + surface.h * np.arange(surface.height.shape[0])
+    surface.origin[:, :, 0] = -0.2 * x[None, :]
+    one_way = [strain_up_the_wall(surface, 0.0, 0.0, along_x, RADIUS, slope, 0.0, place) for slope in (1.0, 0.5)]
+    assert one_way == pytest.approx([math.log(1.25), math.log(1.25)], abs=1e-7)
+    surface.origin[:, :, 1] = -0.2 * x[:, None]
+    both_ways = [strain_up_the_wall(surface, 0.0, 0.0, along_x, RADIUS, slope, 0.0, place) for slope in (1.0, 0.5)]
+    assert both_ways == pytest.approx([2.0 * math.log(1.25), 1.5 * math.log(1.25)], abs=1e-7)
+    surface.bending[...] = 40.0
+    bent = strain_up_the_wall(surface, 0.0, 0.0, along_x, RADIUS, 1.0, 0.15 * 0.5 * BLANK, place)
+    assert bent == pytest.approx(2.0 * math.log(1.25) + 0.003, abs=1e-7)
+
+
+def test_every_pass_bends_the_wall_and_small_steps_more_often() -> None:
+    """R sin a of the wall is under the tool in plan, step / tan a between two loops: 9 bends at 50 deg and 0.5 mm; the
+    material, which moves with the wall, meets up to 1.6 times as many."""
+    n = round(0.04 / 0.5e-3)
+    wall = slice(n + round(22e-3 / 0.5e-3), n + round(25e-3 / 0.5e-3))
+    bends = []
+    for step in (0.5e-3, 0.25e-3):
+        surface = flat_surface((0.08, 0.08), 0.5e-3)
+        form_cone(surface, math.radians(50.0), 12e-3, step)
+        bends.append(surface.bending[n, wall].mean() * RADIUS)
+    assert 9.0 < bends[0] < 14.6
+    assert bends[1] == pytest.approx(2.0 * bends[0], rel=0.15)
+    higher = slice(n + round(25e-3 / 0.5e-3), n + round(28e-3 / 0.5e-3))
+    before = surface.bending[n, higher].mean() * RADIUS
+    surface.touched[...] = LONG_AGO  # form_cone begins its path at 0 again
+    form_cone(surface, math.radians(60.0), 12e-3)  # another pass comes on top
+    assert surface.bending[n, higher].mean() * RADIUS > before + 4.0
+
+
+def test_margin_is_the_thinning_left() -> None:
+    thickness = BLANK * np.exp(-np.array([1.1, 0.0, 1.3]))
+    assert limit_margin(thickness, BLANK, 1.1) == pytest.approx([0.0, 1.1, -0.2], abs=1e-12)

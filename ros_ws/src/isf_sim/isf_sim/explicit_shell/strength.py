@@ -1,0 +1,89 @@
+"""How far the elasto-plastic sheet is used up against the forming limit of its material: strains and bends of its
+elements, which stay with the material through all passes."""
+
+from __future__ import annotations
+
+import numpy as np
+from isf_core.files.material import FormingLimit
+from isf_core.types import Array
+
+from isf_sim.explicit_shell.shell import ExplicitShell
+from isf_sim.sheet.surface import LONG_AGO
+
+TOUCHING = 0.1e-3
+"""m between ball and sheet up to which an element counts as bent to the ball: its middle lies inside its corners."""
+
+
+class Strength:
+    """Bends of the elements of ``shell``, and what is left of them against ``limit``; ``window`` m of path within which
+    a tool that comes again makes the same bend.
+
+    Attributes
+    ----------
+    bending : (e,) 1/m, curvatures of the tools that an element was bent to, a pass each, summed up
+    touched : (e,) m, path of the tool at which an element was last touched
+    strain, place : beside the tool when it was judged last, as the forming limit counts it, and where, (3,) m
+    """
+
+    def __init__(self, shell: ExplicitShell, limit: FormingLimit, window: float) -> None:
+        self._limit, self._window = limit, window
+        self._blank = shell.sheet.thickness
+        self.bending = np.zeros(shell.state.thickness.size)
+        self.touched = np.full(shell.state.thickness.size, LONG_AGO)
+        self.strain, self.place = 0.0, np.zeros(3)
+
+    def note(self, shell: ExplicitShell, path: float) -> None:
+        """Count the bends that begin now, the forming tool having travelled ``path`` m."""
+        tools = [tool for tool in shell.tools if tool["radius"] > 0.0 and tool["touching"] > 0]
+        if not tools:
+            return
+        middle = _middles(shell)
+        for tool in tools:
+            reach = tool["radius"] + 0.5 * self._blank + TOUCHING
+            near = np.flatnonzero(np.abs(middle[:2] - tool["end"][:2, None]).max(axis=0) < reach)
+            gap = np.linalg.norm(middle[:, near] - tool["end"][:, None], axis=0)
+            touched = near[gap < reach]
+            begins = touched[path - self.touched[touched] >= self._window]
+            self.bending[begins] += 1.0 / tool["radius"]
+            self.touched[touched] = path
+
+    def judge(self, shell: ExplicitShell, tip: Array, reach: float) -> None:
+        """Find the largest strain within ``reach`` m of ``tip`` (3,) m in the plane."""
+        middle = _middles(shell)
+        chosen = np.flatnonzero(np.hypot(middle[0] - tip[0], middle[1] - tip[1]) < reach)
+        if not chosen.size:
+            self.strain, self.place = 0.0, np.zeros(3)
+            return
+        limit = self._limit
+        strain = np.log(self._blank / shell.state.thickness[chosen])
+        if limit.slope != 1.0:
+            strain = strain + (limit.slope - 1.0) * principal_strains(shell)[1][chosen]
+        strain = strain + 0.5 * self._blank * limit.bending_share * self.bending[chosen]
+        worst = int(np.argmax(strain))
+        self.strain, self.place = float(strain[worst]), middle[:, chosen[worst]].copy()
+
+
+def principal_strains(shell: ExplicitShell) -> tuple[Array, Array]:
+    """(e,), (e,) larger and smaller true strain of the middle surface of the elements against the flat blank."""
+    corners = _corners(shell)
+    along_x = 0.5 * (corners[1] - corners[0] + corners[3] - corners[2])
+    along_y = 0.5 * (corners[2] - corners[0] + corners[3] - corners[1])
+    dx, dy = np.meshgrid(np.diff(shell.x), np.diff(shell.y))
+    along_x, along_y = along_x / dx, along_y / dy
+    xx, yy, xy = (along_x**2).sum(axis=0), (along_y**2).sum(axis=0), (along_x * along_y).sum(axis=0)
+    half, spread = 0.5 * (xx + yy), np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
+    major = half + spread
+    minor = (xx * yy - xy**2) / major
+    return 0.5 * np.log(major.ravel()), 0.5 * np.log(np.maximum(minor.ravel(), 1e-12))
+
+
+def _corners(shell: ExplicitShell) -> tuple[Array, Array, Array, Array]:
+    """(3, ny, nx) m four times: corners at the low x and y, high x, high y, both high."""
+    position = shell.state.position.reshape(3, len(shell.y), len(shell.x))
+    return position[:, :-1, :-1], position[:, :-1, 1:], position[:, 1:, :-1], position[:, 1:, 1:]
+
+
+def _middles(shell: ExplicitShell) -> Array:
+    """(3, e) m, middles of the elements."""
+    a, b, c, d = _corners(shell)
+    return (0.25 * (a + b + c + d)).reshape(3, -1)

@@ -1,0 +1,55 @@
+"""What is used up of the elasto-plastic sheet: strains of its elements, and the bends that a tool makes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from isf_core.files.material import FormingLimit
+from isf_sim.explicit_shell.shell import Ball, ExplicitShell, Sheet
+from isf_sim.explicit_shell.strength import Strength, principal_strains
+
+BLANK = 1e-3
+
+
+def flat_shell() -> ExplicitShell:
+    line = np.linspace(-0.01, 0.01, 6)
+    curve = np.array([0.0, 1.0]), np.array([100e6, 200e6])
+    return ExplicitShell(line, line, Sheet(70e9, 0.33, BLANK, *curve))
+
+
+def test_principal_strains_of_a_stretched_and_turned_sheet() -> None:
+    shell = flat_shell()
+    c, s = np.cos(0.4), np.sin(0.4)
+    turn = np.array([[c, -s], [s, c]])
+    stretch = turn @ np.diag([1.5, 1.2]) @ turn.T
+    tilted = np.array([[0.6, 0.0], [0.0, 1.0], [0.8, 0.0]])  # a plane in space
+    shell.state.position[:] = tilted @ stretch @ shell.state.position[:2]
+    major, minor = principal_strains(shell)
+    assert major == pytest.approx(np.full(25, np.log(1.5)), abs=1e-9)
+    assert minor == pytest.approx(np.full(25, np.log(1.2)), abs=1e-9)
+
+
+def test_minor_strain_counts_by_the_slope_of_the_fracture_line() -> None:
+    shell = flat_shell()
+    shell.state.position[:2] *= 1.25
+    shell.state.thickness[:] = BLANK / 1.25**2
+    used = []
+    for slope in (1.0, 0.5):
+        strength = Strength(shell, FormingLimit(1.0, slope, 0.0), 15e-3)
+        strength.judge(shell, np.zeros(3), 5e-3)
+        used.append(strength.strain)
+    assert used == pytest.approx([2.0 * np.log(1.25), 1.5 * np.log(1.25)], abs=1e-9)
+
+
+def test_a_tool_that_comes_again_after_a_while_bends_again_where_it_touches() -> None:
+    shell = flat_shell()
+    shell.set_tool(0, Ball(5e-3), np.array([0.0, 0.0, 0.5 * BLANK]))
+    shell.tools["touching"][0] = 1
+    strength = Strength(shell, FormingLimit(1.0, 1.0, 0.15), 15e-3)
+    for path in (0.0, 10e-3, 30e-3):  # the second is the same pass
+        strength.note(shell, path)
+    assert strength.bending.max() == pytest.approx(2.0 / 5e-3)
+    assert 0 < np.count_nonzero(strength.bending) < 9
+    strength.judge(shell, np.zeros(3), 5e-3)
+    assert strength.strain == pytest.approx(0.15 * 2.0 * 0.5 * BLANK / 5e-3)
+    assert np.hypot(*strength.place[:2]) < 3e-3
