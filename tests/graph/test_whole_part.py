@@ -26,7 +26,7 @@ from isf_core.files.job import load_job
 from isf_core.files.yaml_file import find_named
 from quick_cone import quick_cone, quick_cone_file
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("forked_nodes")]
 
 ROOT = Path(__file__).resolve().parents[2]
 JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"

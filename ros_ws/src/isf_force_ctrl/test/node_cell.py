@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +11,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+import forked_process
 import rclpy
 from contact_sandbox import ring
 from geometry_msgs.msg import PoseStamped
@@ -43,13 +43,13 @@ control: {rate: 500 Hz, support_force: 120 N, compliance_compensation: 0.5}
 @contextmanager
 def started(
     *command: str, remap: dict[str, str] | None = None, **parameters: object
-) -> Iterator[subprocess.Popen[bytes]]:
+) -> Iterator[forked_process.ForkedProcess]:
     arguments = [sys.executable, *command, "--ros-args"]
     for name, value in parameters.items():
         arguments += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
     for name, new in (remap or {}).items():
         arguments += ["-r", f"{name}:={new}"]
-    process = subprocess.Popen(arguments, start_new_session=True)
+    process = forked_process.start(arguments, start_new_session=True)
     try:
         yield process
     finally:
