@@ -92,8 +92,9 @@ run_tests() {
   return "$code"
 }
 
-# Tests with a node graph mostly wait for their processes: several at a time, in a domain each. The others run beside
-# them, at a lower priority. A file is a unit, since tests of a file may share their nodes.
+# Tests with a node graph mostly wait for their processes: several at a time, in a domain each, but one by one where the
+# cell ticks by the clock. The others run beside them, at a lower priority. A file is a unit, since tests of a file may
+# share their nodes.
 run_all() {
   local and=${markers:+ and $markers} log=.isf/log/tests_without_graph.log code=0 cores
   cores=$(getconf _NPROCESSORS_ONLN)
@@ -103,8 +104,9 @@ run_all() {
   ISF_TEST_DOMAINS="${domains[*]:4}" COVERAGE_FILE="$root/.isf/coverage.without" \
     tests 10 "not graph$and" --dist loadfile -n "$cores" >"$log" 2>&1 &
   local without=$!
+  COVERAGE_FILE="$root/.isf/coverage.with" tests 0 "graph and clock$and" || code=1
   ISF_TEST_DOMAINS="${domains[*]::4}" COVERAGE_FILE="$root/.isf/coverage.with" \
-    tests 0 "graph$and" --dist loadfile -n "$((cores < 4 ? cores + 1 : 4))" || code=1
+    tests 0 "graph and not clock$and" --dist loadfile -n "$((cores < 4 ? cores + 1 : 4))" || code=1
   printf '\nTests without a node graph, run meanwhile (%s):\n' "$log"
   if wait "$without"; then
     sed -n '/short test summary info/,$p' "$log"

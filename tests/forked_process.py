@@ -1,9 +1,9 @@
 """Processes of tests without the imports of a new interpreter: ``start`` and ``run`` as Popen and run of subprocess.
 
-They are made by nursery.py, one for a run of tests. Where the start of the program itself is the subject, or a package
-that is installed for the test (PYTHONPATH), a test starts it by subprocess. ``isf form`` starts its nodes as it does
-for a user; where a test forms a part by the node graph itself, the fixture ``forked_nodes`` of conftest.py lets it
-start their installed commands from here.
+They are made by nursery.py, one for a run of tests. Where the environment decides what is imported (PYTHONPATH), a new
+interpreter starts after all; where the start of the program itself is the subject, a test uses subprocess. ``isf form``
+starts its nodes as it does for a user; where a test forms a part by the node graph itself, the fixture ``forked_nodes``
+of conftest.py lets it start their installed commands from here.
 """
 
 from __future__ import annotations
@@ -20,13 +20,17 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeAlias
 
 ROOM = "." * 4000
 """On the command line of the nursery, for those of the processes that it becomes."""
 
 _LIMIT = 300.0
 """s; only to end a run that hangs."""
+
+
+_ENVIRONMENT = dict(os.environ)
+_READ_AT_START = ("PYTHONPATH", "LD_LIBRARY_PATH", "NUMBA_CACHE_DIR")
 
 
 class _Nursery:
@@ -37,7 +41,10 @@ class _Nursery:
         program = str(Path(__file__).with_name("nursery.py"))
         with other:
             self._process = subprocess.Popen(
-                [sys.executable, program, str(other.fileno()), ROOM], pass_fds=[other.fileno()], start_new_session=True
+                [sys.executable, program, str(other.fileno()), ROOM],
+                pass_fds=[other.fileno()],
+                start_new_session=True,
+                env={**os.environ, **{name: _ENVIRONMENT[name] for name in _READ_AT_START if name in _ENVIRONMENT}},
             )
         self._turn = threading.RLock()
         self._codes: dict[int, int] = {}
@@ -148,6 +155,8 @@ class ForkedProcess:
         self.send_signal(signal.SIGKILL)
 
 
+Process: TypeAlias = "ForkedProcess | subprocess.Popen[Any]"
+
 _nursery: _Nursery | None = None
 
 
@@ -161,13 +170,15 @@ def start(
     text: bool = False,
     start_new_session: bool = False,
     ends_with_owner: bool = False,
-) -> ForkedProcess:
+) -> Process:
     """As subprocess.Popen, for a ``command`` that begins with sys.executable, without a standard input."""
     global _nursery
     assert command[0] == sys.executable
     environment = dict(os.environ if env is None else env)
-    for name in ("PYTHONPATH", "LD_LIBRARY_PATH", "NUMBA_CACHE_DIR"):
-        assert environment.get(name) == os.environ.get(name), f"{name} takes effect in a new interpreter only"
+    if any(environment.get(name) != _ENVIRONMENT.get(name) for name in _READ_AT_START):
+        return subprocess.Popen(
+            command, stdout=stdout, stderr=stderr, cwd=cwd, env=env, text=text, start_new_session=start_new_session
+        )
     if _nursery is None:
         _nursery = _Nursery()
     nothing = os.open(os.devnull, os.O_RDWR)
@@ -236,7 +247,7 @@ def node_of_group(
     stderr: int,
     start_new_session: bool,
     preexec_fn: Callable[[], None],
-) -> ForkedProcess:
+) -> Process:
     """As ProcessGroup calls Popen: the installed command of a node; ``preexec_fn`` ends it with its owner."""
     assert stdin == subprocess.DEVNULL
     assert preexec_fn is not None

@@ -193,6 +193,7 @@ TOO_BUSY = (
 docs/methods/machine.md."""
 
 
+@pytest.mark.clock
 def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:
     """A computer that keeps a node waiting may stop the part, with a code that says so; it does not stop three."""
     for attempt in ("first", "second", "third"):

@@ -18,7 +18,7 @@ from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode
 from isf_msgs.msg import Contour, ContourResult, ForceCtrlState
 from isf_msgs.srv import Arm
-from isf_ros import conversion, qos
+from isf_ros import conversion, qos, stamps
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
@@ -70,6 +70,8 @@ class Cell:
         self.results: list[ContourResult] = []
         self.states: list[ForceCtrlState] = []
         self.targets = 0
+        self.newest_target = 0
+        """ns, stamp of the newest target that has come."""
         self._contours = node.create_publisher(Contour, "contour/corrected", qos.LATCHED)
         node.create_subscription(ContourResult, "contour/result", self.results.append, qos.EVENT)
         # deep, since a mode may last ten states only and this process may be held up for longer
@@ -77,8 +79,9 @@ class Cell:
         node.create_subscription(PoseStamped, "tool_1/target", self._count, qos.STREAM)
         self._arm = node.create_client(Arm, "force_ctrl/arm")
 
-    def _count(self, _: PoseStamped) -> None:
+    def _count(self, message: PoseStamped) -> None:
         self.targets += 1
+        self.newest_target = max(self.newest_target, stamps.to_nanoseconds(message.header.stamp))
 
     def start(
         self,
