@@ -1,6 +1,13 @@
 """For every test: Ctrl-C works, also where the run is a job in the background of a shell; examples repeat."""
 
+from __future__ import annotations
+
+import os
 import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
@@ -14,6 +21,32 @@ settings.load_profile("repeated")
 # Such a job ignores SIGINT, and so would every process that a test starts and ends with it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+# Side by side, each worker has a ROS domain of its own.
+worker = os.environ.get("PYTEST_XDIST_WORKER", "").removeprefix("gw")
+domains = os.environ.get("ISF_TEST_DOMAINS", "").split()
+if worker and domains:
+    os.environ["ROS_DOMAIN_ID"] = domains[int(worker) % len(domains)]
+
+
+@pytest.fixture(scope="module")
+def forked_nodes() -> Iterator[None]:
+    """A ProcessGroup in this process starts its nodes without the imports of a new interpreter."""
+    import forked_process
+    from isf_cell.processes import process_group
+
+    of_module = {name: getattr(subprocess, name) for name in ("DEVNULL", "STDOUT", "TimeoutExpired")}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(process_group, "subprocess", SimpleNamespace(Popen=forked_process.node_of_group, **of_module))
+        yield
+
+
+def pytest_sessionfinish() -> None:
+    """No process of a test outlives the run."""
+    made = sys.modules.get("forked_process")
+    if made is not None:
+        made.close()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

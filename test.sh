@@ -20,8 +20,9 @@ esac
 # shellcheck source=/dev/null
 source "$root/.isf/env.sh"
 
-# A ROS domain of its own, on this computer only: neither a running cell nor another test run takes part.
-ROS_DOMAIN_ID=$(python scripts/free_domain.py)
+# ROS domains of its own, on this computer only: neither a running cell nor another test run takes part.
+read -ra domains < <(python scripts/free_domain.py 8)
+ROS_DOMAIN_ID=${domains[0]}
 ISF_TEST_RUN=$(date +%s).$$ # marks every process this run starts
 export ROS_DOMAIN_ID ISF_TEST_RUN ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 export PYTHONFAULTHANDLER=1 # a process that crashes says where
@@ -40,24 +41,48 @@ total=6
 
 # gate NAME COMMAND...
 gate() {
-  local name=$1 begin=$SECONDS
+  local name=$1 begin=$SECONDS seconds
   shift
   number=$((number + 1))
   printf '\n[%d/%d] %s\n' "$number" "$total" "$name"
   if "$@"; then
     passed+=("$name")
-    printf '      passed in %d s\n' "$((SECONDS - begin))"
+    seconds=${taken[$name]:-$((SECONDS - begin))}
+    printf '      passed in %d s\n' "$seconds"
   else
     failed+=("$name")
-    printf '      FAILED in %d s\n' "$((SECONDS - begin))"
+    seconds=${taken[$name]:-$((SECONDS - begin))}
+    printf '      FAILED in %d s\n' "$seconds"
   fi
+}
+
+# beside NAME COMMAND... - run the command of a gate beside the tests; "gate NAME result NAME" waits for it
+declare -A process taken
+beside() {
+  local name=$1
+  shift
+  (
+    begin=$SECONDS code=0
+    nice -n 10 "$@" >".isf/log/gate_$name.log" 2>&1 || code=$?
+    printf '%d' "$((SECONDS - begin))" >".isf/log/gate_$name.seconds"
+    exit "$code"
+  ) &
+  process[$name]=$!
+}
+
+result() {
+  local code=0
+  wait "${process[$1]}" || code=1
+  cat ".isf/log/gate_$1.log"
+  taken[$1]=$(cat ".isf/log/gate_$1.seconds")
+  return "$code"
 }
 
 # tests NICENESS MARKERS ARGUMENTS...
 tests() {
   # Plugins are named, so that what happens to be installed (launch_testing of an apt ROS) does not take part.
-  PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 nice -n "$1" python -m pytest -p pytest_cov.plugin -p _hypothesis_pytestplugin \
-    -m "$2" "${random[@]}" "${@:3}"
+  PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 nice -n "$1" python -m pytest -p pytest_cov.plugin -p xdist.plugin \
+    -p _hypothesis_pytestplugin -m "$2" "${random[@]}" "${@:3}"
 }
 
 run_tests() {
@@ -67,14 +92,21 @@ run_tests() {
   return "$code"
 }
 
-# Tests with a node graph mostly wait for their processes: the others run beside them, at a lower priority.
+# Tests with a node graph mostly wait for their processes: several at a time, in a domain each, but one by one where the
+# cell ticks by the clock. The others run beside them, at a lower priority. A file is a unit, since tests of a file may
+# share their nodes.
 run_all() {
-  local and=${markers:+ and $markers} log=.isf/log/tests_without_graph.log code=0
-  local coverage=(--cov --cov-report= --cov-fail-under=0)
+  local and=${markers:+ and $markers} log=.isf/log/tests_without_graph.log code=0 cores
+  cores=$(getconf _NPROCESSORS_ONLN)
+  [ "$cores" -le 4 ] || cores=4
   rm -f .isf/coverage.*
-  COVERAGE_FILE="$root/.isf/coverage.without" tests 10 "not graph$and" "${coverage[@]}" >"$log" 2>&1 &
+  export COVERAGE_PROCESS_START="$root/pyproject.toml" # every Python process measures itself
+  ISF_TEST_DOMAINS="${domains[*]:4}" COVERAGE_FILE="$root/.isf/coverage.without" \
+    tests 10 "not graph$and" --dist loadfile -n "$cores" >"$log" 2>&1 &
   local without=$!
-  COVERAGE_FILE="$root/.isf/coverage.with" tests 0 "graph$and" "${coverage[@]}" || code=1
+  COVERAGE_FILE="$root/.isf/coverage.with" tests 0 "graph and clock$and" || code=1
+  ISF_TEST_DOMAINS="${domains[*]::4}" COVERAGE_FILE="$root/.isf/coverage.with" \
+    tests 0 "graph and not clock$and" --dist loadfile -n "$((cores < 4 ? cores + 1 : 4))" || code=1
   printf '\nTests without a node graph, run meanwhile (%s):\n' "$log"
   if wait "$without"; then
     sed -n '/short test summary info/,$p' "$log"
@@ -82,6 +114,7 @@ run_all() {
     cat "$log"
     code=1
   fi
+  unset COVERAGE_PROCESS_START
   end_all || code=1
   export COVERAGE_FILE=.isf/coverage.all
   coverage combine --quiet .isf/coverage.with* && coverage xml --quiet -o .isf/coverage.xml
@@ -93,15 +126,18 @@ run_all() {
 if [ $# -eq 0 ]; then
   gate "format" ruff format --check --quiet .
   gate "lint" ruff check --quiet .
-  gate "types" python -m mypy
-  gate "imports" lint-imports
-  gate "docs" scripts/site.sh
+  beside "types" python -m mypy
+  beside "imports" lint-imports
+  beside "docs" scripts/site.sh
 fi
 if [ $# -eq 0 ] && [ -z "$quick" ]; then
   gate "tests" run_all
 else
   gate "tests" run_tests "$@"
 fi
+for name in types imports docs; do
+  [ -z "${process[$name]:-}" ] || gate "$name" result "$name"
+done
 
 printf '\n'
 if [ ${#failed[@]} -eq 0 ]; then

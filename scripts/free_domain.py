@@ -1,4 +1,4 @@
-"""Print a ROS domain id between 1 and 101 whose UDP ports nobody on this computer uses.
+"""Print ROS domain ids between 1 and 101 whose UDP ports nobody on this computer uses: ``free_domain.py [COUNT]``.
 
 Discovery and data of domain ``d`` use the UDP ports from 7400 + 250 d on (DDSI-RTPS 2.2, section 9.6.1.1). Above
 101 these ports run into those that Linux gives to outgoing connections.
@@ -7,6 +7,7 @@ Discovery and data of domain ``d`` use the UDP ports from 7400 + 250 d on (DDSI-
 from __future__ import annotations
 
 import random
+import sys
 from pathlib import Path
 
 PORT_BASE, PORTS_PER_DOMAIN = 7400, 250
@@ -24,11 +25,11 @@ def used_domains(tables: tuple[str, ...] = ("/proc/net/udp", "/proc/net/udp6")) 
     return used
 
 
-def main() -> None:
-    """Print one free domain, drawn at random so that two runs started together differ."""
+def main(count: int = 1) -> None:
+    """Print ``count`` free domains, drawn at random so that two runs started together differ."""
     free = sorted(set(range(1, 102)) - used_domains())
-    print(random.choice(free or range(1, 102)))
+    print(*random.sample(free if len(free) >= count else range(1, 102), count))
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(int, sys.argv[1:]))

@@ -33,7 +33,7 @@ for part in machine python packages workspace environment; do
   source "$parts/$part.sh"
 done
 
-trap 'printf "\nSet-up interrupted; run the same command again, it repairs itself.\n" >&2; exit 130' INT TERM
+trap 'printf "\nSet-up interrupted; run the same command again, it repairs itself.\n" >&2; kill "${isf_warm_ups[@]}" 2>/dev/null; exit 130' INT TERM
 check_machine
 
 # One set-up at a time: a second one waits and then finds its work done.
@@ -60,9 +60,13 @@ if ! packages_current; then
   make_packages
 fi
 build_workspace
+step "Environment file .isf/env.sh"
 write_environment
 check_installation
-kernels_current || warm_up
+if [ ${#isf_warm_ups[@]} -gt 0 ]; then
+  step "Compiling geometry and sheet mechanics"
+  end_warm_up
+fi
 step_end
 workspace_fingerprint >"$isf_state/workspace.stamp"
 printf 'Set-up complete in %d s.\n' "$((SECONDS - isf_started))" >&2

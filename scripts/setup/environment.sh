@@ -2,7 +2,6 @@
 
 write_environment() {
   local file=$isf_state/env.sh name value underlay=":"
-  step "Environment file .isf/env.sh"
   if [ "$isf_kind" = apt ]; then
     underlay=". '$isf_ros_prefix/setup.bash'"
   fi
@@ -97,10 +96,28 @@ rclpy.shutdown()'); then
 # Compiles the planner's geometry, the sheet mechanics of the simulated machine and the elastic shell once, so that the
 # first part does not wait for them. A help, not a condition: it may fail or take too long without stopping the set-up.
 warm_up() {
-  local log=$isf_state/log/warm_up.log
   step "Compiling geometry and sheet mechanics"
-  (. "$isf_state/env.sh" && logged "$log" timeout --kill-after=5 300 sh -c \
-    "python -m isf_planner.warm_up && python -m isf_sim.warm_up && python -m isf_springback.shell.warm_up") 2>/dev/null ||
-    note "not done (see .isf/log/warm_up.log); it happens at first use instead"
+  start_warm_up
+  end_warm_up
+}
+
+# One process each: they compile side by side. At set-up this begins as soon as the packages in Python are there.
+isf_warm_ups=()
+start_warm_up() {
+  local module
+  kernels_current && return
+  for module in isf_planner isf_sim isf_springback.shell; do
+    (. "$isf_state/env.sh" && exec timeout --kill-after=5 300 python -m "$module.warm_up" \
+      >"$isf_state/log/warm_up_$module.log" 2>&1 </dev/null) &
+    isf_warm_ups+=($!)
+  done
+}
+
+end_warm_up() {
+  local process
+  for process in "${isf_warm_ups[@]}"; do
+    wait "$process" || note "not done (see .isf/log/warm_up_*.log); it happens at first use instead"
+  done
+  isf_warm_ups=()
   kernels_fingerprint >"$isf_state/kernels.stamp"
 }

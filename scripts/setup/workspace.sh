@@ -1,4 +1,5 @@
-# colcon build of ros_ws, quiet; its output goes to .isf/log/build.log.
+# colcon build of ros_ws, quiet; its output goes to .isf/log/build.log. The packages in Python come first: their kernels
+# are compiled while the messages are.
 
 build_workspace() {
   local log=$isf_state/log/build.log unfinished=$isf_state/build.unfinished
@@ -10,7 +11,7 @@ build_workspace() {
   fi
   : >"$unfinished"
   build_kind >"$isf_state/build.kind"
-  if ! (colcon_build) >"$log" 2>&1 </dev/null; then
+  if ! python_packages >"$log" 2>&1 </dev/null || ! (colcon_build --packages-select isf_msgs) >>"$log" 2>&1 </dev/null; then
     show_end "$log"
     fail "the ROS workspace does not build (all output is in $log)." \
       "The end of the log above names the package and file. After mending it run the same command again."
@@ -18,11 +19,16 @@ build_workspace() {
   rm -f "$unfinished"
 }
 
+python_packages() {
+  (colcon_build --packages-ignore isf_msgs) && write_environment && start_warm_up
+}
+
 build_kind() {
   cat "$isf_state/packages.stamp"
   printf '%s\n' "${CC:-}" "${CXX:-}"
 }
 
+# colcon_build OPTIONS...
 colcon_build() {
   local cmake=(-DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$isf_venv/bin/python")
   # Other ROS installations of the calling shell must not leak into the build.
@@ -44,5 +50,5 @@ colcon_build() {
   cd "$isf_workspace"
   # Run by the environment's own interpreter, so that the nodes' executables start with it.
   python -m colcon build --symlink-install --parallel-workers "$(getconf _NPROCESSORS_ONLN)" \
-    --event-handlers console_cohesion+ --cmake-args "${cmake[@]}"
+    --event-handlers console_cohesion+ "$@" --cmake-args "${cmake[@]}"
 }

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
+import forked_process
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,6 +27,7 @@ def test_a_benchmark_prints_its_rows(name: str, arguments: str, row: str, tmp_pa
 
 
 @pytest.mark.graph
+@pytest.mark.clock
 def test_the_benchmark_of_real_time_prints_its_row(tmp_path: Path) -> None:
     arguments = "--rates 250 --seconds 2 --load quiet --scheduling ordinary"
     assert_prints("real_time", arguments, r"\| 250 \| quiet \| ordinary \| [\d.]+", tmp_path)
@@ -35,6 +36,6 @@ def test_the_benchmark_of_real_time_prints_its_row(tmp_path: Path) -> None:
 def assert_prints(name: str, arguments: str, row: str, folder: Path) -> None:
     """Run a benchmark in ``folder``: it ends well and prints ``row`` (regular expression)."""
     command = [sys.executable, str(ROOT / "benchmarks" / f"{name}.py"), *arguments.split()]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    done = forked_process.run(command, cwd=folder)
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(row, done.stdout), done.stdout

@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import forked_process
 import pytest
 import typer
 from isf_cell.cli import app
@@ -29,7 +30,7 @@ def command(*arguments: str) -> list[str]:
 
 
 def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+    return forked_process.run(command(*arguments), cwd=cwd)
 
 
 def test_the_page_names_every_command_and_no_other() -> None:

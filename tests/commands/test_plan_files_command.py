@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_process
 import pytest
 import trimesh
 from isf_cell.commands.exit_codes import Exit
@@ -17,7 +18,7 @@ JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
 
 def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "isf_cell.cli", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+    return forked_process.run(command, cwd=cwd)
 
 
 def test_plan_is_written_shown_and_converted(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 from isf_analysis.bag.bag_reader import read_bag
@@ -19,7 +20,7 @@ from quick_cone import quick_cone, quick_cone_file
 
 def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "isf_cell.cli", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+    return forked_process.run(command, cwd=cwd)
 
 
 @pytest.fixture(scope="module")

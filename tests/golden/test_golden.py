@@ -41,6 +41,7 @@ def test_run_gives_what_was_recorded(case: Case, pytestconfig: pytest.Config) ->
 
 
 @pytest.mark.graph
+@pytest.mark.usefixtures("forked_nodes")
 @pytest.mark.parametrize(
     ("name", "job", "springback"),
     [

@@ -35,6 +35,7 @@ def test_a_lift_survives_its_message() -> None:
 
 
 @pytest.mark.graph
+@pytest.mark.usefixtures("forked_nodes")
 def test_graph_and_in_process_agree_with_lifts(tmp_path: Path) -> None:
     """1 um, contour by contour; the tool is lifted after every second contour."""
     job_file = quick_cone("method: fused\n  lift_every: 2")

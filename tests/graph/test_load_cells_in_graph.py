@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 from isf_cell.commands.calibrate_cell import calibrate_file
@@ -68,7 +68,7 @@ def test_three_calibrated_cells_read_the_force_again(tmp_path: Path) -> None:
 @contextmanager
 def started(module: str, *words: str) -> Iterator[None]:
     command = [sys.executable, "-m", module, "--ros-args", "-p", "autostart:=true", *words]
-    process = subprocess.Popen(command, start_new_session=True)
+    process = forked_process.start(command, start_new_session=True)
     try:
         yield
     finally:

@@ -23,7 +23,7 @@ from lifecycle_msgs.srv import ChangeState
 from quick_cone import quick_cone
 from rclpy.executors import SingleThreadedExecutor
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("forked_nodes")]
 
 LIMIT = 120.0
 """s; only to end a test that hangs."""

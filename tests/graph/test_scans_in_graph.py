@@ -40,6 +40,7 @@ def replayed(record: PartRecord, job_file: JobFile) -> list[NDArray[np.float64]]
 
 
 @pytest.mark.graph
+@pytest.mark.usefixtures("forked_nodes")
 def test_graph_and_in_process_agree_with_scans(tmp_path: Path) -> None:
     """1 um, contour by contour; scans after every third contour as a scanner would be used on a long part."""
     job_file = quick_cone("method: fused\n  scan_every: 3", coarse=False)  # what was seen tells after six contours

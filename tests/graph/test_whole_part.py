@@ -26,7 +26,7 @@ from isf_core.files.job import load_job
 from isf_core.files.yaml_file import find_named
 from quick_cone import quick_cone, quick_cone_file
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("forked_nodes")]
 
 ROOT = Path(__file__).resolve().parents[2]
 JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
@@ -193,6 +193,7 @@ TOO_BUSY = (
 docs/methods/machine.md."""
 
 
+@pytest.mark.clock
 def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:
     """A computer that keeps a node waiting may stop the part, with a code that says so; it does not stop three."""
     for attempt in ("first", "second", "third"):

@@ -65,6 +65,7 @@ def test_the_second_feature_stands_on_the_floor(record: PartRecord) -> None:
 
 
 @pytest.mark.graph
+@pytest.mark.usefixtures("forked_nodes")
 def test_graph_and_in_process_agree_when_the_tools_swap(tmp_path: Path) -> None:
     """The contract of docs/reference/architecture.md: 1 um and 0.1 N, also where the lower tool forms; six coarse
     contours."""

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_process
+
 GUIDE = Path(__file__).resolve().parents[2] / "CONTRIBUTING.md"
 
 Environment = dict[str, str]
@@ -36,4 +38,4 @@ def install(folder: Path, source: str, group: str, name: str, made_by: str) -> E
 def isf(environment: Environment, *arguments: object) -> subprocess.CompletedProcess[str]:
     """The ``isf`` command."""
     command = [sys.executable, "-m", "isf_cell.cli", *map(str, arguments)]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    return forked_process.run(command, env=environment)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -19,6 +20,7 @@ from isf_planner import plan
 from isf_springback.corrector import Corrector
 from quick_cone import quick_cone
 
+resolved = cache(lambda name: str(Path(name).resolve()))
 SOURCES = str(Path(__file__).resolve().parents[2] / "ros_ws" / "src")
 
 
@@ -32,7 +34,7 @@ def changes_of_file(action: Callable[[], Any]) -> list[tuple[str, str]]:
 
     def watch(frame: FrameType, event: str, _: object) -> None:
         name = frame.f_code.co_filename
-        if not name.startswith("<") and (found := str(Path(name).resolve())).startswith(SOURCES):
+        if not name.startswith("<") and (found := resolved(name)).startswith(SOURCES):
             if event == "call":
                 if inside and inside[-1] != found:
                     changes.append((Path(inside[-1]).name, Path(found).name))
@@ -54,7 +56,7 @@ def files_entered(action: Callable[[], Any]) -> set[str]:
 
     def watch(frame: FrameType, event: str, _: object) -> None:
         name = frame.f_code.co_filename
-        if event == "call" and not name.startswith("<") and (found := str(Path(name).resolve())).startswith(SOURCES):
+        if event == "call" and not name.startswith("<") and (found := resolved(name)).startswith(SOURCES):
             entered.add(found.removeprefix(SOURCES))
 
     sys.setprofile(watch)

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import pytest
 import rclpy
 from burst_publisher import SCANS, target_bytes, wrench_bytes
@@ -39,18 +40,16 @@ LIMIT = 120.0
 @contextmanager
 def recorder(
     output: Path, *, autostart: bool = True, remap: str = "", room: int | None = None, **parameters: object
-) -> Iterator[subprocess.Popen[str]]:
+) -> Iterator[forked_process.ForkedProcess]:
     """The recorder; its files may grow to ``room`` bytes, then the system refuses as a full disk does."""
     command = [sys.executable, "-m", "isf_analysis.recorder_node", "--ros-args"]
     for name, value in {"output": output, "autostart": str(autostart).lower(), **parameters}.items():
         command += ["-p", f"{name}:={value}"]
     command += ["-r", remap] if remap else []
 
-    def full_disk() -> None:
-        if room is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-
-    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True, preexec_fn=full_disk)
+    process = forked_process.start(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    if room is not None:
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (room, room))
     try:
         yield process
     finally:
@@ -61,7 +60,7 @@ def recorder(
             process.stderr.close()
 
 
-def end(process: subprocess.Popen[str], number: signal.Signals, code: int = 0) -> str:
+def end(process: forked_process.ForkedProcess, number: signal.Signals, code: int = 0) -> str:
     """Output on stderr after the signal; the process must end by itself and with ``code``."""
     os.killpg(process.pid, number)
     _, text = process.communicate(timeout=LIMIT)
@@ -71,7 +70,7 @@ def end(process: subprocess.Popen[str], number: signal.Signals, code: int = 0) -
 
 def publish_burst(count: int = COUNT, rate: float = RATE) -> None:
     script = Path(__file__).with_name("burst_publisher.py")
-    assert subprocess.run([sys.executable, str(script), str(count), str(rate)], timeout=2 * LIMIT).returncode == 0
+    assert forked_process.run([sys.executable, str(script), str(count), str(rate)], timeout=2 * LIMIT).returncode == 0
 
 
 def messages(bag: Path) -> dict[str, list[tuple[int, bytes]]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -12,13 +11,14 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+import forked_process
 import rclpy
 from contact_sandbox import ring
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode
 from isf_msgs.msg import Contour, ContourResult, ForceCtrlState
 from isf_msgs.srv import Arm
-from isf_ros import conversion, qos
+from isf_ros import conversion, qos, stamps
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
@@ -43,13 +43,13 @@ control: {rate: 500 Hz, support_force: 120 N, compliance_compensation: 0.5}
 @contextmanager
 def started(
     *command: str, remap: dict[str, str] | None = None, **parameters: object
-) -> Iterator[subprocess.Popen[bytes]]:
+) -> Iterator[forked_process.ForkedProcess]:
     arguments = [sys.executable, *command, "--ros-args"]
     for name, value in parameters.items():
         arguments += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
     for name, new in (remap or {}).items():
         arguments += ["-r", f"{name}:={new}"]
-    process = subprocess.Popen(arguments, start_new_session=True)
+    process = forked_process.start(arguments, start_new_session=True)
     try:
         yield process
     finally:
@@ -70,6 +70,8 @@ class Cell:
         self.results: list[ContourResult] = []
         self.states: list[ForceCtrlState] = []
         self.targets = 0
+        self.newest_target = 0
+        """ns, stamp of the newest target that has come."""
         self._contours = node.create_publisher(Contour, "contour/corrected", qos.LATCHED)
         node.create_subscription(ContourResult, "contour/result", self.results.append, qos.EVENT)
         # deep, since a mode may last ten states only and this process may be held up for longer
@@ -77,8 +79,9 @@ class Cell:
         node.create_subscription(PoseStamped, "tool_1/target", self._count, qos.STREAM)
         self._arm = node.create_client(Arm, "force_ctrl/arm")
 
-    def _count(self, _: PoseStamped) -> None:
+    def _count(self, message: PoseStamped) -> None:
         self.targets += 1
+        self.newest_target = max(self.newest_target, stamps.to_nanoseconds(message.header.stamp))
 
     def start(
         self,

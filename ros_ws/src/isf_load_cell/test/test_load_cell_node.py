@@ -308,7 +308,9 @@ def test_the_documented_files_are_read(tmp_path: Path) -> None:
     assert load_cell_set_up(str(written(tmp_path, three)), "", 1).channels == names
 
 
-@pytest.mark.parametrize("lockstep", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["lockstep", "real time"])
+@pytest.mark.parametrize(
+    "lockstep", [True, pytest.param(False, marks=[pytest.mark.slow, pytest.mark.clock])], ids=["lockstep", "real time"]
+)
 def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tmp_path: Path, lockstep: bool) -> None:
     """Driver in one process, its two cells in two, force control in another. The cells are wired the wrong way round:
     as they are, force control refuses them (1212, test_force_ctrl_node.py)."""

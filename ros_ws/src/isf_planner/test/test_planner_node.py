@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import re
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 import rclpy
@@ -79,7 +79,7 @@ class Cell:
 @pytest.fixture(scope="module")
 def cell() -> Iterator[Cell]:
     command = [sys.executable, "-m", "isf_planner.node", "--ros-args", "-p", "autostart:=true", "-p", "plans_kept:=2"]
-    process = subprocess.Popen(command, start_new_session=True)
+    process = forked_process.start(command, start_new_session=True)
     rclpy.init()
     node = rclpy.create_node("test_planner")
     client = Cell(node)

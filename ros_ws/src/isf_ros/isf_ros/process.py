@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
 from isf_core.errors import IsfError
+from rclpy.duration import Duration
 from rclpy.executors import Executor, ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -16,6 +18,9 @@ from rclpy.signals import SignalHandlerOptions
 from isf_ros.lifecycle import CellNode
 
 EXIT_OK, EXIT_ERROR = 0, 2
+
+HAND_OVER = 2.0
+"""s, longest time for which a node that ends waits for its subscribers."""
 
 MAX_FAILURES = 100
 """Failures of the executor one after the other after which its process cannot serve and ends."""
@@ -72,9 +77,24 @@ def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *
     finally:
         if node is not None:
             node.close()
+            hand_over(node)
             node.destroy_node()
         rclpy.try_shutdown()
     return EXIT_OK
+
+
+def hand_over(node: Node) -> None:
+    """Wait until reliable subscribers have all that was published: with its writer a message on its way would be lost.
+
+    At most :data:`HAND_OVER` s, since a subscriber may have died without a word.
+    """
+    deadline = time.monotonic() + HAND_OVER
+    for publisher in node.publishers:
+        left = deadline - time.monotonic()
+        if left <= 0.0:
+            return
+        if publisher.get_subscription_count():
+            publisher.wait_for_all_acked(Duration(seconds=left))
 
 
 def _events_executor() -> Executor | None:

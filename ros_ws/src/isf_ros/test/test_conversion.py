@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -12,6 +11,7 @@ from dataclasses import fields as dataclass_fields
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 import rclpy
@@ -171,15 +171,17 @@ def test_tick_stamps_do_not_drift() -> None:
 
 
 @pytest.fixture
-def echo_process() -> Iterator[subprocess.Popen[bytes]]:
-    process = subprocess.Popen([sys.executable, str(Path(__file__).with_name("echo_node.py"))], start_new_session=True)
+def echo_process() -> Iterator[forked_process.ForkedProcess]:
+    process = forked_process.start(
+        [sys.executable, str(Path(__file__).with_name("echo_node.py"))], start_new_session=True
+    )
     yield process
     os.killpg(process.pid, signal.SIGINT)
     assert process.wait(120) == 0
 
 
 @pytest.mark.graph
-def test_messages_survive_a_round_trip_through_another_process(echo_process: subprocess.Popen[bytes]) -> None:
+def test_messages_survive_a_round_trip_through_another_process(echo_process: forked_process.ForkedProcess) -> None:
     rclpy.init()
     node = rclpy.create_node("round_trip")
     received: dict[type, Any] = {}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -34,7 +34,7 @@ LIMIT = 120.0
 class Faulty:
     """The process of the node, and the node that watches it."""
 
-    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+    def __init__(self, process: forked_process.ForkedProcess) -> None:
         self.process = process
         self.node = rclpy.create_node("observer")
         self.heard: list[DiagnosticStatus] = []
@@ -94,7 +94,7 @@ def faulty(request: pytest.FixtureRequest) -> Iterator[Faulty]:
     rclpy.init()
     command = [sys.executable, str(Path(__file__).with_name("faulty_node.py")), "--ros-args"]
     command += ["-p", f"streams:={str(request.param).lower()}"]
-    process = subprocess.Popen(command, start_new_session=True)
+    process = forked_process.start(command, start_new_session=True)
     found = Faulty(process)
     try:
         yield found

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -37,11 +38,11 @@ def observer() -> Iterator[Node]:
 
 
 @contextmanager
-def sample(**parameters: object) -> Iterator[subprocess.Popen[bytes]]:
+def sample(**parameters: object) -> Iterator[forked_process.ForkedProcess]:
     command = [sys.executable, str(Path(__file__).with_name("lifecycle_node.py")), "--ros-args"]
     for name, value in parameters.items():
         command += ["-p", f"{name}:={value}"]
-    process = subprocess.Popen(command, start_new_session=True)
+    process = forked_process.start(command, start_new_session=True)
     try:
         yield process
     finally:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -64,7 +64,7 @@ class Picky:
 @pytest.fixture(params=[False, True], ids=["waiting", "streaming"])
 def picky(request: pytest.FixtureRequest) -> Iterator[Picky]:
     command = [sys.executable, str(Path(__file__).with_name("picky_node.py")), "--ros-args"]
-    process = subprocess.Popen([*command, "-p", f"streams:={str(request.param).lower()}"], start_new_session=True)
+    process = forked_process.start([*command, "-p", f"streams:={str(request.param).lower()}"], start_new_session=True)
     rclpy.init()
     found = Picky()
     try:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -42,7 +41,7 @@ PARKED = (np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]))
 class Client:
     """Answers wrenches with targets, as force_ctrl does; ``process`` is the machine's."""
 
-    process: subprocess.Popen[bytes]
+    process: forked_process.ForkedProcess
     lockstep = True
 
     def __init__(self) -> None:
@@ -137,9 +136,7 @@ def served(program: list[str], folder: Path, parameters: list[str]) -> Iterator[
     log = (folder / "machine.log").open("w")
     options = ["autostart:=true", f"state_folder:={folder / 'states'}", *parameters]
     arguments = [part for item in options for part in ("-p", item)]
-    process = subprocess.Popen(
-        [sys.executable, *program, "--ros-args", *arguments], stdout=log, stderr=log, env=os.environ
-    )
+    process = forked_process.start([sys.executable, *program, "--ros-args", *arguments], stdout=log, stderr=log)
     rclpy.init()
     client = Client()
     client.process = process

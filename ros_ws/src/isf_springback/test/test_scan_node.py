@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 from springback_parts import cone_contour, result_of
@@ -36,7 +36,7 @@ TEXT = JOB_TEXT.replace("method: analytic", "scan_every: 1, method: fused, open_
 def cell() -> Iterator[Cell]:
     """The node with a timeout that a scan cannot exceed on a busy computer."""
     command = [sys.executable, "-m", "isf_springback.node", "--ros-args", "-p", "autostart:=true"]
-    process = subprocess.Popen([*command, "-p", "result_timeout:=8.0"], start_new_session=True)
+    process = forked_process.start([*command, "-p", "result_timeout:=8.0"], start_new_session=True)
     rclpy.init()
     node = rclpy.create_node("neighbours_with_scanner")
     cell = Cell(node)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 from springback_parts import JOB_TEXT, cone_contour, result_of
@@ -87,7 +87,7 @@ class Cell:
 def cell() -> Iterator[Cell]:
     command = [sys.executable, "-m", "isf_springback.node", "--ros-args", "-p", "autostart:=true"]
     command += ["-p", "result_timeout:=4.0"]
-    process = subprocess.Popen(command, start_new_session=True)
+    process = forked_process.start(command, start_new_session=True)
     rclpy.init()
     node = rclpy.create_node("neighbours")
     cell = Cell(node)

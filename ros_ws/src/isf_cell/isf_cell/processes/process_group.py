@@ -23,6 +23,8 @@ class NodeProcess:
     popen: subprocess.Popen[bytes]
     log: Path
     _stream: IO[bytes]
+    outlives: bool = False
+    """Told to end when the others have ended: what they say last is for it."""
 
     @property
     def alive(self) -> bool:
@@ -48,9 +50,18 @@ class ProcessGroup:
         self.nodes: list[NodeProcess] = []
 
     def start(
-        self, package: str, executable: str, parameters: Mapping[str, object], *, remap: Sequence[str] = ()
+        self,
+        package: str,
+        executable: str,
+        parameters: Mapping[str, object],
+        *,
+        remap: Sequence[str] = (),
+        outlives: bool = False,
     ) -> NodeProcess:
-        """Start ``lib/<package>/<executable>`` with ROS parameters; raises IsfError NODE_MISSING."""
+        """Start ``lib/<package>/<executable>`` with ROS parameters; raises IsfError NODE_MISSING.
+
+        With ``outlives`` it is ended after the others.
+        """
         command = [str(executables.find(package, executable)), "--ros-args"]
         for name, value in parameters.items():
             command += ["-p", f"{name}:={_yaml(value)}"]
@@ -67,7 +78,7 @@ class ProcessGroup:
             start_new_session=True,
             preexec_fn=ends_with_owner(signal.SIGINT),
         )
-        node = NodeProcess(executable, popen, log, stream)
+        node = NodeProcess(executable, popen, log, stream, outlives)
         self.nodes.append(node)
         return node
 
@@ -80,15 +91,16 @@ class ProcessGroup:
 
     def stop(self, patience: float = 8.0) -> None:
         """End all processes, last started first: SIGINT, after ``patience`` s SIGTERM, then SIGKILL."""
-        for number, wait in ((signal.SIGINT, patience), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0)):
-            waiting = [node for node in reversed(self.nodes) if node.alive]
-            for node in waiting:
-                _signal(node.popen, number)
-            for node in waiting:
-                try:
-                    node.popen.wait(wait)
-                except subprocess.TimeoutExpired:
-                    continue
+        for outlives in (False, True):
+            for number, wait in ((signal.SIGINT, patience), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0)):
+                waiting = [node for node in reversed(self.nodes) if node.alive and node.outlives == outlives]
+                for node in waiting:
+                    _signal(node.popen, number)
+                for node in waiting:
+                    try:
+                        node.popen.wait(wait)
+                    except subprocess.TimeoutExpired:
+                        continue
         for node in self.nodes:
             node._stream.close()
 

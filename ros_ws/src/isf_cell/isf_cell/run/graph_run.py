@@ -35,7 +35,7 @@ Feedback = Callable[[FormPart.Feedback], None]
 def start_cell(group: ProcessGroup, bag: Path | None, *, lockstep: bool) -> None:
     """Start the five nodes, and the recorder when a ``bag`` folder is given."""
     if bag is not None:
-        group.start("isf_analysis", "recorder", {"output": str(bag), "autostart": True})
+        group.start("isf_analysis", "recorder", {"output": str(bag), "autostart": True}, outlives=True)
     group.start("isf_sim", "machine", {"lockstep": lockstep})
     group.start("isf_planner", "planner", {})
     group.start("isf_springback", "springback", {})

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
+import forked_process
 import numpy as np
 import pytest
 from isf_cell.commands.exit_codes import Exit
@@ -28,7 +28,7 @@ def test_an_option_that_adsif_cannot_follow_is_refused(
     command: str, options: tuple[str, str], where: str, tmp_path: Path
 ) -> None:
     arguments = [sys.executable, "-m", "isf_cell.cli", command, str(JOB), *options, "--json"]
-    ended = subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, check=False)
+    ended = forked_process.run(arguments, cwd=tmp_path)
     assert ended.returncode == Exit.INPUT
     error = json.loads(ended.stdout)["error"]
     assert error["name"] == "FILE_FIELD"

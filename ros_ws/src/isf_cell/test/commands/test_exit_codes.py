@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_process
 import pytest
 from isf_cell.commands.exit_codes import Exit, exit_for
 from isf_cell.commands.run_folder import make_run_folder
@@ -29,7 +30,7 @@ def test_every_code_has_an_exit_code() -> None:
 
 def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "isf_cell.cli", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+    return forked_process.run(command, cwd=cwd)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_process
 import pytest
 from isf_analysis.bag.bag_reader import read_bag
 from isf_cell.commands.exit_codes import Exit
@@ -20,12 +21,12 @@ from isf_core.errors import ErrorCode, IsfError
 JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
-def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-u", "-m", "isf_cell.cli", "simulate", str(JOB), "-o", "run", *arguments]
-    return subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
+def start(folder: Path, *arguments: str) -> forked_process.ForkedProcess:
+    command = [sys.executable, "-m", "isf_cell.cli", "simulate", str(JOB), "-o", "run", *arguments]
+    return forked_process.start(command, cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
-def await_line(process: subprocess.Popen[str], words: str) -> None:
+def await_line(process: forked_process.ForkedProcess, words: str) -> None:
     assert process.stderr is not None
     assert any(words in line for line in process.stderr)
 

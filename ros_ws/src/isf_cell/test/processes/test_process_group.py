@@ -63,6 +63,22 @@ def test_even_a_process_that_ignores_signals_is_ended(prefix: Path) -> None:
     assert not node.alive
 
 
+def test_a_process_that_outlives_the_others_hears_of_the_end_after_them(prefix: Path) -> None:
+    group = ProcessGroup(prefix / "logs")
+    last, first = (group.start("some_package", "waiting", {}, outlives=outlives) for outlives in (True, False))
+    ended: list[bool] = []
+    wait = last.popen.wait
+
+    def watched(timeout: float | None = None) -> int:
+        ended.append(first.alive)
+        return wait(timeout)
+
+    last.popen.wait = watched  # type: ignore[method-assign]
+    group.stop()
+    assert ended == [False]
+    assert not last.alive
+
+
 def test_processes_end_with_their_owner_s_failure(prefix: Path) -> None:
     group = ProcessGroup(prefix / "logs")
 

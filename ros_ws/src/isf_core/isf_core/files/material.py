@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import Field
-from scipy.optimize import brentq
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
@@ -109,6 +108,8 @@ def flow_curve(material: Material) -> FlowCurve:
     ratio = np.log(max(material.tensile_strength / material.yield_strength, 1.0))
     exponent = SMALLEST_EXPONENT
     if ratio > 0.0:
+        from scipy.optimize import brentq  # late: 0.3 s that nodes need not pay at their start
+
         exponent = float(brentq(lambda n: n * np.log(n / SMALLEST_EXPONENT) - ratio, SMALLEST_EXPONENT, 1.5))
     coefficient = material.tensile_strength * (np.e / exponent) ** exponent
     return FlowCurve(float(coefficient), exponent, estimated=True)

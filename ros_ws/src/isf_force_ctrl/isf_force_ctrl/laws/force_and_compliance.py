@@ -12,9 +12,9 @@ from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import firwin
 
 from isf_force_ctrl.control_state import Flag
+from isf_force_ctrl.laws.discrete import windowed_low_pass
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ def low_pass(cutoff: float, rate: float, taps: int | None = None) -> NDArray[np.
     ``cutoff`` Hz and ``rate`` Hz; ``taps`` defaults to :func:`taps_for`. ValueError when the cut-off is not
     below half the rate.
     """
-    return np.asarray(firwin(taps or taps_for(rate), cutoff, fs=rate))
+    return windowed_low_pass(taps or taps_for(rate), cutoff, rate)
 
 
 def group_delay(taps: int, rate: float) -> float:

@@ -106,9 +106,12 @@ class StampWatch:
             self._stamp, self._received, self._fastest = stamp, now, now - stamp * _NANO
             return True, None
         step = (stamp - last) * _NANO
-        passed = 0.0 if math.isinf(self._most) else now - self._received
+        by_the_clock = not math.isinf(self._most)
+        passed = now - self._received if by_the_clock else 0.0
         # Waiting messages may come all at once, so time that passed here excuses a step forwards, never one backwards.
-        if step < -JUMP or step - passed > JUMP:
+        # An old one may have waited until now, and the next one not: then it is only as quick as others were.
+        ahead = self._fastest - (now - stamp * _NANO) if by_the_clock else math.inf
+        if step < -JUMP or min(step - passed, ahead) > JUMP:
             return False, (
                 ErrorCode.WRENCH_CLOCK,
                 f"the stamps of {self._name} jumped by {step - passed:+.2f} s (clock set, or the driver restarted)",

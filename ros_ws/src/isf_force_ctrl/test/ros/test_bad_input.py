@@ -98,6 +98,7 @@ def moved(contour: Contour, by: tuple[float, float, float]) -> Contour:
     )
 
 
+@pytest.mark.clock
 def test_late_messages_and_clocks_that_jump_in_real_time(cell: Observed) -> None:
     cell.start({"lockstep": False, "scattered_share": 0.1}, lockstep=False, wrench_timeout=0.5)
     # Some messages overtaken by newer ones: counted, not used, and forming goes on.

@@ -35,7 +35,9 @@ def shows(cell: Cell, health: list[DiagnosticStatus], level: bytes) -> bool:
     return cell.wait(lambda: health and health[-1].level == level and "1205 NO_TARE" in health[-1].message)
 
 
-@pytest.mark.parametrize("lockstep", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["lockstep", "real time"])
+@pytest.mark.parametrize(
+    "lockstep", [True, pytest.param(False, marks=[pytest.mark.slow, pytest.mark.clock])], ids=["lockstep", "real time"]
+)
 def test_a_drift_is_warned_of(cell: Cell, health: list[DiagnosticStatus], lockstep: bool) -> None:
     cell.start({"cell_drift": 15.0, "lockstep": lockstep}, lockstep=lockstep)
     cell.armed()

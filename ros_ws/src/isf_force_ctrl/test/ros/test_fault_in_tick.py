@@ -30,7 +30,7 @@ def cell(fault: Path) -> Iterator[Cell]:
         assert found.process.poll() is None
 
 
-@pytest.mark.parametrize("lockstep", [True, False])
+@pytest.mark.parametrize("lockstep", [True, pytest.param(False, marks=pytest.mark.clock)])
 def test_a_fault_in_a_tick_ends_the_contour_with_a_code(cell: Cell, fault: Path, lockstep: bool) -> None:
     cell.start({"lockstep": lockstep}, program=PROGRAM, lockstep=lockstep)
 

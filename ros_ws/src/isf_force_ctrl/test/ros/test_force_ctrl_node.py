@@ -162,6 +162,7 @@ def test_stop_and_disarm(cell: Cell) -> None:
     assert cell.rests_in(ForceCtrlState.IDLE)
 
 
+@pytest.mark.clock
 def test_real_time_forms_a_contour(cell: Cell) -> None:
     cell.start({"lockstep": False}, lockstep=False)
     cell.armed()
@@ -208,6 +209,7 @@ def test_saturated_cell_holds_with_its_code(cell: Cell) -> None:
     assert "tool_2" in result.message or "tool_1" in result.message
 
 
+@pytest.mark.clock
 def test_a_fifth_of_the_wrenches_may_be_lost_in_real_time(cell: Cell) -> None:
     cell.start({"lockstep": False, "lost_share": 0.2}, lockstep=False)
     cell.armed()

@@ -85,6 +85,7 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     assert measured.cell.rests_in(ForceCtrlState.IDLE)
 
 
+@pytest.mark.clock
 def test_move_aside_by_the_clock(cell: Cell) -> None:
     """In real time, against a driver that never waits; how long it takes is the computer's business."""
     tips: list[tuple[float, float, float]] = []

@@ -51,6 +51,7 @@ def test_the_documented_names(cell: Cell, heading: str) -> None:
 
 
 @pytest.mark.graph
+@pytest.mark.clock
 def test_a_driver_that_follows_twists_stays_on_the_path(cell: Cell) -> None:
     twists: list[tuple[float, float, float]] = []
 

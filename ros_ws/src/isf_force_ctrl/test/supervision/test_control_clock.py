@@ -162,6 +162,16 @@ def test_a_moment_of_lateness_is_counted_only() -> None:
     assert 0 < watch.late < 20
 
 
+def test_a_receiver_that_stood_still_blames_no_clock() -> None:
+    """Its queue is short: it holds the message after which it stood still, and then those of the present."""
+    before = PERIOD * np.arange(500)
+    stamps = np.concatenate([before, [1.0], 3.0 + before])
+    received = np.concatenate([before, [3.0], 3.0 + before]) + 0.0003
+    found = stream(watch := StampWatch(1, 0.03, 0.1), stamps, received)
+    assert set(found) == {(True, None)}
+    assert watch.late == 1
+
+
 @pytest.mark.parametrize("jump", [-3600.0, -1.0, 1.0, 3600.0])
 @pytest.mark.parametrize("most_delay", [0.03, math.inf])
 def test_a_clock_that_jumps_is_a_fault(jump: float, most_delay: float) -> None:

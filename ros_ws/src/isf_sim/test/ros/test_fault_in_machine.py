@@ -43,7 +43,7 @@ def fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
-@pytest.fixture(params=[True, False], ids=["lockstep", "real time"])
+@pytest.fixture(params=[True, pytest.param(False, marks=pytest.mark.clock)], ids=["lockstep", "real time"])
 def cell(request: pytest.FixtureRequest, fault: Path, tmp_path: Path, pressed: Path) -> Iterator[Client]:
     (tmp_path / "states").mkdir()
     shutil.copy(pressed, tmp_path / "states")

@@ -130,6 +130,7 @@ def test_a_machine_that_stood_still_blames_nobody(machine: Client) -> None:
         assert (machine.newest(), machine.fault_codes()) == (due, [])
 
 
+@pytest.mark.clock
 @pytest.mark.parametrize("machine", [["lockstep:=false"]], indirect=True)
 def test_real_time_ticks_by_the_clock(machine: Client) -> None:
     """Wrenches come without targets at the control rate; at rest the end of a stream is no fault."""
@@ -154,6 +155,7 @@ def test_real_time_ticks_by_the_clock(machine: Client) -> None:
     assert machine.fault_codes() == []
 
 
+@pytest.mark.clock
 @pytest.mark.parametrize("machine", [["long_ticks", "lockstep:=false"]], indirect=True)
 def test_a_long_tick_is_not_older_than_the_readings_that_bridged_it(machine: Client) -> None:
     """Else who reads them takes the step back for a clock that was set."""

@@ -21,7 +21,7 @@ from isf_msgs.srv import Reset
 from isf_ros import qos
 from rclpy.executors import SingleThreadedExecutor
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.clock]
 
 PRIORITY = 5
 LIMIT = 120.0
