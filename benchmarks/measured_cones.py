@@ -1,7 +1,7 @@
 """Twelve cones that were formed and scanned in a laboratory, formed anew on the elasto-plastic sheet.
 
-benchmarks/data/spif_cones_measured.csv holds the profiles: single-point incremental forming, opening radius 50 mm, walls
-of 40 to 70 deg, tools of 12 and 16 mm, depth steps of 0.3 and 0.7 mm (M. F. Gralha, master's thesis on geometric
+benchmarks/data/spif_cones_measured.csv holds the profiles: single-point incremental forming, opening radius 50 mm,
+walls of 40 to 70 deg, tools of 12 and 16 mm, depth steps of 0.3 and 0.7 mm (M. F. Gralha, master's thesis on geometric
 compensation of SPIF, Lisbon; median over 4 scans of 8 half-sections each, zero at the flange). Material, thickness, and
 the openings of backing plate and clamp are not known: they are chosen on the cones FITTED and frozen for the others.
 
@@ -39,11 +39,11 @@ OUTERMOST = 70.0
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What the publication does not print, mm and MPa; aluminium with Swift's curve through yield and tensile strength."""
+    """What is not printed, mm and MPa; aluminium with Swift's curve through yield and tensile strength."""
 
-    plate: float = 58.0
-    clamp: float = 60.0
-    thickness: float = 1.5
+    plate: float = 58.5
+    clamp: float = 66.0
+    thickness: float = 2.0
     yield_strength: float = 60.0
     tensile_strength: float = 110.0
     exponent: float = 0.2
@@ -115,7 +115,9 @@ def form(shell: ExplicitShell, cone: Cone) -> tuple[float, float]:
         around = OPENING - (depth - radius) / np.tan(angle) - radius / np.sin(angle)
         count = max(60, int(2.0 * np.pi * around / 1e-3))
         turn = np.linspace(0.0, 2.0 * np.pi, count) + 0.3 * k
-        points = np.column_stack([around * np.cos(turn), around * np.sin(turn), np.full(count, 0.5 * thickness - depth)])
+        points = np.column_stack(
+            [around * np.cos(turn), around * np.sin(turn), np.full(count, 0.5 * thickness - depth)]
+        )
         if k == 1:
             shell.place_tools(np.array([points[0] + [0.0, 0.0, depth + 1e-3], away]))
             for part in np.linspace(1.0, 0.0, 20)[1:]:
@@ -205,9 +207,7 @@ def main() -> int:
         print("cone    angle  tool  step" + "".join(f"{name:>9}" for name in COLUMNS), flush=True)
     rows = []
     with ProcessPoolExecutor(options.jobs) as pool:
-        futures = [
-            pool.submit(compared, cones[name], unknowns, 1e-3 * options.cell, options.speed) for name in names
-        ]
+        futures = [pool.submit(compared, cones[name], unknowns, 1e-3 * options.cell, options.speed) for name in names]
         for name, future in zip(names, futures, strict=True):
             rows.append(future.result())
             if not options.json:

@@ -39,8 +39,8 @@ class ShellStruct(ctypes.Structure):
             (name, _pointer)
             for name in (
                 "position", "velocity", "spin", "force", "moment", "per_mass", "per_inertia", "spring_node", "spring",
-                "spring_limit", "anchor", "fixed", "thickness", "stress", "plastic_strain", "shear", "hourglass", "plastic_work",
-                "back_stress", "element_force", "flow_stress", "hardening", "area",
+                "spring_limit", "anchor", "fixed", "thickness", "stress", "plastic_strain", "shear", "hourglass",
+                "plastic_work", "back_stress", "element_force", "flow_stress", "hardening", "area",
             )
         ),
         ("support_nx", _long),

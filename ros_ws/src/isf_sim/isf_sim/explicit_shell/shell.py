@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ SLIP_SHARE = 0.02
 """Of the speed of the tools, below which friction fades: a step in it would make the sheet ring."""
 
 SLIDES = 2.0e-3
-"""m by which the sheet may slide along a support (assumed): as near to its edge, an element is checked at more points."""
+"""m by which the sheet may slide along a support (assumed): this near to its edge an element has more points."""
 
 TABLE_STEP, TABLE_END = 0.002, 4.0
 """Plastic strain, of the tabulated flow curve."""
@@ -219,10 +220,9 @@ class ExplicitShell:
         """
         solid = np.where(np.isfinite(support.height), support.height, -1e9)
         rows, columns = (
-            [slice(*_cells_between(low - SLIDES, high + SLIDES, begin, support.spacing, cells)) for low, high in
-             zip(line[:-1], line[1:], strict=True)]
-            for line, begin, cells in ((self.y, support.y0, solid.shape[0]), (self.x, support.x0, solid.shape[1]))
-        )  # fmt: skip
+            [_points_around(low, high, begin, support.spacing, points) for low, high in pairwise(line)]
+            for line, begin, points in ((self.y, support.y0, solid.shape[0]), (self.x, support.x0, solid.shape[1]))
+        )
         around = [solid[row, column] for row in rows for column in columns]
         lowest = np.array([part.min(initial=1e9) for part in around])
         highest = np.array([part.max(initial=-1e9) for part in around])
@@ -377,7 +377,11 @@ class ExplicitShell:
             "area": self._area,
         }
         if (support := self._support) is not None:
-            names = ("support_height", "support_plane", *(f"support_{name}" for name in ("element", "weight", "area", "near")))
+            names = (
+                "support_height",
+                "support_plane",
+                *(f"support_{name}" for name in ("element", "weight", "area", "near")),
+            )
             arrays |= dict(zip(names, support.arrays, strict=True))
             struct.support_ny, struct.support_nx = support.height.shape
             struct.support_x, struct.support_y, struct.support_spacing = support.x0, support.y0, support.spacing
@@ -406,9 +410,10 @@ def _flat(x: Array, y: Array, sheet: Sheet) -> State:
     )
 
 
-def _cells_between(low: float, high: float, begin: float, spacing: float, cells: int) -> tuple[int, int]:
-    """First and last + 1 of the points at begin + i spacing m that surround low to high m, of ``cells``."""
-    return max(0, int(np.floor((low - begin) / spacing))), min(cells, int(np.ceil((high - begin) / spacing)) + 1)
+def _points_around(low: float, high: float, begin: float, spacing: float, points: int) -> slice:
+    """Those of ``points`` at begin + i spacing m that surround low to high m, and as far as the sheet slides."""
+    first, last = np.floor((low - SLIDES - begin) / spacing), np.ceil((high + SLIDES - begin) / spacing)
+    return slice(max(0, int(first)), min(points, int(last) + 1))
 
 
 def _at_nodes(of_corner: Array) -> Array:
