@@ -28,8 +28,8 @@ def windowed_low_pass(taps: int, cutoff: float, rate: float) -> Array:
 def ramp_invariant(numerator: ArrayLike, denominator: ArrayLike, period: float) -> tuple[Array, Array]:
     """Numerator and denominator, in z, of a transfer function in s whose input goes straight between two samples.
 
-    Highest power first; the numerator is of lower order. ``period`` s of a sample (Franklin, Powell and Workman 1998,
-    section 6.3.2: triangle hold).
+    Highest power first; the numerator is of lower order. ``period`` s of a sample: the triangle hold, as
+    cont2discrete has it under "foh".
     """
     above, below = np.atleast_1d(np.asarray(numerator, float)), np.asarray(denominator, float)
     order = len(below) - 1
