@@ -13,7 +13,6 @@ import numpy as np
 
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Flag, Mode, Targets
-from isf_force_ctrl.laws.discrete import ramp_invariant
 from isf_force_ctrl.laws.force_and_compliance import ComplianceCompensation, ContactForceLoop, Fir
 from isf_force_ctrl.motion.segments import Row
 
@@ -289,9 +288,12 @@ class StiffnessEstimate:
 
     def __init__(self, nominal: float, rate: float, bandwidth: float, fir: Fir) -> None:
         corner = 2 * np.pi * bandwidth
-        numerator, denominator = ramp_invariant([1.0], [1.0, 2.0, 2.0, 1.0], corner / rate)  # time in 1 / corner
-        self._b: list[float] = numerator.tolist()
-        self._a: list[float] = denominator.tolist()[1:]
+        from scipy.signal import cont2discrete  # late: 0.3 s that nodes need not pay at their start
+
+        continuous = ([corner**3], [1.0, 2 * corner, 2 * corner**2, corner**3])
+        numerator, denominator, _ = cont2discrete(continuous, 1.0 / rate, method="foh")
+        self._b: list[float] = np.ravel(numerator).tolist()
+        self._a: list[float] = np.ravel(denominator).tolist()[1:]
         self._inputs = deque([0.0] * len(self._b), maxlen=len(self._b))
         self._outputs = deque([0.0] * 3, maxlen=3)
         self._fir = fir
