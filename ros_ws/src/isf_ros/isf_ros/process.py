@@ -19,7 +19,7 @@ from isf_ros.lifecycle import CellNode
 
 EXIT_OK, EXIT_ERROR = 0, 2
 
-HAND_OVER = 2.0
+HAND_OVER = 4.0
 """s, longest time for which a node that ends waits for its subscribers."""
 
 MAX_FAILURES = 100
@@ -86,10 +86,11 @@ def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *
 def hand_over(node: Node) -> None:
     """Wait until reliable subscribers have all that was published: with its writer a message on its way would be lost.
 
-    At most :data:`HAND_OVER` s, since a subscriber may have died without a word.
+    At most :data:`HAND_OVER` s, since a subscriber may have died without a word; topics of few messages first, for each
+    of these counts.
     """
     deadline = time.monotonic() + HAND_OVER
-    for publisher in node.publishers:
+    for publisher in sorted(node.publishers, key=lambda publisher: publisher.qos_profile.depth):
         left = deadline - time.monotonic()
         if left <= 0.0:
             return
