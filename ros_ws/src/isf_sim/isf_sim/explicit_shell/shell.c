@@ -40,7 +40,9 @@ typedef struct {
     const int32_t *spring_node;                          /* (spring_size) nodes of the edge that a spring holds */
     const double *spring, *spring_limit;                 /* (spring_size) N/m and N, in the plane */
     double *anchor;                                      /* (2, nodes) where these springs are free of force */
-    const uint8_t *fixed;                                /* (nodes) bits 1, 2, 4: x, y, z; 8: rotations */
+    const uint8_t *fixed;                                /* (nodes) bits 1, 2, 4: x, y, z; 8, 16, 32: turns about them;
+                                                          * these keep the velocity they have, which is mostly none */
+    const double *load;                                  /* (3, nodes) N that do not change, or NULL */
     double *thickness, *stress, *plastic_strain;         /* (elements), (LAYERS 3, elements), (LAYERS, elements) */
     double *shear, *hourglass, *plastic_work;            /* (2, elements), (5, elements), (elements) J */
     double *back_stress;                                 /* (LAYERS 3, elements) Pa, only where kinematic is not 0 */
@@ -91,7 +93,6 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
     const double *R flow = q->flow_stress, *R hard = q->hardening;
     double *R thickness = q->thickness + element, *R work = q->plastic_work + element;
     double *R shear = q->shear + element, *R hg = q->hourglass + element, *R out = q->element_force + element;
-    const double *R area = q->area + element;
     /* frame; derivatives of the shape functions times the area; warping; strain rates; velocities for the hourglass */
     double ux[BLOCK], uy[BLOCK], uz[BLOCK], vx[BLOCK], vy[BLOCK], vz[BLOCK], wx[BLOCK], wy[BLOCK], wz[BLOCK];
     double b11[BLOCK], b12[BLOCK], b21[BLOCK], b22[BLOCK], A[BLOCK], iA[BLOCK], g1[BLOCK], g2[BLOCK], warp[BLOCK];
@@ -253,7 +254,7 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
     for (int64_t i = 0; i < count; i++) {
         const double h = thickness[i];
         thickness[i] = h * (1.0 + ezz[i]);
-        work[i] += done[i] * area[i];
+        work[i] += done[i] * A[i];
         /* membrane forces with the part of the moments that a warped element turns into them */
         const double Txx = Nx[i] - Mx[i] * pxx[i] - Mxy[i] * pxy[i], Tyy = Ny[i] - My[i] * pyy[i] - Mxy[i] * pxy[i];
         const double Txy = Nxy[i] - 0.5 * ((Mx[i] + My[i]) * pxy[i] + Mxy[i] * (pxx[i] + pyy[i]));
@@ -336,10 +337,13 @@ VECTORISED static void planes(const Shell *R q, double offset) {
     }
 }
 
-/* Internal forces on the nodes, with their sign as they act on the nodes. */
+/* Loads and internal forces on the nodes, with their sign as they act on the nodes. */
 VECTORISED static void assemble(const Shell *R q) {
     const int64_t nx = q->nx, ny = q->ny, nn = (nx + 1) * (ny + 1), ne = nx * ny;
-    memset(q->force, 0, sizeof(double) * 3 * (size_t)nn);
+    if (q->load)
+        memcpy(q->force, q->load, sizeof(double) * 3 * (size_t)nn);
+    else
+        memset(q->force, 0, sizeof(double) * 3 * (size_t)nn);
     memset(q->moment, 0, sizeof(double) * 3 * (size_t)nn);
     static const int64_t ROW[4] = {0, 0, 1, 1}, COLUMN[4] = {0, 1, 1, 0};
     for (int corner = 0; corner < 4; corner++)
@@ -574,10 +578,10 @@ VECTORISED static void move(const Shell *R q) {
     for (int d = 0; d < 3; d++) {
         double *R x = q->position + d * nn, *R v = q->velocity + d * nn, *R w = q->spin + d * nn;
         const double *R f = q->force + d * nn, *R m = q->moment + d * nn;
-        const uint8_t bit = (uint8_t)(1 << d);
+        const uint8_t bit = (uint8_t)(1 << d), turn = (uint8_t)(8 << d);
         for (int64_t n = 0; n < nn; n++) {
-            v[n] = fixed[n] & bit ? 0.0 : kept * v[n] + dt * f[n] * per_mass[n];
-            w[n] = fixed[n] & 8 ? 0.0 : kept * w[n] + dt * m[n] * per_inertia[n];
+            v[n] = fixed[n] & bit ? v[n] : kept * v[n] + dt * f[n] * per_mass[n];
+            w[n] = fixed[n] & turn ? w[n] : kept * w[n] + dt * m[n] * per_inertia[n];
             x[n] += dt * v[n];
         }
     }

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass, field
+from enum import IntFlag
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -44,10 +46,20 @@ SLIP_SHARE = 0.02
 """Of the speed of the tools, below which friction fades: a step in it would make the sheet ring."""
 
 SLIDES = 2.0e-3
-"""m by which the sheet may slide along a support (assumed): as near to its edge, an element is checked at more points."""
+"""m by which the sheet may slide along a support (assumed): as near to its edge, an element is checked at more
+points."""
 
 TABLE_STEP, TABLE_END = 0.002, 4.0
 """Plastic strain, of the tabulated flow curve."""
+
+
+class Freedom(IntFlag):
+    """What a node can do: shifts along x, y, z, turns about them. The bits are those of shell.c."""
+
+    X, Y, Z = 1, 2, 4
+    TURN_X, TURN_Y, TURN_Z = 8, 16, 32
+    SHIFTS, TURNS = 7, 56
+    ALL = 63
 
 
 @dataclass(frozen=True)
@@ -142,6 +154,7 @@ class ExplicitShell:
     Attributes
     ----------
     x, y : lines ; sheet, edge ; state : State
+    load : (3, n) N on the nodes, as long as it is not changed ; None: none
     step : s, time step ; steps : done so far ; tools : (2,) of library.TOOL
     """
 
@@ -157,6 +170,7 @@ class ExplicitShell:
         self.step = float(STEP_SHARE * shortest.min() / wave)
         self.steps = 0
         self.state = _flat(x, y, sheet)
+        self.load: Array | None = None
         self._area = np.ascontiguousarray((dx * dy).ravel())
         per_area = sheet.density * sheet.thickness * (shortest.min() / shortest) ** 2
         corner = per_area * dx * dy / 4.0
@@ -188,17 +202,30 @@ class ExplicitShell:
             for line, value in ((self.x, tip[0]), (self.y, tip[1]))
         ]
 
-    def hold(self, held: NDArray[np.bool_]) -> None:
-        """Hold deflection and slope of the nodes ``held`` (ny + 1, nx + 1), as an edge of another outline does."""
-        self._fixed |= np.where(held.ravel(), 4 + 8, 0).astype(np.uint8)
+    def hold(self, held: NDArray[np.bool_], freedoms: Freedom = Freedom.Z | Freedom.TURNS) -> None:
+        """Hold ``freedoms`` of the nodes ``held`` (ny + 1, nx + 1): deflection and slope, as a clamped edge does.
+
+        What is held keeps the velocity that is written to ``state`` afterwards: so a motion is prescribed.
+        """
+        nodes = held.ravel()
+        self._fixed |= np.where(nodes, int(freedoms), 0).astype(np.uint8)
+        for d in range(3):
+            if freedoms & (Freedom.X << d):
+                self.state.velocity[d, nodes] = 0.0
+            if freedoms & (Freedom.TURN_X << d):
+                self.state.spin[d, nodes] = 0.0
+
+    def open_clamp(self) -> None:
+        """Nothing is held any more, by the edge or by :meth:`hold`."""
+        self._fixed[:] = 0
+        self._spring_node = self._spring_node[:0]
 
     def release(self, kept: NDArray[np.bool_]) -> None:
         """Open the clamp, take tools and support away and cut off the elements that are not ``kept`` (ny, nx).
 
         What is cut off stays in the arrays, without stress and with a thousandth of its thickness.
         """
-        self._fixed[:] = 0
-        self._spring_node = self._spring_node[:0]
+        self.open_clamp()
         self._support = None
         self.tools["radius"] = 0.0
         cut, state = ~kept.ravel(), self.state
@@ -220,7 +247,7 @@ class ExplicitShell:
         solid = np.where(np.isfinite(support.height), support.height, -1e9)
         rows, columns = (
             [slice(*_cells_between(low - SLIDES, high + SLIDES, begin, support.spacing, cells)) for low, high in
-             zip(line[:-1], line[1:], strict=True)]
+             pairwise(line)]
             for line, begin, cells in ((self.y, support.y0, solid.shape[0]), (self.x, support.x0, solid.shape[1]))
         )  # fmt: skip
         around = [solid[row, column] for row in rows for column in columns]
@@ -261,6 +288,11 @@ class ExplicitShell:
             self._support.offset = raised
         return np.array(tools["mean"])
 
+    def advance(self, steps: int, damping: float = 0.0) -> None:
+        """Compute ``steps`` steps with the tools at rest where they are; ``damping`` 1/s of every motion."""
+        self.tools["begin"] = self.tools["end"]
+        self._advance(steps, damping)
+
     def place_tools(self, tips: Array) -> None:
         """Put the tools at ``tips`` (2, 3) m without any time: for tools that are clear of the sheet."""
         for tool, tip in zip(self.tools, tips, strict=True):
@@ -269,20 +301,19 @@ class ExplicitShell:
                 tool["felt"] = 0.0
 
     def settle(self, still: float = SETTLED) -> None:
-        """Come to rest with the tools where they are, until the sheet is within ``still`` m of equilibrium.
+        """Come to rest with tools and held nodes where they are, until the sheet is within ``still`` m of equilibrium.
 
         Adaptive dynamic relaxation (Underwood 1983): damping is critical for the motion that is left, whose frequency
         is the Rayleigh quotient of what forces and positions changed by between two looks. How far equilibrium is
         away follows from the forces that are left and this frequency.
         """
-        self.tools["begin"] = self.tools["end"]
         self.state.velocity[:], self.state.spin[:] = 0.0, 0.0
-        self._advance(1, 0.0)
+        self.advance(1)
         free = np.stack([self._fixed & bit == 0 for bit in (1, 2, 4)])
         position, force = self.state.position.copy(), self._scratch[0] * free
         frequency, calm = 0.0, 0
         for _ in range(LONGEST_REST):
-            self._advance(REST_STEPS, 2.0 * frequency)
+            self.advance(REST_STEPS, 2.0 * frequency)
             moved, change = self.state.position - position, self._scratch[0] * free - force
             position, force = position + moved, force + change
             inertia = float((self._mass * moved**2).sum())
@@ -300,6 +331,17 @@ class ExplicitShell:
     def raised(self) -> float:
         """m by which the support stands higher than it was set."""
         return self._support.offset if self._support else 0.0
+
+    @property
+    def force(self) -> Array:
+        """(3, n) N, of everything on the nodes in the last step: nothing in equilibrium; what holds a node gives it
+        the opposite."""
+        return self._scratch[0].copy()
+
+    @property
+    def moment(self) -> Array:
+        """(3, n) N m, the same of moments."""
+        return self._scratch[1].copy()
 
     @property
     def kinetic_energy(self) -> float:
@@ -342,7 +384,7 @@ class ExplicitShell:
         border = np.zeros(shape, dtype=bool)
         border[[0, -1], :] = border[:, [0, -1]] = True
         held = np.isinf(self.edge.spring)
-        self._fixed = np.where(border, 15 if held else 4 + 8, 0).astype(np.uint8).ravel()
+        self._fixed = np.where(border, Freedom.ALL if held else Freedom.Z | Freedom.TURNS, 0).astype(np.uint8).ravel()
         length = np.zeros(shape)
         length[[0, -1], :] += np.gradient(self.x)
         length[:, [0, -1]] += np.gradient(self.y)[:, None]
@@ -372,12 +414,17 @@ class ExplicitShell:
             "spring": self._spring,
             "spring_limit": self._limit,
             "fixed": self._fixed,
+            **({} if self.load is None else {"load": np.ascontiguousarray(self.load, dtype=float)}),
             "flow_stress": self._flow,
             "hardening": self._hardening,
             "area": self._area,
         }
         if (support := self._support) is not None:
-            names = ("support_height", "support_plane", *(f"support_{name}" for name in ("element", "weight", "area", "near")))
+            names = (
+                "support_height",
+                "support_plane",
+                *(f"support_{name}" for name in ("element", "weight", "area", "near")),
+            )
             arrays |= dict(zip(names, support.arrays, strict=True))
             struct.support_ny, struct.support_nx = support.height.shape
             struct.support_x, struct.support_y, struct.support_spacing = support.x0, support.y0, support.spacing
@@ -385,6 +432,7 @@ class ExplicitShell:
             struct.support_size = support.arrays[2].size
         for name, array in arrays.items():
             setattr(struct, name, array.ctypes.data)
+        struct.arrays = arrays  # kept as long as the kernels use them
         return struct
 
 
