@@ -9,6 +9,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.rig import Clamp
+
+from isf_sim.plant_constants import PlantConstants
 
 STANDARD_WORLDS = tuple(range(1, 21))
 """Numbers of the twenty off-nominal worlds, all of seed 0, that controllers are scored on; 0 is nominal."""
@@ -67,3 +70,10 @@ def make_world(number: int, seed: int = 0) -> World:
         registration_z=float(draw(-0.1e-3, 0.1e-3)),
         registration_turn=float(draw(-0.0035, 0.0035)),
     )
+
+
+def in_plane_spring(clamp: Clamp, constants: PlantConstants, world: World) -> float:
+    """N/m^2, in-plane spring of the free edge of ``clamp``: the rig's, else what keeps it from drifting; and what the
+    ``world`` adds."""
+    own = constants.edge_spring if clamp.edge_spring is None else clamp.edge_spring
+    return own + world.edge_spring

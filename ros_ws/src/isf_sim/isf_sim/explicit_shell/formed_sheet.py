@@ -11,7 +11,8 @@ import time
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES, JobFile
-from isf_core.files.material import YIELD_STRAIN, Material, flow_curve
+from isf_core.files.material import Material, flow_curve
+from isf_core.files.rig import Clamp
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
@@ -23,7 +24,7 @@ from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet, Suppo
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import kept_by_trimming
 from isf_sim.sheet.surface import Surface
-from isf_sim.world import World
+from isf_sim.world import World, in_plane_spring
 
 AWAKE = 1.0e-3
 """m between a tool and the sheet, beyond which a sheet at rest is not computed."""
@@ -89,13 +90,11 @@ class FormedSheet:
             graded_lines(-0.5 * size, 0.5 * size, _inside(region, size), cell, coarseness * constants.shell_flange_cell)
             for size, region in zip(rig.clamp.size, even, strict=True)
         )
-        fixed = rig.clamp.edge == "fixed"
-        spring = np.inf if fixed else constants.edge_spring + world.edge_spring
         self.shell = ExplicitShell(
             x,
             y,
-            _sheet_of(material, thickness, world.force_level),
-            Edge(spring),
+            sheet_of(material, thickness, world.force_level),
+            edge_of(rig.clamp, constants, world),
             friction=material.friction * world.friction,
             tool_speed=haste * constants.shell_speed,
             damping=constants.shell_damping,
@@ -210,11 +209,28 @@ class FormedSheet:
         return float(nearest - tool["radius"] - 0.5 * self.thickness)
 
 
-def _sheet_of(material: Material, thickness: float, force_level: float) -> Sheet:
+def edge_of(clamp: Clamp, constants: PlantConstants, world: World) -> Edge:
+    """How ``clamp`` holds the sheet: fixed, or by a spring that slides beyond the friction of the clamp."""
+    if clamp.edge == "fixed":
+        return Edge()
+    return Edge(
+        in_plane_spring(clamp, constants, world), np.inf if clamp.edge_friction is None else clamp.edge_friction
+    )
+
+
+def sheet_of(material: Material, thickness: float, force_level: float) -> Sheet:
+    """Sheet of ``material``, ``thickness`` m, with its flow curve times ``force_level``."""
     strain = np.concatenate([[0.0], np.geomspace(1e-4, 4.0, 400)])
-    # Hollomon's curve from the strain at which the yield strength is defined on
-    stress = force_level * flow_curve(material).stress(strain + YIELD_STRAIN)
-    return Sheet(material.young_modulus, material.poisson_ratio, thickness, strain, np.asarray(stress))
+    curve = flow_curve(material)
+    stress = force_level * curve.stress(strain + curve.begin)
+    return Sheet(
+        material.young_modulus,
+        material.poisson_ratio,
+        thickness,
+        strain,
+        np.asarray(stress),
+        kinematic=material.kinematic_hardening or 0.0,
+    )
 
 
 def _part_region(job_file: JobFile, radius: float) -> Array:

@@ -26,6 +26,9 @@ STEP_SHARE = 0.7
 CONTACT_SHARE = 0.2
 """Of the stiffness at which contact alone would reach the limit of the time step."""
 
+SPRING_SHARE = 0.5
+"""Of the mass over the square of the time step, which a spring of the edge may have at most (4: unstable alone)."""
+
 CONTACT_DAMPING = 0.3
 """Of the critical one of the sheet's mass on the stiffness of contact: the sheet does not chatter on the tool."""
 
@@ -218,7 +221,7 @@ class ExplicitShell:
     def open_clamp(self) -> None:
         """Nothing is held any more, by the edge or by :meth:`hold`."""
         self._fixed[:] = 0
-        self._spring_node = self._spring_node[:0]
+        self._spring_node = np.zeros(0, dtype=np.int32)
 
     def release(self, kept: NDArray[np.bool_]) -> None:
         """Open the clamp, take tools and support away and cut off the elements that are not ``kept`` (ny, nx).
@@ -236,8 +239,8 @@ class ExplicitShell:
     def set_support(self, support: Support) -> None:
         """Put a rigid surface under the sheet."""
         heights = np.where(np.isfinite(support.height), support.height, -1e9).astype(float)
-        plane, *points = self._points_over(support)
-        support.arrays = (heights, plane, *points, np.empty(points[0].size, dtype=np.int32))
+        plane, element, weight, area = self._points_over(support)
+        support.arrays = (heights, plane, element, weight, area, np.empty(element.size, dtype=np.int32))
         self._support = support
 
     def _points_over(self, support: Support) -> tuple[Array, NDArray[np.int32], Array, Array]:
@@ -385,11 +388,17 @@ class ExplicitShell:
         border[[0, -1], :] = border[:, [0, -1]] = True
         held = np.isinf(self.edge.spring)
         self._fixed = np.where(border, Freedom.ALL if held else Freedom.Z | Freedom.TURNS, 0).astype(np.uint8).ravel()
-        length = np.zeros(shape)
-        length[[0, -1], :] += np.gradient(self.x)
-        length[:, [0, -1]] += np.gradient(self.y)[:, None]
-        self._spring_node = np.flatnonzero(border & (not held and self.edge.spring > 0.0)).astype(np.int32)
-        self._spring = self.edge.spring * length.ravel()[self._spring_node]
+        length, (along_x, along_y) = np.zeros(shape), (np.gradient(line) for line in (self.x, self.y))
+        along_x[[0, -1]] *= 0.5
+        along_y[[0, -1]] *= 0.5
+        length[[0, -1], :] += along_x
+        length[:, [0, -1]] += along_y[:, None]
+        self._spring_node = np.flatnonzero(border & (not held and self.edge.spring > 0.0)).astype(
+            np.int32
+        )
+        # a spring that the time step does not bear is as stiff as it bears
+        bears = SPRING_SHARE * self._mass[self._spring_node] / self.step**2
+        self._spring = np.minimum(self.edge.spring * length.ravel()[self._spring_node], bears)
         self._limit = np.minimum(self.edge.limit, 1e12) * length.ravel()[self._spring_node]
 
     def _struct(self, damping: float) -> ShellStruct:

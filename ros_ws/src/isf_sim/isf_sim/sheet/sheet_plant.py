@@ -54,7 +54,7 @@ from isf_sim.sheet.thickness import limit_margin, thickness_map
 from isf_sim.shell.shell import Elastic, Shell
 from isf_sim.shell.shell_lines import Grading
 from isf_sim.shell.solution_worker import SolutionWorker
-from isf_sim.world import World
+from isf_sim.world import World, in_plane_spring
 
 SMALLEST_FORCE = 30.0
 """N, force of a coarse solution at first touch, when none is known yet."""
@@ -116,7 +116,7 @@ class SheetPlant:
             Elastic(self.material.young_modulus, self.material.poisson_ratio),
             thickness,
             edge=clamp.edge,
-            edge_spring=constants.edge_spring + world.edge_spring,
+            edge_spring=in_plane_spring(clamp, constants, world),
         )
         self.surface: Surface = flat_surface(clamp.size, constants.fine_cell)
         self.track: TipTrack = empty_track(clamp.size, constants.track_cell)

@@ -1,8 +1,8 @@
 """A strip in plane strain against closed forms of an elastic, perfectly plastic plate: springback and limit load.
 
 Poisson's ratio is 0.499, so that elastic and plastic plane strain have the same share of stress across the strip, as
-the closed forms assume. Five points through the thickness bear 94.5 % of the moment of a section that is plastic throughout
-(the sum of their weights times |z| in place of the integral): that is what the limits leave room for.
+the closed forms assume. Five points through the thickness bear 94.5 % of the moment of a section that is
+plastic throughout (the sum of their weights times |z| in place of the integral): the limits leave room for that.
 """
 
 from __future__ import annotations
