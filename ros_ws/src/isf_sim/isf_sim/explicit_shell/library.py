@@ -40,7 +40,8 @@ class ShellStruct(ctypes.Structure):
             for name in (
                 "position", "velocity", "spin", "force", "moment", "per_mass", "per_inertia", "spring_node", "spring",
                 "spring_limit", "anchor", "fixed", "load", "thickness", "stress", "plastic_strain", "shear",
-                "hourglass", "plastic_work", "back_stress", "element_force", "flow_stress", "hardening", "area",
+                "hourglass", "plastic_work", "drilling", "back_stress", "element_force", "flow_stress",
+                "hardening", "area",
             )
         ),
         ("support_nx", _long),

@@ -25,6 +25,10 @@
 
 enum { LAYERS = 5, POINTS = 8, TOOLS = 2 };
 
+/* Of the shear stiffness in the plane, for a node that turns about the normal against the element. Without any, the
+ * elements of a curved sheet, whose normals differ, twist against each other at no cost. */
+static const double DRILLING = 1e-3;
+
 /* Gauss-Legendre points and weights on (-1, 1) */
 static const double LEVEL[LAYERS] = {-0.906179845938664, -0.538469310105683, 0.0, 0.538469310105683, 0.906179845938664};
 static const double SHARE[LAYERS] = {0.236926885056189, 0.478628670499366, 0.568888888888889, 0.478628670499366,
@@ -45,6 +49,7 @@ typedef struct {
     const double *load;                                  /* (3, nodes) N that do not change, or NULL */
     double *thickness, *stress, *plastic_strain;         /* (elements), (LAYERS 3, elements), (LAYERS, elements) */
     double *shear, *hourglass, *plastic_work;            /* (2, elements), (5, elements), (elements) J */
+    double *drilling;                                    /* (4, elements) N m about the normal, on the corners */
     double *back_stress;                                 /* (LAYERS 3, elements) Pa, only where kinematic is not 0 */
     double *element_force;                               /* (24, elements), scratch */
     const double *flow_stress, *hardening;               /* (table_size) Pa, isotropic part, over the plastic strain */
@@ -93,6 +98,7 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
     const double *R flow = q->flow_stress, *R hard = q->hardening;
     double *R thickness = q->thickness + element, *R work = q->plastic_work + element;
     double *R shear = q->shear + element, *R hg = q->hourglass + element, *R out = q->element_force + element;
+    double *R drill = q->drilling + element;
     /* frame; derivatives of the shape functions times the area; warping; strain rates; velocities for the hourglass */
     double ux[BLOCK], uy[BLOCK], uz[BLOCK], vx[BLOCK], vy[BLOCK], vz[BLOCK], wx[BLOCK], wy[BLOCK], wz[BLOCK];
     double b11[BLOCK], b12[BLOCK], b21[BLOCK], b22[BLOCK], A[BLOCK], iA[BLOCK], g1[BLOCK], g2[BLOCK], warp[BLOCK];
@@ -149,19 +155,24 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
         /* velocity gradients */
         const double uxx = (c11 * u13 + c12 * u24) * inverse, uxy = (c21 * u13 + c22 * u24) * inverse;
         const double vxx = (c11 * v13 + c12 * v24) * inverse, vxy = (c21 * v13 + c22 * v24) * inverse;
-        /* spins; about the normal of its corner each node turns with the element, for nothing else resists there */
+        /* spins; about the normal of its corner each node turns with the element, but for the drilling stiffness */
         const double turn = 0.5 * (vxx - uxy);
         mx = rx[n1] - rx[n3], my = ry[n1] - ry[n3], mz = rz[n1] - rz[n3];
         double ox = rx[n1] + rx[n3], oy = ry[n1] + ry[n3], oz = rz[n1] + rz[n3];
         double about = DOT(o, W) - 2.0 * turn;
         const double p13 = DOT(m, U) - nx1 * about, q13 = DOT(m, V) - ny1 * about;
+        const double against = 0.125 * DRILLING * G * thickness[i] * area_now * dt;
+        double of_both = against * about;
         about = DOT(m, W);
+        drill[i] += of_both + against * about, drill[2 * ne + i] += of_both - against * about;
         const double ps13 = DOT(o, U) - nx1 * about, qs13 = DOT(o, V) - ny1 * about;
         mx = rx[n2] - rx[n4], my = ry[n2] - ry[n4], mz = rz[n2] - rz[n4];
         ox = rx[n2] + rx[n4], oy = ry[n2] + ry[n4], oz = rz[n2] + rz[n4];
         about = DOT(o, W) - 2.0 * turn;
         const double p24 = DOT(m, U) - nx2 * about, q24 = DOT(m, V) - ny2 * about;
+        of_both = against * about;
         about = DOT(m, W);
+        drill[ne + i] += of_both + against * about, drill[3 * ne + i] += of_both - against * about;
         const double ps24 = DOT(o, U) - nx2 * about, qs24 = DOT(o, V) - ny2 * about;
         const double pm = 0.25 * (ps13 + ps24), qm = 0.25 * (qs13 + qs24), ps = ps13 - ps24, qs = qs13 - qs24;
         /* curvatures and shear */
@@ -276,11 +287,13 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
         MOMENTS(1, b12[i], b22[i], g2[i])
         MOMENTS(2, -b11[i], -b21[i], g3)
         MOMENTS(3, -b12[i], -b22[i], g4)
-        const double S = 0.5 * iA[i] * (px1[i] * (s0 - s2) + py1[i] * (t0 - t2) + px2[i] * (s1 - s3) + py2[i] * (t1 - t3));
+        const double D0 = drill[i], D1 = drill[ne + i], D2 = drill[2 * ne + i], D3 = drill[3 * ne + i];
+        const double S = 0.5 * iA[i] * (px1[i] * (s0 - s2) + py1[i] * (t0 - t2) + px2[i] * (s1 - s3) + py2[i] * (t1 - t3)
+                                        - D0 - D1 - D2 - D3);
 #define CORNER(I, B1, B2, GAMMA, PX, PY)                                                                               \
     {                                                                                                                  \
         const double f1 = (B1)*Txx + (B2) * (Txy - S) + (GAMMA)*H4, f2 = (B1) * (Txy + S) + (B2)*Tyy + (GAMMA)*H5;     \
-        const double f3 = (B1)*across_x + (B2)*across_y + (GAMMA)*H3, r = -(PX)*s##I - (PY)*t##I;                      \
+        const double f3 = (B1)*across_x + (B2)*across_y + (GAMMA)*H3, r = D##I - (PX)*s##I - (PY)*t##I;                      \
         double *R o = out + 6 * (I)*ne;                                                                                \
         o[i] = f1 * ux[i] + f2 * vx[i] + f3 * wx[i], o[ne + i] = f1 * uy[i] + f2 * vy[i] + f3 * wy[i];                 \
         o[2 * ne + i] = f1 * uz[i] + f2 * vz[i] + f3 * wz[i];                                                          \

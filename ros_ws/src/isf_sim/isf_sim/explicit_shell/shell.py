@@ -119,7 +119,8 @@ class State:
     ----------
     position, velocity, spin : (3, n) m, m/s, 1/s ; anchor : (2, n) m
     thickness, plastic_work : (e,) m, J ; stress : (3 LAYERS, e) Pa ; plastic_strain : (LAYERS, e)
-    shear : (2, e) Pa ; hourglass : (5, e) N, N m ; back_stress : (3 LAYERS, e) Pa, (0, e) for isotropic hardening
+    shear : (2, e) Pa ; hourglass : (5, e) N, N m ; drilling : (4, e) N m
+    back_stress : (3 LAYERS, e) Pa, (0, e) for isotropic hardening
     """
 
     position: Array
@@ -131,6 +132,7 @@ class State:
     plastic_strain: Array
     shear: Array
     hourglass: Array
+    drilling: Array
     plastic_work: Array
     back_stress: Array
 
@@ -233,7 +235,7 @@ class ExplicitShell:
         self.tools["radius"] = 0.0
         cut, state = ~kept.ravel(), self.state
         state.thickness[cut] *= 1e-3
-        for stresses in (state.stress, state.shear, state.hourglass, state.back_stress):
+        for stresses in (state.stress, state.shear, state.hourglass, state.drilling, state.back_stress):
             stresses[:, cut] = 0.0
 
     def set_support(self, support: Support) -> None:
@@ -393,9 +395,7 @@ class ExplicitShell:
         along_y[[0, -1]] *= 0.5
         length[[0, -1], :] += along_x
         length[:, [0, -1]] += along_y[:, None]
-        self._spring_node = np.flatnonzero(border & (not held and self.edge.spring > 0.0)).astype(
-            np.int32
-        )
+        self._spring_node = np.flatnonzero(border & (not held and self.edge.spring > 0.0)).astype(np.int32)
         # a spring that the time step does not bear is as stiff as it bears
         bears = SPRING_SHARE * self._mass[self._spring_node] / self.step**2
         self._spring = np.minimum(self.edge.spring * length.ravel()[self._spring_node], bears)
@@ -458,6 +458,7 @@ def _flat(x: Array, y: Array, sheet: Sheet) -> State:
         plastic_strain=np.zeros((LAYERS, elements)),
         shear=np.zeros((2, elements)),
         hourglass=np.zeros((5, elements)),
+        drilling=np.zeros((4, elements)),
         plastic_work=np.zeros(elements),
         back_stress=np.zeros((3 * LAYERS if sheet.kinematic > 0.0 else 0, elements)),
     )
