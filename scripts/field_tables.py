@@ -76,6 +76,9 @@ def _named(text: str) -> str:
         "SupportForce": "force",
         "RuleForce": "force",
         "ErrorTable": "rows of position and error",
+        "FlowTable": "rows of plastic strain and stress",
+        "EdgeStiffness": "force per displacement and length",
+        "EdgeForce": "force per length",
     }.get(text, text.lower())
 
 

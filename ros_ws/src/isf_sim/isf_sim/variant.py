@@ -17,13 +17,14 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.hardening_law import FlowCurve
 from isf_core.files.job import JobFile, ToolSpec
-from isf_core.files.material import YIELD_STRAIN, Material, flow_curve
-from isf_core.files.rig import ToolAxis
+from isf_core.files.material import LAWS, Material, flow_curve
+from isf_core.files.rig import Clamp, ToolAxis
 from isf_core.simulated_sheet import is_structural
 from isf_core.types import Array
 
@@ -145,26 +146,37 @@ class Variant:
         plant.material = self._hardened(material.model_copy(update={"yield_strength": strength}))
         return plant
 
-    def edge(self, nominal: float) -> tuple[float, float]:
-        """N/m^2 and N/m, in-plane spring of a free edge, ``nominal`` without a variant, and where it slips."""
-        return (self.edge_stiffness or nominal + self.edge_spring), (self.edge_limit or math.inf)
+    def edge(self, clamp: Clamp, nominal: float) -> tuple[float, float]:
+        """N/m^2 and N/m, in-plane spring of the free edge of ``clamp`` and where it slips; the rig's where it gives
+        them, else ``nominal`` and never."""
+        spring = (nominal if clamp.edge_spring is None else clamp.edge_spring) + self.edge_spring
+        limit = math.inf if clamp.edge_friction is None else clamp.edge_friction
+        return self.edge_stiffness or spring, self.edge_limit or limit
 
     def flow_stress(self, material: Material, strain: Array) -> Array:
         """Pa, flow stress at the plastic ``strain``, without the factor ``force_level``."""
         curve = flow_curve(material)
         if self.flow_law == "power":
-            return curve.stress(strain + YIELD_STRAIN)
-        first, matched = float(curve.stress(YIELD_STRAIN)), float(curve.stress(MATCHED_STRAIN + YIELD_STRAIN))
+            return curve.stress(strain + curve.begin)
+        first, matched = float(curve.stress(curve.begin)), float(curve.stress(MATCHED_STRAIN + curve.begin))
         gain = (matched - first) / (1.0 - math.exp(-MATCHED_STRAIN / VOCE_STRAIN))
         return np.asarray(first + gain * (1.0 - np.exp(-strain / VOCE_STRAIN)))
 
     def _hardened(self, material: Material) -> Material:
+        """``material`` with its flow stress over that at the matched strain to the power of ``hardening``."""
         if self.hardening == 1.0:
             return material
         curve = flow_curve(material)
-        exponent = curve.exponent * self.hardening
-        coefficient = float(curve.stress(MATCHED_STRAIN)) / MATCHED_STRAIN**exponent
-        return material.model_copy(update={"hardening_exponent": exponent, "strength_coefficient": coefficient})
+        matched = float(curve.stress(MATCHED_STRAIN))
+        if isinstance(curve, FlowCurve):
+            exponent = curve.exponent * self.hardening
+            coefficient = matched / MATCHED_STRAIN**exponent
+            return material.model_copy(update={"hardening_exponent": exponent, "strength_coefficient": coefficient})
+        strain = np.concatenate([[0.0], np.geomspace(1e-4, 4.0, 200)])
+        stress = matched * (curve.stress(strain) / matched) ** self.hardening
+        rows = tuple(zip(strain.tolist(), stress.tolist(), strict=True))
+        others: dict[str, Any] = dict.fromkeys((name for law in LAWS for name in law), None)
+        return material.model_copy(update={**others, "flow_curve": rows})
 
 
 _FACTORS = tuple(item.name for item in fields(Variant))[:12]

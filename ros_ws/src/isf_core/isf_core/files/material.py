@@ -1,9 +1,9 @@
 """Sheet materials: constants with the source of each, and the flow curve that follows from them.
 
-Files are in ``share/isf_core/materials``. The flow curve is Hollomon's law: flow stress = K strain^n. Where the
-material file does not give K and n, they follow from yield and tensile strength: the tensile test becomes unstable at
-the strain n (Considere), so the tensile strength is K (n / e)^n, and the yield strength is taken at the plastic strain
-of 0.2 %. This is an estimate; the material file should give measured values where there are some.
+Files are in ``share/isf_core/materials``. The flow curve is one of the laws of :mod:`isf_core.files.hardening_law`.
+Where the material file gives none, it is Hollomon's, K strain^n, from yield and tensile strength: the tensile test
+becomes unstable at the strain n (Considere), so the tensile strength is K (n / e)^n, and the yield strength is taken at
+the plastic strain of 0.2 %. This is an estimate; the material file should give measured values where there are some.
 
 The forming limit is the fracture line in principal strains: the sheet tears where major + k minor strain reaches what
 it bears in plane strain (Torrao 2013, 2.2.2: parallel to pure shear, k = 1, so the loss of thickness alone decides).
@@ -12,17 +12,21 @@ It is what the simulated sheet bears. What a planner allows is ``max_wall_angle`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
+from isf_core.files.hardening_law import YIELD_STRAIN, FlowCurve, HardeningLaw, Swift, Tabulated, Voce
 from isf_core.files.quantity import Angle, Stress
-from isf_core.files.yaml_file import FileModel, find_named
+from isf_core.files.yaml_file import FieldError, FileModel, find_named
 from isf_core.types import Array
+
+FlowTable = tuple[tuple[float, Stress], ...]
+"""Rows of (plastic strain, flow stress)."""
 
 
 class Material(FileModel):
@@ -52,11 +56,70 @@ class Material(FileModel):
     bending_share: float | None = Field(default=None, ge=0, lt=1)
     """Share of the outer fibre's strain that each bend to a tool and back uses up; 0.15 without it."""
     strength_coefficient: Stress | None = Field(default=None, gt=1e6, lt=5e9)
-    """K of the flow curve K strain^n; without it the curve is estimated (:mod:`isf_core.files.material`)."""
+    """K of the flow curve K strain^n; without any law the curve is estimated (:mod:`isf_core.files.material`)."""
     hardening_exponent: float | None = Field(default=None, ge=0, lt=1)
     """n of the flow curve."""
+    pre_strain: float | None = Field(default=None, gt=0, lt=1)
+    """With K and n, Swift's law K (pre_strain + strain)^n."""
+    saturation_stress: Stress | None = Field(default=None, gt=1e6, lt=5e9)
+    """Voce's law: what the flow stress grows to from the yield strength on, by 1 - exp(-strain / saturation_strain)."""
+    saturation_strain: float | None = Field(default=None, gt=0, lt=10)
+    """Plastic strain of Voce's law."""
+    flow_curve: FlowTable | None = Field(default=None, min_length=2)
+    """Flow curve as points in place of a law: the first at plastic strain 0, linear between, constant after them."""
+    kinematic_hardening: float | None = Field(default=None, ge=0, le=0.99)
+    """Share of the hardening that moves the yield surface in place of widening it (Prager 1956), so that the sheet
+    yields earlier when it is bent back; only the elasto-plastic sheet knows it. Without it 0."""
     provenance: dict[str, str]
     """Constant to its origin: published, calibrated or assumed, with the source."""
+
+    @model_validator(mode="after")
+    def _one_flow_curve(self) -> Material:
+        laws = [[name for name in law if getattr(self, name) is not None] for law in LAWS]
+        given = [law for law in laws if law]
+        if len(given) > 1:
+            raise FieldError(
+                f"the flow curve is given already by {' and '.join(given[0])}",
+                field=given[1][0],
+                advice="give one law: points, K and n (with pre_strain), or Voce's saturation",
+            )
+        for needed in (("strength_coefficient", "hardening_exponent"), ("saturation_stress", "saturation_strain")):
+            missing = [name for name in needed if getattr(self, name) is None]
+            present = next((law[0] for law in given if set(needed) & set(LAWS[laws.index(law)])), None)
+            if present and missing:
+                raise FieldError(f"needs {' and '.join(missing)} too", field=present, advice="give the whole law")
+        if self.saturation_stress is not None and self.saturation_stress <= self.yield_strength:
+            raise FieldError(
+                "is not above the yield strength", field="saturation_stress", advice="the sheet hardens towards it"
+            )
+        if self.flow_curve is not None:
+            _check_points(self.flow_curve)
+        return self
+
+
+LAWS = (
+    ("flow_curve",),
+    ("strength_coefficient", "hardening_exponent", "pre_strain"),
+    ("saturation_stress", "saturation_strain"),
+)
+"""Fields of the flow curve, by law."""
+
+
+def _check_points(rows: FlowTable) -> None:
+    (first, begin), *_ = rows
+    if first != 0.0 or not begin > 1e6:
+        raise FieldError(
+            "must begin at plastic strain 0 with the stress at which the sheet yields",
+            field="flow_curve",
+            advice="write for example [[0, 110 MPa], [0.2, 240 MPa]]",
+        )
+    for number, ((strain, stress), (next_strain, next_stress)) in enumerate(pairwise(rows), start=2):
+        if not next_strain > strain or not next_stress >= stress:
+            raise FieldError(
+                f"strain must rise and stress must not fall, which point {number} does not keep to",
+                field="flow_curve",
+                advice="plastic strain and true stress, in the order of strain",
+            )
 
 
 def load_material(name_or_path: str, base: Path | None = None) -> Material:
@@ -75,36 +138,19 @@ def load_material(name_or_path: str, base: Path | None = None) -> Material:
     return material
 
 
-YIELD_STRAIN = 0.002
-"""Plastic strain at which yield strength is defined."""
-
 SMALLEST_EXPONENT = YIELD_STRAIN * np.e
 """Hardening exponent at which the estimate gives a tensile strength equal to the yield strength."""
 
 
-@dataclass(frozen=True)
-class FlowCurve:
-    """Hollomon's law.
-
-    Attributes
-    ----------
-    strength_coefficient : Pa, K ; exponent : n
-    estimated : from yield and tensile strength, not from the material file
-    """
-
-    strength_coefficient: float
-    exponent: float
-    estimated: bool
-
-    def stress(self, strain: Array | float) -> Array:
-        """Pa, flow stress at the equivalent plastic ``strain`` (taken as 0.2 % at least)."""
-        return np.asarray(self.strength_coefficient * np.maximum(strain, YIELD_STRAIN) ** self.exponent)
-
-
-def flow_curve(material: Material) -> FlowCurve:
-    """Flow curve of ``material``: its own constants, or estimated from yield and tensile strength."""
+def flow_curve(material: Material) -> HardeningLaw:
+    """Flow curve of ``material``: its own law, or Hollomon's estimated from yield and tensile strength."""
+    if material.flow_curve is not None:
+        return Tabulated(material.flow_curve)
+    if material.saturation_stress is not None and material.saturation_strain is not None:
+        return Voce(material.yield_strength, material.saturation_stress, material.saturation_strain)
     if material.strength_coefficient is not None and material.hardening_exponent is not None:
-        return FlowCurve(material.strength_coefficient, material.hardening_exponent, estimated=False)
+        constants = material.strength_coefficient, material.hardening_exponent
+        return Swift(*constants, material.pre_strain) if material.pre_strain else FlowCurve(*constants, estimated=False)
     ratio = np.log(max(material.tensile_strength / material.yield_strength, 1.0))
     exponent = SMALLEST_EXPONENT
     if ratio > 0.0:

@@ -16,8 +16,19 @@ from pydantic import Field, model_validator
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
-from isf_core.files.quantity import Compliance, Force, Frequency, Length, Speed, Stiffness, Time, Torque
-from isf_core.files.yaml_file import FileModel, find_named
+from isf_core.files.quantity import (
+    Compliance,
+    EdgeForce,
+    EdgeStiffness,
+    Force,
+    Frequency,
+    Length,
+    Speed,
+    Stiffness,
+    Time,
+    Torque,
+)
+from isf_core.files.yaml_file import FieldError, FileModel, find_named
 
 BASE = "based_on"
 
@@ -87,11 +98,30 @@ class Clamp(FileModel):
     edge: Literal["free", "fixed"] = "free"
     """In-plane condition of the clamped edge (deflection and slope are always held): the
     result depends on it by 20-40 %, so it is a named property of the rig."""
+    edge_spring: EdgeStiffness | None = Field(default=None, gt=0, le=1e10)
+    """In-plane spring of a free edge: force per displacement and length of edge. Without it only what keeps the sheet
+    from drifting."""
+    edge_friction: EdgeForce | None = Field(default=None, gt=0)
+    """Force per length of edge at which the sheet slides in the clamp; needs ``edge_spring``. Only the elasto-plastic
+    sheet slides; the fast sheet has the spring alone."""
 
     @model_validator(mode="after")
     def _positive(self) -> Clamp:
         if min(self.size) <= 0:
             raise ValueError("size must be positive")
+        return self
+
+    @model_validator(mode="after")
+    def _edge_law(self) -> Clamp:
+        if self.edge == "fixed" and (self.edge_spring is not None or self.edge_friction is not None):
+            name = "edge_spring" if self.edge_spring is not None else "edge_friction"
+            raise FieldError("a fixed edge does not move", field=f"clamp.{name}", advice="write clamp.edge: free")
+        if self.edge_friction is not None and self.edge_spring is None:
+            raise FieldError(
+                "needs clamp.edge_spring, by which the sheet is held until it slides",
+                field="clamp.edge_friction",
+                advice="write for example edge_spring: 50 N/mm/mm",
+            )
         return self
 
 
@@ -233,6 +263,17 @@ class Rig(FileModel):
                 raise ValueError(
                     f"scan_place must stay 1 mm within limits.travel, in {name} it is {1e3 * value:g} mm of "
                     f"+-{1e3 * most:g} mm"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _edge_is_stated(self) -> Rig:
+        for name in ("edge_spring", "edge_friction"):
+            if getattr(self.clamp, name) is not None and f"clamp.{name}" not in self.provenance:
+                raise FieldError(
+                    f"provenance is missing for clamp.{name}",
+                    field=f"clamp.{name}",
+                    advice="write published, calibrated, identified or assumed and the source",
                 )
         return self
 

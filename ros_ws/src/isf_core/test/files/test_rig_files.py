@@ -9,7 +9,7 @@ import pytest
 import yaml
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.material import load_material
-from isf_core.files.rig import ToolAxis, load_rig
+from isf_core.files.rig import Rig, ToolAxis, load_rig
 
 FOLDER = Path(__file__).resolve().parents[2]
 RIGS = sorted(path.stem for path in (FOLDER / "rigs").glob("*.yaml"))
@@ -115,3 +115,34 @@ def test_tools_wait_for_a_scan_within_the_travel(tmp_path: Path) -> None:
         else:
             with pytest.raises(IsfError, match="scan_place"):
                 load_rig(str(path))
+
+
+ORIGIN = "provenance: {clamp.edge_spring: 'assumed: test', clamp.edge_friction: 'assumed: test'}\n"
+
+
+def own_clamp(folder: Path, clamp: str, origin: str = ORIGIN, below: str = "ren2018") -> Rig:
+    (folder / "own.yaml").write_text(f"based_on: {below}\nclamp: {{{clamp}}}\n{origin}", encoding="utf-8")
+    return load_rig(str(folder / "own.yaml"))
+
+
+def test_edge_of_a_clamp_as_a_spring_that_slides(tmp_path: Path) -> None:
+    clamp = own_clamp(tmp_path, "edge_spring: 45 N/mm/mm, edge_friction: 200 N/mm").clamp
+    assert (clamp.edge, clamp.edge_spring, clamp.edge_friction) == ("free", pytest.approx(45e6), pytest.approx(2e5))
+    assert own_clamp(tmp_path, "edge_spring: 45 MPa").clamp.edge_spring == pytest.approx(45e6)
+    assert load_rig("ren2018").clamp.edge_spring is None
+
+
+@pytest.mark.parametrize(
+    ("clamp", "origin", "below", "said"),
+    [
+        ("edge_friction: 200 N/mm", ORIGIN, "ren2018", "clamp.edge_friction: needs clamp.edge_spring"),
+        ("edge_spring: 45 N/mm/mm", ORIGIN, "praveen2020", "clamp.edge_spring: a fixed edge does not move"),
+        ("edge_spring: 45 N/mm/mm", "", "ren2018", "provenance is missing for clamp.edge_spring"),
+        ("edge_spring: 45 N/mm", ORIGIN, "ren2018", "not a quantity"),
+        ("edge_spring: 0 MPa", ORIGIN, "ren2018", "clamp.edge_spring: 0 MPa must be greater than 0 N/mm/mm"),
+        ("edge_spring: 45 MPa, edge_friction: 200 N", ORIGIN, "ren2018", "not a quantity"),
+    ],
+)
+def test_an_edge_that_is_none_is_refused(tmp_path: Path, clamp: str, origin: str, below: str, said: str) -> None:
+    with pytest.raises(IsfError, match=said):
+        own_clamp(tmp_path, clamp, origin, below)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from isf_core.files.material import FlowCurve, plane_strain
+from isf_core.files.hardening_law import FlowCurve
+from isf_core.files.material import plane_strain
 from isf_core.geometry.opening import Opening, clamp_radius
 from isf_core.process.deflection import (
     SheetSection,

@@ -17,8 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.hardening_law import HardeningLaw
 from isf_core.files.job import Job, JobFile, ToolSpec
-from isf_core.files.material import FlowCurve, flow_curve, plane_strain
+from isf_core.files.material import flow_curve, plane_strain
 from isf_core.geometry.opening import SMALLEST_GAP, Opening
 from isf_core.process.deflection import SheetSection, cantilever_compliance, deflection, membrane_share, ring_load_law
 from isf_core.process.forming_force import contact_patch, cusp_angle, equilibrium_force
@@ -149,7 +150,7 @@ def _sheet_deflection(
     angle: Array,
     step: float,
     radii: tuple[Array, Array],
-    curve: FlowCurve,
+    curve: HardeningLaw,
     job_file: JobFile,
 ) -> tuple[Array, Array]:
     """Deflection w (N,) m and membrane share (N,), with the opening in the direction of each point (eq. 1-16)."""
@@ -165,7 +166,7 @@ def _sheet_deflection(
     return w, membrane_share(law, w)
 
 
-def _tool_deflection(contour: Contour, angle: Array, step: float, curve: FlowCurve, job: Job) -> Array:
+def _tool_deflection(contour: Contour, angle: Array, step: float, curve: HardeningLaw, job: Job) -> Array:
     """(N,) m, bending of the forming tool; zero for a tool whose length is not told."""
     tool = _tool(job, contour)
     if tool.stick_out is None:

@@ -12,6 +12,7 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES, JobFile
 from isf_core.files.material import Material, forming_limit
+from isf_core.files.rig import Clamp
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
@@ -94,13 +95,11 @@ class FormedSheet:
             )
             for size, region in zip(rig.clamp.size, even, strict=True)
         )
-        fixed = rig.clamp.edge == "fixed"
-        spring, slips_at = (np.inf, np.inf) if fixed else variant.edge(constants.edge_spring)
         self.shell = ExplicitShell(
             x,
             y,
-            _sheet_of(material, thickness, variant),
-            Edge(spring, slips_at),
+            sheet_of(material, thickness, variant),
+            edge_of(rig.clamp, constants, variant),
             friction=material.friction * variant.friction,
             tool_speed=haste * (constants.shell_speed if job.tool_2 else constants.shell_speed_alone),
             damping=constants.shell_damping,
@@ -202,10 +201,22 @@ class FormedSheet:
         return float(nearest - tool["radius"] - 0.5 * self.thickness)
 
 
-def _sheet_of(material: Material, thickness: float, variant: Variant) -> Sheet:
+def edge_of(clamp: Clamp, constants: PlantConstants, variant: Variant) -> Edge:
+    """How ``clamp`` holds the sheet: fixed, or by a spring that slides beyond the friction of the clamp."""
+    return Edge() if clamp.edge == "fixed" else Edge(*variant.edge(clamp, constants.edge_spring))
+
+
+def sheet_of(material: Material, thickness: float, variant: Variant) -> Sheet:
+    """Sheet of ``material``, ``thickness`` m, with the flow curve of ``variant``."""
     strain = np.concatenate([[0.0], np.geomspace(1e-4, 4.0, 400)])
-    stress = variant.force_level * variant.flow_stress(material, strain)
-    return Sheet(material.young_modulus, material.poisson_ratio, thickness, strain, np.asarray(stress))
+    return Sheet(
+        material.young_modulus,
+        material.poisson_ratio,
+        thickness,
+        strain,
+        variant.force_level * variant.flow_stress(material, strain),
+        kinematic=material.kinematic_hardening or 0.0,
+    )
 
 
 def _part_region(job_file: JobFile, radius: float) -> Array:

@@ -7,10 +7,11 @@ from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from numpy.typing import NDArray
 
 LAYERS = 5
 """Points through the thickness."""
@@ -24,7 +25,9 @@ _double, _long, _pointer = ctypes.c_double, ctypes.c_int64, ctypes.c_void_p
 
 
 class ShellStruct(ctypes.Structure):
-    """``Shell`` of shell.c, field by field."""
+    """``Shell`` of shell.c, field by field; ``arrays`` are what it points to."""
+
+    arrays: dict[str, NDArray[Any]]
 
     _fields_ = (
         *((name, _long) for name in ("nx", "ny", "table_size", "support_size", "spring_size")),
@@ -39,8 +42,9 @@ class ShellStruct(ctypes.Structure):
             (name, _pointer)
             for name in (
                 "position", "velocity", "spin", "force", "moment", "per_mass", "per_inertia", "spring_node", "spring",
-                "spring_limit", "anchor", "fixed", "thickness", "stress", "plastic_strain", "shear", "hourglass",
-                "plastic_work", "back_stress", "element_force", "flow_stress", "hardening", "area",
+                "spring_limit", "anchor", "fixed", "load", "thickness", "stress", "plastic_strain", "shear",
+                "hourglass", "plastic_work", "drilling", "back_stress", "element_force", "flow_stress",
+                "hardening", "area",
             )
         ),
         ("support_nx", _long),

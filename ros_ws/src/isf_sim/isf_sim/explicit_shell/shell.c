@@ -25,6 +25,10 @@
 
 enum { LAYERS = 5, POINTS = 8, TOOLS = 2 };
 
+/* Of the shear stiffness in the plane, for a node that turns about the normal against the element. Without any, the
+ * elements of a curved sheet, whose normals differ, twist against each other at no cost. */
+static const double DRILLING = 1e-3;
+
 /* Gauss-Legendre points and weights on (-1, 1) */
 static const double LEVEL[LAYERS] = {-0.906179845938664, -0.538469310105683, 0.0, 0.538469310105683, 0.906179845938664};
 static const double SHARE[LAYERS] = {0.236926885056189, 0.478628670499366, 0.568888888888889, 0.478628670499366,
@@ -40,9 +44,12 @@ typedef struct {
     const int32_t *spring_node;                          /* (spring_size) nodes of the edge that a spring holds */
     const double *spring, *spring_limit;                 /* (spring_size) N/m and N, in the plane */
     double *anchor;                                      /* (2, nodes) where these springs are free of force */
-    const uint8_t *fixed;                                /* (nodes) bits 1, 2, 4: x, y, z; 8: rotations */
+    const uint8_t *fixed;                                /* (nodes) bits 1, 2, 4: x, y, z; 8, 16, 32: turns about them;
+                                                          * these keep the velocity they have, which is mostly none */
+    const double *load;                                  /* (3, nodes) N that do not change, or NULL */
     double *thickness, *stress, *plastic_strain;         /* (elements), (LAYERS 3, elements), (LAYERS, elements) */
     double *shear, *hourglass, *plastic_work;            /* (2, elements), (5, elements), (elements) J */
+    double *drilling;                                    /* (4, elements) N m about the normal, on the corners */
     double *back_stress;                                 /* (LAYERS 3, elements) Pa, only where kinematic is not 0 */
     double *element_force;                               /* (24, elements), scratch */
     const double *flow_stress, *hardening;               /* (table_size) Pa, isotropic part, over the plastic strain */
@@ -91,7 +98,7 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
     const double *R flow = q->flow_stress, *R hard = q->hardening;
     double *R thickness = q->thickness + element, *R work = q->plastic_work + element;
     double *R shear = q->shear + element, *R hg = q->hourglass + element, *R out = q->element_force + element;
-    const double *R area = q->area + element;
+    double *R drill = q->drilling + element;
     /* frame; derivatives of the shape functions times the area; warping; strain rates; velocities for the hourglass */
     double ux[BLOCK], uy[BLOCK], uz[BLOCK], vx[BLOCK], vy[BLOCK], vz[BLOCK], wx[BLOCK], wy[BLOCK], wz[BLOCK];
     double b11[BLOCK], b12[BLOCK], b21[BLOCK], b22[BLOCK], A[BLOCK], iA[BLOCK], g1[BLOCK], g2[BLOCK], warp[BLOCK];
@@ -148,19 +155,24 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
         /* velocity gradients */
         const double uxx = (c11 * u13 + c12 * u24) * inverse, uxy = (c21 * u13 + c22 * u24) * inverse;
         const double vxx = (c11 * v13 + c12 * v24) * inverse, vxy = (c21 * v13 + c22 * v24) * inverse;
-        /* spins; about the normal of its corner each node turns with the element, for nothing else resists there */
+        /* spins; about the normal of its corner each node turns with the element, but for the drilling stiffness */
         const double turn = 0.5 * (vxx - uxy);
         mx = rx[n1] - rx[n3], my = ry[n1] - ry[n3], mz = rz[n1] - rz[n3];
         double ox = rx[n1] + rx[n3], oy = ry[n1] + ry[n3], oz = rz[n1] + rz[n3];
         double about = DOT(o, W) - 2.0 * turn;
         const double p13 = DOT(m, U) - nx1 * about, q13 = DOT(m, V) - ny1 * about;
+        const double against = 0.125 * DRILLING * G * thickness[i] * area_now * dt;
+        double of_both = against * about;
         about = DOT(m, W);
+        drill[i] += of_both + against * about, drill[2 * ne + i] += of_both - against * about;
         const double ps13 = DOT(o, U) - nx1 * about, qs13 = DOT(o, V) - ny1 * about;
         mx = rx[n2] - rx[n4], my = ry[n2] - ry[n4], mz = rz[n2] - rz[n4];
         ox = rx[n2] + rx[n4], oy = ry[n2] + ry[n4], oz = rz[n2] + rz[n4];
         about = DOT(o, W) - 2.0 * turn;
         const double p24 = DOT(m, U) - nx2 * about, q24 = DOT(m, V) - ny2 * about;
+        of_both = against * about;
         about = DOT(m, W);
+        drill[ne + i] += of_both + against * about, drill[3 * ne + i] += of_both - against * about;
         const double ps24 = DOT(o, U) - nx2 * about, qs24 = DOT(o, V) - ny2 * about;
         const double pm = 0.25 * (ps13 + ps24), qm = 0.25 * (qs13 + qs24), ps = ps13 - ps24, qs = qs13 - qs24;
         /* curvatures and shear */
@@ -253,7 +265,7 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
     for (int64_t i = 0; i < count; i++) {
         const double h = thickness[i];
         thickness[i] = h * (1.0 + ezz[i]);
-        work[i] += done[i] * area[i];
+        work[i] += done[i] * A[i];
         /* membrane forces with the part of the moments that a warped element turns into them */
         const double Txx = Nx[i] - Mx[i] * pxx[i] - Mxy[i] * pxy[i], Tyy = Ny[i] - My[i] * pyy[i] - Mxy[i] * pxy[i];
         const double Txy = Nxy[i] - 0.5 * ((Mx[i] + My[i]) * pxy[i] + Mxy[i] * (pxx[i] + pyy[i]));
@@ -275,11 +287,13 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
         MOMENTS(1, b12[i], b22[i], g2[i])
         MOMENTS(2, -b11[i], -b21[i], g3)
         MOMENTS(3, -b12[i], -b22[i], g4)
-        const double S = 0.5 * iA[i] * (px1[i] * (s0 - s2) + py1[i] * (t0 - t2) + px2[i] * (s1 - s3) + py2[i] * (t1 - t3));
+        const double D0 = drill[i], D1 = drill[ne + i], D2 = drill[2 * ne + i], D3 = drill[3 * ne + i];
+        const double S = 0.5 * iA[i] * (px1[i] * (s0 - s2) + py1[i] * (t0 - t2) + px2[i] * (s1 - s3) + py2[i] * (t1 - t3)
+                                        - D0 - D1 - D2 - D3);
 #define CORNER(I, B1, B2, GAMMA, PX, PY)                                                                               \
     {                                                                                                                  \
         const double f1 = (B1)*Txx + (B2) * (Txy - S) + (GAMMA)*H4, f2 = (B1) * (Txy + S) + (B2)*Tyy + (GAMMA)*H5;     \
-        const double f3 = (B1)*across_x + (B2)*across_y + (GAMMA)*H3, r = -(PX)*s##I - (PY)*t##I;                      \
+        const double f3 = (B1)*across_x + (B2)*across_y + (GAMMA)*H3, r = D##I - (PX)*s##I - (PY)*t##I;                      \
         double *R o = out + 6 * (I)*ne;                                                                                \
         o[i] = f1 * ux[i] + f2 * vx[i] + f3 * wx[i], o[ne + i] = f1 * uy[i] + f2 * vy[i] + f3 * wy[i];                 \
         o[2 * ne + i] = f1 * uz[i] + f2 * vz[i] + f3 * wz[i];                                                          \
@@ -336,10 +350,13 @@ VECTORISED static void planes(const Shell *R q, double offset) {
     }
 }
 
-/* Internal forces on the nodes, with their sign as they act on the nodes. */
+/* Loads and internal forces on the nodes, with their sign as they act on the nodes. */
 VECTORISED static void assemble(const Shell *R q) {
     const int64_t nx = q->nx, ny = q->ny, nn = (nx + 1) * (ny + 1), ne = nx * ny;
-    memset(q->force, 0, sizeof(double) * 3 * (size_t)nn);
+    if (q->load)
+        memcpy(q->force, q->load, sizeof(double) * 3 * (size_t)nn);
+    else
+        memset(q->force, 0, sizeof(double) * 3 * (size_t)nn);
     memset(q->moment, 0, sizeof(double) * 3 * (size_t)nn);
     static const int64_t ROW[4] = {0, 0, 1, 1}, COLUMN[4] = {0, 1, 1, 0};
     for (int corner = 0; corner < 4; corner++)
@@ -574,10 +591,10 @@ VECTORISED static void move(const Shell *R q) {
     for (int d = 0; d < 3; d++) {
         double *R x = q->position + d * nn, *R v = q->velocity + d * nn, *R w = q->spin + d * nn;
         const double *R f = q->force + d * nn, *R m = q->moment + d * nn;
-        const uint8_t bit = (uint8_t)(1 << d);
+        const uint8_t bit = (uint8_t)(1 << d), turn = (uint8_t)(8 << d);
         for (int64_t n = 0; n < nn; n++) {
-            v[n] = fixed[n] & bit ? 0.0 : kept * v[n] + dt * f[n] * per_mass[n];
-            w[n] = fixed[n] & 8 ? 0.0 : kept * w[n] + dt * m[n] * per_inertia[n];
+            v[n] = fixed[n] & bit ? v[n] : kept * v[n] + dt * f[n] * per_mass[n];
+            w[n] = fixed[n] & turn ? w[n] : kept * w[n] + dt * m[n] * per_inertia[n];
             x[n] += dt * v[n];
         }
     }

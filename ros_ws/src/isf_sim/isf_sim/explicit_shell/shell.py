@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass, field
+from enum import IntFlag
 from itertools import pairwise
 from typing import Any
 
@@ -24,6 +25,9 @@ STEP_SHARE = 0.7
 
 CONTACT_SHARE = 0.2
 """Of the stiffness at which contact alone would reach the limit of the time step."""
+
+SPRING_SHARE = 0.5
+"""Of the mass over the square of the time step, which a spring of the edge may have at most (4: unstable alone)."""
 
 CONTACT_DAMPING = 0.3
 """Of the critical one of the sheet's mass on the stiffness of contact: the sheet does not chatter on the tool."""
@@ -49,6 +53,15 @@ SLIDES = 2.0e-3
 
 TABLE_STEP, TABLE_END = 0.002, 4.0
 """Plastic strain, of the tabulated flow curve."""
+
+
+class Freedom(IntFlag):
+    """What a node can do: shifts along x, y, z, turns about them. The bits are those of shell.c."""
+
+    X, Y, Z = 1, 2, 4
+    TURN_X, TURN_Y, TURN_Z = 8, 16, 32
+    SHIFTS, TURNS = 7, 56
+    ALL = 63
 
 
 @dataclass(frozen=True)
@@ -105,7 +118,8 @@ class State:
     ----------
     position, velocity, spin : (3, n) m, m/s, 1/s ; anchor : (2, n) m
     thickness, plastic_work : (e,) m, J ; stress : (3 LAYERS, e) Pa ; plastic_strain : (LAYERS, e)
-    shear : (2, e) Pa ; hourglass : (5, e) N, N m ; back_stress : (3 LAYERS, e) Pa, (0, e) for isotropic hardening
+    shear : (2, e) Pa ; hourglass : (5, e) N, N m ; drilling : (4, e) N m
+    back_stress : (3 LAYERS, e) Pa, (0, e) for isotropic hardening
     """
 
     position: Array
@@ -117,6 +131,7 @@ class State:
     plastic_strain: Array
     shear: Array
     hourglass: Array
+    drilling: Array
     plastic_work: Array
     back_stress: Array
 
@@ -143,6 +158,7 @@ class ExplicitShell:
     Attributes
     ----------
     x, y : lines ; sheet, edge ; state : State
+    load : (3, n) N on the nodes, as long as it is not changed ; None: none
     step : s, time step ; steps : done so far ; tools : (2,) of library.TOOL
     """
 
@@ -158,6 +174,7 @@ class ExplicitShell:
         self.step = float(STEP_SHARE * shortest.min() / wave)
         self.steps = 0
         self.state = _flat(x, y, sheet)
+        self.load: Array | None = None
         self._area = np.ascontiguousarray((dx * dy).ravel())
         per_area = sheet.density * sheet.thickness * (shortest.min() / shortest) ** 2
         corner = per_area * dx * dy / 4.0
@@ -189,29 +206,42 @@ class ExplicitShell:
             for line, value in ((self.x, tip[0]), (self.y, tip[1]))
         ]
 
-    def hold(self, held: NDArray[np.bool_]) -> None:
-        """Hold deflection and slope of the nodes ``held`` (ny + 1, nx + 1), as an edge of another outline does."""
-        self._fixed |= np.where(held.ravel(), 4 + 8, 0).astype(np.uint8)
+    def hold(self, held: NDArray[np.bool_], freedoms: Freedom = Freedom.Z | Freedom.TURNS) -> None:
+        """Hold ``freedoms`` of the nodes ``held`` (ny + 1, nx + 1): deflection and slope, as a clamped edge does.
+
+        What is held keeps the velocity that is written to ``state`` afterwards: so a motion is prescribed.
+        """
+        nodes = held.ravel()
+        self._fixed |= np.where(nodes, int(freedoms), 0).astype(np.uint8)
+        for d in range(3):
+            if freedoms & (Freedom.X << d):
+                self.state.velocity[d, nodes] = 0.0
+            if freedoms & (Freedom.TURN_X << d):
+                self.state.spin[d, nodes] = 0.0
+
+    def open_clamp(self) -> None:
+        """Nothing is held any more, by the edge or by :meth:`hold`."""
+        self._fixed[:] = 0
+        self._spring_node = np.zeros(0, dtype=np.int32)
 
     def release(self, kept: NDArray[np.bool_]) -> None:
         """Open the clamp, take tools and support away and cut off the elements that are not ``kept`` (ny, nx).
 
         What is cut off stays in the arrays, without stress and with a thousandth of its thickness.
         """
-        self._fixed[:] = 0
-        self._spring_node = self._spring_node[:0]
+        self.open_clamp()
         self._support = None
         self.tools["radius"] = 0.0
         cut, state = ~kept.ravel(), self.state
         state.thickness[cut] *= 1e-3
-        for stresses in (state.stress, state.shear, state.hourglass, state.back_stress):
+        for stresses in (state.stress, state.shear, state.hourglass, state.drilling, state.back_stress):
             stresses[:, cut] = 0.0
 
     def set_support(self, support: Support) -> None:
         """Put a rigid surface under the sheet."""
         heights = np.where(np.isfinite(support.height), support.height, -1e9).astype(float)
-        plane, *points = self._points_over(support)
-        support.arrays = (heights, plane, *points, np.empty(points[0].size, dtype=np.int32))
+        plane, element, weight, area = self._points_over(support)
+        support.arrays = (heights, plane, element, weight, area, np.empty(element.size, dtype=np.int32))
         self._support = support
 
     def _points_over(self, support: Support) -> tuple[Array, NDArray[np.int32], Array, Array]:
@@ -261,6 +291,11 @@ class ExplicitShell:
             self._support.offset = raised
         return np.array(tools["mean"])
 
+    def advance(self, steps: int, damping: float = 0.0) -> None:
+        """Compute ``steps`` steps with the tools at rest where they are; ``damping`` 1/s of every motion."""
+        self.tools["begin"] = self.tools["end"]
+        self._advance(steps, damping)
+
     def place_tools(self, tips: Array) -> None:
         """Put the tools at ``tips`` (2, 3) m without any time: for tools that are clear of the sheet."""
         for tool, tip in zip(self.tools, tips, strict=True):
@@ -269,20 +304,19 @@ class ExplicitShell:
                 tool["felt"] = 0.0
 
     def settle(self, still: float = SETTLED) -> None:
-        """Come to rest with the tools where they are, until the sheet is within ``still`` m of equilibrium.
+        """Come to rest with tools and held nodes where they are, until the sheet is within ``still`` m of equilibrium.
 
         Adaptive dynamic relaxation (Underwood 1983): damping is critical for the motion that is left, whose frequency
         is the Rayleigh quotient of what forces and positions changed by between two looks. How far equilibrium is
         away follows from the forces that are left and this frequency.
         """
-        self.tools["begin"] = self.tools["end"]
         self.state.velocity[:], self.state.spin[:] = 0.0, 0.0
-        self._advance(1, 0.0)
+        self.advance(1)
         free = np.stack([self._fixed & bit == 0 for bit in (1, 2, 4)])
         position, force = self.state.position.copy(), self._scratch[0] * free
         frequency, calm = 0.0, 0
         for _ in range(LONGEST_REST):
-            self._advance(REST_STEPS, 2.0 * frequency)
+            self.advance(REST_STEPS, 2.0 * frequency)
             moved, change = self.state.position - position, self._scratch[0] * free - force
             position, force = position + moved, force + change
             inertia = float((self._mass * moved**2).sum())
@@ -300,6 +334,17 @@ class ExplicitShell:
     def raised(self) -> float:
         """m by which the support stands higher than it was set."""
         return self._support.offset if self._support else 0.0
+
+    @property
+    def force(self) -> Array:
+        """(3, n) N, of everything on the nodes in the last step: nothing in equilibrium; what holds a node gives it
+        the opposite."""
+        return self._scratch[0].copy()
+
+    @property
+    def moment(self) -> Array:
+        """(3, n) N m, the same of moments."""
+        return self._scratch[1].copy()
 
     @property
     def kinetic_energy(self) -> float:
@@ -342,12 +387,16 @@ class ExplicitShell:
         border = np.zeros(shape, dtype=bool)
         border[[0, -1], :] = border[:, [0, -1]] = True
         held = np.isinf(self.edge.spring)
-        self._fixed = np.where(border, 15 if held else 4 + 8, 0).astype(np.uint8).ravel()
-        length = np.zeros(shape)
-        length[[0, -1], :] += np.gradient(self.x)
-        length[:, [0, -1]] += np.gradient(self.y)[:, None]
+        self._fixed = np.where(border, Freedom.ALL if held else Freedom.Z | Freedom.TURNS, 0).astype(np.uint8).ravel()
+        length, (along_x, along_y) = np.zeros(shape), (np.gradient(line) for line in (self.x, self.y))
+        along_x[[0, -1]] *= 0.5
+        along_y[[0, -1]] *= 0.5
+        length[[0, -1], :] += along_x
+        length[:, [0, -1]] += along_y[:, None]
         self._spring_node = np.flatnonzero(border & (not held and self.edge.spring > 0.0)).astype(np.int32)
-        self._spring = self.edge.spring * length.ravel()[self._spring_node]
+        # a spring that the time step does not bear is as stiff as it bears
+        bears = SPRING_SHARE * self._mass[self._spring_node] / self.step**2
+        self._spring = np.minimum(self.edge.spring * length.ravel()[self._spring_node], bears)
         self._limit = np.minimum(self.edge.limit, 1e12) * length.ravel()[self._spring_node]
 
     def _struct(self, damping: float) -> ShellStruct:
@@ -372,6 +421,7 @@ class ExplicitShell:
             "spring": self._spring,
             "spring_limit": self._limit,
             "fixed": self._fixed,
+            **({} if self.load is None else {"load": np.ascontiguousarray(self.load, dtype=float)}),
             "flow_stress": self._flow,
             "hardening": self._hardening,
             "area": self._area,
@@ -389,6 +439,7 @@ class ExplicitShell:
             struct.support_size = support.arrays[2].size
         for name, array in arrays.items():
             setattr(struct, name, array.ctypes.data)
+        struct.arrays = arrays  # kept as long as the kernels use them
         return struct
 
 
@@ -405,6 +456,7 @@ def _flat(x: Array, y: Array, sheet: Sheet) -> State:
         plastic_strain=np.zeros((LAYERS, elements)),
         shear=np.zeros((2, elements)),
         hourglass=np.zeros((5, elements)),
+        drilling=np.zeros((4, elements)),
         plastic_work=np.zeros(elements),
         back_stress=np.zeros((3 * LAYERS if sheet.kinematic > 0.0 else 0, elements)),
     )

@@ -116,7 +116,7 @@ class SheetPlant:
             Elastic(self.material.young_modulus, self.material.poisson_ratio),
             thickness,
             edge=clamp.edge,
-            edge_spring=variant.edge(constants.edge_spring)[0],
+            edge_spring=variant.edge(clamp, constants.edge_spring)[0],
         )
         self.surface: Surface = flat_surface(clamp.size, constants.fine_cell)
         self.track: TipTrack = empty_track(clamp.size, constants.track_cell)

@@ -9,6 +9,8 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import EventKind
 from isf_core.files.job import JobFile
+from isf_core.files.yaml_file import find_named
+from isf_sim.explicit_shell.shell import Edge
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.machine.state import load_machine, save_machine
 from isf_sim.plant_constants import PlantConstants
@@ -119,6 +121,33 @@ def test_goes_on_from_a_copy_and_from_a_file_bit_by_bit(pressed: SimulatedMachin
     assert np.array_equal(go(pressed, -7e-3, -7.2e-3), once)
     pressed.restore(saved)
     assert np.array_equal(go(load_machine(file), -7e-3, -7.2e-3), once)
+
+
+def test_edge_and_hardening_of_the_files_reach_the_sheet_and_a_saved_machine_keeps_both(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(
+        "based_on: ren2018\nclamp: {size: [80 mm, 80 mm], edge_spring: 45 N/mm/mm, edge_friction: 0.05 N/mm}\n"
+        "provenance: {clamp.edge_spring: 'assumed: test', clamp.edge_friction: 'assumed: test'}\n"
+    )
+    material = find_named("materials", "AA5754-O").read_text()
+    more = "kinematic_hardening: 0.5\nsaturation_stress: 258 MPa\nsaturation_strain: 0.06\n"
+    stated = "".join(f"  {line.split(':')[0]}: 'assumed: test'\n" for line in more.splitlines())
+    (tmp_path / "own.yaml").write_text(material.replace("provenance:\n", f"{more}provenance:\n{stated}"))
+    text = JOB.replace("../parts", str(EXAMPLES.parent / "parts"))
+    text = text.replace("rig: ren2018", "rig: rig.yaml").replace("AA5754-O", "own.yaml")
+    cell = SimulatedMachine(JobFile(text, tmp_path, "job"), constants=COARSE, sheet="shell")
+    assert cell._shell is not None
+    assert cell._shell.shell.edge == Edge(45e6, pytest.approx(50.0))
+    go(cell, cell.job_file.rig.park_height, 1e-3, speed=0.2)
+    go(cell, 1e-3, -3e-3, speed=0.1)
+    shell = cell._shell.shell
+    assert np.abs(shell.state.back_stress).max() > 1e6
+    slid = shell.state.anchor - np.array([grid.ravel() for grid in np.meshgrid(shell.x, shell.y)])
+    assert 1e-6 < np.abs(slid).max() < 1e-3
+    again = load_machine(save_machine(cell, tmp_path / "state"))
+    assert again._shell is not None
+    assert np.array_equal(again._shell.shell.state.back_stress, shell.state.back_stress)
+    assert np.array_equal(go(again, -3e-3, -3.2e-3), go(cell, -3e-3, -3.2e-3))
+    assert np.array_equal(again._shell.shell.state.back_stress, shell.state.back_stress)
 
 
 def test_a_sheet_without_numbers_stops_the_machine_with_a_code(pressed: SimulatedMachine) -> None:

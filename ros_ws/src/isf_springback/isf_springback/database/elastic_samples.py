@@ -108,7 +108,8 @@ def edge_condition(job_file: JobFile) -> EdgeCondition:
     elastic = job_file.job.springback.elastic
     spring = elastic.edge_stiffness
     if spring is None:
-        spring = 0.0 if job_file.rig.clamp.edge == "free" else np.inf
+        clamp = job_file.rig.clamp
+        spring = np.inf if clamp.edge == "fixed" else clamp.edge_spring or 0.0
     return EdgeCondition(elastic.edge_slope, float(spring))
 
 

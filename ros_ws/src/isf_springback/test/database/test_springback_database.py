@@ -9,7 +9,7 @@ from isf_core.files.job import JobFile
 from isf_springback.database import build
 from isf_springback.database.build import build_database, database_tasks
 from isf_springback.database.database import Database, cached_path, database_of
-from isf_springback.database.elastic_samples import solve_depth
+from isf_springback.database.elastic_samples import edge_condition, solve_depth
 from loop_parts import pyramid_loops
 from springback_parts import JOB_TEXT, cone_contour
 
@@ -97,6 +97,18 @@ def test_cache_is_named_by_content(tmp_path, cone):
     assert [task.digest() for task in base] == [task.digest() for task in same]
     assert not {task.digest() for task in base} & {task.digest() for task in stiffer}
     assert len({task.digest() for task in base}) == 3
+
+
+def test_the_edge_is_that_of_the_rig_unless_the_job_has_one(tmp_path):
+    assert edge_condition(job(tmp_path)).in_plane == 0.0
+    (tmp_path / "own.yaml").write_text(
+        "based_on: ren2018\nclamp: {edge_spring: 45 N/mm/mm}\nprovenance: {clamp.edge_spring: 'assumed: test'}\n"
+    )
+    own = JobFile(JOB_TEXT.replace("rig: ren2018", "rig: own.yaml"), tmp_path)
+    assert edge_condition(own).in_plane == pytest.approx(45e6)
+    text = JOB_TEXT.replace("rig: ren2018", "rig: own.yaml")
+    text = text.replace("method: analytic", "method: elastic, elastic: {edge_stiffness: 100 MPa}")
+    assert edge_condition(JobFile(text, tmp_path)).in_plane == pytest.approx(100e6)
 
 
 def test_stored_and_found_again(tmp_path, cone, monkeypatch, quick):
