@@ -12,6 +12,7 @@ It is what the simulated sheet bears. What a planner allows is ``max_wall_angle`
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
