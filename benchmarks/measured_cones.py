@@ -45,8 +45,8 @@ OUTERMOST = 70.0
 class Unknowns:
     """What is not printed, mm and MPa; aluminium with Swift's curve through yield and tensile strength."""
 
-    plate: float = 58.5
-    clamp: float = 66.0
+    plate: float = 57.5
+    clamp: float = 62.0
     thickness: float = 2.0
     yield_strength: float = 60.0
     tensile_strength: float = 110.0
@@ -257,7 +257,7 @@ def main() -> int:
     """Form the cones and print how far each is off."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parts", help="names with commas; default all")
-    parser.add_argument("--cell", type=float, default=4.0, help="mm")
+    parser.add_argument("--cell", type=float, default=3.0, help="mm")
     parser.add_argument("--speed", type=float, default=40.0, help="m/s of the tool along the sheet")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="another value of an unknown")
     parser.add_argument("--json", action="store_true")

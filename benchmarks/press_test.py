@@ -25,7 +25,7 @@ PLACES = (0.0, 15.0, 30.0)
 CALCULIX = {400: (1.152, 0.589, 0.342), 880: (2.781, 1.173, 0.666)}
 """N to mm left at PLACES."""
 
-HALF, EVEN, LARGEST, RADIUS = 0.125, 0.015, 6.0e-3, 5.0e-3
+HALF, EVEN, LARGEST, RADIUS = 0.125, 0.03, 6.0e-3, 5.0e-3
 """m, half the sheet, half of its even region, largest cell, radius of the ball."""
 
 
@@ -62,7 +62,7 @@ def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--cell", type=float, default=1.0, help="mm")
+    parser.add_argument("--cell", type=float, default=2.5, help="mm")
     parser.add_argument("--speed", type=float, default=5.0, help="m/s of a ball along the sheet, a fiftieth of it down")
     options = parser.parse_args()
     found = {}

@@ -33,7 +33,7 @@ class PlantConstants:
     fine_cell: float = _constant(0.5e-3, "assumed: grid of the conforming surface")
     track_cell: float = _constant(2.0e-3, "assumed: grid of tip track, base and bulge")
     edge_spring: float = _constant(1.0e6, "assumed: N/m^2, only keeps a free edge from drifting")
-    shell_cell: float = _constant(3.5e-3, "assumed: cell of the elasto-plastic shell where it is formed, m")
+    shell_cell_radii: float = _constant(0.5, "assumed: cell of the elasto-plastic shell where it is formed, tool radii")
     shell_flange_cell: float = _constant(9.0e-3, "assumed: its largest cell, m")
     shell_speed: float = _constant(10.0, "assumed: speed of two tools on it, m/s: at 20 forces ripple by 5 %")
     shell_speed_alone: float = _constant(20.0, "assumed: speed of one tool on it, m/s: at 40 shapes change by 0.03 mm")

@@ -34,7 +34,7 @@ control: {rate: 500 Hz}
 """
 SMALL = str(Path(__file__).resolve().parents[4] / "examples" / "rigs" / "clamp_120.yaml")
 COARSE = PlantConstants(
-    coarse_cell=250e-3 / 16, fine_cell=1e-3, shell_cell=6e-3, shell_flange_cell=16e-3, shell_speed=20.0
+    coarse_cell=250e-3 / 16, fine_cell=1e-3, shell_cell_radii=1.2, shell_flange_cell=16e-3, shell_speed=20.0
 )
 
 
@@ -193,7 +193,7 @@ def test_a_rig_with_a_fixed_edge_has_a_spring_as_well() -> None:
     plant = Variant(edge_stiffness=20e6).plant_file(job_file("lu2016"))
     assert plant.rig.clamp.edge == "free"
     assert job_file("lu2016").rig.clamp.edge == "fixed"
-    assert Variant(edge_stiffness=20e6).edge(1e6) == (20e6, np.inf)
+    assert Variant(edge_stiffness=20e6).edge(plant.rig.clamp, 1e6) == (20e6, np.inf)
 
 
 def test_flow_curves_meet_at_a_strain_of_a_tenth() -> None:
@@ -207,6 +207,14 @@ def test_flow_curves_meet_at_a_strain_of_a_tenth() -> None:
     softer = Variant().flow_stress(plant.material, strain)
     assert softer[1] == pytest.approx(power[1], rel=0.01)
     assert softer[2] < 0.95 * power[2]
+    law = material.model_copy(update={"saturation_stress": 258e6, "saturation_strain": 0.06})
+    own = job_file()
+    own.material = law
+    other = Variant().flow_stress(Variant(hardening=0.6).plant_file(own).material, strain)
+    before = Variant().flow_stress(law, strain)
+    assert other[1] == pytest.approx(before[1], rel=1e-3)
+    assert other[0] > 1.05 * before[0]
+    assert other[2] < 0.95 * before[2]
 
 
 def scanned(variant: Variant) -> Array:

@@ -88,10 +88,16 @@ class FormedSheet:
         self.kind = kind
         coarseness, haste = FIDELITY[kind]
         even = _part_region(job_file, job.tool_1.radius)
-        cell = coarseness * max(constants.shell_cell, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
+        bent = constants.shell_cell_radii * min(tool.radius for tool in (job.tool_1, job.tool_2) if tool)
+        cell = coarseness * max(bent, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
         x, y = (
             graded_lines(
-                -0.5 * size, 0.5 * size, _inside(region, size), cell, coarseness * constants.shell_flange_cell, LANES
+                -0.5 * size,
+                0.5 * size,
+                _inside(region, size),
+                cell,
+                max(cell, coarseness * constants.shell_flange_cell),
+                LANES,
             )
             for size, region in zip(rig.clamp.size, even, strict=True)
         )

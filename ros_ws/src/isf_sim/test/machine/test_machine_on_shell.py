@@ -28,7 +28,7 @@ path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
 control: {rate: 500 Hz}
 """
 
-COARSE = PlantConstants(shell_cell=6e-3, shell_flange_cell=16e-3)
+COARSE = PlantConstants(shell_cell_radii=1.2, shell_flange_cell=16e-3)
 """Enough to see what the machine does with a sheet."""
 
 
