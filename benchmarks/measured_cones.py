@@ -7,7 +7,6 @@ the openings of backing plate and clamp are not known: they are chosen on the co
 
 usage: ./isf python benchmarks/measured_cones.py [--parts III,XXI] [--cell MM] [--speed M/S] [--jobs N] [--json]
        ./isf python benchmarks/measured_cones.py --parts III,XXI --set plate=58 --set thickness=2   (other unknowns)
-       ./isf python benchmarks/measured_cones.py --save rows.jsonl; ... --page rows.jsonl           (docs page)
 
 A cone takes 1 to 10 minutes of one core.
 """
@@ -181,76 +180,11 @@ def compared(cone: Cone, unknowns: Unknowns, cell: float, speed: float) -> dict[
 
 COLUMNS = ("rms", "opening", "wall", "base", "flange", "force", "cpu_s")
 
-PAGE = HERE.parent / "docs" / "results" / "measured_cones.md"
-FIGURE = PAGE.parent / "images" / "measured_cones.png"
-
 
 def line_of(cone: Cone, row: dict[str, Any]) -> str:
     """A line of the table."""
     given = f"{cone.name:7}{cone.angle:5.0f}{cone.tool:6.0f}{cone.step:6.1f}"
     return given + "".join(f"{row[name]:9}" for name in COLUMNS) + ("  fitted" if cone.name in FITTED else "")
-
-
-def write_page(rows: list[dict[str, Any]]) -> None:
-    """The page of the documentation with a figure, from saved ``rows`` of one set of unknowns."""
-    import matplotlib.pyplot as plt
-
-    cones = load_cones()
-    rows = sorted(rows, key=lambda row: (cones[row["part"]].angle, cones[row["part"]].tool, cones[row["part"]].step))
-    figure, axes = plt.subplots(-(-len(rows) // 4), 4, figsize=(12.0, 2.6 * -(-len(rows) // 4)), squeeze=False)
-    for axis, row in zip(axes.ravel(), rows, strict=False):
-        cone = cones[row["part"]]
-        axis.plot(row["radius"], row["measured"], "k-", lw=1.0, label="measured")
-        axis.plot(row["radius"], row["model"], "C3--", lw=1.2, label="model")
-        axis.invert_yaxis()
-        fitted = ", chosen on it" if cone.name in FITTED else ""
-        axis.set_title(f"{cone.name}: {cone.angle:.0f} deg, {cone.tool:.0f}, {cone.step} mm{fitted}", fontsize=8)
-        axis.tick_params(labelsize=7)
-    for axis in axes.ravel()[len(rows) :]:
-        axis.set_visible(False)
-    axes[0, 0].legend(fontsize=7)
-    axes[0, 0].set_ylabel("depth [mm]", fontsize=8)
-    axes[-1, 0].set_xlabel("radius [mm]", fontsize=8)
-    figure.tight_layout()
-    figure.savefig(FIGURE, dpi=110)
-    unknowns, predicted = rows[0]["unknowns"], [row for row in rows if row["part"] not in FITTED]
-    close = sum(row["rms"] <= 0.25 for row in predicted)
-    lines = [
-        PAGE_HEAD.format(cell=rows[0]["cell"], speed=rows[0]["speed"], fitted=" and ".join(FITTED), **unknowns),
-        "| cone | wall | tool | step | rms | opening | wall | base | flange | force | CPU |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        cone = cones[row["part"]]
-        name = f"{cone.name} (chosen on it)" if cone.name in FITTED else cone.name
-        off = [f"{row[key]:+.2f}" for key in ("opening", "wall", "base", "flange")]
-        cells = [name, f"{cone.angle:.0f} deg", f"{cone.tool:.0f}", cone.step, f"{row['rms']:.2f}", *off]
-        lines.append("| " + " | ".join(map(str, [*cells, f"{row['force']} N", f"{row['cpu_s']} s"])) + " |")
-    lines.append(f"\nOf {len(predicted)} predicted cones {close} are within 0.25 mm (root mean square).")
-    lines.append("\n![Profiles, measured and of the model](images/measured_cones.png)\n")
-    lines.append(PAGE_END)
-    PAGE.write_text("\n".join(lines), encoding="utf-8")
-
-
-PAGE_HEAD = """# Measured cones
-
-Written by `./isf python benchmarks/measured_cones.py --page`. Twelve cones that were formed and scanned in a laboratory
-(M. F. Gralha, master's thesis on geometric compensation of SPIF, Lisbon), formed anew on the
-[elasto-plastic sheet](../methods/shell_sheet.md): nothing of them was made by this software. Opening radius 50 mm, one
-tool, no correction; scans repeat within 0.1 to 0.3 mm, parts of one condition within about 0.3 mm.
-
-What the source does not print was chosen on the cones {fitted} and frozen for the others: aluminium of {thickness} mm,
-yield strength {yield_strength:.0f} and tensile strength {tensile_strength:.0f} MPa, backing plate open to a radius of
-{plate} mm, clamp to {clamp:.0f} mm. Cells of {cell} mm, tool at {speed:.0f} m/s.
-
-Depth, model minus measured, in mm: root mean square up to r = 70 mm, at r = 50.5 (opening), mean of the wall from 26 to
-44 mm and of the base, at r = 58.5 (flange); axial force of the last contours.
-"""
-
-PAGE_END = """## What it shows
-
-CONCLUSION
-"""
 
 
 def main() -> int:
@@ -262,12 +196,8 @@ def main() -> int:
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="another value of an unknown")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--save", type=Path, help="file for all rows with their profiles, JSON lines")
-    parser.add_argument("--page", type=Path, help="write the page of the documentation from rows that were saved")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     options = parser.parse_args()
-    if options.page:
-        write_page([json.loads(line) for line in options.page.read_text(encoding="utf-8").splitlines()])
-        return 0
     changed = dict(item.split("=", 1) for item in options.set)
     if unknown := set(changed) - set(vars(Unknowns())):
         parser.error(f"no unknown is called {', '.join(sorted(unknown))}; there are {', '.join(vars(Unknowns()))}")

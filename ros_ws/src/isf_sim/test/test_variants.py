@@ -214,7 +214,7 @@ def test_flow_curves_meet_at_a_strain_of_a_tenth() -> None:
     before = Variant().flow_stress(law, strain)
     assert other[1] == pytest.approx(before[1], rel=1e-3)
     assert other[0] > 1.05 * before[0]
-    assert other[2] < 0.95 * before[2]
+    assert other[2] < 0.97 * before[2]
 
 
 def scanned(variant: Variant) -> Array:
