@@ -6,6 +6,7 @@ namespace. When a bag holds several parts, the last one is read.
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -85,7 +86,8 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
     target_message = _last(messages.of(topics.TARGET))
     target = None if target_message is None else fields.height_map_of(target_message[1])
     scans = [item for item in messages.of(topics.SCAN) if item[0] >= start]
-    final = scan_cloud.final_scans(scans, part.times(topics.NOMINAL), part.times(topics.RESULT))
+    formed = max((result.end for result in results), default=math.inf) - STAMP_TOLERANCE
+    final = scan_cloud.final_scans(scans, part.times(topics.NOMINAL), part.times(topics.RESULT), formed)
     last = final[-1:]
     missing = ([] if target else [topics.TARGET.name]) + ([] if last else [_no_scan(len(scans))])
     missing += _gaps(nominal, results)
@@ -150,8 +152,7 @@ def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -
     """Scans made between contours; of a contour the last one. Those before the end of the first one are left out."""
     found: dict[int, ContourScan] = {}
     for _, message in scans:
-        stamp = message.header.stamp
-        time = stamp.sec + stamp.nanosec / NANO
+        time = scan_cloud.stamp_of(message)
         formed = [result.index for result in results if result.end <= time + STAMP_TOLERANCE]
         if formed:
             found[formed[-1]] = kept_scan(formed[-1], time, scan_cloud.points_of(message))

@@ -5,6 +5,7 @@ The simulated machine's exact shape is a grid; a scanner's cloud is unordered, o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,13 +26,24 @@ REACH = 2
 _KINDS = {7: "f4", 8: "f8"}  # sensor_msgs/PointField
 
 
-def final_scans(scans: Sequence[tuple[int, Any]], nominal: Sequence[int], results: Sequence[int]) -> list[Any]:
+def final_scans(
+    scans: Sequence[tuple[int, Any]], nominal: Sequence[int], results: Sequence[int], formed: float = math.inf
+) -> list[Any]:
     """The scans after which nothing was formed; a scan between contours is not of the finished part.
 
-    ``scans`` are (receive time ns, message); ``nominal`` and ``results`` are receive times of contours and results.
+    ``scans`` are (receive time ns, message); ``nominal`` and ``results`` are receive times of contours and results;
+    ``formed`` is the time at which the last contour was formed, s by the clock of stamps: a scan stamped later is final
+    however late a busy recorder received the result.
     """
-    formed_until = max([*nominal, *(time - LATENESS for time in results)], default=0)
-    return [message for time, message in scans if time >= formed_until]
+    begun = max(nominal, default=0)
+    ended = max([begun, *(time - LATENESS for time in results)])
+    return [message for time, message in scans if time >= ended or (time >= begun and stamp_of(message) >= formed)]
+
+
+def stamp_of(message: Any) -> float:
+    """s, stamp of a cloud."""
+    stamp = message.header.stamp
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def height_map_of(message: Any, target: HeightMap | None) -> HeightMap:
