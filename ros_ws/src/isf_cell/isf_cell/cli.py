@@ -13,8 +13,9 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
 
 from isf_cell.commands import springback_cli, terminal
+from isf_cell.commands.arguments import Job, Json, Output, Seed, Variant
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
-from isf_cell.options import LARGEST_NUMBER, RunOptions
+from isf_cell.options import RunOptions
 from isf_cell.processes.results_stream import keep_for_results
 
 app = typer.Typer(
@@ -25,37 +26,21 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-JobArgument = Annotated[Path, typer.Argument(help="job file (YAML)", metavar="JOB", show_default=False)]
 Correction = Annotated[
     str | None, typer.Option("--correction", help="springback method, or none  [default: the job's]", metavar="NAME")
 ]
 SupportForce = Annotated[
     float | None, typer.Option("--support-force", help="set-point in N, 0 = position control  [default: the job's]")
 ]
-Variant = Annotated[
-    int,
-    typer.Option(
-        "--variant",
-        "--world",
-        help="simulated plant: 0 nominal, others variants of it, 101-120 sealed",
-        min=0,
-        max=LARGEST_NUMBER,
-    ),
-]
-Seed = Annotated[int, typer.Option("--seed", help="seed of sensor noise and of the variant", min=0, max=LARGEST_NUMBER)]
 Sheet = Annotated[
     str,
     typer.Option(
         "--sheet", help="simulated sheet: fast (seconds), shell_coarse, shell or shell_fine (elasto-plastic, minutes)"
     ),
 ]
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/JOB-TIME]", metavar="DIR")
-]
 Compare = Annotated[
     bool, typer.Option(help="also simulate the uncorrected part and show both; off when nothing is corrected")
 ]
-Json = Annotated[bool, typer.Option("--json", help="print one JSON object on stdout")]
 
 
 app.add_typer(springback_cli.app, name="springback")
@@ -121,7 +106,7 @@ def part(
 
 @app.command()
 def simulate(
-    job: JobArgument,
+    job: Job,
     correction: Correction = None,
     support_force: SupportForce = None,
     variant: Variant = 0,
@@ -140,7 +125,7 @@ def simulate(
 
 @app.command()
 def form(
-    job: JobArgument,
+    job: Job,
     correction: Correction = None,
     support_force: SupportForce = None,
     variant: Variant = 0,
@@ -219,7 +204,7 @@ def learn(
 
 @app.command()
 def tune(
-    job: JobArgument,
+    job: Job,
     stiffness: Annotated[float | None, typer.Option(help="contact stiffness in N/um  [default: the rig's]")] = None,
     delay: Annotated[float, typer.Option(help="delay in ms beyond filter and hold")] = 0.0,
     noise: Annotated[float, typer.Option(help="noise of the load cell in % of the force")] = 1.0,

@@ -7,29 +7,12 @@ from typing import Annotated
 
 import typer
 
-from isf_cell.options import LARGEST_NUMBER
+from isf_cell.commands.arguments import Job, Json, Output, Seed, Variant
 
 app = typer.Typer(
     help="Springback of a part before it is formed: predict, database, control points, methods side by side.",
     no_args_is_help=True,
 )
-
-Job = Annotated[Path, typer.Argument(help="job file (YAML)", metavar="JOB", show_default=False)]
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/NAME-TIME]", metavar="DIR")
-]
-Variant = Annotated[
-    int,
-    typer.Option(
-        "--variant",
-        "--world",
-        help="simulated plant: 0 nominal, others variants of it, 101-120 sealed",
-        min=0,
-        max=LARGEST_NUMBER,
-    ),
-]
-Seed = Annotated[int, typer.Option(help="seed of sensor noise and of the variant", min=0, max=LARGEST_NUMBER)]
-Json = Annotated[bool, typer.Option("--json", help="print one JSON object on stdout")]
 
 
 @app.command()

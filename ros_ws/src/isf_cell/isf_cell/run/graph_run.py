@@ -80,7 +80,9 @@ class CellClient:
                     advice=f"its output is in {node.log}",
                 )
             active = all(self._states.get(name) == "active" for name in ("executive", "recorder") if name in names)
-            return active and all(name in self._states for name in names) and self._action.server_is_ready()
+            heard = all(name in self._states for name in names) and self._action.server_is_ready()
+            # A second executive in the graph lives and is heard within a second, or it died and leaves the graph.
+            return active and heard and self._node.get_node_names().count("executive") == 1
 
         if not self._spin_until(ready, START_TIMEOUT):
             missing = [name for name in names if name not in self._states] or ["executive"]

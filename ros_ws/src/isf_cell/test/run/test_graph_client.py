@@ -56,7 +56,7 @@ def client(request: pytest.FixtureRequest) -> Iterator[GraphClient]:
     try:
         yield made
     finally:
-        server.terminate()
+        server.kill()  # SIGTERM that comes between two waits of rclpy.spin() may not end it
         server.wait(60)
         executor.shutdown()
         spinning.join(60)
