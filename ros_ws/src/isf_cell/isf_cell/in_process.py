@@ -5,14 +5,16 @@ Used for fast simulation, parameter studies, the uncorrected reference of a repo
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from isf_analysis.measures.record import PartRecord
 from isf_core import __version__
-from isf_core.errors import ErrorCode
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
 from isf_planner import Plan
 
 from isf_cell.options import RunOptions
@@ -52,7 +54,7 @@ def form(
     """Plan (unless ``part_plan`` is given), form and scan one part; returns its record.
 
     A part that ends early (fault, cancel) returns what was formed, with the code in its last result; only
-    faults before the first contour raise.
+    faults before the first contour raise. A part whose final scan fails has none; the log says why.
 
     Raises
     ------
@@ -88,7 +90,7 @@ def form(
         corrections=tuple(cell.corrections),
         results=tuple(cell.results),
         target=part_plan.target,
-        scan=cell.machine.measured_shape(),
+        scan=_final_scan(cell),
         ticks=cell.sample.tick,
         late_ticks=0,
         lost_messages=0,
@@ -98,3 +100,11 @@ def form(
         scans=tuple(cell.scans),
         sheet=cell.machine.sheet_values(),
     )
+
+
+def _final_scan(cell: InProcessCell) -> HeightMap | None:
+    try:
+        return cell.machine.measured_shape()
+    except IsfError as error:
+        logging.getLogger(__name__).warning("no scan of the finished part: %s", error)
+        return None

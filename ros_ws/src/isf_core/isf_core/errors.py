@@ -112,6 +112,8 @@ class ErrorCode(IntEnum):
     UNATTENDED = 1412
     SHEET_TORN = 1413
     SOLUTION_FAILED = 1420
+    SHEET_MODEL_FAILED = 1421
+    SHEET_MESH_COARSE = 1422
 
     # executive
     NODE_MISSING = 1501

@@ -44,6 +44,15 @@ FIDELITY: dict[str, tuple[float, float]] = {
 }
 """Per kind of sheet: factors on the size of the cells and on the speed of the tools."""
 
+LARGEST_CELL = 1.5
+"""Radii of the smallest tool that a cell of the even region may be long (chosen)."""
+
+INSPECTION = 32
+"""Moves between two looks for elements that are folded over."""
+
+REST_ERROR = 5.0e-5
+"""m from equilibrium, beyond which a sheet that should rest does not."""
+
 FORMED_STRAIN = 0.01
 """Plastic strain of the middle layer from which on a place counts as formed."""
 
@@ -62,7 +71,7 @@ class FormedSheet:
 
     Raises
     ------
-    IsfError : FILE_FIELD for processes it does not form yet
+    IsfError : FILE_FIELD for processes it does not form yet, SHEET_MESH_COARSE for a tool too small for its cells
     """
 
     def __init__(
@@ -88,8 +97,15 @@ class FormedSheet:
         self.kind = kind
         coarseness, haste = FIDELITY[kind]
         even = _part_region(job_file, job.tool_1.radius)
-        bent = constants.shell_cell_radii * min(tool.radius for tool in (job.tool_1, job.tool_2) if tool)
-        cell = coarseness * max(bent, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
+        smallest = min(tool.radius for tool in (job.tool_1, job.tool_2) if tool)
+        cell = coarseness * max(constants.shell_cell_radii * smallest, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
+        if cell > LARGEST_CELL * smallest:
+            raise IsfError(
+                ErrorCode.SHEET_MESH_COARSE,
+                f"cells of {1e3 * cell:.1f} mm for this part are too large for a tool of radius {1e3 * smallest:g} mm",
+                where=f"--sheet {kind}",
+                advice="take --sheet shell_fine or fast, or a larger tool",
+            )
         x, y = (
             graded_lines(
                 -0.5 * size,
@@ -122,13 +138,14 @@ class FormedSheet:
         self.strength = Strength(self.shell, forming_limit(material), constants.window_radii * job.tool_1.radius)
         self._asleep = True
         self.cpu = self.largest_kinetic = self.raised = 0.0
+        self._moves = 0
 
     def move(self, tips: Array) -> Array:
         """Move the tools straight to ``tips`` (2, 3) m; forces (2, 3) N of the sheet on them.
 
         Raises
         ------
-        IsfError : SOLUTION_FAILED, the model became unstable
+        IsfError : SHEET_MODEL_FAILED, the model became unstable or an element is folded over
         """
         started = time.thread_time()
         near = any(
@@ -142,31 +159,30 @@ class FormedSheet:
         forces = self.shell.move(tips, raised=self.raised)
         kinetic = self.shell.kinetic_energy
         if not np.isfinite(forces).all() or not np.isfinite(kinetic):
-            raise IsfError(
-                ErrorCode.SOLUTION_FAILED,
-                f"the sheet model became unstable with the tools at {np.round(1e3 * tips, 2).tolist()} mm",
-                where="--sheet shell",
-                advice="check that the tools do not press through the sheet or into its support",
-            )
+            raise self._failed(f"became unstable with the tools at {np.round(1e3 * tips, 2).tolist()} mm")
+        self._moves += 1
+        if self._moves % INSPECTION == 0 and (folded := self.shell.inverted_element()) is not None:
+            raise self._failed(f"is folded over at {np.round(1e3 * folded, 1).tolist()} mm")
         self.largest_kinetic = max(self.largest_kinetic, kinetic)
         self._asleep = not near and kinetic < STILL_ENERGY
         self.cpu += time.thread_time() - started
         return forces
 
     def unloaded(self) -> ExplicitShell:
-        """The sheet at rest without tools; the one in the machine stays as it is."""
+        """The sheet at rest without tools; the one in the machine stays as it is.
+
+        Raises IsfError SHEET_MODEL_FAILED when it does not come to rest.
+        """
         shell = copy.deepcopy(self.shell)
         shell.tools["radius"] = 0.0
-        shell.settle()
-        return shell
+        return self._at_rest(shell)
 
     def released(self, surface: Surface) -> ExplicitShell:
-        """The sheet at rest out of the clamp, trimmed round what is marked as formed on ``surface``."""
+        """The sheet at rest out of the clamp, trimmed round what is formed on ``surface``; errors as there."""
         shell = copy.deepcopy(self.shell)
         x, y = np.meshgrid(*(0.5 * (line[1:] + line[:-1]) for line in (shell.x, shell.y)))
         shell.release(kept_by_trimming(np.column_stack([x.ravel(), y.ravel()]), surface).reshape(x.shape))
-        shell.settle()
-        return shell
+        return self._at_rest(shell)
 
     def measured_shape(self, shell: ExplicitShell | None = None, spacing: float = 1.0e-3) -> HeightMap:
         """Upper face of ``shell``, or of the sheet in the clamp without load, every ``spacing`` m of the free sheet."""
@@ -187,6 +203,20 @@ class FormedSheet:
         i = np.clip(np.searchsorted(shell.x, surface.x0 + surface.h * np.arange(nx)) - 1, 0, strained.shape[1] - 1)
         j = np.clip(np.searchsorted(shell.y, surface.y0 + surface.h * np.arange(ny)) - 1, 0, strained.shape[0] - 1)
         return strained[np.ix_(j, i)].astype(np.int8)
+
+    def _at_rest(self, shell: ExplicitShell) -> ExplicitShell:
+        away = shell.settle()
+        if not away <= REST_ERROR:
+            raise self._failed(f"does not come to rest: {1e3 * away:.2g} mm away from equilibrium")
+        return shell
+
+    def _failed(self, how: str) -> IsfError:
+        return IsfError(
+            ErrorCode.SHEET_MODEL_FAILED,
+            f"the sheet model {how}",
+            where=f"--sheet {self.kind}",
+            advice="check that the tools do not press through the sheet or into its support; try smaller cells",
+        )
 
     def values(self) -> dict[str, object]:
         """For a summary: what stands behind the numbers of a run."""

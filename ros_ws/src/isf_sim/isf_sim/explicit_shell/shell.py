@@ -303,8 +303,10 @@ class ExplicitShell:
                 tool["begin"] = tool["end"] = _centre(tool["radius"], tool["side"], tip)
                 tool["felt"] = 0.0
 
-    def settle(self, still: float = SETTLED) -> None:
+    def settle(self, still: float = SETTLED) -> float:
         """Come to rest with tools and held nodes where they are, until the sheet is within ``still`` m of equilibrium.
+
+        Returns how far it is away in the end, m: more than ``still`` after LONGEST_REST looks without success.
 
         Adaptive dynamic relaxation (Underwood 1983): damping is critical for the motion that is left, whose frequency
         is the Rayleigh quotient of what forces and positions changed by between two looks. How far equilibrium is
@@ -314,21 +316,37 @@ class ExplicitShell:
         self.advance(1)
         free = np.stack([self._fixed & bit == 0 for bit in (1, 2, 4)])
         position, force = self.state.position.copy(), self._scratch[0] * free
-        frequency, calm = 0.0, 0
+        frequency, calm, away = 0.0, 0, np.inf
         for _ in range(LONGEST_REST):
             self.advance(REST_STEPS, 2.0 * frequency)
             moved, change = self.state.position - position, self._scratch[0] * free - force
             position, force = position + moved, force + change
             inertia = float((self._mass * moved**2).sum())
-            if inertia == 0.0:
-                return
+            if not inertia > 0.0:
+                return 0.0 if inertia == 0.0 else np.inf  # a shape without numbers never rests
             frequency = float(np.sqrt(max(0.0, -float((moved * change).sum())) / inertia))
             left = np.sqrt(float((force**2 * self._per_mass).sum()) / float(self._mass.sum()))
             speed = np.sqrt(2.0 * self.kinetic_energy / float(self._mass.sum()))
-            calm = calm + 1 if left <= still * frequency**2 and speed <= still * frequency else 0
+            away = float(max(left / frequency**2, speed / frequency)) if frequency > 0.0 else np.inf
+            calm = calm + 1 if away <= still else 0
             if calm == CALM_LOOKS:
                 break
         self.state.velocity[:], self.state.spin[:] = 0.0, 0.0
+        return away
+
+    def inverted_element(self) -> Array | None:
+        """(3,) m, middle of the first element that is folded over (a corner of more than 180 deg); None: none is."""
+        shape = len(self.y), len(self.x)
+        node = self.state.position.reshape(3, *shape)
+        corners = [node[:, :-1, :-1], node[:, :-1, 1:], node[:, 1:, 1:], node[:, 1:, :-1]]
+        sides = [corners[(k + 1) % 4] - corners[k] for k in range(4)]
+        normal = np.cross(corners[2] - corners[0], corners[3] - corners[1], axis=0)
+        turned = [(np.cross(sides[k - 1], sides[k], axis=0) * normal).sum(axis=0) <= 0.0 for k in range(4)]
+        found = np.argwhere(np.any(turned, axis=0))
+        if not found.size:
+            return None
+        row, column = found[0]
+        return np.asarray(sum(corner[:, row, column] for corner in corners) / 4.0)
 
     @property
     def raised(self) -> float:

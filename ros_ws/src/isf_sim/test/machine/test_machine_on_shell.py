@@ -155,9 +155,61 @@ def test_a_sheet_without_numbers_stops_the_machine_with_a_code(pressed: Simulate
     assert pressed._shell is not None
     pressed._shell.shell.state.position[2, 5] = np.nan
     go(pressed, -7e-3, -7.01e-3)
-    assert pressed.faults[0][0] == ErrorCode.SOLUTION_FAILED
+    assert pressed.faults[0][0] == ErrorCode.SHEET_MODEL_FAILED
     assert "unstable" in pressed.faults[0][1]
     pressed.restore(saved)
+
+
+def test_an_element_folded_over_stops_the_machine_and_says_where(pressed: SimulatedMachine) -> None:
+    saved = pressed.state_copy()
+    assert pressed._shell is not None
+    shell = pressed._shell.shell
+    row, column = len(shell.y) // 4, len(shell.x) // 4
+    node = row * len(shell.x) + column
+    place = shell.state.position[:2, node].copy()
+    shell.state.position[0, node] += 1.2 * (shell.x[column + 1] - shell.x[column])
+    go(pressed, -7e-3, -6.9e-3, speed=1e-3)
+    code, text = pressed.faults[0]
+    assert code == ErrorCode.SHEET_MODEL_FAILED
+    assert "folded over at" in text
+    found = np.array([float(value) for value in text.split("[")[1].split("]")[0].split(",")])
+    assert np.abs(1e-3 * found[:2] - place).max() < 0.03
+    pressed.restore(saved)
+    go(pressed, -7e-3, -6.9e-3)
+    assert pressed.faults == []
+
+
+def test_an_undisturbed_sheet_has_no_element_folded_over(pressed: SimulatedMachine) -> None:
+    assert pressed._shell is not None
+    shell = pressed._shell.shell
+    assert shell.inverted_element() is None
+    at = shell.state.position.reshape(3, len(shell.y), len(shell.x))
+    kept = at[:, 3, 4].copy()
+    at[0, 3, 4] = at[0, 3, 6]  # beyond its neighbour
+    middle = shell.inverted_element()
+    assert middle is not None
+    assert np.abs(middle[:2] - at[:2, 3, 5]).max() < 3.0 * float(np.diff(shell.x).max())
+    at[:, 3, 4] = kept
+    assert shell.inverted_element() is None
+
+
+def test_a_sheet_that_does_not_come_to_rest_is_reported(
+    pressed: SimulatedMachine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("isf_sim.explicit_shell.shell.LONGEST_REST", 2)
+    before = pressed._shell.shell.state.position.copy()  # type: ignore[union-attr]
+    with pytest.raises(
+        IsfError, match=r"does not come to rest: [0-9.e+-]+ mm away|does not come to rest: inf"
+    ) as found:
+        pressed.measured_shape()
+    assert found.value.code == ErrorCode.SHEET_MODEL_FAILED
+    assert np.array_equal(pressed._shell.shell.state.position, before)  # type: ignore[union-attr]
+
+
+def test_cells_too_large_for_the_tool_are_refused() -> None:
+    with pytest.raises(IsfError, match=r"too large for a tool of radius 5 mm") as refused:
+        SimulatedMachine(JobFile(JOB, EXAMPLES, "job"), constants=PlantConstants(shell_cell_radii=1.6), sheet="shell")
+    assert refused.value.code == ErrorCode.SHEET_MESH_COARSE
 
 
 def golden_job(name: str) -> JobFile:
