@@ -6,6 +6,7 @@ Frame ``sheet``: the upper face of the flat blank is at z = 0.
 from __future__ import annotations
 
 import copy
+import math
 import time
 
 import numpy as np
@@ -49,6 +50,9 @@ LARGEST_CELL = 1.5
 
 INSPECTION = 32
 """Moves between two looks for elements that are folded over."""
+
+ENERGY_ERROR = (0.1, 0.5)
+"""Share of the work of the tools, and J, by which the plastic work may be larger than that work (chosen)."""
 
 REST_ERROR = 5.0e-5
 """m from equilibrium, beyond which a sheet that should rest does not."""
@@ -138,7 +142,7 @@ class FormedSheet:
         self.strength = Strength(self.shell, forming_limit(material), constants.window_radii * job.tool_1.radius)
         self._asleep = True
         self.cpu = self.largest_kinetic = self.raised = 0.0
-        self._moves = 0
+        self._moves, self._work = 0, 0.0
 
     def move(self, tips: Array) -> Array:
         """Move the tools straight to ``tips`` (2, 3) m; forces (2, 3) N of the sheet on them.
@@ -156,13 +160,16 @@ class FormedSheet:
         if not near and self._asleep and self.raised == self.shell.raised:
             self.shell.place_tools(tips)
             return np.zeros((2, 3))
+        if self.raised != self.shell.raised:
+            self._work = math.inf  # the holder works on the sheet too: nothing is known of the sum
         forces = self.shell.move(tips, raised=self.raised)
+        self._work -= float((forces * (self.shell.tools["end"] - self.shell.tools["begin"])).sum())
         kinetic = self.shell.kinetic_energy
         if not np.isfinite(forces).all() or not np.isfinite(kinetic):
             raise self._failed(f"became unstable with the tools at {np.round(1e3 * tips, 2).tolist()} mm")
         self._moves += 1
-        if self._moves % INSPECTION == 0 and (folded := self.shell.inverted_element()) is not None:
-            raise self._failed(f"is folded over at {np.round(1e3 * folded, 1).tolist()} mm")
+        if self._moves % INSPECTION == 0:
+            self._inspect()
         self.largest_kinetic = max(self.largest_kinetic, kinetic)
         self._asleep = not near and kinetic < STILL_ENERGY
         self.cpu += time.thread_time() - started
@@ -203,6 +210,17 @@ class FormedSheet:
         i = np.clip(np.searchsorted(shell.x, surface.x0 + surface.h * np.arange(nx)) - 1, 0, strained.shape[1] - 1)
         j = np.clip(np.searchsorted(shell.y, surface.y0 + surface.h * np.arange(ny)) - 1, 0, strained.shape[0] - 1)
         return strained[np.ix_(j, i)].astype(np.int8)
+
+    def _inspect(self) -> None:
+        if (folded := self.shell.inverted_element()) is not None:
+            raise self._failed(f"is folded over at {np.round(1e3 * folded, 1).tolist()} mm")
+        (share, room), plastic = ENERGY_ERROR, self.shell.plastic_work
+        if plastic > (1.0 + share) * self._work + room:
+            row, column = divmod(int(np.argmax(self.shell.state.plastic_work)), len(self.shell.x) - 1)
+            place = [round(1e3 * float(value), 1) for value in (self.shell.x[column], self.shell.y[row])]
+            raise self._failed(
+                f"took {plastic:.1f} J as plastic work, tools gave it {self._work:.1f} J; most is at {place} mm"
+            )
 
     def _at_rest(self, shell: ExplicitShell) -> ExplicitShell:
         away = shell.settle()

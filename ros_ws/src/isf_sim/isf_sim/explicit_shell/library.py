@@ -35,7 +35,7 @@ class ShellStruct(ctypes.Structure):
             (name, _double)
             for name in (
                 "young", "poisson", "step", "damping", "table_step", "contact", "contact_time", "friction",
-                "slip_speed", "kinematic",
+                "slip_speed", "drag", "kinematic",
             )
         ),
         *(

@@ -36,8 +36,9 @@ static const double SHARE[LAYERS] = {0.236926885056189, 0.478628670499366, 0.568
 
 typedef struct {
     int64_t nx, ny, table_size, support_size, spring_size;
-    /* contact: N/m^3, pressure per depth; contact_time: s, depth that a speed of approach counts as, over that speed */
-    double young, poisson, step, damping, table_step, contact, contact_time, friction, slip_speed;
+    /* drag: N s/m^3, friction over the speed of slip, at most
+     * contact: N/m^3, pressure per depth; contact_time: s, depth that a speed of approach counts as, over that speed */
+    double young, poisson, step, damping, table_step, contact, contact_time, friction, slip_speed, drag;
     double kinematic;                                    /* share of the hardening that moves the yield surface */
     double *position, *velocity, *spin, *force, *moment; /* (3, nodes) */
     const double *per_mass, *per_inertia;                /* (nodes) 1/kg, 1/(kg m^2) */
@@ -324,6 +325,13 @@ VECTORISED static void elements(const Shell *R q) {
     }
 }
 
+/* N s/m, Coulomb's friction over the speed of slip (square: m^2/s^2), which fades below slip_speed; on its area, m^2, no
+   more than the time step bears. */
+static inline __attribute__((always_inline)) double friction(const Shell *R q, double normal, double square, double area) {
+    const double rub = q->friction * normal / (sqrt(square) + q->slip_speed), most = q->drag * area;
+    return rub < most ? rub : most;
+}
+
 /* A plane under the sheet pushes each element whose lower face is below it, with a quarter on each corner; the forces
  * are added to those of the elements. */
 VECTORISED static void planes(const Shell *R q, double offset) {
@@ -340,7 +348,7 @@ VECTORISED static void planes(const Shell *R q, double offset) {
             const double quarter = 0.25 * q->contact * area[i] * (deep > 0.0 ? deep : 0.0);
             const double sx = 0.25 * (vx[i] + vx[i + 1] + vx[i + nx + 1] + vx[i + nx + 2]);
             const double sy = 0.25 * (vy[i] + vy[i + 1] + vy[i + nx + 1] + vy[i + nx + 2]);
-            const double rub = q->friction * quarter / (sqrt(sx * sx + sy * sy) + q->slip_speed);
+            const double rub = friction(q, quarter, sx * sx + sy * sy, 0.25 * area[i]);
 #pragma GCC unroll 4
             for (int corner = 0; corner < 4; corner++) {
                 double *R o = out + 6 * corner * ne;
@@ -469,7 +477,7 @@ static void touch(const Shell *R q, Tool *R tool, const double *R c, const doubl
                     normal = normal > 0.0 ? normal : 0.0;
                     for (int d = 0; d < 3; d++)
                         slip[d] -= along * n[d], size += slip[d] * slip[d];
-                    const double rub = q->friction * normal / (sqrt(size) + q->slip_speed);
+                    const double rub = friction(q, normal, size, q->area[e] / (POINTS * POINTS));
                     for (int d = 0; d < 3; d++) {
                         const double force = normal * n[d] - rub * slip[d];
                         on_tool[d] -= force;
@@ -560,7 +568,7 @@ static void support(const Shell *R q, int64_t count, double offset) {
         }
         for (int d = 0; d < 3; d++)
             slip[d] -= along * n[d], size += slip[d] * slip[d];
-        const double rub = q->friction * normal / (sqrt(size) + q->slip_speed);
+        const double rub = friction(q, normal, size, q->support_area[k]);
         for (int d = 0; d < 3; d++)
             for (int m = 0; m < 4; m++)
                 f[d * nn + node[m]] += weight[m] * (normal * n[d] - rub * slip[d]);

@@ -51,6 +51,9 @@ SLIP_SHARE = 0.02
 SLIDES = 2.0e-3
 """m by which the sheet may slide along a support (assumed): this near to its edge an element has more points."""
 
+DRAG_SHARE = 0.3
+"""Of the sheet's mass over the time step, what friction over the speed of slip may be at most (2: unstable alone)."""
+
 TABLE_STEP, TABLE_END = 0.002, 4.0
 """Plastic strain, of the tabulated flow curve."""
 
@@ -425,6 +428,7 @@ class ExplicitShell:
         struct.spring_size = self._spring_node.size
         struct.damping, struct.table_step, struct.friction = damping, TABLE_STEP, self._friction
         struct.kinematic = sheet.kinematic
+        struct.drag = DRAG_SHARE * sheet.density * sheet.thickness / self.step
         struct.contact, struct.slip_speed = self._contact, SLIP_SHARE * self.tool_speed
         struct.contact_time = 2.0 * CONTACT_DAMPING * np.sqrt(sheet.density * sheet.thickness / self._contact)
         force, moment, element_force = self._scratch

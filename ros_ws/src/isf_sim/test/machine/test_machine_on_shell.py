@@ -179,6 +179,18 @@ def test_an_element_folded_over_stops_the_machine_and_says_where(pressed: Simula
     assert pressed.faults == []
 
 
+def test_energy_from_nowhere_stops_the_machine(pressed: SimulatedMachine) -> None:
+    saved = pressed.state_copy()
+    assert pressed._shell is not None
+    work, plastic = pressed._shell._work, pressed._shell.shell.plastic_work
+    assert 0.1 * work < plastic < 0.5 * work  # a push that is elastic for the most part
+    pressed._shell.shell.state.plastic_work[7] += 1.2 * work + 0.6
+    go(pressed, -7e-3, -6.9e-3, speed=1e-3)
+    assert pressed.faults[0][0] == ErrorCode.SHEET_MODEL_FAILED
+    assert "J as plastic work, tools gave it" in pressed.faults[0][1]
+    pressed.restore(saved)
+
+
 def test_an_undisturbed_sheet_has_no_element_folded_over(pressed: SimulatedMachine) -> None:
     assert pressed._shell is not None
     shell = pressed._shell.shell
