@@ -53,7 +53,8 @@ def pressed(force: float, cell: float, speed: float) -> tuple[float, list[float]
     depth = -1e3 * float(shell.z[middle, middle])
     for height in np.linspace(tip, tip + 12e-3, 200):
         shell.move(np.array([[0.0, 0.0, height], away]))
-    shell.settle()
+    if (away := shell.settle()) > 0.05e-3:  # m; as for a scan of a formed part
+        sys.exit(f"the sheet does not come to rest: {1e3 * away:.2g} mm away from equilibrium")
     left = np.interp(PLACES, 1e3 * shell.x, -1e3 * shell.z[middle])
     return depth, [round(float(value), 3) for value in left]
 

@@ -63,8 +63,9 @@ def _stay_with(parent: int) -> None:
 
     def watch() -> None:
         while os.getppid() == parent:
-            # asks again: the system tells the end of the thread that started a worker, not that of the process
-            time.sleep(WATCH)
+            time.sleep(
+                WATCH
+            )  # asks again: the system tells the end of the thread that started it, not that of the process
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

@@ -9,8 +9,8 @@ from isf_core.files.job import JobFile
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "jobs"
 STEP = {"incremental_depth: 0.5 mm": "incremental_depth: 1 mm"}
 PACE = {
-    # The fewest ticks: at a higher feed the force error grows, and the controller goes slower than at this one.
     "point_spacing: 0.5 mm": "point_spacing: 1 mm",
+    # the fewest ticks: at a higher feed the force error grows, and the controller goes slower than at this one
     "feed: 30 mm/s": "feed: 20 mm/s",
     "rate: 500 Hz": "rate: 150 Hz",
 }

@@ -218,7 +218,7 @@ def test_a_computer_that_paused_forms_the_part_to_its_end(tmp_path: Path) -> Non
             if message.phase == "forming" and message.index == 1 and not paused:
                 for node in group.nodes:
                     os.killpg(node.popen.pid, signal.SIGSTOP)
-                time.sleep(7.0)  # the fault itself
+                time.sleep(7.0)  # the fault itself: longer than the 5 s of silence after which a node counts as dead
                 for node in group.nodes:
                     os.killpg(node.popen.pid, signal.SIGCONT)
                 paused.append(message.index)

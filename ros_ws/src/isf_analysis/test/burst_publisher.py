@@ -58,7 +58,7 @@ def main() -> int:
             target.publish(target_bytes(number))
         ahead = start + (number + 1) / rate - time.monotonic()
         if ahead > 0:
-            time.sleep(ahead)  # publishes at a rate; nothing waits for it
+            time.sleep(ahead)  # the rate of a machine, which the recorder has to keep up with; nothing waits for it
     delivered = all(publisher.wait_for_all_acked(Duration(seconds=60)) for publisher in publishers)
     node.destroy_node()
     rclpy.shutdown()

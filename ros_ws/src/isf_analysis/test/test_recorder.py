@@ -222,7 +222,7 @@ def test_what_was_recorded_outlives_a_killed_recorder(tmp_path: Path) -> None:
         deadline = time.monotonic() + LIMIT
         while recovered(bag, tmp_path)[-1:] != sent[-1:]:
             assert time.monotonic() < deadline, "the recorder does not write"
-            time.sleep(0.2)  # asks again: a recorder tells nobody that it has written
+            time.sleep(0.2)  # asks again, at most LIMIT s: a recorder tells nobody that it has written
         os.killpg(process.pid, signal.SIGKILL)
         process.wait(LIMIT)
     assert not (bag / "metadata.yaml").exists()

@@ -46,7 +46,7 @@ class Bench:
         self.pose = node.create_publisher(PoseStamped, "pose", qos.SENSOR)
         node.create_subscription(WrenchStamped, "wrench", self.wrenches.append, qos.STREAM)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, 10)
-        self._services = {name: node.create_client(Trigger, f"load_cell/{name}") for name in ("tare", "check_drift")}
+        self._asked = {name: node.create_client(Trigger, f"load_cell/{name}") for name in ("tare", "check_drift")}
 
     def _on_health(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -70,7 +70,7 @@ class Bench:
         return done
 
     def ask(self, service: str) -> Trigger.Response:
-        client = self._services[service]
+        client = self._asked[service]
         assert client.wait_for_service(LIMIT)
         future = client.call_async(Trigger.Request())
         assert self.wait(future.done)

@@ -38,9 +38,9 @@ class Faulty(Estimator):
     uses_scans = True
 
     def estimate(self, contour, history):
-        if contour.index == 2:  # a solution that lasts until the test has seen what it wants to see
+        if contour.index == 2:  # the fault itself: a solution that lasts until the test has seen what it wants to see
             while not Path(os.environ["SOLVED"]).exists():
-                time.sleep(0.01)
+                time.sleep(0.01)  # asks again: a file tells nobody that it is there
         if contour.index == 4:
             raise ZeroDivisionError("in the method")
         return Prediction(np.full(len(contour), 0.7e-3))

@@ -17,6 +17,7 @@ from isf_analysis.measures.force_metrics import BAND, engaged, has_set_point
 from isf_analysis.measures.record import PartRecord
 
 MM = 1e3
+SMALLEST_RANGE = 0.1  # mm, of an axis of errors
 _BINS = 900  # of the time axis: one per pixel column or so
 
 
@@ -112,6 +113,7 @@ def _draw_residual(axes: Axes, items: Sequence[ContourCorrection], number: Array
     axes.fill_between(number, low, high, color=style.MUTED, alpha=0.25, linewidth=0, label="least to most")
     axes.plot(number, mean, color=style.INK, label="expected to remain, mean")
     axes.axhline(0.0, color=style.TARGET, linestyle=(0, (4, 2)), linewidth=1.2)
+    axes.set_ylim(1.05 * min(*low, -SMALLEST_RANGE), 1.05 * max(*high, SMALLEST_RANGE))  # rounding is no error
     axes.set_ylabel("too low < error > too high [mm]")
     _contour_axis(axes, number)
     style.legend_above(axes, 2)

@@ -98,7 +98,7 @@ class GraphCell:
     ) -> None:
         self._client = client
         self._monitor = monitor
-        self._publishers = publishers
+        self._to_graph = publishers
         self._operator = operator
         self._settings = settings
         self._look = RegularLook(0.5 * settings.silence_timeout)
@@ -205,7 +205,7 @@ class GraphCell:
         self._sensor = goal.options.scans_with_sensor(goal.job_file)
         self._client.set_parameter("springback", "base_folder", base, self.check)
         self._client.set_parameter("springback", "method", goal.method, self.check)
-        self._publishers.publish_info(self._info(goal, planned))
+        self._to_graph.publish_info(self._info(goal, planned))
         request = Arm.Request(
             plan_id=planned.plan_id,
             first_index=goal.first_index,
@@ -233,7 +233,7 @@ class GraphCell:
             raise failure(response.code, response.message)
         with self._news:  # what came before it was sent is no result of this contour
             self._results.pop(index, None)
-        self._publishers.publish_nominal(response.contour)
+        self._to_graph.publish_nominal(response.contour)
         result = self._wait_for_result(index)
         return FormedContour(contour_from_message(response.contour), self._corrections.get(index), result)
 
@@ -247,7 +247,7 @@ class GraphCell:
             rows = lift_rows(result, found.springback, found.force, *curve)
         except IsfError as error:
             self._go_on_after(error, f"no tool lift after {after}")
-        self._publishers.publish_lift(lift_to_cloud(rows, stamps.from_seconds(result.end)))
+        self._to_graph.publish_lift(lift_to_cloud(rows, stamps.from_seconds(result.end)))
 
     def scan(self, formed: FormedContour, *, aside: bool) -> None:
         """As in the protocol."""
@@ -307,7 +307,8 @@ class GraphCell:
         """As in the protocol."""
         dead = set(self._monitor.silent())
         if self._plan_id and "machine" not in dead:
-            self._attempt(lambda: self._client.call(Scan, "machine/scan", Scan.Request(clamped=True), _no_watch))
+            scan = Scan.Request(clamped=True)
+            self._attempt(lambda: self._client.checked_call(Scan, "machine/scan", scan, _no_watch))
         for name in reversed(MANAGED):
             if name not in dead and self._monitor.heard(name):
                 self._attempt(lambda name=name: self._client.bring_down(name, _no_watch))  # type: ignore[misc]

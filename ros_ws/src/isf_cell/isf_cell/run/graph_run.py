@@ -29,6 +29,10 @@ from isf_cell.processes.process_group import NodeProcess, ProcessGroup
 START_TIMEOUT = 180.0
 """s for all nodes to come up; the first start after a build compiles kernels, and a busy computer takes a minute."""
 
+LISTENING = 4.0
+"""s for which a client listens at least before its cell forms: participants announce themselves every 3 s (what is said
+once, at the start, may be missed), and an executive tells its process 2 times a second. Nodes take as long to start."""
+
 Feedback = Callable[[FormPart.Feedback], None]
 
 
@@ -51,6 +55,7 @@ class CellClient:
         self._node = Node(f"isf_command_{os.getpid()}")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
+        self._listens_since = time.monotonic()
         self._states: dict[str, str] = {}
         self._executives: set[str] = set()
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
@@ -81,8 +86,7 @@ class CellClient:
                 )
             active = all(self._states.get(name) == "active" for name in ("executive", "recorder") if name in names)
             heard = all(name in self._states for name in names) and self._action.server_is_ready()
-            # A second executive in the graph lives and is heard within a second, or it died and leaves the graph.
-            return active and heard and self._node.get_node_names().count("executive") == 1
+            return active and heard and time.monotonic() > self._listens_since + LISTENING
 
         if not self._spin_until(ready, START_TIMEOUT):
             missing = [name for name in names if name not in self._states] or ["executive"]

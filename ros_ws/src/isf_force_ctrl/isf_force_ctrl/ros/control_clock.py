@@ -130,7 +130,7 @@ class PeriodicLoop:
         while not self._end.is_set():
             left = self.tick_if_overdue()
             if left > 0:
-                time.sleep(left)  # the pace of the ticks itself
+                time.sleep(left)  # until the next tick is due: this thread is the clock of the loop in real time
 
     def values(self) -> dict[str, object]:
         """For ``/diagnostics``."""

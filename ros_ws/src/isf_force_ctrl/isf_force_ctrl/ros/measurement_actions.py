@@ -117,7 +117,7 @@ def follow(
     lock: threading.RLock,
     notify: Callable[[], None],
 ) -> None:
-    """As long as ``busy``; ticks go on in the node's own callbacks meanwhile. ``tell`` gives feedback."""
+    """As long as ``busy``; ticks go on in the node's own callbacks meanwhile. ``notify`` gives feedback."""
     cancelled = False
     while busy():
         if handle.is_cancel_requested and not cancelled:
@@ -125,4 +125,4 @@ def follow(
             with lock:
                 cancel()
         notify()
-        time.sleep(PERIOD)  # pace of the feedback; nothing is ordered by it
+        time.sleep(PERIOD)  # between two messages of feedback; the measurement ends by its ticks, not by this

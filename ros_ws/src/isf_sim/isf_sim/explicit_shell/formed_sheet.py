@@ -49,7 +49,7 @@ LARGEST_CELL = 1.5
 """Radii of the smallest tool that a cell of the even region may be long (chosen)."""
 
 INSPECTION = 32
-"""Moves between two looks for elements that are folded over."""
+"""Moves between two looks at elements and energy, which cost about as much as a step of the model."""
 
 ENERGY_ERROR = (0.1, 0.5)
 """Share of the work of the tools, and J, by which the plastic work may be larger than that work (chosen)."""
@@ -108,7 +108,7 @@ class FormedSheet:
                 ErrorCode.SHEET_MESH_COARSE,
                 f"cells of {1e3 * cell:.1f} mm for this part are too large for a tool of radius {1e3 * smallest:g} mm",
                 where=f"--sheet {kind}",
-                advice="take --sheet shell_fine or fast, or a larger tool",
+                advice="take a finer --sheet, fast, or a larger tool",
             )
         x, y = (
             graded_lines(
@@ -149,7 +149,7 @@ class FormedSheet:
 
         Raises
         ------
-        IsfError : SHEET_MODEL_FAILED, the model became unstable or an element is folded over
+        IsfError : SHEET_MODEL_FAILED, the model became unstable, an element is folded over, or energy came from nowhere
         """
         started = time.thread_time()
         near = any(
@@ -185,7 +185,10 @@ class FormedSheet:
         return self._at_rest(shell)
 
     def released(self, surface: Surface) -> ExplicitShell:
-        """The sheet at rest out of the clamp, trimmed round what is formed on ``surface``; errors as there."""
+        """The sheet at rest out of the clamp, trimmed round what is formed on ``surface``.
+
+        Raises IsfError SHEET_MODEL_FAILED when it does not come to rest.
+        """
         shell = copy.deepcopy(self.shell)
         x, y = np.meshgrid(*(0.5 * (line[1:] + line[:-1]) for line in (shell.x, shell.y)))
         shell.release(kept_by_trimming(np.column_stack([x.ravel(), y.ravel()]), surface).reshape(x.shape))
@@ -223,8 +226,7 @@ class FormedSheet:
             )
 
     def _at_rest(self, shell: ExplicitShell) -> ExplicitShell:
-        away = shell.settle()
-        if not away <= REST_ERROR:
+        if (away := shell.settle()) > REST_ERROR:
             raise self._failed(f"does not come to rest: {1e3 * away:.2g} mm away from equilibrium")
         return shell
 

@@ -36,8 +36,8 @@ static const double SHARE[LAYERS] = {0.236926885056189, 0.478628670499366, 0.568
 
 typedef struct {
     int64_t nx, ny, table_size, support_size, spring_size;
-    /* drag: N s/m^3, friction over the speed of slip, at most
-     * contact: N/m^3, pressure per depth; contact_time: s, depth that a speed of approach counts as, over that speed */
+    /* contact: N/m^3, pressure per depth; contact_time: s, depth that a speed of approach counts as, over that speed;
+     * drag: N s/m^3, friction over the speed of slip, at most */
     double young, poisson, step, damping, table_step, contact, contact_time, friction, slip_speed, drag;
     double kinematic;                                    /* share of the hardening that moves the yield surface */
     double *position, *velocity, *spin, *force, *moment; /* (3, nodes) */
@@ -325,9 +325,10 @@ VECTORISED static void elements(const Shell *R q) {
     }
 }
 
-/* N s/m, Coulomb's friction over the speed of slip (square: m^2/s^2), which fades below slip_speed; on its area, m^2, no
-   more than the time step bears. */
-static inline __attribute__((always_inline)) double friction(const Shell *R q, double normal, double square, double area) {
+/* N s/m, Coulomb's friction over the speed of slip, which fades below slip_speed, and no more than the time step bears on
+ * the area, m^2; square: of the speed, m^2/s^2. */
+static inline __attribute__((always_inline)) double friction(const Shell *R q, double normal, double square,
+                                                             double area) {
     const double rub = q->friction * normal / (sqrt(square) + q->slip_speed), most = q->drag * area;
     return rub < most ? rub : most;
 }

@@ -173,7 +173,8 @@ def test_an_element_folded_over_stops_the_machine_and_says_where(pressed: Simula
     assert code == ErrorCode.SHEET_MODEL_FAILED
     assert "folded over at" in text
     found = np.array([float(value) for value in text.split("[")[1].split("]")[0].split(",")])
-    assert np.abs(1e-3 * found[:2] - place).max() < 0.03
+    cell = max(float(np.diff(line[k - 2 : k + 3]).max()) for line, k in ((shell.x, column), (shell.y, row)))
+    assert np.abs(1e-3 * found[:2] - place).max() < 1.2 * cell  # of an element at the node, which was moved so far
     pressed.restore(saved)
     go(pressed, -7e-3, -6.9e-3)
     assert pressed.faults == []
@@ -200,7 +201,7 @@ def test_an_undisturbed_sheet_has_no_element_folded_over(pressed: SimulatedMachi
     at[0, 3, 4] = at[0, 3, 6]  # beyond its neighbour
     middle = shell.inverted_element()
     assert middle is not None
-    assert np.abs(middle[:2] - at[:2, 3, 5]).max() < 3.0 * float(np.diff(shell.x).max())
+    assert np.abs(middle[:2] - at[:2, 3, 5]).max() < 1.5 * float(np.diff(shell.x).max())  # an element at the node
     at[:, 3, 4] = kept
     assert shell.inverted_element() is None
 
@@ -210,9 +211,7 @@ def test_a_sheet_that_does_not_come_to_rest_is_reported(
 ) -> None:
     monkeypatch.setattr("isf_sim.explicit_shell.shell.LONGEST_REST", 2)
     before = pressed._shell.shell.state.position.copy()  # type: ignore[union-attr]
-    with pytest.raises(
-        IsfError, match=r"does not come to rest: [0-9.e+-]+ mm away|does not come to rest: inf"
-    ) as found:
+    with pytest.raises(IsfError, match=r"does not come to rest: \S+ mm away") as found:
         pressed.measured_shape()
     assert found.value.code == ErrorCode.SHEET_MODEL_FAILED
     assert np.array_equal(pressed._shell.shell.state.position, before)  # type: ignore[union-attr]

@@ -24,7 +24,7 @@ from isf_sim import node
 from isf_sim.machine import simulated_machine as machine
 hold = machine.SimulatedMachine.hold
 def long_hold(self):
-    time.sleep(0.1)  # the fault itself: a tick that takes 50 periods
+    time.sleep(0.1)  # the fault itself: a tick of 50 periods, as on a computer that is held up
     return hold(self)
 machine.SimulatedMachine.hold = long_hold
 sys.exit(node.main())

@@ -19,7 +19,8 @@ from shell_sheets import DOWN, POISSON, YOUNG, cone_contours, disc, flat_sheet
 COARSE = FacetSize(4e-3, 8e-3, 16e-3)
 # The engine is optional and has wheels for few systems; that it is refused with a code without them is tested always.
 with_kratos = pytest.mark.skipif(
-    importlib.util.find_spec("KratosMultiphysics") is None, reason="KratosMultiphysics is not installed"
+    importlib.util.find_spec("KratosMultiphysics") is None,
+    reason="KratosMultiphysics is not installed: 145 MB for checks alone (docs/methods/springback_elastic.md)",
 )
 
 
