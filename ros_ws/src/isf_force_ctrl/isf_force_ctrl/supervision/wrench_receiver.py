@@ -38,7 +38,7 @@ class WrenchReceiver:
         """In lockstep time may have gone on since the last contour, as a scan takes its time: that is no jump."""
         if not self._by_clock:
             for watch in self._watches:
-                watch.restart()
+                watch.time_may_have_gone_on()
 
     def add(self, tool: int, frame: str, stamp: int, wrench: Sequence[float]) -> tuple[bool, Fault | None]:
         """Take the wrench (6,) of ``tool`` (1, 2) with ``stamp`` ns.
@@ -95,14 +95,20 @@ class StampWatch:
         self._stamp: int | None = None
         self._received = self._fastest = 0.0
         self._late_since: float | None = None
+        self._gone_on = False
+
+    def time_may_have_gone_on(self) -> None:
+        """The next stamp may be later by any time; an earlier one is a jump as ever."""
+        self._gone_on = True
 
     def check(self, stamp: int, now: float) -> tuple[bool, tuple[ErrorCode, str] | None]:
         """Is the wrench of ``stamp`` ns, received at ``now`` s (monotonic), to be used; and code and text of a fault.
 
         A wrench of the newest stamp itself is used: it repeats what is known.
         """
-        last = self._stamp
+        last, gone_on = self._stamp, self._gone_on
         if last is None:
+            self._gone_on = False
             self._stamp, self._received, self._fastest = stamp, now, now - stamp * _NANO
             return True, None
         step = (stamp - last) * _NANO
@@ -111,7 +117,7 @@ class StampWatch:
         # Waiting messages may come all at once, so time that passed here excuses a step forwards, never one backwards.
         # An old one may have waited until now, and the next one not: then it is only as quick as others were.
         ahead = self._fastest - (now - stamp * _NANO) if by_the_clock else math.inf
-        if step < -JUMP or min(step - passed, ahead) > JUMP:
+        if step < -JUMP or (min(step - passed, ahead) > JUMP and not gone_on):
             return False, (
                 ErrorCode.WRENCH_CLOCK,
                 f"the stamps of {self._name} jumped by {step - passed:+.2f} s (clock set, or the driver restarted)",
@@ -119,7 +125,7 @@ class StampWatch:
         if step < 0.0:
             self.old += 1
             return False, None
-        self._stamp, self._received = stamp, now
+        self._stamp, self._received, self._gone_on = stamp, now, False
         return True, self._delay_fault(now - stamp * _NANO, now, passed)
 
     def _delay_fault(self, delay: float, now: float, passed: float) -> tuple[ErrorCode, str] | None:

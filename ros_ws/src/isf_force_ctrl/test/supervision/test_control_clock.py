@@ -192,6 +192,26 @@ def test_lockstep_time_may_stand_still() -> None:
     assert set(stream(StampWatch(1, math.inf, 0.1), stamps, now)) == {(True, None)}
 
 
+@pytest.mark.parametrize(
+    ("times", "codes"),
+    [((130, 131), (None, ErrorCode.WRENCH_CLOCK)), ((95,), (ErrorCode.WRENCH_CLOCK,))],
+    ids=["on, once", "back"],
+)
+def test_before_a_contour_in_lockstep_time_may_go_on_but_not_back(
+    times: tuple[int, ...], codes: tuple[ErrorCode | None, ...]
+) -> None:
+    """As a scan takes its time. s."""
+    receiver = WrenchReceiver("sheet", math.inf, 0.1)
+
+    def code(time: int) -> ErrorCode | None:
+        _, fault = receiver.add(1, "sheet", time * 1_000_000_000, [0.0] * 6)
+        return fault[0] if fault else None
+
+    assert code(100) is None
+    receiver.begin_contour()
+    assert tuple(code(time) for time in times) == codes
+
+
 def test_unstamped_wrenches_are_taken_as_they_come() -> None:
     receiver = WrenchReceiver("sheet", 0.03, 0.1)
     for value in (1.0, 2.0):
