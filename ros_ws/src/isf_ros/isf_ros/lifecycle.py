@@ -29,7 +29,8 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 
-from isf_ros import parameters
+from isf_ros import answers, parameters
+from isf_ros.answers import sent_until_taken
 from isf_ros.busy_heartbeat import BusyHeartbeat
 from isf_ros.guard import guarded, refuse
 from isf_ros.qos_match import best_effort, nothing_comes, nothing_goes, profile_of, taken_best_effort
@@ -74,6 +75,7 @@ class CellNode(LifecycleNode, Generic[P]):
         super().__init__(name, **options)
         for service in self.services:  # those of the lifecycle are not made by create_service
             service.callback = guarded(service.callback, partial(self._service_failed, service.srv_name))
+            service.send_response = sent_until_taken(service.send_response, self._answer_later)
         self._parameters_type = parameters_type
         parameters.declare(self, parameters_type)
         self.declare_parameter(
@@ -221,8 +223,10 @@ class CellNode(LifecycleNode, Generic[P]):
         return self._noted(self.destroy_timer, made)
 
     def create_service(self, kind: Any, name: str, callback: Callable[..., Any], *args: Any, **kw: Any) -> Any:
-        served = guarded(callback, partial(self._service_failed, name))
-        return self._noted(self.destroy_service, super().create_service(kind, name, served, *args, **kw))
+        """As rclpy's; an answer that the middleware drops is sent again."""
+        made = super().create_service(kind, name, guarded(callback, partial(self._service_failed, name)), *args, **kw)
+        made.send_response = sent_until_taken(made.send_response, self._answer_later)
+        return self._noted(self.destroy_service, made)
 
     def create_client(self, *args: Any, **kw: Any) -> Any:
         return self._noted(self.destroy_client, super().create_client(*args, **kw))
@@ -362,14 +366,17 @@ class CellNode(LifecycleNode, Generic[P]):
         self.destroy_subscription(before)
         self._successors[id(before)] = make()
 
-    def _once(self, action: Callable[[], None]) -> None:
-        """Have ``action`` done soon, by itself."""
+    def _answer_later(self, action: Callable[[], None]) -> None:
+        self._once(action, answers.PERIOD)
+
+    def _once(self, action: Callable[[], None], after: float = 0.0) -> None:
+        """Have ``action`` done by itself ``after`` s of wall time."""
 
         def act() -> None:
             self.destroy_timer(timer)
             action()
 
-        timer = self.create_timer(0.0, act, clock=self.steady_clock)
+        timer = self.create_timer(after, act, clock=self.steady_clock)
 
     def _noted(self, destroy: Callable[[Any], Any], entity: Any) -> Any:
         if self._in_transition:

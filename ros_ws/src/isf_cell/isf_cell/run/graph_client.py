@@ -84,13 +84,15 @@ class GraphClient:
         """Result of an action; cancels it when the watch raises."""
         client = self._clients.get(name) or self._clients.setdefault(name, ActionClient(self._node, kind, name))
         self.wait_until(client.server_is_ready, watch, f"action '{name}' is not available", ErrorCode.NODE_MISSING)
-        handle = self._await(
-            client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback)), watch, name
+        handle = self._asked(
+            lambda: client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback)),
+            watch,
+            name,
         )
         if not handle.accepted:
             raise IsfError(ErrorCode.BUSY, f"'{name}' refused the goal", advice="wait until its present goal ends")
         try:
-            return self._await(handle.get_result_async(), watch, name, timeout).result
+            return self._asked(handle.get_result_async, watch, name, timeout).result
         except IsfError:
             handle.cancel_goal_async()
             raise
@@ -147,6 +149,12 @@ class GraphClient:
             raise IsfError(
                 ErrorCode.TRANSITION_FAILED, f"'{node_name}' could not {label}", advice="its reason is in /diagnostics"
             )
+
+    def _asked(self, ask: Callable[[], Future], watch: Watch, name: str, timeout: float | None = None) -> Any:
+        """Answer to what ``ask`` sends to an action. It is called in the thread of the executor: rclpy notes what it
+        sent to an action only afterwards, and an answer that its executor takes in between is lost."""
+        sent = self._await(self._node.executor.create_task(ask), watch, name)
+        return self._await(sent, watch, name, timeout)
 
     def _await(self, future: Future, watch: Watch, name: str, timeout: float | None = None) -> Any:
         done = threading.Event()

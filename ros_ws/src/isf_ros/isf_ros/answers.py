@@ -1,0 +1,48 @@
+"""Answers of services that reach a client whom the middleware has not discovered yet.
+
+The server of a service may get a request before it has discovered where the client takes its answers: the middleware
+waits for 0.1 s, then drops the answer with a warning and no error, and the client waits for ever (Fast DDS under ROS 2
+Jazzy; likely on a loaded computer, where discovery takes longer). Such an answer is sent again.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from rclpy.exceptions import InvalidHandle
+
+PERIOD = 0.5
+"""s between two attempts; each may hold the node up for the 0.1 s of the middleware."""
+
+ATTEMPTS = 20
+"""After so many the client is taken to have gone before it was discovered."""
+
+_DROPPED = "failed to send response (timeout)"
+
+
+def sent_until_taken(
+    send: Callable[[Any, Any], None], later: Callable[[Callable[[], None]], None]
+) -> Callable[[Any, Any], None]:
+    """``send`` (response, header) of a service that sends again what was dropped; ``later`` calls a function once,
+    :data:`PERIOD` later, in the thread that may send. The warning is given when the last attempt failed, too."""
+
+    def attempt(response: Any, header: Any, left: int) -> None:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            send(response, header)
+        dropped = [warning for warning in caught if _DROPPED in str(warning.message)]
+        again = bool(dropped) and left > 0
+        for warning in caught:
+            if not (again and warning in dropped):
+                warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+        if again:
+            later(lambda: repeat(response, header, left - 1))
+
+    def repeat(response: Any, header: Any, left: int) -> None:
+        with suppress(InvalidHandle):  # the service was destroyed meanwhile
+            attempt(response, header, left)
+
+    return lambda response, header: attempt(response, header, ATTEMPTS - 1)
