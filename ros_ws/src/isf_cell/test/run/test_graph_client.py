@@ -105,7 +105,5 @@ def test_answers_of_an_action_that_come_before_they_are_expected_are_taken(
         return Future(*options)
 
     monkeypatch.setattr(rclpy.action.client, "Future", slow)
-    result = client.run_action(
-        LiftTool, "lift_tool", LiftTool.Goal(speed=0.25), no_watch, lambda _: None, timeout=60.0
-    )
+    result = client.run_action(LiftTool, "lift_tool", LiftTool.Goal(speed=0.25), no_watch, lambda _: None, timeout=60.0)
     assert result.force == 0.25
