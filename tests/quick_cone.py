@@ -12,7 +12,7 @@ PACE = {
     "point_spacing: 0.5 mm": "point_spacing: 1 mm",
     # the fewest ticks: at a higher feed the force error grows, and the controller goes slower than at this one
     "feed: 30 mm/s": "feed: 20 mm/s",
-    "rate: 500 Hz": "rate: 150 Hz",
+    "rate: 500 Hz": "rate: 100 Hz",
 }
 CONTOURS = 5
 

@@ -40,17 +40,16 @@ def test_run_gives_what_was_recorded(case: Case, pytestconfig: pytest.Config) ->
     assert not found, _reported(found, case.name)
 
 
+@pytest.mark.slow  # every run has tests/graph/test_measurements_in_graph.py
 @pytest.mark.graph
 @pytest.mark.usefixtures("forked_nodes")
 @pytest.mark.parametrize(
     ("name", "job", "springback"),
     [
         ("dsif_cone_fused", "dsif_cone", f"method: fused, {SENSOR}, {LIFTS}"),
-        pytest.param("tpif_cone_none", "tpif_cone", "method: none", marks=pytest.mark.slow),
-        pytest.param("adsif_cone_none_whole", "adsif_cone", "method: none", marks=pytest.mark.slow),
-        pytest.param(
-            "pocket_and_dome_fused", "pocket_and_dome", f"method: fused, {SENSOR}, {LIFTS}", marks=pytest.mark.slow
-        ),
+        ("tpif_cone_none", "tpif_cone", "method: none"),
+        ("adsif_cone_none_whole", "adsif_cone", "method: none"),
+        ("pocket_and_dome_fused", "pocket_and_dome", f"method: fused, {SENSOR}, {LIFTS}"),
     ],
 )
 def test_node_graph_gives_what_was_recorded_in_process(name: str, job: str, springback: str, tmp_path: Path) -> None:

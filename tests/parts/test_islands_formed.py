@@ -25,7 +25,7 @@ COARSE = {
     "incremental_depth: 0.5 mm": "incremental_depth: 2 mm",
     "point_spacing: 0.8 mm": "point_spacing: 1.6 mm",
     "feed: 60 mm/s": "feed: 90 mm/s",
-    "rate: 250 Hz": "rate: 200 Hz",
+    "rate: 250 Hz": "rate: 100 Hz",
 }
 """Settings of the job exchanged for a part of few ticks."""
 

@@ -31,7 +31,7 @@ tool_1: {{radius: 5 mm}}
 backing_plate: {{shape: circle, size: [{plate} mm, {plate} mm]}}
 wall_angle_limit: 85 deg
 path: {{incremental_depth: 1 mm, point_spacing: 1 mm, feed: 60 mm/s}}
-control: {{rate: 250 Hz}}
+control: {{rate: 100 Hz}}
 springback: {{method: none}}
 """
 
@@ -106,7 +106,8 @@ def test_the_command_ends_with_the_code_and_the_report_says_why(tmp_path: Path) 
 
 @pytest.mark.graph
 def test_the_graph_ends_the_part_too(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "isf_cell.cli", "form", str(steep_job(tmp_path)), "--json", "-o", "run"]
+    job = steep_job(tmp_path, material=brittle(tmp_path))
+    command = [sys.executable, "-m", "isf_cell.cli", "form", str(job), "--json", "-o", "run"]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert ended.returncode == Exit.PROCESS, ended.stderr
     data = json.loads(ended.stdout)

@@ -299,7 +299,7 @@ class GraphCell:
             self._attempt(lambda: self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), _no_watch))
             release = Arm.Request(plan_id="")
             self._attempt(lambda: self._client.call(Arm, "force_ctrl/arm", release, _no_watch, timeout=60.0))
-        else:
+        elif "machine" not in self._monitor.silent():  # else nobody would answer
             reason = f"part ended with {error.code.name}"
             self._attempt(lambda: self._client.call(Stop, "machine/stop", Stop.Request(reason=reason), _no_watch))
 

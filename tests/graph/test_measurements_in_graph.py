@@ -1,0 +1,95 @@
+"""Scans and tool lifts between contours through the node graph against the same cores in one process, and learning from
+the bag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.measures.record import PartRecord
+from isf_cell import in_process
+from isf_cell.commands.learn import learn_record
+from isf_cell.options import RunOptions
+from isf_cell.run import graph_run
+from isf_core.files.job import JobFile
+from isf_ros.conversion import lift_from_cloud, lift_to_cloud
+from isf_ros.stamps import from_seconds, to_nanoseconds
+from isf_springback.lift_feedback import reading_of
+from isf_springback.methods import make_corrector
+from numpy.typing import NDArray
+from quick_cone import FOLDER, quick_cone
+from rosbags.highlevel import AnyReader
+
+
+def quiet(_: Any) -> None:
+    """Feedback that nobody looks at."""
+
+
+def test_a_lift_survives_its_message() -> None:
+    rows = np.random.default_rng(2).normal(size=(17, 4))
+    message = lift_to_cloud(rows, from_seconds(12.5))
+    np.testing.assert_array_equal(lift_from_cloud(message), rows)
+    assert to_nanoseconds(message.header.stamp) == 12_500_000_000
+    assert lift_from_cloud(lift_to_cloud(np.empty((0, 4)), from_seconds(0.0))).shape == (0, 4)
+    message.data = message.data[:-8]
+    with pytest.raises(ValueError, match="bytes"):
+        lift_from_cloud(message)
+    message.fields = message.fields[:3]
+    with pytest.raises(ValueError, match="force"):
+        lift_from_cloud(message)
+
+
+def lifts_in(bag: Path) -> list[NDArray[np.float64]]:
+    """(K, 4) per tool lift, as recorded."""
+    with AnyReader([bag]) as reader:
+        topic = [connection for connection in reader.connections if connection.topic == "/tool_lift"]
+        read = reader.messages(topic)
+        return [lift_from_cloud(reader.deserialize(data, connection.msgtype)) for connection, _, data in read]
+
+
+def replayed(record: PartRecord, bag: Path, job_file: JobFile) -> list[NDArray[np.float64]]:
+    """(N, 3) m per contour: what the method says again when it is shown the recorded results, lifts and scans."""
+    method = make_corrector(record.correction, job_file)
+    assert method.uses_scans
+    assert record.target is not None
+    method.set_target(record.target)
+    scans = {scan.index: scan.points() for scan in record.scans}
+    lifts, offsets = iter(lifts_in(bag)), []
+    for nominal, corrected, result in zip(record.nominal, record.corrected, record.results, strict=True):
+        offsets.append(np.asarray(method.correct(nominal).offset))
+        method.add_result(corrected, result)
+        if nominal.index % 4 == 3:
+            method.add_lift(reading_of(next(lifts)), nominal.index)
+        if nominal.index in scans:
+            method.add_scan(scans[nominal.index], nominal.index)
+    return offsets
+
+
+@pytest.mark.graph
+@pytest.mark.usefixtures("forked_nodes")
+def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None:
+    """1 um, contour by contour; scans after every third contour as a scanner would be used on a long part, lifts after
+    every fourth."""
+    fields = "method: fused\n  scan_every: 3\n  lift_every: 4\n  scan_sensor: true"
+    job_file = quick_cone(fields, coarse=False)  # what was seen tells after six contours
+    _, failure = graph_run.form(job_file, RunOptions(seed=5), tmp_path, quiet)
+    assert failure is None
+    there, here = read_bag(tmp_path / "bag"), in_process.form(job_file, RunOptions(seed=5))
+    assert [c.code for c in there.corrections] == [0] * there.planned
+    for mine, theirs in zip(here.corrections, there.corrections, strict=True):
+        np.testing.assert_allclose(theirs.offset, mine.offset, atol=1e-6)
+        assert theirs.remarks == mine.remarks
+    assert not any("tool lift" in remark for remark in here.corrections[3].remarks)
+    assert any("tool lifting" in remark for remark in here.corrections[4].remarks)
+    assert here.corrections[-1].uncertainty.mean() < here.corrections[1].uncertainty.mean()
+    assert [scan.index for scan in there.scans] == [2, 5, 8]
+    for mine, theirs in zip(here.scans, there.scans, strict=True):
+        np.testing.assert_allclose(theirs.points(), mine.points(), atol=1.1e-5)
+    for mine, again in zip(here.corrections, replayed(there, tmp_path / "bag", job_file), strict=True):
+        np.testing.assert_allclose(again, mine.offset, atol=5e-6)  # scans are kept to 10 um in plan and 1 um in height
+    known = learn_record(there, FOLDER)
+    assert known.parts == 1
+    assert np.abs(known.push).max() > 1e-3
