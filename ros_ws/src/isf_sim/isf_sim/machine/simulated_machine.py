@@ -453,7 +453,7 @@ class SimulatedMachine:
     def _check_limits(self) -> None:
         axes = self._axes
         if axes.flags[0]:
-            flags, found = force_faults(int(axes.flags[0]), axes.force_1, axes.force_2, self._constants.force_limit)
+            flags, found = force_faults(axes, self._constants.force_limit)
             self.limits |= flags
             for finding in found:
                 self.latch(*finding)
@@ -612,25 +612,31 @@ def reach_fault(kinematics: tuple[Kinematics, Kinematics], target: Array) -> Fin
     return None
 
 
-def force_faults(flags: int, force_1: Array, force_2: Array, limit: Array) -> tuple[int, list[Finding]]:
-    """Limit flags and faults for the flags of a tick; forces and limit (3,) N."""
-    limits, faults = 0, []
+def force_faults(axes: Axes, limit: Array) -> tuple[int, list[Finding]]:
+    """Limit flags and faults, with the places of the tools, for the flags of a tick; ``limit`` (3,) N."""
+    limits, faults, flags = 0, [], int(axes.flags[0])
+    tips, forces = axes.state[:, 0].reshape(2, 3), (axes.force_1, axes.force_2)
     if flags & mt.FORCE_EXCEEDED:
         limits |= LIMIT_FORCE
-        faults.append(
-            (
-                ErrorCode.FORCE_LIMIT,
-                f"force on tool 1 {np.round(force_1)} N, on tool 2 {np.round(force_2)} N; limit {limit} N per axis",
-            )
-        )
+        told = [
+            f"tool {number} at {millimetres(tip)} carries {newtons(force)}"
+            for number, (tip, force) in enumerate(zip(tips, forces, strict=True), start=1)
+            if np.any(np.abs(force) > limit)
+        ]
+        faults.append((ErrorCode.FORCE_LIMIT, f"{'; '.join(told)}; the machine bears {newtons(limit)}"))
     if flags & mt.TOOLS_TOUCH:
-        faults.append((ErrorCode.TOOL_COLLISION, "the tools press through the sheet"))
+        faults.append((ErrorCode.TOOL_COLLISION, f"the tools press through the sheet at {millimetres(tips[0])}"))
     return limits, faults
 
 
 def millimetres(position: Array) -> str:
     """Text "(x, y, z) mm" of a position in m."""
     return "(" + ", ".join(f"{1e3 * value:.3f}" for value in position) + ") mm"
+
+
+def newtons(force: Array) -> str:
+    """Text "(x, y, z) N" of a force in N."""
+    return "(" + ", ".join(f"{round(value):d}" for value in force) + ") N"
 
 
 def tick_facts(

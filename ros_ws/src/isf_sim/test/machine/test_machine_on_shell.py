@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import EventKind
 from isf_core.files.job import JobFile
 from isf_core.files.yaml_file import find_named
+from isf_core.simulated_sheet import SheetKind
 from isf_sim.explicit_shell.shell import Edge
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.machine.state import load_machine, save_machine
@@ -233,6 +235,31 @@ def test_accumulative_forming_is_refused() -> None:
         SimulatedMachine(golden_job("adsif_cone"), sheet="shell")
     assert refused.value.code == ErrorCode.FILE_FIELD
     assert "SPIF, DSIF and TPIF" in str(refused.value)
+
+
+@pytest.mark.parametrize("sheet", ["fast", "shell"])
+def test_a_tool_driven_into_the_die_ends_at_the_force_limit_with_its_place(sheet: SheetKind) -> None:
+    """The die stands under the sheet, rigid: after 0.65 mm at the most the machine is at its 2 kN, and stays whole."""
+    cell = SimulatedMachine(golden_job("tpif_cone"), constants=COARSE if sheet == "shell" else None, sheet=sheet)
+    park = cell.job_file.rig.park_height
+    for height in (*np.arange(park, 1e-3, -0.4e-3), *np.arange(1e-3, -5e-3, -0.05e-3)):
+        cell.tick((0.0, 0.0, height), (0.0, 0.0, -park), 0.0)
+        if cell.faults:
+            break
+    ((code, text),) = cell.faults
+    assert code == ErrorCode.FORCE_LIMIT
+    place = re.fullmatch(
+        r"tool 1 at \((.*), (.*), (.*)\) mm carries \(.*, (\d+)\) N; the machine bears \(1500, 1500, 2000\) N", text
+    )
+    assert place is not None, text
+    x, y, z, force = (float(value) for value in place.groups())
+    assert (x, y) == pytest.approx((0.0, 0.0), abs=0.1)
+    assert -1.5 < z < -0.1
+    assert force > 2000.0
+    for _ in cell.release_steps():
+        pass
+    assert not cell.loaded
+    assert cell.measured_shape().z.min() > -1.5e-3
 
 
 def test_a_die_carries_the_sheet_when_the_holder_comes_down() -> None:
