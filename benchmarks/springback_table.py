@@ -62,10 +62,9 @@ def _stay_with(parent: int) -> None:
     """A worker ends when its parent was killed."""
 
     def watch() -> None:
+        # asks again: the system would tell the end of the parent's thread that started this process, not of the parent
         while os.getppid() == parent:
-            time.sleep(
-                WATCH
-            )  # asks again: the system tells the end of the thread that started it, not that of the process
+            time.sleep(WATCH)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

@@ -47,8 +47,8 @@ colcon_build() {
   if command -v ninja >/dev/null; then
     cmake+=(-GNinja)
   fi
-  # Without it colcon adds a limit of load, above which one file is compiled after the other: two cores are always there.
-  export MAKEFLAGS=-j$(getconf _NPROCESSORS_ONLN)
+  # Without it colcon limits compilers by the load of the computer, which two of them reach on two cores: one at a time.
+  export MAKEFLAGS=${MAKEFLAGS:--j$(getconf _NPROCESSORS_ONLN)}
   cd "$isf_workspace"
   # Run by the environment's own interpreter, so that the nodes' executables start with it.
   python -m colcon build --symlink-install --parallel-workers "$(getconf _NPROCESSORS_ONLN)" \

@@ -82,6 +82,11 @@ def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None
     for mine, theirs in zip(here.corrections, there.corrections, strict=True):
         np.testing.assert_allclose(theirs.offset, mine.offset, atol=1e-6)
         assert theirs.remarks == mine.remarks
+    for mine, theirs in zip(here.results, there.results, strict=True):  # 1 um and 0.1 N here too
+        np.testing.assert_allclose(theirs.forming_target, mine.forming_target, atol=1e-6)
+        np.testing.assert_allclose(theirs.support_target, mine.support_target, atol=1e-6)
+        np.testing.assert_allclose(theirs.forming_force, mine.forming_force, atol=0.1)
+        np.testing.assert_allclose(theirs.support_force, mine.support_force, atol=0.1)
     assert not any("tool lift" in remark for remark in here.corrections[3].remarks)
     assert any("tool lifting" in remark for remark in here.corrections[4].remarks)
     assert here.corrections[-1].uncertainty.mean() < here.corrections[1].uncertainty.mean()

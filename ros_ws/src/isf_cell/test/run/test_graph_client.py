@@ -101,7 +101,7 @@ def test_answers_of_an_action_that_come_before_they_are_expected_are_taken(
     """rclpy makes its note of a request after it has sent it; here it takes its time."""
 
     def slow(*options: Any) -> Future:
-        time.sleep(0.3)
+        time.sleep(0.3)  # the fault itself: the answer comes between sending and note
         return Future(*options)
 
     monkeypatch.setattr(rclpy.action.client, "Future", slow)

@@ -239,7 +239,7 @@ def test_accumulative_forming_is_refused() -> None:
 
 @pytest.mark.parametrize("sheet", ["fast", "shell"])
 def test_a_tool_driven_into_the_die_ends_at_the_force_limit_with_its_place(sheet: SheetKind) -> None:
-    """The die stands under the sheet, rigid: after 0.65 mm at the most the machine is at its 2 kN, and stays whole."""
+    """The die stands under the sheet, rigid: within 1.5 mm the machine is at its 2 kN, and the sheet stays whole."""
     cell = SimulatedMachine(golden_job("tpif_cone"), constants=COARSE if sheet == "shell" else None, sheet=sheet)
     park = cell.job_file.rig.park_height
     for height in (*np.arange(park, 1e-3, -0.4e-3), *np.arange(1e-3, -5e-3, -0.05e-3)):
