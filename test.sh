@@ -26,6 +26,7 @@ ROS_DOMAIN_ID=${domains[0]}
 ISF_TEST_RUN=$(date +%s).$$ # marks every process this run starts
 export ROS_DOMAIN_ID ISF_TEST_RUN ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 export PYTHONFAULTHANDLER=1 # a process that crashes says where
+export ISF_SHELL_THREADS=1 # several tests share the processors
 
 end_all() {
   python scripts/end_processes.py "$ISF_TEST_RUN"

@@ -6,7 +6,15 @@ package_name = "isf_sim"
 shell_kernels = Extension(
     "isf_sim.explicit_shell._shell",
     sources=["isf_sim/explicit_shell/shell.c"],
-    extra_compile_args=["-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-fopenmp-simd"],
+    extra_compile_args=[
+        "-O3",
+        "-fno-math-errno",
+        "-fno-trapping-math",
+        "-ffp-contract=fast",
+        "-fopenmp-simd",
+        "-pthread",
+    ],
+    extra_link_args=["-pthread"],
     libraries=["m"],
 )
 

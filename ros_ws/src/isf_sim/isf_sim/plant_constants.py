@@ -37,6 +37,9 @@ class PlantConstants:
     shell_flange_cell: float = _constant(9.0e-3, "assumed: its largest cell, m")
     shell_speed: float = _constant(10.0, "assumed: speed of two tools on it, m/s: at 20 forces ripple by 5 %")
     shell_speed_alone: float = _constant(20.0, "assumed: speed of one tool on it, m/s: at 40 shapes change by 0.03 mm")
+    shell_plunge_speed: float = _constant(
+        0.4, "assumed: speed of tools across it in contact, m/s: at 0.8 shapes change by 0.02 mm"
+    )
     shell_damping: float = _constant(2000.0, "assumed: mass-proportional damping of it, 1/s")
     servo_damping: float = _constant(0.75, "assumed: damping of the servo's pole pair")
     servo_pole_ratio: float = _constant(1.6, "assumed: real pole over natural frequency of the servo")

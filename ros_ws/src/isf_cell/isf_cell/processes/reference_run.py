@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 
 from isf_core.errors import ErrorCode, IsfError
+from isf_sim.explicit_shell.library import THREADS
 
 from isf_cell.commands.exit_codes import Exit
 from isf_cell.options import UNCORRECTED, RunOptions
@@ -33,6 +34,8 @@ class ReferenceRun:
         if options.support_force is not None:
             command += ["--support-force", repr(options.support_force)]
         end_with_owner = ends_with_owner(signal.SIGKILL)
+        if len(os.sched_getaffinity(0)) < 4:  # two sheets at a time: a thread each
+            os.environ.setdefault(THREADS, "1")
 
         def prepare() -> None:
             os.nice(10)

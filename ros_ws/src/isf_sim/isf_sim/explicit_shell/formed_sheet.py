@@ -38,15 +38,18 @@ STILL_ENERGY = 1.0e-7
 MOST_CELLS = 56
 """Cells of the even region along its longer side: a larger part has larger cells."""
 
-FIDELITY: dict[str, tuple[float, float]] = {
-    "shell_coarse": (1.4, 2.0),
-    "shell": (1.0, 1.0),
-    "shell_fine": (1 / 1.5, 0.5),
+FIDELITY: dict[str, tuple[float, float, float]] = {
+    "shell_coarse": (1.4, 2.0, 4.0),
+    "shell": (1.0, 1.0, 1.0),
+    "shell_fine": (1 / 1.5, 0.5, 0.5),
 }
-"""Per kind of sheet: factors on the size of the cells and on the speed of the tools."""
+"""Per kind of sheet: factors on the size of the cells, on the speed of one tool, on that of two along the sheet."""
 
 LARGEST_CELL = 1.5
 """Radii of the smallest tool that a cell of the even region may be long (chosen)."""
+
+GLANCE = 8
+"""Moves between two looks at the kinetic energy of a sheet with a tool on it."""
 
 INSPECTION = 32
 """Moves between two looks at elements and energy, which cost about as much as a step of the model."""
@@ -99,7 +102,7 @@ class FormedSheet:
             )
         self.thickness = thickness
         self.kind = kind
-        coarseness, haste = FIDELITY[kind]
+        coarseness, haste, haste_of_two = FIDELITY[kind]
         even = _part_region(job_file, job.tool_1.radius)
         smallest = min(tool.radius for tool in (job.tool_1, job.tool_2) if tool)
         cell = coarseness * max(constants.shell_cell_radii * smallest, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
@@ -127,7 +130,8 @@ class FormedSheet:
             sheet_of(material, thickness, variant),
             edge_of(rig.clamp, constants, variant),
             friction=material.friction * variant.friction,
-            tool_speed=haste * (constants.shell_speed if job.tool_2 else constants.shell_speed_alone),
+            tool_speed=haste_of_two * constants.shell_speed if job.tool_2 else haste * constants.shell_speed_alone,
+            plunge_speed=haste * constants.shell_plunge_speed,
             damping=constants.shell_damping,
         )
         self.shell.state.position[2] = -0.5 * thickness
@@ -152,27 +156,32 @@ class FormedSheet:
         IsfError : SHEET_MODEL_FAILED, the model became unstable, an element is folded over, or energy came from nowhere
         """
         started = time.thread_time()
+        tools = self.shell.tools
         near = any(
-            self._clearance(number, tip) < AWAKE
+            tools["touching"][number] > 0 or self._clearance(number, tip) < AWAKE
             for number, tip in enumerate(tips)
-            if self.shell.tools["radius"][number] > 0.0
+            if tools["radius"][number] > 0.0
         )
         if not near and self._asleep and self.raised == self.shell.raised:
             self.shell.place_tools(tips)
             return np.zeros((2, 3))
         if self.raised != self.shell.raised:
             self._work = math.inf  # the holder works on the sheet too: nothing is known of the sum
+        beside = self.shell.beside
         forces = self.shell.move(tips, raised=self.raised)
-        self._work -= float((forces * (self.shell.tools["end"] - self.shell.tools["begin"])).sum())
-        kinetic = self.shell.kinetic_energy
-        if not np.isfinite(forces).all() or not np.isfinite(kinetic):
-            raise self._failed(f"became unstable with the tools at {np.round(1e3 * tips, 2).tolist()} mm")
+        done = float((forces * (tools["end"] - tools["begin"])).sum())
+        self._work -= done
         self._moves += 1
+        self._asleep = False
+        if not near or self._moves % GLANCE == 0 or not math.isfinite(done):
+            kinetic = self.shell.kinetic_energy
+            if not math.isfinite(done) or not math.isfinite(kinetic):
+                raise self._failed(f"became unstable with the tools at {np.round(1e3 * tips, 2).tolist()} mm")
+            self.largest_kinetic = max(self.largest_kinetic, kinetic)
+            self._asleep = not near and kinetic < STILL_ENERGY
         if self._moves % INSPECTION == 0:
             self._inspect()
-        self.largest_kinetic = max(self.largest_kinetic, kinetic)
-        self._asleep = not near and kinetic < STILL_ENERGY
-        self.cpu += time.thread_time() - started
+        self.cpu += time.thread_time() - started + self.shell.beside - beside
         return forces
 
     def unloaded(self) -> ExplicitShell:

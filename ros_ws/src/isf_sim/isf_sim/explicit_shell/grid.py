@@ -6,7 +6,13 @@ import numpy as np
 from isf_core.types import Array
 
 GROWTH = 1.25
-"""Ratio of neighbouring cells outside the even region."""
+"""Largest ratio of neighbouring cells outside the even region."""
+
+SLIVER = 0.7
+"""Of a cell: a strip outside the even region that is narrower becomes part of it."""
+
+GROWTHS = 101
+"""Ratios that are tried."""
 
 
 def graded_lines(
@@ -14,7 +20,8 @@ def graded_lines(
 ) -> Array:
     """Lines (n,) m from ``low`` to ``high``; cells of ``cell`` m between the two of ``even``, up to ``largest`` m out.
 
-    ``multiple``: the number of cells is one of it; those of the even region are made smaller for that.
+    ``multiple``: the number of cells is one of it; there are more outside the even region for that, or, where there is
+    no outside, smaller ones in it.
 
     Raises
     ------
@@ -23,26 +30,48 @@ def graded_lines(
     begin, end = even
     if not (low <= begin < end <= high and 0.0 < cell <= largest):
         raise ValueError(f"no grid from {low} to {high} m with cells of {cell} m from {begin} to {end} m")
+    begin = low if begin - low < SLIVER * cell else begin
+    end = high if high - end < SLIVER * cell else end
     count = max(1, round((end - begin) / cell))
+    lengths = begin - low, high - end
     while True:
         cell = (end - begin) / count
-        outer = [_grown(length, cell, largest) for length in (begin - low, high - end)]
-        if (count + outer[0].size + outer[1].size) % multiple == 0:
-            return np.concatenate([low + outer[0][::-1], np.linspace(begin, end, count + 1), high - outer[1]])
+        natural = [_steps(length, cell, largest, GROWTH) for length in lengths]
+        missing = -(count + sum(map(len, natural))) % multiple
+        shares = (missing // 2, missing - missing // 2) if all(natural) else tuple(missing * bool(n) for n in natural)
+        wanted = [len(steps) + share for steps, share in zip(natural, shares, strict=True)]
+        outer = [_with_cells(length, cell, largest, n) for length, n in zip(lengths, wanted, strict=True)]
+        found = [steps for steps in outer if steps is not None]
+        if len(found) == 2 and (count + sum(map(len, found))) % multiple == 0:
+            below, above = (np.cumsum(steps) for steps in found)
+            inside = np.linspace(begin, end, count + 1)
+            lines = np.concatenate([begin - below[::-1], inside, end + above])
+            lines[[0, -1]] = low, high
+            return lines
         count += 1
 
 
-def _grown(length: float, cell: float, largest: float) -> Array:
-    """Distances (n,) m from the far end of ``length`` m, of lines that get wider from the near end on; far end last."""
-    if length < 0.25 * cell:
-        return np.empty(0) if length == 0.0 else np.zeros(1)
+def _with_cells(length: float, cell: float, largest: float, count: int) -> list[float] | None:
+    """``count`` steps, m, over ``length`` that grow as slowly as that needs; None: cells of ``cell`` m are fewer."""
+    for growth in np.linspace(GROWTH, 1.0, GROWTHS):
+        steps = _steps(length, cell, largest, float(growth))
+        if len(steps) == count:
+            return steps
+        if len(steps) > count:
+            break
+    return None
+
+
+def _steps(length: float, cell: float, largest: float, growth: float) -> list[float]:
+    """Steps, m, over ``length``, each longer than the one before by ``growth``, up to ``largest``."""
+    if not length > 0.0:
+        return []
     steps: list[float] = []
-    size, total = cell, 0.0
-    while total < length:
-        size = min(size * GROWTH, largest)
+    size = cell
+    while sum(steps) < length:
+        size = min(size * growth, largest)
         steps.append(size)
-        total += size
     if len(steps) > 1 and sum(steps) - length > 0.5 * steps[-1]:
         steps.pop()
-    places = np.cumsum(steps) * (length / sum(steps))
-    return np.append(length - places[:-1], 0.0)
+    scale = length / sum(steps)
+    return [scale * step for step in steps]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
@@ -27,6 +28,9 @@ _double, _long, _pointer = ctypes.c_double, ctypes.c_int64, ctypes.c_void_p
 class ShellStruct(ctypes.Structure):
     """``Shell`` of shell.c, field by field; ``arrays`` are what it points to."""
 
+    constant_of_state = True
+    """Made from the sheet: not part of a saved machine."""
+
     arrays: dict[str, NDArray[Any]]
 
     _fields_ = (
@@ -43,8 +47,8 @@ class ShellStruct(ctypes.Structure):
             for name in (
                 "position", "velocity", "spin", "force", "moment", "per_mass", "per_inertia", "spring_node", "spring",
                 "spring_limit", "anchor", "fixed", "load", "thickness", "stress", "plastic_strain", "shear",
-                "hourglass", "plastic_work", "drilling", "back_stress", "element_force", "flow_stress",
-                "hardening", "area",
+                "hourglass", "plastic_work", "drilling", "back_stress", "element_force", "contact_force", "in_contact",
+                "thickness_before", "flow_stress", "hardening", "area",
             )
         ),
         ("support_nx", _long),
@@ -76,9 +80,26 @@ TOOL = np.dtype(
 """``Tool`` of shell.c: an array of these is what the kernels change."""
 
 
+SMALLEST_SHARE = 20_000
+"""Steps times elements from which on a second thread is faster: one takes some 30 us to start."""
+
+
+THREADS = "ISF_SHELL_THREADS"
+"""Variable of the environment with the number of threads of a sheet, 1 or 2."""
+
+
+def threads() -> int:
+    """How many threads compute a sheet: two, on two processors, unless :data:`THREADS` is 1."""
+    wanted = 1 if os.environ.get(THREADS) == "1" else 2
+    return min(wanted, len(os.sched_getaffinity(0)))
+
+
 @cache
-def advance() -> Callable[..., None]:
-    """``isf_shell_advance(shell, tools, steps, smoothing)``; raises IsfError when it was not built."""
+def advance() -> Callable[..., float]:
+    """``isf_shell_advance(shell, tools, steps, smoothing, threads)`` returns the s that a second thread took.
+
+    Raises IsfError when it was not built.
+    """
     try:
         module = import_module("isf_sim.explicit_shell._shell")
     except ImportError as error:
@@ -89,6 +110,6 @@ def advance() -> Callable[..., None]:
             advice="build the workspace again (colcon build; a C compiler is needed)",
         ) from error
     function = ctypes.CDLL(str(module.__file__)).isf_shell_advance
-    function.argtypes = (ctypes.POINTER(ShellStruct), ctypes.c_void_p, _long, _double)
-    function.restype = None
-    return cast(Callable[..., None], function)
+    function.argtypes = (ctypes.POINTER(ShellStruct), ctypes.c_void_p, _long, _double, _long)
+    function.restype = _double
+    return cast(Callable[..., float], function)

@@ -13,8 +13,12 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include <math.h>
+#include <pthread.h>
+#include <sched.h>
+#include <stdatomic.h>
 #include <stdint.h>
 #include <string.h>
+#include <time.h>
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define VECTORISED __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
@@ -53,6 +57,9 @@ typedef struct {
     double *drilling;                                    /* (4, elements) N m about the normal, on the corners */
     double *back_stress;                                 /* (LAYERS 3, elements) Pa, only where kinematic is not 0 */
     double *element_force;                               /* (24, elements), scratch */
+    double *contact_force;                               /* (TOOLS + 1, 3, nodes), scratch, zero: tools, support */
+    uint8_t *in_contact;                                 /* (TOOLS + 1, ny + 1), scratch, zero: rows of nodes with any */
+    double *thickness_before;                            /* (elements), scratch: what contact sees while it changes */
     const double *flow_stress, *hardening;               /* (table_size) Pa, isotropic part, over the plastic strain */
     const double *area;                                  /* (elements) m^2, undeformed */
     /* a rigid surface under the sheet: heights (support_ny, support_nx) m on a regular grid, -1e9: none */
@@ -309,11 +316,11 @@ static inline __attribute__((always_inline)) void block(const Shell *R q, int64_
     }
 }
 
-/* Forces of all elements, a row at a time. */
-VECTORISED static void elements(const Shell *R q) {
+/* Forces of the elements of rows `from` to `to` - 1. */
+VECTORISED static void elements(const Shell *R q, int64_t from, int64_t to) {
     const int64_t whole = q->nx / BLOCK * BLOCK, rest = q->nx - whole;
     const int mixed = q->kinematic > 0.0;
-    for (int64_t j = 0; j < q->ny; j++) {
+    for (int64_t j = from; j < to; j++) {
         for (int64_t i = 0; i < whole; i += BLOCK) {
             if (mixed)
                 block(q, j, i, BLOCK, 1);
@@ -333,11 +340,11 @@ static inline __attribute__((always_inline)) double friction(const Shell *R q, d
     return rub < most ? rub : most;
 }
 
-/* A plane under the sheet pushes each element whose lower face is below it, with a quarter on each corner; the forces
- * are added to those of the elements. */
-VECTORISED static void planes(const Shell *R q, double offset) {
+/* A plane under the sheet pushes each element of rows `from` to `to` - 1 whose lower face is below it, with a quarter on
+ * each corner; the forces are added to those of the elements. */
+VECTORISED static void planes(const Shell *R q, double offset, int64_t from, int64_t to) {
     const int64_t nx = q->nx, nn = (nx + 1) * (q->ny + 1), ne = nx * q->ny;
-    for (int64_t j = 0; j < q->ny; j++) {
+    for (int64_t j = from; j < to; j++) {
         const double *R z = q->position + 2 * nn + j * (nx + 1), *R above = z + nx + 1;
         const double *R vx = q->velocity + j * (nx + 1), *R vy = vx + nn;
         const double *R plane = q->support_plane + j * nx, *R area = q->area + j * nx, *R thickness = q->thickness + j * nx;
@@ -359,26 +366,35 @@ VECTORISED static void planes(const Shell *R q, double offset) {
     }
 }
 
-/* Loads and internal forces on the nodes, with their sign as they act on the nodes. */
-VECTORISED static void assemble(const Shell *R q) {
+/* Loads, internal forces and contact on the nodes of rows `from` to `to` - 1, with their sign as they act on the nodes. */
+VECTORISED static void assemble(const Shell *R q, int64_t from, int64_t to) {
     const int64_t nx = q->nx, ny = q->ny, nn = (nx + 1) * (ny + 1), ne = nx * ny;
-    if (q->load)
-        memcpy(q->force, q->load, sizeof(double) * 3 * (size_t)nn);
-    else
-        memset(q->force, 0, sizeof(double) * 3 * (size_t)nn);
-    memset(q->moment, 0, sizeof(double) * 3 * (size_t)nn);
     static const int64_t ROW[4] = {0, 0, 1, 1}, COLUMN[4] = {0, 1, 1, 0};
-    for (int corner = 0; corner < 4; corner++)
+    for (int64_t j = from; j < to; j++)
         for (int c = 0; c < 6; c++) {
-            double *R to = c < 3 ? q->force + c * nn : q->moment + (c - 3) * nn;
-            const double *R from = q->element_force + (6 * corner + c) * ne;
-            for (int64_t j = 0; j < ny; j++) {
-                double *R row = to + (j + ROW[corner]) * (nx + 1) + COLUMN[corner];
-                const double *R of = from + j * nx;
+            double *R node = (c < 3 ? q->force + c * nn : q->moment + (c - 3) * nn) + j * (nx + 1);
+            if (q->load && c < 3)
+                memcpy(node, q->load + c * nn + j * (nx + 1), sizeof(double) * (size_t)(nx + 1));
+            else
+                memset(node, 0, sizeof(double) * (size_t)(nx + 1));
+            for (int corner = 0; corner < 4; corner++) {
+                const int64_t row = j - ROW[corner];
+                if (row < 0 || row >= ny)
+                    continue;
+                double *R to_node = node + COLUMN[corner];
+                const double *R of = q->element_force + (6 * corner + c) * ne + row * nx;
                 for (int64_t i = 0; i < nx; i++)
-                    row[i] -= of[i];
+                    to_node[i] -= of[i];
             }
+            for (int k = 0; k < TOOLS + 1 && c < 3; k++)
+                if (q->in_contact[k * (ny + 1) + j]) {
+                    double *R push = q->contact_force + (3 * k + c) * nn + j * (nx + 1);
+                    for (int64_t i = 0; i <= nx; i++)
+                        node[i] += push[i], push[i] = 0.0;
+                }
         }
+    for (int k = 0; k < TOOLS + 1; k++)
+        memset(q->in_contact + k * (ny + 1) + from, 0, (size_t)(to - from));
 }
 
 /* Weights of Catmull and Rom's interpolation at u in (0, 1) between the second and the third of four nodes. */
@@ -391,12 +407,13 @@ static void interpolation(double u, double *R weight) {
 
 static int64_t clamped(int64_t k, int64_t last) { return k < 0 ? 0 : k > last ? last : k; }
 
-/* Contact of one tool, centre c (3) m moving with speed (3) m/s, with the smooth surface through the nodes; adds the
- * forces on the nodes and returns that on the tool in `on_tool`. */
-static void touch(const Shell *R q, Tool *R tool, const double *R c, const double *R speed, double *R on_tool) {
+/* Contact of tool `number`, centre c (3) m moving with speed (3) m/s, with the smooth surface through the nodes: forces on
+ * the nodes in contact_force, that on the tool in `on_tool`. */
+static void touch(const Shell *R q, Tool *R tool, int number, const double *R c, const double *R speed,
+                  double *R on_tool) {
     const int64_t nx = q->nx, ny = q->ny, nn = (nx + 1) * (ny + 1);
     const double *R x = q->position, *R y = x + nn, *R z = y + nn, *R v = q->velocity;
-    double *R f = q->force;
+    double *R f = q->contact_force + 3 * number * nn;
     /* the nearest node, from the one found last */
     int64_t i = tool->node[0], j = tool->node[1];
     for (int moved = 1; moved;) {
@@ -413,13 +430,9 @@ static void touch(const Shell *R q, Tool *R tool, const double *R c, const doubl
         i = bi, j = bj;
     }
     tool->node[0] = i, tool->node[1] = j, tool->touching = 0;
-    static double table[POINTS][4];
-    static int ready = 0;
-    if (!ready) {
-        for (int k = 0; k < POINTS; k++)
-            interpolation((k + 0.5) / POINTS, table[k]);
-        ready = 1;
-    }
+    double table[POINTS][4];
+    for (int k = 0; k < POINTS; k++)
+        interpolation((k + 0.5) / POINTS, table[k]);
     on_tool[0] = on_tool[1] = on_tool[2] = 0.0;
     const double reach = tool->radius + tool->flat;
     /* half the window: as many elements as the tool may touch around the nearest node */
@@ -428,7 +441,7 @@ static void touch(const Shell *R q, Tool *R tool, const double *R c, const doubl
     for (int64_t ej = clamped(j - window, ny - 1); ej <= clamped(j + window - 1, ny - 1); ej++)
         for (int64_t ei = clamped(i - window, nx - 1); ei <= clamped(i + window - 1, nx - 1); ei++) {
             const int64_t e = ej * nx + ei, n1 = ej * (nx + 1) + ei, n3 = n1 + nx + 2;
-            const double half = 0.5 * q->thickness[e], touch_at = tool->radius + half;
+            const double half = 0.5 * q->thickness_before[e], touch_at = tool->radius + half;
             const double mx = 0.5 * (x[n1] + x[n3]) - c[0], my = 0.5 * (y[n1] + y[n3]) - c[1];
             const double mz = 0.5 * (z[n1] + z[n3]) - c[2];
             const double ax = x[n3] - x[n1], ay = y[n3] - y[n1], az = z[n3] - z[n1];
@@ -490,9 +503,11 @@ static void touch(const Shell *R q, Tool *R tool, const double *R c, const doubl
                 }
             }
             if (hit)
-                for (int d = 0; d < 3; d++)
-                    for (int k = 0; k < 16; k++)
+                for (int k = 0; k < 16; k++) {
+                    q->in_contact[number * (ny + 1) + node[k] / (nx + 1)] = 1;
+                    for (int d = 0; d < 3; d++)
                         f[d * nn + node[k]] += push[d][k];
+                }
         }
 }
 
@@ -525,7 +540,7 @@ static double inside(const Shell *R q, int64_t k, const int64_t *R node, const d
     const double slope_y = (high - low) / q->support_spacing;
     const double up = 1.0 / sqrt(1.0 + slope_x * slope_x + slope_y * slope_y);
     n[0] = -slope_x * up, n[1] = -slope_y * up, n[2] = up;
-    return (height - at[2]) * up + 0.5 * q->thickness[q->support_element[k]];
+    return (height - at[2]) * up + 0.5 * q->thickness_before[q->support_element[k]];
 }
 
 static void corners_of(const Shell *R q, int64_t k, int64_t *R node, double *R weight) {
@@ -551,7 +566,8 @@ static int64_t near_support(const Shell *R q, double offset) {
 static void support(const Shell *R q, int64_t count, double offset) {
     const int64_t nn = (q->nx + 1) * (q->ny + 1);
     const double *R v = q->velocity;
-    double *R f = q->force;
+    double *R f = q->contact_force + 3 * TOOLS * nn;
+    uint8_t *R row = q->in_contact + TOOLS * (q->ny + 1);
     for (int64_t near = 0; near < count; near++) {
         const int64_t k = q->support_near[near];
         int64_t node[4];
@@ -570,17 +586,21 @@ static void support(const Shell *R q, int64_t count, double offset) {
         for (int d = 0; d < 3; d++)
             slip[d] -= along * n[d], size += slip[d] * slip[d];
         const double rub = friction(q, normal, size, q->support_area[k]);
+        row[node[0] / (q->nx + 1)] = row[node[2] / (q->nx + 1)] = 1;
         for (int d = 0; d < 3; d++)
             for (int m = 0; m < 4; m++)
                 f[d * nn + node[m]] += weight[m] * (normal * n[d] - rub * slip[d]);
     }
 }
 
-/* Springs of the clamped edge in the plane; beyond its limit of friction an anchor slides after its node. */
-static void edges(const Shell *R q) {
+/* Springs of the clamped edge in the plane, nodes `from` to `to` - 1; beyond its limit of friction an anchor slides after
+ * its node. */
+static void edges(const Shell *R q, int64_t from, int64_t to) {
     const int64_t nn = (q->nx + 1) * (q->ny + 1);
     for (int64_t k = 0; k < q->spring_size; k++) {
         const int64_t n = q->spring_node[k];
+        if (n < from || n >= to)
+            continue;
         double dx = q->position[n] - q->anchor[n], dy = q->position[nn + n] - q->anchor[nn + n];
         const double size = sqrt(dx * dx + dy * dy), limit = q->spring_limit[k] / q->spring[k];
         if (size > limit) {
@@ -592,7 +612,8 @@ static void edges(const Shell *R q) {
     }
 }
 
-VECTORISED static void move(const Shell *R q) {
+/* Nodes `from` to `to` - 1. */
+VECTORISED static void move(const Shell *R q, int64_t from, int64_t to) {
     const int64_t nn = (q->nx + 1) * (q->ny + 1);
     const double dt = q->step, kept = 1.0 - q->damping * dt;
     const uint8_t *R fixed = q->fixed;
@@ -601,7 +622,7 @@ VECTORISED static void move(const Shell *R q) {
         double *R x = q->position + d * nn, *R v = q->velocity + d * nn, *R w = q->spin + d * nn;
         const double *R f = q->force + d * nn, *R m = q->moment + d * nn;
         const uint8_t bit = (uint8_t)(1 << d), turn = (uint8_t)(8 << d);
-        for (int64_t n = 0; n < nn; n++) {
+        for (int64_t n = from; n < to; n++) {
             v[n] = fixed[n] & bit ? v[n] : kept * v[n] + dt * f[n] * per_mass[n];
             w[n] = fixed[n] & turn ? w[n] : kept * w[n] + dt * m[n] * per_inertia[n];
             x[n] += dt * v[n];
@@ -609,39 +630,118 @@ VECTORISED static void move(const Shell *R q) {
     }
 }
 
-/* `steps` steps, while the tools go from begin to end; a tool of radius 0 is not there. */
-void isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smoothing) {
+/* Steps that one or two threads compute. In a step, first each element and each contact is computed by either of them,
+ * then the nodes, half by each: every sum has one order, so that their number does not change a result. */
+typedef struct {
+    const Shell *q;
+    Tool *tools;
+    int64_t steps;
+    double smoothing;
+    int threads;
+    atomic_long taken;            /* portions of rows of elements in this step */
+    atomic_int waiting, passed;   /* of the barrier */
+    double cpu;                   /* s, of the second thread */
+} Work;
+
+enum { PORTION = 2 };             /* rows of elements that a thread takes at once */
+enum { SPINS = 4000 };            /* looks at a barrier before the processor is offered to others */
+
+static void barrier(Work *R w) {
+    if (w->threads == 1)
+        return;
+    const int passed = atomic_load(&w->passed);
+    if (atomic_fetch_add(&w->waiting, 1) + 1 == w->threads) {
+        atomic_store(&w->waiting, 0);
+        atomic_store(&w->passed, passed + 1);
+        return;
+    }
+    for (int k = 0; atomic_load_explicit(&w->passed, memory_order_acquire) == passed; k++)
+        if (k >= SPINS)
+            sched_yield();
+}
+
+static void keep_thickness(const Shell *R q, int64_t from, int64_t to) {
+    to = to < q->ny ? to : q->ny;
+    memcpy(q->thickness_before + from * q->nx, q->thickness + from * q->nx, sizeof(double) * (size_t)((to - from) * q->nx));
+}
+
+/* Contact of tool t in step k, and what it and its machine feel. */
+static void of_tool(const Work *R w, int t, int64_t k) {
+    Tool *R tool = w->tools + t;
+    if (tool->radius <= 0.0)
+        return;
+    const double steps = (double)w->steps;
+    double centre[3], speed[3], felt[3];
+    for (int d = 0; d < 3; d++) {
+        speed[d] = (tool->end[d] - tool->begin[d]) / (steps * w->q->step);
+        centre[d] = tool->begin[d] + (tool->end[d] - tool->begin[d]) * ((double)k / steps) +
+            tool->compliance[d] * tool->felt[d];
+    }
+    touch(w->q, tool, t, centre, speed, felt);
+    for (int d = 0; d < 3; d++) {
+        tool->felt[d] += w->smoothing * (felt[d] - tool->felt[d]);
+        tool->mean[d] += felt[d] / steps;
+    }
+}
+
+static void compute(Work *w, int thread) {
+    const Shell *q = w->q;
+    const int64_t portions = (q->ny + PORTION - 1) / PORTION, rows = q->ny + 1, half = rows / 2;
+    const int lone = w->threads == 1;
+    const int64_t first = thread ? half : 0, after = lone || thread ? rows : half;
+    int64_t near = 0;
+    for (int64_t k = 1; k <= w->steps; k++) {
+        const double offset = q->support_from + (q->support_to - q->support_from) * ((double)k / (double)w->steps);
+        for (int t = 0; t < TOOLS; t++)
+            if (lone || t % 2 == thread)
+                of_tool(w, t, k);
+        if (lone || thread) {
+            if (k % LOOK == 1)
+                near = near_support(q, offset);
+            support(q, near, offset);
+        }
+        /* one thread from the first row on, the other from the last: each finds most of its rows in its own cache */
+        for (int64_t mine = 0; atomic_fetch_add(&w->taken, 1) < portions; mine++) {
+            const int64_t from = PORTION * (thread ? portions - 1 - mine : mine);
+            const int64_t to = from + PORTION < q->ny ? from + PORTION : q->ny;
+            elements(q, from, to);
+            if (q->support_plane)
+                planes(q, offset, from, to);
+        }
+        barrier(w);
+        if (!thread)
+            atomic_store(&w->taken, 0);
+        assemble(q, first, after);
+        edges(q, first * (q->nx + 1), after * (q->nx + 1));
+        move(q, first * (q->nx + 1), after * (q->nx + 1));
+        keep_thickness(q, first, after);
+        barrier(w);
+    }
+}
+
+static void *second(void *work) {
+    struct timespec used;
+    compute(work, 1);
+    if (clock_gettime(CLOCK_THREAD_CPUTIME_ID, &used) == 0)
+        ((Work *)work)->cpu = (double)used.tv_sec + 1e-9 * (double)used.tv_nsec;
+    return NULL;
+}
+
+/* `steps` steps on one or two `threads`, while the tools go from begin to end; a tool of radius 0 is not there. Returns
+ * the s of the processor that the second thread took. */
+double isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smoothing, int64_t threads) {
+    Work work = {.q = q, .tools = tools, .steps = steps, .smoothing = smoothing, .threads = threads > 1 ? 2 : 1};
+    pthread_t other;
     for (int t = 0; t < TOOLS; t++)
         memset(tools[t].mean, 0, sizeof tools[t].mean);
-    int64_t near = 0;
-    for (int64_t k = 1; k <= steps; k++) {
-        const double offset = q->support_from + (q->support_to - q->support_from) * ((double)k / (double)steps);
-        if (k % LOOK == 1)
-            near = near_support(q, offset);
-        elements(q);
-        if (q->support_plane)
-            planes(q, offset);
-        assemble(q);
-        for (int t = 0; t < TOOLS; t++) {
-            Tool *tool = tools + t;
-            if (tool->radius <= 0.0)
-                continue;
-            double centre[3], speed[3], felt[3];
-            for (int d = 0; d < 3; d++) {
-                speed[d] = (tool->end[d] - tool->begin[d]) / ((double)steps * q->step);
-                centre[d] = tool->begin[d] + (tool->end[d] - tool->begin[d]) * ((double)k / (double)steps) +
-                    tool->compliance[d] * tool->felt[d];
-            }
-            touch(q, tool, centre, speed, felt);
-            for (int d = 0; d < 3; d++) {
-                tool->felt[d] += smoothing * (felt[d] - tool->felt[d]);
-                tool->mean[d] += felt[d] / (double)steps;
-            }
-        }
-        support(q, near, offset);
-        edges(q);
-        move(q);
-    }
+    keep_thickness(q, 0, q->ny);
+    if (work.threads == 2 && pthread_create(&other, NULL, second, &work) != 0)
+        work.threads = 1; /* no thread to be had */
+    const int joined = work.threads == 2;
+    compute(&work, 0);
+    if (joined)
+        pthread_join(other, NULL);
+    return work.cpu;
 }
 
 /* An empty module, so that Python finds and loads the library as it does any other; see library.py. */

@@ -8,6 +8,7 @@ energy stays small against plastic work, which every run reports.
 from __future__ import annotations
 
 import ctypes
+import math
 from dataclasses import dataclass, field
 from enum import IntFlag
 from itertools import pairwise
@@ -41,9 +42,12 @@ REST_STEPS, LONGEST_REST = 1000, 400
 SETTLED, CALM_LOOKS = 2.0e-6, 3
 """m by which a sheet at rest may be away from equilibrium, and how many looks in a row must find it so."""
 
-PLUNGE = (5.0, 50.0)
-"""Across the sheet a tool is slower by the first factor than along it, for it would hit it, and by the second one while
-it touches it: the whole sheet has to follow, and swings through once in some 10 ms."""
+APPROACH = 5.0
+"""Across the sheet a tool that does not touch it is this much slower than along it, for it would hit it."""
+
+PLUNGE_SHARE = 0.02
+"""Of the speed along the sheet, that across it in contact, unless told otherwise: the whole sheet has to follow, and
+swings through once in some 10 ms."""
 
 SLIP_SHARE = 0.02
 """Of the speed of the tools, below which friction fades: a step in it would make the sheet ring."""
@@ -163,19 +167,22 @@ class ExplicitShell:
     x, y : lines ; sheet, edge ; state : State
     load : (3, n) N on the nodes, as long as it is not changed ; None: none
     step : s, time step ; steps : done so far ; tools : (2,) of library.TOOL
+    tool_speed, plunge_speed : m/s of the tools along the sheet, and across it while they touch it
+    threads : that compute it, 1 or 2, with the same result ; beside : s of the processor that the second one took
     """
 
     def __init__(
         self, x: Array, y: Array, sheet: Sheet, edge: Edge | None = None, *, friction: float = 0.1,
-        tool_speed: float = 20.0, damping: float = 600.0,
+        tool_speed: float = 20.0, plunge_speed: float | None = None, damping: float = 600.0,
     ) -> None:  # fmt: skip
         self.x, self.y, self.sheet, self.edge = x, y, sheet, edge or Edge()
         self.tool_speed = tool_speed
+        self.plunge_speed = PLUNGE_SHARE * tool_speed if plunge_speed is None else plunge_speed
         dx, dy = np.meshgrid(np.diff(x), np.diff(y))
         shortest = np.minimum(dx, dy)
         wave = np.sqrt(sheet.young_modulus / (sheet.density * (1.0 - sheet.poisson_ratio**2)))
         self.step = float(STEP_SHARE * shortest.min() / wave)
-        self.steps = 0
+        self.steps, self.threads, self.beside = 0, library.threads(), 0.0
         self.state = _flat(x, y, sheet)
         self.load: Array | None = None
         self._area = np.ascontiguousarray((dx * dy).ravel())
@@ -187,6 +194,9 @@ class ExplicitShell:
         self._hold_edge()
         nodes, elements = self._mass.size, self._area.size
         self._scratch = np.zeros((3, nodes)), np.zeros((3, nodes)), np.zeros((24, elements))
+        self._contact_scratch = (
+            np.zeros((TOOLS + 1, 3, nodes)), np.zeros((TOOLS + 1, len(y)), dtype=np.uint8), np.zeros(elements)
+        )  # fmt: skip
         strain = np.arange(0.0, TABLE_END + TABLE_STEP, TABLE_STEP)
         curve = np.interp(strain, sheet.plastic_strain, sheet.flow_stress)
         self._flow = curve[0] + (1.0 - sheet.kinematic) * (curve - curve[0])
@@ -195,6 +205,7 @@ class ExplicitShell:
         self._contact = CONTACT_SHARE * sheet.density * sheet.thickness / self.step**2
         self.tools = np.zeros(TOOLS, dtype=TOOL)
         self._support: Support | None = None
+        self._built: ShellStruct | None = None
 
     # -- what it is made of ------------------------------------------------------------------------
 
@@ -275,21 +286,22 @@ class ExplicitShell:
 
     # -- motion --------------------------------------------------------------------------------------
 
-    def move(self, tips: Array, least: int = 4, raised: float | None = None) -> Array:
+    def move(self, tips: Array, least: int = 2, raised: float | None = None) -> Array:
         """Move both tools straight to ``tips`` (2, 3) m; returns the mean force (2, 3) N of the sheet on each.
 
         ``least``: steps at least, also for tools that rest ; ``raised`` m, the support is brought to that offset.
         """
-        tools, way = self.tools, 0.0
+        tools, time = self.tools, 0.0
         tools["begin"] = tools["end"]
         for tool, tip in zip(tools, tips, strict=True):
             if tool["radius"] > 0.0:
                 tool["end"] = _centre(tool["radius"], tool["side"], tip)
-                dx, dy, dz = tool["end"] - tool["begin"]
-                way = max(way, float(np.hypot(np.hypot(dx, dy), PLUNGE[int(tool["touching"] > 0)] * dz)))
+                dx, dy, dz = (tool["end"] - tool["begin"]).tolist()
+                across = self.plunge_speed if tool["touching"] > 0 else self.tool_speed / APPROACH
+                time = max(time, math.hypot(dx / self.tool_speed, dy / self.tool_speed, dz / across))
         raised = self.raised if raised is None or self._support is None else raised
-        way = max(way, PLUNGE[1] * abs(raised - self.raised))
-        self._advance(max(least, int(np.ceil(way / (self.tool_speed * self.step)))), self._damping, raised)
+        time = max(time, abs(raised - self.raised) / self.plunge_speed)
+        self._advance(max(least, math.ceil(time / self.step)), self._damping, raised)
         if self._support:
             self._support.offset = raised
         return np.array(tools["mean"])
@@ -397,10 +409,12 @@ class ExplicitShell:
     # -- inside ----------------------------------------------------------------------------------
 
     def _advance(self, steps: int, damping: float, raised: float | None = None) -> None:
-        struct = self._struct(damping)
+        struct = self._struct()
+        struct.damping = damping
         if raised is not None:
             struct.support_to = raised
-        library.advance()(ctypes.byref(struct), self.tools.ctypes.data, steps, SMOOTHING)
+        threads = self.threads if steps * self._area.size >= library.SMALLEST_SHARE else 1
+        self.beside += library.advance()(ctypes.byref(struct), self.tools.ctypes.data, steps, SMOOTHING, threads)
         self.steps += steps
 
     def _hold_edge(self) -> None:
@@ -420,49 +434,73 @@ class ExplicitShell:
         self._spring = np.minimum(self.edge.spring * length.ravel()[self._spring_node], bears)
         self._limit = np.minimum(self.edge.limit, 1e12) * length.ravel()[self._spring_node]
 
-    def _struct(self, damping: float) -> ShellStruct:
-        """What the kernels need, with the present places of the arrays."""
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_built": None}  # it points to arrays of this one
+
+    def _struct(self) -> ShellStruct:
+        """What the kernels need, with the present places of the arrays; made anew only where one was replaced."""
+        arrays, built = self._arrays(), self._built
+        if built is None or not _same(arrays, built.arrays):
+            self._built = built = self._new_struct(arrays)
+        if self._support is not None:
+            built.support_from = built.support_to = self._support.offset
+        return built
+
+    def _new_struct(self, arrays: dict[str, NDArray[Any]]) -> ShellStruct:
         sheet, struct = self.sheet, ShellStruct()
         struct.nx, struct.ny, struct.table_size = len(self.x) - 1, len(self.y) - 1, self._flow.size
         struct.young, struct.poisson, struct.step = sheet.young_modulus, sheet.poisson_ratio, self.step
         struct.spring_size = self._spring_node.size
-        struct.damping, struct.table_step, struct.friction = damping, TABLE_STEP, self._friction
+        struct.table_step, struct.friction = TABLE_STEP, self._friction
         struct.kinematic = sheet.kinematic
         struct.drag = DRAG_SHARE * sheet.density * sheet.thickness / self.step
         struct.contact, struct.slip_speed = self._contact, SLIP_SHARE * self.tool_speed
         struct.contact_time = 2.0 * CONTACT_DAMPING * np.sqrt(sheet.density * sheet.thickness / self._contact)
+        if (support := self._support) is not None:
+            struct.support_ny, struct.support_nx = support.height.shape
+            struct.support_x, struct.support_y, struct.support_spacing = support.x0, support.y0, support.spacing
+            struct.support_size = support.arrays[2].size
+        for name, array in arrays.items():
+            setattr(struct, name, array.ctypes.data)
+        struct.arrays = arrays  # kept as long as the kernels use them
+        return struct
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        """Those that the kernels use, by the names they have there."""
         force, moment, element_force = self._scratch
+        contact_force, in_contact, thickness_before = self._contact_scratch
         arrays: dict[str, NDArray[Any]] = {
             **vars(self.state),
             "force": force,
             "moment": moment,
             "element_force": element_force,
+            "contact_force": contact_force,
+            "in_contact": in_contact,
+            "thickness_before": thickness_before,
             "per_mass": self._per_mass,
             "per_inertia": self._per_inertia,
             "spring_node": self._spring_node,
             "spring": self._spring,
             "spring_limit": self._limit,
             "fixed": self._fixed,
-            **({} if self.load is None else {"load": np.ascontiguousarray(self.load, dtype=float)}),
             "flow_stress": self._flow,
             "hardening": self._hardening,
             "area": self._area,
         }
-        if (support := self._support) is not None:
+        if self.load is not None:
+            arrays["load"] = np.ascontiguousarray(self.load, dtype=float)
+        if self._support is not None:
             names = (
                 "support_height",
                 "support_plane",
                 *(f"support_{name}" for name in ("element", "weight", "area", "near")),
             )
-            arrays |= dict(zip(names, support.arrays, strict=True))
-            struct.support_ny, struct.support_nx = support.height.shape
-            struct.support_x, struct.support_y, struct.support_spacing = support.x0, support.y0, support.spacing
-            struct.support_from = struct.support_to = support.offset
-            struct.support_size = support.arrays[2].size
-        for name, array in arrays.items():
-            setattr(struct, name, array.ctypes.data)
-        struct.arrays = arrays  # kept as long as the kernels use them
-        return struct
+            arrays |= dict(zip(names, self._support.arrays, strict=True))
+        return arrays
+
+
+def _same(some: dict[str, NDArray[Any]], others: dict[str, NDArray[Any]]) -> bool:
+    return some.keys() == others.keys() and all(array is others[name] for name, array in some.items())
 
 
 def _flat(x: Array, y: Array, sheet: Sheet) -> State:

@@ -13,6 +13,9 @@ from isf_sim.sheet.surface import LONG_AGO
 TOUCHING = 0.1e-3
 """m between ball and sheet up to which an element counts as bent to the ball: its middle lies inside its corners."""
 
+NOTED = 0.2e-3
+"""m of path between two looks at what the tools touch: a tenth of an element."""
+
 
 class Strength:
     """Bends of the elements of ``shell``, and what is left of them against ``limit``; ``window`` m of path within which
@@ -35,7 +38,7 @@ class Strength:
     def note(self, shell: ExplicitShell, path: float) -> None:
         """Count the bends that begin now, the forming tool having travelled ``path`` m."""
         tools = [tool for tool in shell.tools if tool["radius"] > 0.0 and tool["touching"] > 0]
-        if not tools:
+        if not tools or path - float(self.touched.max()) < NOTED:
             return
         middle = _middles(shell)
         for tool in tools:

@@ -1,0 +1,42 @@
+"""One thread and two compute the same numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from isf_sim.explicit_shell import library
+from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet, Support
+
+
+def pressed(threads: int) -> ExplicitShell:
+    """Two tools press and travel over the edge of a backing plate, the clamp gives way: all that forces come from."""
+    strain = np.linspace(0.0, 1.0, 200)
+    curve = 1e6 * (110.0 + 148.0 * (1.0 - np.exp(-strain / 0.06)))
+    lines = np.linspace(-0.03, 0.03, 20)  # an odd number of rows
+    shell = ExplicitShell(lines, lines, Sheet(70e9, 0.33, 1e-3, strain, curve, kinematic=0.3), Edge(1e8, 5e4))
+    shell.threads = threads
+    grid = np.arange(-0.03, 0.031, 1e-3)
+    plate = np.hypot(*np.meshgrid(grid, grid)) >= 0.017
+    shell.set_support(Support(np.where(plate, -0.5e-3, -np.inf), grid[0], grid[0], 1e-3))
+    for number, side in ((0, 1), (1, -1)):
+        shell.set_tool(number, Ball(5e-3, side, compliance=(1e-7, 1e-7, 1e-7)), np.array([0.0, 0.0, side * 0.6e-3]))
+    shell.move(np.array([[0.0, 0.0, -1.5e-3], [0.008, 0.0, -1.5e-3]]))
+    shell.move(np.array([[0.012, 0.004, -1.5e-3], [0.008, 0.004, -1.5e-3]]))
+    shell.settle()
+    return shell
+
+
+def test_two_threads_give_every_bit_of_one() -> None:
+    one, two = pressed(1), pressed(2)
+    assert one.beside == 0.0
+    assert two.beside > 0.0
+    assert one.plastic_work > 0.0
+    for name, value in vars(one.state).items():
+        assert np.array_equal(value, getattr(two.state, name)), name
+    assert np.array_equal(one.force, two.force)
+    assert np.array_equal(one.tools, two.tools)
+
+
+def test_a_user_may_ask_for_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISF_SHELL_THREADS", "1")
+    assert library.threads() == 1
