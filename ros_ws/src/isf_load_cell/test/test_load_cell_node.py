@@ -21,7 +21,7 @@ from isf_load_cell.node import LoadCellNode
 from isf_load_cell.three_cells import readings_of
 from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
-from node_cell import JOB, LIMIT, Cell, small_ring, started, watched
+from node_cell import JOB, LIMIT, QUICK, Cell, small_ring, started, watched
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -327,7 +327,7 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
         bench._stack.enter_context(started(*NODE, remap=names, autostart=True, file=file, tare_readings=readings))
         clients.append(bench.node.create_client(Trigger, f"{names['__node']}/tare"))
     bench._stack.enter_context(
-        started("-m", "isf_force_ctrl.node", autostart=True, lockstep=lockstep, wrench_timeout=2.0, seam_speed=0.03)
+        started("-m", "isf_force_ctrl.node", autostart=True, lockstep=lockstep, wrench_timeout=2.0, **QUICK)
     )
     assert all(client.wait_for_service(LIMIT) for client in clients)
     assert cell._arm.wait_for_service(LIMIT)

@@ -17,21 +17,34 @@ from isf_msgs.srv import Tare
 from isf_planner import plan
 from isf_ros import qos
 from node_cell import JOB as RING_JOB
-from node_cell import LIMIT, Cell, call_action, small_ring, started, watched
+from node_cell import LIMIT, QUICK, RIG, Cell, call_action, small_ring, started, watched
 
 pytestmark = pytest.mark.graph
 
 JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
-class Measured:
-    """The cell with a real machine node and the contours of the small example cone."""
+def quick_job(folder: Path) -> Path:
+    """The job of the small example cone in fewer ticks, as a file in ``folder``."""
+    text = JOB.read_text(encoding="utf-8")
+    parts = str(JOB.parents[1] / "parts")
+    for old, new in {"rig: ren2018": f"rig: {RIG}", "rate: 500 Hz": "rate: 250 Hz", "../parts": parts}.items():
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "quick_job.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
 
-    def __init__(self, cell: Cell) -> None:
-        self.cell, self.job_file = cell, load_job(JOB)
+
+class Measured:
+    """The cell with a real machine node and the contours of the small example cone; ``folder`` for its job file."""
+
+    def __init__(self, cell: Cell, folder: Path) -> None:
+        job = quick_job(folder)
+        self.cell, self.job_file = cell, load_job(job)
         self.plan = plan(self.job_file)
-        cell.stack.enter_context(started("-m", "isf_sim.node", autostart=True, job=JOB))
-        cell.stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True))
+        cell.stack.enter_context(started("-m", "isf_sim.node", autostart=True, job=job))
+        cell.stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, **QUICK))
         assert cell._arm.wait_for_service(LIMIT)
         tare = cell.node.create_client(Tare, "machine/tare")
         assert tare.wait_for_service(LIMIT)
@@ -52,8 +65,8 @@ def cell() -> Iterator[Cell]:
 
 
 @pytest.fixture
-def measured(cell: Cell) -> Measured:
-    return Measured(cell)
+def measured(cell: Cell, tmp_path: Path) -> Measured:
+    return Measured(cell, tmp_path)
 
 
 def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
