@@ -28,7 +28,9 @@ def quick_job(folder: Path) -> Path:
     """The job of the small example cone in fewer ticks, as a file in ``folder``."""
     text = JOB.read_text(encoding="utf-8")
     parts = str(JOB.parents[1] / "parts")
-    for old, new in {"rig: ren2018": f"rig: {RIG}", "rate: 500 Hz": "rate: 250 Hz", "../parts": parts}.items():
+    changes = {"rig: ren2018": f"rig: {RIG}", "rate: 500 Hz": "rate: 250 Hz", "../parts": parts}
+    changes["incremental_depth: 0.5 mm"] = "incremental_depth: 1 mm"
+    for old, new in changes.items():
         assert old in text
         text = text.replace(old, new)
     path = folder / "quick_job.yaml"
@@ -75,7 +77,7 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     assert refused.code == ErrorCode.NOT_ARMED  # armed, but parked
     assert "not on the sheet" in refused.message
 
-    measured.form(3)
+    measured.form(2)
     result, seen = call_action(measured.cell, LiftTool, "lift_tool", goal)
     assert (result.code, result.message) == (0, "")
     assert 1e-3 < result.springback < 3e-3
@@ -88,7 +90,7 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     moved, seen = call_action(measured.cell, MoveAside, "move_aside", MoveAside.Goal())
     assert (moved.code, moved.message) == (0, "")
     assert seen
-    assert measured.cell.form(measured.plan.contours[3]).completed
+    assert measured.cell.form(measured.plan.contours[2]).completed
     short, _ = call_action(
         measured.cell, LiftTool, "lift_tool", LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=0.1e-3)
     )
