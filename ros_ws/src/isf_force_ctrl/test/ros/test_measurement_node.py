@@ -16,7 +16,6 @@ from isf_msgs.msg import ForceCtrlState
 from isf_msgs.srv import Tare
 from isf_planner import plan
 from isf_ros import qos
-from node_cell import JOB as RING_JOB
 from node_cell import LIMIT, QUICK, RIG, Cell, call_action, small_ring, started, watched
 
 pytestmark = pytest.mark.graph
@@ -115,7 +114,7 @@ def test_move_aside_by_the_clock(cell: Cell) -> None:
     moved, seen = call_action(cell, MoveAside, "move_aside", MoveAside.Goal())
     assert (moved.code, moved.message) == (0, "")
     assert seen
-    config = ControlConfig.from_job(JobFile(RING_JOB, JOB.parent))
+    config = ControlConfig.from_job(JobFile(cell.job, JOB.parent))
     there = (*config.aside, config.park_height)
     assert cell.wait(lambda: tips[-1] == pytest.approx(there, abs=1e-4))
     assert cell.form(small_ring(1, 2)).completed
