@@ -32,9 +32,6 @@ import numpy as np
 
 DRIVER_PRIORITY = 80
 RADIUS, POINTS = 60e-3, 750
-SETTLE = 3.0
-"""s of forming before the source begins to measure."""
-
 JOB = """
 name: ring
 part: {{mesh: ring.stl, unit: mm}}
@@ -56,13 +53,15 @@ class Case:
     busy: bool
     fifo: bool
     seconds: float
+    settle: float
+    """s of forming before the source begins to measure."""
 
 
 # -- source of wrenches, in a process of its own -------------------------------------------------
 
 
-def drive(rate: float, seconds: float) -> None:
-    """Publish wrenches at ``rate`` Hz and time the targets, for ``seconds`` s after :data:`SETTLE`; prints JSON."""
+def drive(rate: float, seconds: float, settle: float) -> None:
+    """Publish wrenches at ``rate`` Hz and time the targets, for ``seconds`` s after ``settle`` s; prints JSON."""
     import rclpy
     from geometry_msgs.msg import PoseStamped, WrenchStamped
     from isf_msgs.msg import ForceCtrlState, MachineState
@@ -123,10 +122,10 @@ def drive(rate: float, seconds: float) -> None:
     executor = EventsExecutor()
     executor.add_node(node)
     acquire(RealTimeSettings(DRIVER_PRIORITY, True))
-    deadline = time.monotonic() + SETTLE + seconds + 60.0
-    while time.monotonic() < min(state["engaged"] + SETTLE + seconds, deadline):
+    deadline = time.monotonic() + settle + seconds + 60.0
+    while time.monotonic() < min(state["engaged"] + settle + seconds, deadline):
         executor.spin_once(timeout_sec=0.1)
-    begin = state["engaged"] + SETTLE
+    begin = state["engaged"] + settle
     out, back = np.array(sent), np.array(arrived)
     back = back[back > begin]
     answered = np.searchsorted(out, back) - 1
@@ -247,9 +246,8 @@ def measure(case: Case) -> dict[str, Any]:
         if case.busy:
             for _ in range(os.cpu_count() or 1):
                 stack.enter_context(process("-c", "while True: pass"))
-        source = stack.enter_context(
-            process(__file__, "--drive", "--rates", str(case.rate), "--seconds", str(case.seconds))
-        )
+        numbers = ["--rates", str(case.rate), "--seconds", str(case.seconds), "--settle", str(case.settle)]
+        source = stack.enter_context(process(__file__, "--drive", *numbers))
         options = {"autostart": "true", "lockstep": "false"}
         options |= {"real_time_priority": "60" if case.fifo else "0", "lock_memory": str(case.fifo).lower()}
         options |= {"drift_limit": "1e4", "drift_stop": "1e4"}  # the source presses in the air, too
@@ -257,7 +255,7 @@ def measure(case: Case) -> dict[str, Any]:
         stack.enter_context(process("-m", "isf_force_ctrl.node", "--ros-args", *words))
         observer = Observer()
         stack.callback(observer.close)
-        count = 2 + int((case.seconds + SETTLE) / 10.0)
+        count = 2 + int((case.seconds + case.settle) / 10.0)
         observer.arm(case.rate, count)
         observer.form_until(source, count)
         output = source.communicate(timeout=30)[0]
@@ -284,13 +282,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rates", type=float, nargs="+", default=[250.0, 440.0, 500.0, 1000.0])
     parser.add_argument("--seconds", type=float, default=10.0, help="measured time of each row")
+    parser.add_argument("--settle", type=float, default=3.0, help="s of forming before that")
     parser.add_argument("--load", choices=["quiet", "busy", "both"], default="both")
     parser.add_argument("--scheduling", choices=["ordinary", "fifo", "both"], default="both")
     parser.add_argument("--verbose", action="store_true", help="everything that was measured, as JSON")
     parser.add_argument("--drive", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.drive:
-        drive(arguments.rates[0], arguments.seconds)
+        drive(arguments.rates[0], arguments.seconds, arguments.settle)
         return
     sys.path.insert(0, str(Path(__file__).parent))
     print(
@@ -305,7 +304,7 @@ def main() -> None:
             if arguments.scheduling not in ("both", "fifo" if fifo else "ordinary"):
                 continue
             for rate in arguments.rates:
-                case = Case(rate, busy, fifo, arguments.seconds)
+                case = Case(rate, busy, fifo, arguments.seconds, arguments.settle)
                 found = measure(case)
                 print(row(case, found), flush=True)
                 if arguments.verbose:

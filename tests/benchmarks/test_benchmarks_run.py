@@ -29,7 +29,7 @@ def test_a_benchmark_prints_its_rows(name: str, arguments: str, row: str, tmp_pa
 @pytest.mark.graph
 @pytest.mark.clock
 def test_the_benchmark_of_real_time_prints_its_row(tmp_path: Path) -> None:
-    arguments = "--rates 250 --seconds 2 --load quiet --scheduling ordinary"
+    arguments = "--rates 250 --seconds 1 --settle 0.5 --load quiet --scheduling ordinary"
     assert_prints("real_time", arguments, r"\| 250 \| quiet \| ordinary \| [\d.]+", tmp_path)
 
 

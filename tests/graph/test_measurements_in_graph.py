@@ -74,7 +74,7 @@ def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None
     """1 um, contour by contour; scans after every third contour as a scanner would be used on a long part, lifts after
     every fourth."""
     fields = "method: fused\n  scan_every: 3\n  lift_every: 4\n  scan_sensor: true"
-    job_file = quick_cone(fields, coarse=False)  # what was seen tells after six contours
+    job_file = quick_cone(fields, step="0.5 mm")  # what was seen tells after six contours
     _, failure = graph_run.form(job_file, RunOptions(seed=5), tmp_path, quiet)
     assert failure is None
     there, here = read_bag(tmp_path / "bag"), in_process.form(job_file, RunOptions(seed=5))

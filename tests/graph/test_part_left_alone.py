@@ -20,7 +20,7 @@ from isf_msgs.msg import ContourResult
 from isf_ros import qos
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from quick_cone import quick_cone
+from quick_cone import LONGER, quick_cone
 from rclpy.executors import SingleThreadedExecutor
 
 pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("forked_nodes")]
@@ -56,7 +56,7 @@ class Cell:
                 happened.append(message.index)
                 after_second_contour()
 
-        return self.client.form(quick_cone(), RunOptions(), feedback, self.group)
+        return self.client.form(quick_cone(step=LONGER), RunOptions(), feedback, self.group)
 
     def wait(self, condition: Callable[[], Any]) -> bool:
         deadline = time.monotonic() + LIMIT

@@ -22,9 +22,9 @@ from isf_cell.options import RunOptions
 from isf_cell.processes.process_group import ProcessGroup
 from isf_cell.run import graph_run
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import load_job
+from isf_core.files.job import JobFile, load_job
 from isf_core.files.yaml_file import find_named
-from quick_cone import quick_cone, quick_cone_file
+from quick_cone import DEPTH, LONGER, quick_cone, quick_cone_file
 
 pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("forked_nodes")]
 
@@ -36,13 +36,20 @@ def quiet(_: Any) -> None:
     """Feedback that nobody looks at."""
 
 
+def half_the_ticks() -> JobFile:
+    """The small cone at its own rate and feed, in half as many contours."""
+    text = JOB.read_text(encoding="utf-8")
+    assert DEPTH in text
+    return JobFile(text.replace(DEPTH, "incremental_depth: 1 mm"), JOB.parent)
+
+
 @pytest.fixture(scope="module")
 def graph_record(tmp_path_factory: pytest.TempPathFactory) -> PartRecord:
     """The small cone, formed once through the node graph in lockstep and read back from its bag."""
     folder = tmp_path_factory.mktemp("graph")
     steps: list[int] = []
     result, failure = graph_run.form(
-        load_job(JOB), RunOptions(seed=3), folder, lambda m: steps.append(m.index) if m.phase == "forming" else None
+        half_the_ticks(), RunOptions(seed=3), folder, lambda m: steps.append(m.index) if m.phase == "forming" else None
     )
     assert failure is None
     assert result.lost_messages == 0
@@ -62,7 +69,7 @@ def test_the_bag_holds_the_whole_part(graph_record: PartRecord) -> None:
 
 def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
     """The contract of docs/reference/architecture.md: 1 um and 0.1 N, contour by contour and in the final shape."""
-    alone = in_process.form(load_job(JOB), RunOptions(seed=3))
+    alone = in_process.form(half_the_ticks(), RunOptions(seed=3))
     assert len(alone.results) == len(graph_record.results)
     for mine, theirs in zip(alone.results, graph_record.results, strict=True):
         assert len(mine.tick_time) == len(theirs.tick_time)
@@ -130,7 +137,7 @@ def formed_beside(disturbance: Callable[[ProcessGroup], Callable[[Any], None]], 
         with ProcessGroup(folder / "logs") as group:
             graph_run.start_cell(group, folder / "bag", lockstep=True)
             client.wait_ready(group)
-            return client.form(quick_cone(), RunOptions(), disturbance(group), group)
+            return client.form(quick_cone(step=LONGER), RunOptions(), disturbance(group), group)
     finally:
         client.close()
 
@@ -143,8 +150,8 @@ def assert_nothing_left(folder: Path) -> None:
 
 def test_ctrl_c_cancels_the_part_and_keeps_what_was_formed(tmp_path: Path) -> None:
     output = tmp_path / "run"
-    command = [sys.executable, "-m", "isf_cell.cli", "form", str(quick_cone_file(tmp_path)), "--json"]
-    command += ["--no-compare", "-o", str(output)]
+    command = [sys.executable, "-m", "isf_cell.cli", "form", str(quick_cone_file(tmp_path, step=LONGER))]
+    command += ["--json", "--no-compare", "-o", str(output)]
     process = subprocess.Popen(
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -198,7 +205,8 @@ def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:
     """A computer that keeps a node waiting may stop the part, with a code that says so; it does not stop three."""
     for attempt in ("first", "second", "third"):
         folder = tmp_path / attempt
-        result, failure = graph_run.form(quick_cone(), RunOptions(), folder, quiet, lockstep=False)
+        job = quick_cone(step="2.5 mm")  # two contours: it is formed by the clock
+        result, failure = graph_run.form(job, RunOptions(), folder, quiet, lockstep=False)
         if failure is None:
             break
         assert failure.code in TOO_BUSY, failure

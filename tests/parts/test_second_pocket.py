@@ -11,6 +11,7 @@ from isf_cell import in_process
 from isf_cell.commands.learn import learn_record
 from isf_cell.options import RunOptions
 from isf_core.files.job import JobFile
+from isf_core.files.yaml_file import find_named
 from isf_planner.part_library import PARTS, part_mesh
 from isf_springback import method_names
 from isf_springback.estimators import learning
@@ -28,11 +29,11 @@ JOB = """
 name: two_pockets
 part: {mesh: two_pockets.stl, unit: mm}
 process: SPIF
-rig: ren2018
+rig: small_clamp.yaml
 sheet: {material: AA5754-O, thickness: 1.0 mm}
 tool_1: {radius: 5 mm}
 path: {incremental_depth: 1 mm, point_spacing: 1.5 mm, feed: 90 mm/s, transition: ramp}
-control: {rate: 200 Hz}
+control: {rate: 100 Hz}
 """
 
 
@@ -41,6 +42,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("pockets")
     mesh = part_mesh(PARTS["two_pockets"](depth=6e-3, second_depth=4e-3))
     Trimesh(1e3 * mesh.vertices, mesh.faces, process=False).export(place / "two_pockets.stl")
+    rig = find_named("rigs", "ren2018").read_text(encoding="utf-8")
+    assert "size: [250 mm, 250 mm]" in rig
+    small = rig.replace("size: [250 mm, 250 mm]", "size: [160 mm, 160 mm]")  # a smaller sheet is solved sooner
+    (place / "small_clamp.yaml").write_text(small, encoding="utf-8")
     return place
 
 
@@ -72,10 +77,15 @@ def test_the_first_contour_of_the_second_pocket_is_pushed_as_far_as_asked(folder
     assert applied == pytest.approx(asked, abs=ROUNDED)
 
 
+@pytest.fixture(scope="module")
+def learned(folder: Path) -> None:
+    """The file known.npz in the folder, of a part formed with the analytic method."""
+    learning.save(learn_record(formed(folder, "method: analytic"), folder), folder / "known.npz")
+
+
 @pytest.mark.parametrize("name", ["learned", "learned_map"])
+@pytest.mark.usefixtures("learned")
 def test_what_was_learned_of_a_pocket_is_replayed_from_the_air(folder: Path, name: str) -> None:
-    known = learn_record(formed(folder, "method: analytic"), folder)
-    learning.save(known, folder / "known.npz")
     record = formed(folder, f"method: {name}, learning: known.npz")
     assert record.failure() is None
     applied, asked = pushes(record)

@@ -30,20 +30,22 @@ sheet: {{material: {material}, thickness: 1 mm}}
 tool_1: {{radius: 5 mm}}
 backing_plate: {{shape: circle, size: [{plate} mm, {plate} mm]}}
 wall_angle_limit: 85 deg
-path: {{incremental_depth: 1 mm, point_spacing: 1 mm, feed: 60 mm/s}}
+path: {{incremental_depth: {step} mm, point_spacing: 1 mm, feed: 60 mm/s}}
 control: {{rate: 100 Hz}}
 springback: {{method: none}}
 """
 
 
-def steep_job(folder: Path, degrees: float = 72.0, material: str = "AA5754-O", depth: float = 14e-3) -> Path:
-    """A cone of ``degrees``, 14 mm deep, over a backing plate in the small clamp."""
+def steep_job(
+    folder: Path, degrees: float = 72.0, material: str = "AA5754-O", depth: float = 14e-3, step: float = 1.0
+) -> Path:
+    """A cone of ``degrees``, 14 mm deep, over a backing plate in the small clamp; contours ``step`` mm apart."""
     cone = Cone(opening=22e-3, angle=math.radians(degrees), depth=depth, entry=3e-3, floor=6e-3)
     write(cone.mesh(20e-6), folder / "steep.stl")
     rig = Path(__file__).resolve().parents[2] / "examples" / "rigs" / "clamp_120.yaml"
     path = folder / "steep.yaml"
     plate = math.ceil(2e3 * cone.opening + 8.0)
-    path.write_text(JOB.format(rig=rig, material=material, plate=plate), encoding="utf-8")
+    path.write_text(JOB.format(rig=rig, material=material, plate=plate, step=step), encoding="utf-8")
     return path
 
 
@@ -80,7 +82,7 @@ def test_permission_is_not_strength(tmp_path: Path) -> None:
 
 
 def test_the_elasto_plastic_sheet_tears_by_its_own_strains(tmp_path: Path) -> None:
-    job = load_job(steep_job(tmp_path, material=brittle(tmp_path), depth=24e-3))
+    job = load_job(steep_job(tmp_path, material=brittle(tmp_path), depth=24e-3, step=2.0))
     record = form(job, RunOptions(correction="none", sheet="shell_coarse"))
     torn = torn_at(record)
     assert torn.value > torn.limit == 0.8
@@ -106,7 +108,7 @@ def test_the_command_ends_with_the_code_and_the_report_says_why(tmp_path: Path) 
 
 @pytest.mark.graph
 def test_the_graph_ends_the_part_too(tmp_path: Path) -> None:
-    job = steep_job(tmp_path, material=brittle(tmp_path))
+    job = steep_job(tmp_path, material=brittle(tmp_path), step=2.0)
     command = [sys.executable, "-m", "isf_cell.cli", "form", str(job), "--json", "-o", "run"]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert ended.returncode == Exit.PROCESS, ended.stderr

@@ -1,4 +1,7 @@
-"""A springback method of another package is found by its entry point: in the command, in the node."""
+"""A springback method of another package is found by its entry point: in the command, in the node.
+
+In the node: test_own_packages_formed.py.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,13 @@ import json
 from pathlib import Path
 
 import pytest
-from own_package import Environment, install, isf, recipe
+from own_package import Environment, install, isf, own_method
 from quick_cone import quick_cone_file
 
 
 @pytest.fixture
 def environment(tmp_path: Path) -> Environment:
-    return install(tmp_path, recipe("my_method.py"), "isf.springback_methods", "constant", "Constant")
+    return own_method(tmp_path)
 
 
 def test_a_part_is_simulated_with_it(environment: Environment, tmp_path: Path) -> None:
@@ -20,14 +23,6 @@ def test_a_part_is_simulated_with_it(environment: Environment, tmp_path: Path) -
     run = isf(
         environment, "simulate", job, "--correction", "constant", "--no-compare", "--json", "-o", tmp_path / "run"
     )
-    assert run.returncode == 0, run.stderr[-2000:]
-    assert json.loads(run.stdout)["correction"] == "constant"
-
-
-@pytest.mark.graph
-def test_a_part_is_formed_with_it_through_the_graph(environment: Environment, tmp_path: Path) -> None:
-    job = quick_cone_file(tmp_path)
-    run = isf(environment, "form", job, "--correction", "constant", "--no-compare", "--json", "-o", tmp_path / "run")
     assert run.returncode == 0, run.stderr[-2000:]
     assert json.loads(run.stdout)["correction"] == "constant"
 

@@ -1,4 +1,7 @@
-"""A process of another package, made by the recipe, plans and forms parts under its own name."""
+"""A process of another package, made by the recipe, plans and forms parts under its own name.
+
+Through the graph: test_own_packages_formed.py.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +9,20 @@ import json
 from pathlib import Path
 
 import pytest
-from own_package import Environment, install, isf, recipe
-from quick_cone import CONTOURS, quick_cone_file
+from own_package import Environment, install, isf, job_with_own_process, own_process
+from quick_cone import CONTOURS
 
 GROUP = "isf.processes"
 
 
 @pytest.fixture
 def environment(tmp_path: Path) -> Environment:
-    return install(tmp_path, recipe("my_process.py"), GROUP, "DSIF_FLOOR_TWICE", "FloorTwice")
+    return own_process(tmp_path)
 
 
 @pytest.fixture
 def job(tmp_path: Path) -> Path:
-    path = quick_cone_file(tmp_path)
-    text = path.read_text(encoding="utf-8")
-    assert "process: DSIF\n" in text
-    path.write_text(text.replace("process: DSIF\n", "process: DSIF_FLOOR_TWICE\n"), encoding="utf-8")
-    return path
+    return job_with_own_process(tmp_path)
 
 
 def test_it_plans(environment: Environment, job: Path, tmp_path: Path) -> None:
@@ -34,13 +33,6 @@ def test_it_plans(environment: Environment, job: Path, tmp_path: Path) -> None:
 
 def test_a_part_is_simulated_with_it(environment: Environment, job: Path, tmp_path: Path) -> None:
     run = isf(environment, "simulate", job, "--no-compare", "--json", "-o", tmp_path / "run")
-    assert run.returncode == 0, run.stderr[-2000:]
-    assert json.loads(run.stdout)["contours"] == CONTOURS + 1
-
-
-@pytest.mark.graph
-def test_a_part_is_formed_with_it_through_the_graph(environment: Environment, job: Path, tmp_path: Path) -> None:
-    run = isf(environment, "form", job, "--no-compare", "--json", "-o", tmp_path / "run")
     assert run.returncode == 0, run.stderr[-2000:]
     assert json.loads(run.stdout)["contours"] == CONTOURS + 1
 

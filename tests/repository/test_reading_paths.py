@@ -18,7 +18,7 @@ from isf_force_ctrl.control_state import Mode
 from isf_force_ctrl.controller import ForceController
 from isf_planner import plan
 from isf_springback.corrector import Corrector
-from quick_cone import quick_cone
+from quick_cone import LONGER, quick_cone
 
 resolved = cache(lambda name: str(Path(name).resolve()))
 SOURCES = str(Path(__file__).resolve().parents[2] / "ros_ws" / "src")
@@ -78,7 +78,7 @@ def test_one_correction_changes_file_at_most_30_times(method: str, monkeypatch: 
         return found[0]
 
     monkeypatch.setattr(Corrector, "correct", traced)
-    in_process.form(quick_cone(f"scan_every: 1\n  method: {method}"), RunOptions())
+    in_process.form(quick_cone(f"scan_every: 1\n  method: {method}", step=LONGER), RunOptions())
     assert len(seen) == 5
     assert len(seen[-1]) <= 30, seen[-1]
 

@@ -12,8 +12,10 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
+from isf_ros.process import HAND_OVER
 
 ROOT = Path(__file__).resolve().parents[2]
 REFUSED = 3
@@ -198,6 +200,22 @@ def test_cell_stays_on_this_computer_unless_set_otherwise() -> None:
     show = 'echo "$ROS_AUTOMATIC_DISCOVERY_RANGE"'
     assert _in_environment(show).stdout.strip() == "LOCALHOST"
     assert _in_environment(show, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET").stdout.strip() == "SUBNET"
+
+
+@needs_set_up
+def test_messages_are_acknowledged_long_before_a_node_gives_up_waiting_for_it() -> None:
+    """By the profiles of Fast DDS, which it reads without complaint; another robot's own profiles are left alone."""
+    variable = "FASTRTPS_DEFAULT_PROFILES_FILE"
+    show = f'echo "${variable}"'
+    file = _in_environment(show).stdout.strip()
+    period = ElementTree.parse(file).find(".//{*}publisher//{*}heartbeatPeriod")
+    assert period is not None
+    seconds, nanoseconds = (int(period.findtext(f"{{*}}{name}", "")) for name in ("sec", "nanosec"))
+    assert 0.0 < seconds + 1e-9 * nanoseconds < 0.1 * HAND_OVER
+    make_node = "import rclpy; rclpy.init(); rclpy.create_node('isf_profiles')"
+    made = _in_environment(f'python -c "{make_node}"', **{variable: file})
+    assert (made.returncode, made.stdout + made.stderr) == (0, "")
+    assert _in_environment(show, **{variable: "/of/another/robot.xml"}).stdout.strip() == "/of/another/robot.xml"
 
 
 @needs_set_up

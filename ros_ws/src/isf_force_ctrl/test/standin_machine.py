@@ -36,6 +36,9 @@ RATE = 500.0
 START = 50_000
 """Tick of the first stamp in lockstep."""
 
+PARKED, FAR = 0.025, 0.1
+"""m, where the tools begin: park height of near_rig.yaml, which is for lockstep, and of ren2018."""
+
 LATE = 25
 """Ticks that a late wrench is late."""
 
@@ -64,7 +67,9 @@ class StandInMachine(Node):
         self.delayed: deque[tuple[int, int, WrenchStamped]] = deque()
         self.tared = self.declare_parameter("tared", True).value
         self.lockstep = self.declare_parameter("lockstep", True).value
-        self.sandbox = Sandbox(np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]), planned_distance(ring()))
+        height = PARKED if self.lockstep else FAR
+        parked = ((0.0, 0.0, height), (0.0, 0.0, -height))
+        self.sandbox = Sandbox(*map(np.array, parked), planned_distance(ring()))
         self.twist, self.drift, self.poses_until = (
             self.declare_parameter("twist", False).value,
             self.declare_parameter("drift", 0.0).value,
@@ -78,7 +83,7 @@ class StandInMachine(Node):
         self.sandbox.gap = lambda time, angle: self.gap
         self.add_on_set_parameters_callback(self.on_parameters)
         self.stamp = [-1, -1]
-        self.targets = [(0.0, 0.0, 0.1), (0.0, 0.0, -0.1)]
+        self.targets = list(parked)
         self.wrench = [conversion.make_wrench(), conversion.make_wrench()]
         for message in self.wrench:
             message.header.frame_id = frame

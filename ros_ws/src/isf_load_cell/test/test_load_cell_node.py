@@ -21,7 +21,7 @@ from isf_load_cell.node import LoadCellNode
 from isf_load_cell.three_cells import readings_of
 from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
-from node_cell import JOB, LIMIT, Cell, small_ring, started, watched
+from node_cell import FAR_JOB, JOB, LIMIT, QUICK, Cell, small_ring, started, watched
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -315,6 +315,7 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
     """Driver in one process, its two cells in two, force control in another. The cells are wired the wrong way round:
     as they are, force control refuses them (1212, test_force_ctrl_node.py)."""
     cell = Cell(bench.node, bench._stack)
+    cell.job = JOB if lockstep else FAR_JOB
     file = written(tmp_path, "calibration_matrix: [[-1, 0, 0], [0, -1, 0], [0, 0, -1]]\nrange: 2000\n")
     nodes, _ = documented()
     drivers = {names["wrench"]: names["raw"] for names in nodes}
@@ -327,11 +328,11 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
         bench._stack.enter_context(started(*NODE, remap=names, autostart=True, file=file, tare_readings=readings))
         clients.append(bench.node.create_client(Trigger, f"{names['__node']}/tare"))
     bench._stack.enter_context(
-        started("-m", "isf_force_ctrl.node", autostart=True, lockstep=lockstep, wrench_timeout=2.0, seam_speed=0.03)
+        started("-m", "isf_force_ctrl.node", autostart=True, lockstep=lockstep, wrench_timeout=2.0, **QUICK)
     )
     assert all(client.wait_for_service(LIMIT) for client in clients)
     assert cell._arm.wait_for_service(LIMIT)
-    early = cell._arm.call_async(Arm.Request(plan_id="plan", count=1, job_text=JOB, support_force=math.nan))
+    early = cell._arm.call_async(Arm.Request(plan_id="plan", count=1, job_text=cell.job, support_force=math.nan))
     assert bench.wait(early.done)
     assert early.result().code == ErrorCode.WRENCH_LOST  # nothing comes before the tare
 

@@ -14,7 +14,8 @@ from isf_cell.run.part_step import PartStep
 from isf_core.contour import Contour, ContourResult
 from isf_core.errors import ErrorCode, IsfError
 from isf_planner import plan
-from quick_cone import CONTOURS, quick_cone
+from quick_cone import CONTOURS_OF_LONGER as CONTOURS
+from quick_cone import LONGER, quick_cone
 from springback_parts import result_of
 
 BEGIN = ["bring_up", "reset", "tare", "plan", "arm"]
@@ -24,7 +25,7 @@ MEASURED = "method: fused\n  lift_every: 2\n  scan_every: 3\n  scan_clear: true"
 
 @pytest.fixture(scope="module")
 def contours() -> tuple[Contour, ...]:
-    return plan(quick_cone("method: none")).contours
+    return plan(quick_cone("method: none", step=LONGER)).contours
 
 
 @dataclass
@@ -116,7 +117,7 @@ def _result(contour: Contour, code: ErrorCode) -> ContourResult:
 
 def _run(cell: ScriptedCell, operator: Watching, springback: str = "method: none", **more: object) -> IsfError | None:
     checkpoint = more.pop("checkpoint", None)
-    goal = replace(PartGoal(quick_cone(springback), RunOptions()), **more)  # type: ignore[arg-type]
+    goal = replace(PartGoal(quick_cone(springback, step=LONGER), RunOptions()), **more)  # type: ignore[arg-type]
     return PartRun(cell, goal, operator, checkpoint).run()  # type: ignore[arg-type]
 
 

@@ -23,7 +23,7 @@ from isf_force_ctrl.node import ForceCtrlNode
 from isf_force_ctrl.ros.parameters import ForceCtrlParameters
 from isf_msgs.msg import ForceCtrlState
 from isf_ros import conversion
-from node_cell import LIMIT, Cell, small_ring, started, watched
+from node_cell import LIMIT, Cell, long_ring, small_ring, started, watched
 from rcl_interfaces.srv import SetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -65,7 +65,7 @@ class Observed(Cell):
         """Form a contour, let the stand-in do ``fault`` on the way; text of the result, which must have ``code``."""
         self.armed()
         seen, states = len(self.results), len(self.states)
-        self._contours.publish(conversion.contour_to_message(small_ring()))
+        self._contours.publish(conversion.contour_to_message(long_ring()))
         forming = (ForceCtrlState.ENGAGE, ForceCtrlState.CONTROL)
         assert self.wait(lambda: any(state.mode in forming for state in self.states[states:]))
         assert all(result.successful for result in self.set("machine", **fault))

@@ -9,7 +9,7 @@ import pytest
 from isf_core.errors import ErrorCode
 from isf_msgs.msg import ForceCtrlState
 from isf_ros import conversion
-from node_cell import Cell, small_ring, watched
+from node_cell import Cell, long_ring, small_ring, watched
 
 pytestmark = pytest.mark.graph
 
@@ -36,7 +36,7 @@ def test_a_fault_in_a_tick_ends_the_contour_with_a_code(cell: Cell, fault: Path,
 
     def spoil(word: str) -> None:
         begun = len(cell.states)
-        cell._contours.publish(conversion.contour_to_message(small_ring()))
+        cell._contours.publish(conversion.contour_to_message(long_ring()))
         assert cell.wait(lambda: any(state.mode == ForceCtrlState.CONTROL for state in cell.states[begun:]))
         fault.write_text(word)
 

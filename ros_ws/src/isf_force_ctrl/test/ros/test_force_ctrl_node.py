@@ -13,10 +13,11 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from isf_core.contour import Process
 from isf_core.errors import ErrorCode
+from isf_force_ctrl import ControlConfig
 from isf_msgs.action import MoveAside
 from isf_msgs.msg import ForceCtrlState
 from isf_ros import conversion, qos
-from node_cell import JOB, LIMIT, Cell, call_action, small_ring, watched
+from node_cell import JOB, LIMIT, QUICK, Cell, call_action, long_ring, small_ring, watched
 from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.graph
@@ -29,7 +30,8 @@ def cell() -> Iterator[Cell]:
 
 
 def test_forms_a_part_in_lockstep(cell: Cell) -> None:
-    cell.start()
+    own = {name: getattr(ControlConfig, name) for name in QUICK}
+    cell.start(**own)
     cell.armed(count=2)
     for index in range(2):
         result = conversion.result_from_message(cell.form(small_ring(index, 2)))
@@ -66,7 +68,7 @@ def test_a_move_has_ended_when_the_machine_has_done_its_last_targets(
 
 
 def test_nan_wrench_holds_with_its_code(cell: Cell) -> None:
-    cell.start({"nan_at": 1000})
+    cell.start({"nan_at": 400})
     cell.armed()
     result = cell.form(small_ring())
     assert (result.completed, result.code) == (False, ErrorCode.WRENCH_NOT_FINITE)
@@ -76,7 +78,7 @@ def test_nan_wrench_holds_with_its_code(cell: Cell) -> None:
 
 
 def test_wrenches_that_stop_end_the_contour(cell: Cell) -> None:
-    cell.start({"silent_at": 1000}, wrench_timeout=1.0)
+    cell.start({"silent_at": 400}, wrench_timeout=1.0)
     cell.armed()
     result = cell.form(small_ring())
     assert (result.completed, result.code) == (False, ErrorCode.WRENCH_LOST)
@@ -135,9 +137,9 @@ def test_a_contour_sent_early_is_reported_what_is_the_case(cell: Cell) -> None:
     # While a contour is formed the next one is early; the same one once more is no news.
     cell.armed(count=2)
     begun = len(cell.states)
-    cell._contours.publish(conversion.contour_to_message(small_ring(0, 2)))
+    cell._contours.publish(conversion.contour_to_message(long_ring(0, 2)))
     assert cell.wait(lambda: any(state.mode == ForceCtrlState.CONTROL for state in cell.states[begun:]))
-    cell._contours.publish(conversion.contour_to_message(small_ring(0, 2)))
+    cell._contours.publish(conversion.contour_to_message(long_ring(0, 2)))
     early = cell.form(small_ring(1, 2))
     assert (early.completed, early.code, early.index) == (False, ErrorCode.CONTOUR_REJECTED, 1)
     assert "too early" in early.message
@@ -153,7 +155,7 @@ def test_stop_and_disarm(cell: Cell) -> None:
     cell.armed()
     client = cell.node.create_client(Trigger, "force_ctrl/stop")
     assert client.wait_for_service(LIMIT)
-    cell._contours.publish(conversion.contour_to_message(small_ring()))
+    cell._contours.publish(conversion.contour_to_message(long_ring()))
     assert cell.wait(lambda: any(state.mode == ForceCtrlState.APPROACH for state in cell.states))
     assert cell.wait(client.call_async(Trigger.Request()).done)
     assert cell.wait(lambda: cell.results)
@@ -202,7 +204,7 @@ def test_latency_is_measured(cell: Cell) -> None:
 
 
 def test_saturated_cell_holds_with_its_code(cell: Cell) -> None:
-    cell.start({"saturated_at": 1000})
+    cell.start({"saturated_at": 400})
     cell.armed()
     result = cell.form(small_ring())
     assert (result.completed, result.code) == (False, ErrorCode.WRENCH_OUT_OF_RANGE)
@@ -277,7 +279,7 @@ def test_wrenches_in_another_frame_are_refused(cell: Cell) -> None:
 
 
 def test_a_frozen_wrench_holds_with_its_code(cell: Cell) -> None:
-    cell.start({"frozen_at": 1500})
+    cell.start({"frozen_at": 600})
     cell.armed()
     result = cell.form(small_ring())
     assert (result.completed, result.code) == (False, ErrorCode.WRENCH_FROZEN)

@@ -37,7 +37,7 @@ def call(cell: Cell, request: Identify.Goal, *, cancel_in: str = "") -> tuple[An
 
 
 def test_identified_over_dds(cell: Cell, tmp_path: Path) -> None:
-    Measured(cell)
+    Measured(cell, tmp_path)
     for refused in ({"max_force": float("nan")}, {"places": [0.2, 0.0, 0.0]}, {"max_force": -1.0}):
         result, _ = call(cell, goal(Identify.Goal.TOOL_COMPLIANCE, **refused))
         assert result.code == ErrorCode.MEASUREMENT_REFUSED

@@ -16,22 +16,36 @@ from isf_msgs.msg import ForceCtrlState
 from isf_msgs.srv import Tare
 from isf_planner import plan
 from isf_ros import qos
-from node_cell import JOB as RING_JOB
-from node_cell import LIMIT, Cell, call_action, small_ring, started, watched
+from node_cell import LIMIT, QUICK, RIG, Cell, call_action, small_ring, started, watched
 
 pytestmark = pytest.mark.graph
 
 JOB = Path(__file__).resolve().parents[5] / "examples" / "jobs" / "mini_cone.yaml"
 
 
-class Measured:
-    """The cell with a real machine node and the contours of the small example cone."""
+def quick_job(folder: Path) -> Path:
+    """The job of the small example cone in fewer ticks, as a file in ``folder``."""
+    text = JOB.read_text(encoding="utf-8")
+    parts = str(JOB.parents[1] / "parts")
+    changes = {"rig: ren2018": f"rig: {RIG}", "rate: 500 Hz": "rate: 250 Hz", "../parts": parts}
+    changes["incremental_depth: 0.5 mm"] = "incremental_depth: 1 mm"
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "quick_job.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
 
-    def __init__(self, cell: Cell) -> None:
-        self.cell, self.job_file = cell, load_job(JOB)
+
+class Measured:
+    """The cell with a real machine node and the contours of the small example cone; ``folder`` for its job file."""
+
+    def __init__(self, cell: Cell, folder: Path) -> None:
+        job = quick_job(folder)
+        self.cell, self.job_file = cell, load_job(job)
         self.plan = plan(self.job_file)
-        cell.stack.enter_context(started("-m", "isf_sim.node", autostart=True, job=JOB))
-        cell.stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True))
+        cell.stack.enter_context(started("-m", "isf_sim.node", autostart=True, job=job))
+        cell.stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, **QUICK))
         assert cell._arm.wait_for_service(LIMIT)
         tare = cell.node.create_client(Tare, "machine/tare")
         assert tare.wait_for_service(LIMIT)
@@ -52,8 +66,8 @@ def cell() -> Iterator[Cell]:
 
 
 @pytest.fixture
-def measured(cell: Cell) -> Measured:
-    return Measured(cell)
+def measured(cell: Cell, tmp_path: Path) -> Measured:
+    return Measured(cell, tmp_path)
 
 
 def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
@@ -62,7 +76,7 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     assert refused.code == ErrorCode.NOT_ARMED  # armed, but parked
     assert "not on the sheet" in refused.message
 
-    measured.form(3)
+    measured.form(2)
     result, seen = call_action(measured.cell, LiftTool, "lift_tool", goal)
     assert (result.code, result.message) == (0, "")
     assert 1e-3 < result.springback < 3e-3
@@ -75,7 +89,7 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     moved, seen = call_action(measured.cell, MoveAside, "move_aside", MoveAside.Goal())
     assert (moved.code, moved.message) == (0, "")
     assert seen
-    assert measured.cell.form(measured.plan.contours[3]).completed
+    assert measured.cell.form(measured.plan.contours[2]).completed
     short, _ = call_action(
         measured.cell, LiftTool, "lift_tool", LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=0.1e-3)
     )
@@ -100,7 +114,7 @@ def test_move_aside_by_the_clock(cell: Cell) -> None:
     moved, seen = call_action(cell, MoveAside, "move_aside", MoveAside.Goal())
     assert (moved.code, moved.message) == (0, "")
     assert seen
-    config = ControlConfig.from_job(JobFile(RING_JOB, JOB.parent))
+    config = ControlConfig.from_job(JobFile(cell.job, JOB.parent))
     there = (*config.aside, config.park_height)
     assert cell.wait(lambda: tips[-1] == pytest.approx(there, abs=1e-4))
     assert cell.form(small_ring(1, 2)).completed

@@ -94,7 +94,8 @@ class Work(NamedTuple):
 def out_of_balance(q: Array, load: Array, problem: Problem, tangent: bool, room: Workspace, out: Array) -> float:
     """``out`` (n,) N, load minus inner forces of the state q (n,) m; returns its norm.
 
-    With ``tangent``, ``room.values`` (nnz,) N/m holds the matrix afterwards.
+    With ``tangent``, ``room.values`` (nnz,) N/m holds the matrix afterwards. Kernels ask for it by ``bool(1)``, not by
+    a constant: for each constant numba would compile all that is called from here once more.
     """
     full = room.full.reshape(-1)
     for k in range(len(q)):
@@ -156,7 +157,7 @@ def find_equilibrium(
             break
         trial *= min(1.0, LARGEST_STEP / max(largest, 1e-300))
         trial += q
-        trial_size = out_of_balance(trial, load, problem, False, room, trial_residual)
+        trial_size = out_of_balance(trial, load, problem, bool(0), room, trial_residual)
         iterations += 1
         if trial_size < 1.5 * size or (fresh and shrink < 0.1):
             q[:], residual[:], size, shrink = trial, trial_residual, trial_size, 1.0
@@ -169,7 +170,7 @@ def find_equilibrium(
         elif fresh:
             shrink *= 0.5
             continue
-        out_of_balance(q, load, problem, True, room, trial_residual)
+        out_of_balance(q, load, problem, bool(1), room, trial_residual)
         _renew(problem, factors, room)
         factorisations += 1
         fresh = True
@@ -227,7 +228,7 @@ def compliance_at(
     direction without stiffness.
     """
     response, unused = np.zeros(len(q)), np.empty(len(q))
-    out_of_balance(q, load, problem, True, room, unused)
+    out_of_balance(q, load, problem, bool(1), room, unused)
     if conjugate_gradients(room.values, problem.form, factors.band, load, tolerance, response):
         return np.dot(load, response), 0
     _renew(problem, factors, room)
