@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -28,6 +30,25 @@ worker = os.environ.get("PYTEST_XDIST_WORKER", "").removeprefix("gw")
 domains = os.environ.get("ISF_TEST_DOMAINS", "").split()
 if worker and domains:
     os.environ["ROS_DOMAIN_ID"] = domains[int(worker) % len(domains)]
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """A file without a test of the marks that ./test.sh asks for is not imported: ten processes would do it in vain.
+
+    Marks stand in the file of their test (tests/repository/test_marks.py).
+    """
+    wanted = MARKS.get(str(config.option.markexpr).removesuffix(" and not slow"))
+    if wanted is None or not collection_path.name.startswith("test_") or collection_path.suffix != ".py":
+        return None
+    text = collection_path.read_text(encoding="utf-8")
+    return None if wanted(text) else True
+
+
+MARKS: dict[str, Callable[[str], bool]] = {
+    "graph and clock": lambda text: "mark.graph" in text and "mark.clock" in text,
+    "graph and not clock": lambda text: "mark.graph" in text,
+    "not graph": lambda text: not re.search(r"^pytestmark = .*mark\.graph", text, re.MULTILINE),
+}
 
 
 @pytest.fixture(scope="module")

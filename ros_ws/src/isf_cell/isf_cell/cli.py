@@ -13,7 +13,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
 
 from isf_cell.commands import springback_cli, terminal
-from isf_cell.commands.arguments import Job, Json, Output, Seed, Variant
+from isf_cell.commands.arguments import Job, Json, Output, Seed, Variant, numbers
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import RunOptions
 from isf_cell.processes.results_stream import keep_for_results
@@ -200,6 +200,41 @@ def learn(
     from isf_cell.commands.learn import learn_runs
 
     learn_runs(runs, output, base, as_json=json)
+
+
+@app.command()
+def tryout(
+    job: Job,
+    correction: Annotated[
+        str | None, typer.Option("--correction", help="method of the first part, or none  [default: the job's]")
+    ] = None,
+    steps: Annotated[int, typer.Option(help="parts after the probes, at most, of either kind", min=1, max=50)] = 6,
+    variants: Annotated[
+        str, typer.Option(help="plants that the correction is for, with commas", metavar="N,...")
+    ] = "0",
+    check: Annotated[
+        str, typer.Option(help='plants on which the result is formed again; "" for none', metavar="N,...")
+    ] = "21,22",
+    seed: Seed = 0,
+    sheet: Sheet = "shell_coarse",
+    jobs: Annotated[
+        int | None, typer.Option(help="parts at a time  [default: one per processor]", min=1, max=64)
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="folder; goes on where it was  [default: runs/tryout-NAME]", metavar="DIR"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Find the correction of a part on the simulated elasto-plastic sheet, before the first real one."""
+    from isf_cell.commands.tryout import Tryout, try_out
+
+    of_correction, of_check = (numbers(text, name) for text, name in ((variants, "--variants"), (check, "--check")))
+    if not of_correction:
+        raise IsfError(ErrorCode.FILE_FIELD, "names no variant", where="--variants", advice="0 is the nominal plant")
+    count = jobs or len(os.sched_getaffinity(0))
+    wanted = Tryout(job, sheet_kind(sheet, "--sheet"), steps, of_correction, of_check, seed, count, correction)
+    try_out(wanted, output, as_json=json)
 
 
 @app.command()

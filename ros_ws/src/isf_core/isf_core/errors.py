@@ -8,6 +8,7 @@ command all use these codes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import IntEnum
 
 
@@ -176,8 +177,15 @@ class IsfError(Exception):
         text = f"{self.where}: {self.what}" if self.where else self.what
         return f"{text} ({self.advice})" if self.advice else text
 
+    def __reduce__(self) -> tuple[Callable[..., IsfError], tuple[int, str, str, str]]:
+        return _restored, (self.code.value, self.what, self.where, self.advice)  # for a failure in another process
+
     def __str__(self) -> str:
         return f"[{self.code.value} {self.code.name}] {self.message}"
+
+
+def _restored(code: int, what: str, where: str, advice: str) -> IsfError:
+    return IsfError(ErrorCode(code), what, where=where, advice=advice)
 
 
 def coded(error: Exception, *, where: str = "", advice: str = "a fault of this software") -> IsfError:

@@ -1,5 +1,7 @@
 """The error catalogue: ranges, owners, wording."""
 
+import pickle
+
 from isf_core.errors import ErrorCode, IsfError
 
 RANGES = {
@@ -24,3 +26,10 @@ def test_an_error_reports_code_place_what_and_advice() -> None:
     error = IsfError(ErrorCode.MESH_OPEN, "3 holes", where="cone.stl", advice="repair the mesh")
     assert str(error) == "[1106 MESH_OPEN] cone.stl: 3 holes (repair the mesh)"
     assert str(IsfError(ErrorCode.MESH_OPEN, "3 holes")) == "[1106 MESH_OPEN] 3 holes"
+
+
+def test_a_failure_of_another_process_arrives_whole() -> None:
+    sent = IsfError(ErrorCode.FILE_FIELD, "is 3", where="job.yaml:4", advice="take 2")
+    arrived = pickle.loads(pickle.dumps(sent))
+    assert vars(arrived) == vars(sent)
+    assert str(arrived) == str(sent)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from isf_core.errors import ErrorCode, IsfError
 
 from isf_cell.options import LARGEST_NUMBER
 
@@ -25,3 +26,13 @@ Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/NAME-TIME]", metavar="DIR")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object on stdout")]
+
+
+def numbers(text: str, where: str) -> tuple[int, ...]:
+    """Variants with commas between; raises IsfError FILE_FIELD for anything else."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if not all(part.isdecimal() and int(part) <= LARGEST_NUMBER for part in parts):
+        raise IsfError(
+            ErrorCode.FILE_FIELD, f"'{text}' is not a list of variants", where=where, advice="such as 0,21,22"
+        )
+    return tuple(dict.fromkeys(map(int, parts)))

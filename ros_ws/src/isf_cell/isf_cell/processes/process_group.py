@@ -133,12 +133,12 @@ _PR_SET_PDEATHSIG = 1
 """Of prctl(2): the signal that a process receives when the thread that started it ends, for whatever reason."""
 
 
-def ends_with_owner(number: signal.Signals) -> Callable[[], None]:
+def ends_with_owner(number: signal.Signals, owner: int | None = None) -> Callable[[], None]:
     """For ``preexec_fn`` of subprocess: the process receives ``number`` when its owner is gone, however it ended.
 
-    Start it from a thread that lasts as long as the owner does.
+    Start it from a thread that lasts as long as the owner does. ``owner``: its process, where it is not this one.
     """
-    owner = os.getpid()
+    owner = os.getpid() if owner is None else owner
 
     def prepare() -> None:
         _LIBC.prctl(_PR_SET_PDEATHSIG, number)

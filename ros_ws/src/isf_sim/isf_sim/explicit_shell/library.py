@@ -84,6 +84,9 @@ SMALLEST_SHARE = 20_000
 """Steps times elements from which on a second thread is faster: one takes some 30 us to start."""
 
 
+CROWDED, ALONE = 0.05, 2000
+"""Long waits per step beyond which other work needs the processors, and calls after that with one thread."""
+
 THREADS = "ISF_SHELL_THREADS"
 """Variable of the environment with the number of threads of a sheet, 1 or 2."""
 
@@ -95,8 +98,8 @@ def threads() -> int:
 
 
 @cache
-def advance() -> Callable[..., float]:
-    """``isf_shell_advance(shell, tools, steps, smoothing, threads)`` returns the s that a second thread took.
+def advance() -> Callable[..., int]:
+    """``isf_shell_advance(shell, tools, steps, smoothing, threads, cpu)``, how often threads waited for each other.
 
     Raises IsfError when it was not built.
     """
@@ -110,6 +113,8 @@ def advance() -> Callable[..., float]:
             advice="build the workspace again (colcon build; a C compiler is needed)",
         ) from error
     function = ctypes.CDLL(str(module.__file__)).isf_shell_advance
-    function.argtypes = (ctypes.POINTER(ShellStruct), ctypes.c_void_p, _long, _double, _long)
-    function.restype = _double
-    return cast(Callable[..., float], function)
+    function.argtypes = (
+        ctypes.POINTER(ShellStruct), ctypes.c_void_p, _long, _double, _long, ctypes.POINTER(_double)
+    )  # fmt: skip
+    function.restype = _long
+    return cast(Callable[..., int], function)

@@ -641,6 +641,7 @@ typedef struct {
     atomic_long taken;            /* portions of rows of elements in this step */
     atomic_int waiting, passed;   /* of the barrier */
     double cpu;                   /* s, of the second thread */
+    atomic_long yields;           /* times that a thread offered its processor to others while it waited */
 } Work;
 
 enum { PORTION = 2 };             /* rows of elements that a thread takes at once */
@@ -656,8 +657,10 @@ static void barrier(Work *R w) {
         return;
     }
     for (int k = 0; atomic_load_explicit(&w->passed, memory_order_acquire) == passed; k++)
-        if (k >= SPINS)
+        if (k >= SPINS) {
+            atomic_fetch_add_explicit(&w->yields, 1, memory_order_relaxed);
             sched_yield();
+        }
 }
 
 static void keep_thickness(const Shell *R q, int64_t from, int64_t to) {
@@ -727,9 +730,9 @@ static void *second(void *work) {
     return NULL;
 }
 
-/* `steps` steps on one or two `threads`, while the tools go from begin to end; a tool of radius 0 is not there. Returns
- * the s of the processor that the second thread took. */
-double isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smoothing, int64_t threads) {
+/* `steps` steps on one or two `threads`, while the tools go from begin to end; a tool of radius 0 is not there. `cpu`: out,
+ * s of the processor that the second thread took. Returns how often the threads waited long for each other. */
+int64_t isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smoothing, int64_t threads, double *cpu) {
     Work work = {.q = q, .tools = tools, .steps = steps, .smoothing = smoothing, .threads = threads > 1 ? 2 : 1};
     pthread_t other;
     for (int t = 0; t < TOOLS; t++)
@@ -741,7 +744,8 @@ double isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smoo
     compute(&work, 0);
     if (joined)
         pthread_join(other, NULL);
-    return work.cpu;
+    *cpu = work.cpu;
+    return work.yields;
 }
 
 /* An empty module, so that Python finds and loads the library as it does any other; see library.py. */

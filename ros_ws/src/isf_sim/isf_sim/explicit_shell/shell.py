@@ -206,6 +206,7 @@ class ExplicitShell:
         self.tools = np.zeros(TOOLS, dtype=TOOL)
         self._support: Support | None = None
         self._built: ShellStruct | None = None
+        self._alone = 0  # calls still to be made with one thread
 
     # -- what it is made of ------------------------------------------------------------------------
 
@@ -413,8 +414,13 @@ class ExplicitShell:
         struct.damping = damping
         if raised is not None:
             struct.support_to = raised
-        threads = self.threads if steps * self._area.size >= library.SMALLEST_SHARE else 1
-        self.beside += library.advance()(ctypes.byref(struct), self.tools.ctypes.data, steps, SMOOTHING, threads)
+        shared = self._alone == 0 and steps * self._area.size >= library.SMALLEST_SHARE
+        threads, cpu = self.threads if shared else 1, ctypes.c_double()
+        waits = library.advance()(
+            ctypes.byref(struct), self.tools.ctypes.data, steps, SMOOTHING, threads, ctypes.byref(cpu)
+        )
+        self.beside += cpu.value
+        self._alone = library.ALONE if waits > library.CROWDED * steps else max(0, self._alone - 1)
         self.steps += steps
 
     def _hold_edge(self) -> None:

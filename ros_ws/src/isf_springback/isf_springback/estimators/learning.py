@@ -109,6 +109,8 @@ def load(path: Path) -> Learned:
 
 GAIN = 0.7
 """Part of an error that is put into the next part (assumed; 1 is the published mirror correction)."""
+LEAST_PUSH = -4e-3
+"""m, how far a path is led back where parts come out too deep (assumed)."""
 LARGEST_CHANGE = 2e-3
 """m from part to part (assumed)."""
 MINIMUM_RESPONSE = 0.3
@@ -228,21 +230,43 @@ def _adjusted(now: Learned, before: Learned | None) -> Learned:
         # overshoot: the error changed its sign and more than the change asked for
         gain = np.where(moved & np.isfinite(response) & (response > 1.4), 0.7 * gain, gain)
     step = np.clip(gain * np.nan_to_num(now.error), -LARGEST_CHANGE, LARGEST_CHANGE)
-    push = np.clip(push_before + step, -1e-3, LARGEST_CORRECTION)
+    push = np.clip(push_before + step, LEAST_PUSH, LARGEST_CORRECTION)
     known = now.error[np.isfinite(now.error) & (now.feature[:, 2] > 3e-3)]
     row = [float(np.abs(known).mean()), float(np.abs(known).max())] if len(known) else [np.nan, np.nan]
     history = np.vstack([before.history, [row]]) if before is not None else np.array([row])
     return replace(now, push=push, gain=gain, history=history)
 
 
+def together(several: Sequence[Learned]) -> Learned:
+    """Knowledge of one plan from parts formed on several sheets: the mean of what each of them asks for.
+
+    Raises
+    ------
+    IsfError : LEARNING_UNUSABLE, the parts are of different plans
+    """
+    first = several[0]
+    if any((other.job, other.contours) != (first.job, first.contours) for other in several):
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE, "parts of different plans", where=first.job, advice="take parts of one job"
+        )
+    at_first = [first.push, *(other.push[_nearest(first, other)] for other in several[1:])]
+    return replace(first, push=np.mean(at_first, axis=0))
+
+
 def _earlier(now: Learned, before: Learned) -> tuple[Array, Array, Array]:
-    """Error, push and gain of ``before`` at the places of ``now`` nearest on the same contour."""
+    """Error, push and gain of ``before`` at the places of ``now``."""
+    nearest = _nearest(now, before)
+    return before.error[nearest], before.applied[nearest], before.gain[nearest]
+
+
+def _nearest(now: Learned, other: Learned) -> NDArray[np.intp]:
+    """(K,) rows of ``other`` nearest to the places of ``now`` on the same contour."""
     nearest = np.zeros(len(now.contour), dtype=np.intp)
     for index in np.unique(now.contour):
-        mine, theirs = np.flatnonzero(now.contour == index), np.flatnonzero(before.contour == index)
+        mine, theirs = np.flatnonzero(now.contour == index), np.flatnonzero(other.contour == index)
         if len(theirs):
-            nearest[mine] = theirs[nearest_points(now.place[mine], before.place[theirs])]
-    return before.error[nearest], before.applied[nearest], before.gain[nearest]
+            nearest[mine] = theirs[nearest_points(now.place[mine], other.place[theirs])]
+    return nearest
 
 
 def _with_samples(now: Learned, known: Learned | None) -> Learned:

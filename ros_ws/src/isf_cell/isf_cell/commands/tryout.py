@@ -1,0 +1,584 @@
+"""``isf tryout``: parts formed on the elasto-plastic sheet until a correction is found, before any real sheet is.
+
+1. The first part is formed with the method of the job.
+2. Probes: the same with 1 mm more push over a fifth of the depth each. What the shape of the whole part answers to
+   them is its Jacobian: what a push at the opening does to the base is in it.
+3. Steps of Gauss and Newton, the Jacobian brought up to date after each (Broyden 1965), with a ridge and bounds.
+4. Passes of displacement adjustment place by place (:mod:`isf_springback.estimators.learning`), for what changes around
+   the part; as long as they help.
+
+With several variants of the plant all of this is for their errors together. The best part is the result; it is formed
+once more on variants that had no say in it, which tells what to expect of a sheet nobody knows.
+
+Every part stays in the folder as a bag, so that a try-out that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.bag.bag_writer import write_bag
+from isf_analysis.figures import style
+from isf_analysis.measures.deviation import REGIONS, Deviation, compare
+from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.verdict import WITHIN_TOLERANCE
+from isf_core import __version__
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import torn
+from isf_core.files.job import JobFile, load_job
+from isf_core.simulated_sheet import SEALED_VARIANTS, SheetKind
+from isf_core.types import Array
+from isf_sim.explicit_shell.library import THREADS
+from isf_springback.estimators import learning
+from isf_springback.estimators.learning import LEAST_PUSH, Learned, together
+from isf_springback.loop_path import LARGEST_CORRECTION
+from scipy.optimize import lsq_linear
+
+from isf_cell import in_process
+from isf_cell.commands import terminal
+from isf_cell.commands.learn import learn_record
+from isf_cell.commands.report import first_failure
+from isf_cell.commands.run_folder import make_folder
+from isf_cell.options import RunOptions
+from isf_cell.processes.process_group import ends_with_owner
+
+CONTROL_RATE = 100.0
+"""Hz, at most, of a part that is tried: shapes are those at 500 Hz within 0.01 mm (mini_cone), in half the time."""
+
+TOLERANCE = 0.3e-3
+"""m, as in the verdict of a report."""
+
+PROBES, PROBED = 5, 1.0e-3
+"""Bands of depth that are pushed by themselves, and m by which."""
+
+RIDGE = 0.03
+"""Weight of a step itself against what it mends, of the mean square of the Jacobian (assumed)."""
+
+LONGEST_STEP = 3.0e-3
+"""m of push that a step may change (assumed); half of it after one that made the part worse."""
+
+RIM_WEIGHT = 0.5
+"""Of the error in the rim, against that of wall and base (assumed)."""
+
+DECIMATED = 3
+"""Every how many cells of the target are looked at, along x and along y."""
+
+ENOUGH = 0.95
+"""Of the best error so far: a step that is not below it has not helped."""
+
+IDLE_STEPS = 2
+"""Steps in a row that have not helped, after which there are no more."""
+
+STATE = "tryout.json"
+"""What a folder was begun for."""
+
+
+@dataclass(frozen=True)
+class Tryout:
+    """What to try.
+
+    Attributes
+    ----------
+    job : Path ; sheet : model that forms the parts ; steps : after the probes, at most
+    variants : of the plant, which the correction is for ; checks : on which the best part is formed again
+    seed : of sensor noise and variants ; jobs : parts at a time ; correction : of the first part; None: the job's
+    """
+
+    job: Path
+    sheet: SheetKind = "shell_coarse"
+    steps: int = 6
+    variants: tuple[int, ...] = (0,)
+    checks: tuple[int, ...] = (21, 22)
+    seed: int = 0
+    jobs: int = 1
+    correction: str | None = None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One part; lengths in m.
+
+    Attributes
+    ----------
+    name : of the part: first, probe 1, step 1, ... ; variant
+    mean, largest : error of wall and base ; within : share of its points within 0.3 mm ; bias : signed mean
+    regions : signed mean error by region
+    """
+
+    name: str
+    variant: int
+    mean: float
+    largest: float
+    within: float
+    bias: float
+    regions: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class Tried:
+    """A part with one correction on every variant: its trials, errors (n,) m with their weight in it, and plan file."""
+
+    trials: list[Trial]
+    error: Array
+    records: dict[int, PartRecord]
+    plan: Path | None
+
+    @property
+    def score(self) -> float:
+        """m, root mean square of the weighted errors: what the steps make small."""
+        return float(np.sqrt(np.mean(self.error**2))) if self.error.size else 0.0
+
+    @property
+    def good(self) -> bool:
+        """In tolerance on every variant."""
+        return all(trial.within >= WITHIN_TOLERANCE for trial in self.trials)
+
+
+def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
+    """Find a correction for the job and say what to expect of it.
+
+    Raises
+    ------
+    IsfError : what the job or its method is refused for, FILE_NOT_WRITABLE for a folder of another try-out, the code of
+    a part that does not complete
+    """
+    if sealed := sorted({*wanted.variants, *wanted.checks} & set(SEALED_VARIANTS)):
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"variants {', '.join(map(str, sealed))} are sealed: they judge what a try-out found",
+            where="--variants, --check",
+            advice="take others; then isf simulate FOLDER/job.yaml --variant 101 judges the result",
+        )
+    job_file = load_job(wanted.job)
+    RunOptions(wanted.correction, sheet=wanted.sheet).check(job_file)
+    folder = _folder(wanted, job_file, output)
+    search = Search(wanted, job_file, folder)
+    checks: list[Trial] = []
+    try:
+        search.run()
+        if wanted.checks:
+            checks = search.form([("check", search.best.plan)], wanted.checks)[0].trials
+    except KeyboardInterrupt:
+        raise IsfError(
+            ErrorCode.CANCELLED,
+            "stopped by the operator; the parts that were formed are kept",
+            where=str(folder),
+            advice="the same command goes on with them",
+        ) from None
+    _finish(search, checks, as_json=as_json)
+
+
+class Search:
+    """The parts of a try-out, one after the other.
+
+    Attributes
+    ----------
+    wanted, job_file, folder ; parts : formed so far, in order ; best : of them
+    """
+
+    def __init__(self, wanted: Tryout, job_file: JobFile, folder: Path) -> None:
+        self.wanted, self.job_file, self.folder = wanted, job_file, folder
+        self.parts: list[Tried] = []
+
+    @property
+    def best(self) -> Tried:
+        """The part with the smallest error so far."""
+        return min(self.parts, key=lambda part: part.score)
+
+    def run(self) -> None:
+        """Form parts until one is good or nothing helps any more."""
+        first = self._add([("first", None)])[0]
+        if first.good:
+            return
+        record = next(iter(first.records.values()))
+        start = learn_record(record, self.job_file.base)
+        bands = _bands(start, np.array([float(contour.forming_tip[:, 2].min()) for contour in record.nominal]))
+        jacobian = self._probed(start, bands, first.error)
+        self._newton(start, bands, jacobian)
+        self._place_by_place()
+
+    def form(self, wanted: Sequence[tuple[str, Path | None]], variants: Sequence[int]) -> list[Tried]:
+        """Parts of the names and plans ``wanted``, on each of ``variants``."""
+        jobs = [_tried(self.job_file, plan, self.wanted.correction) for _, plan in wanted]
+        tasks = [
+            _Task(job.text, job.base, job.job.name, self.wanted.sheet, variant, self.wanted.seed,
+                  self.folder / name.replace(" ", "_") / f"variant_{variant}", name)
+            for job, (name, _) in zip(jobs, wanted, strict=True)
+            for variant in variants
+        ]  # fmt: skip
+        _form_all([task for task in tasks if not task.bag.exists()], self.wanted.jobs)
+        found = []
+        for name, plan in wanted:
+            records = {task.variant: _complete(task) for task in tasks if task.name == name}
+            deviations = {variant: _deviation(record) for variant, record in records.items()}
+            trials = [_trial(name, variant, deviation) for variant, deviation in deviations.items()]
+            error = np.concatenate([_weighted(deviation) for deviation in deviations.values()])
+            found.append(Tried(trials, error, records, plan))
+        return found
+
+    def _add(self, wanted: Sequence[tuple[str, Path | None]]) -> list[Tried]:
+        found = self.form(wanted, self.wanted.variants)
+        self.parts += found
+        for part in found:
+            for trial in part.trials:
+                terminal.say(
+                    f"{trial.name}, variant {trial.variant}: {1e3 * trial.largest:.2f} mm largest, "
+                    f"{1e3 * trial.mean:.2f} mm mean, {100 * trial.within:.0f} % within 0.3 mm"
+                )
+        return found
+
+    def _plan(self, name: str, knowledge: Learned, push: Array) -> tuple[str, Path]:
+        path = self.folder / f"{name.replace(' ', '_')}.npz"
+        learning.save(replace(knowledge, push=np.clip(push, LEAST_PUSH, LARGEST_CORRECTION)), path)
+        return name, path
+
+    def _probed(self, start: Learned, bands: Array, error: Array) -> Array:
+        """(errors, bands), what a push over each band of depth changes."""
+        plans = [self._plan(f"probe {k + 1}", start, start.applied + PROBED * band) for k, band in enumerate(bands.T)]
+        probes = self._add(plans)
+        return np.column_stack([probe.error - error for probe in probes]) / PROBED
+
+    def _newton(self, start: Learned, bands: Array, jacobian: Array) -> None:
+        """Steps over the bands from the first part on."""
+        at, error, best = np.zeros(bands.shape[1]), self.parts[0].error, self.parts[0].score
+        low, high = LEAST_PUSH - start.applied.max(), LARGEST_CORRECTION - start.applied.min()
+        reach, idle = LONGEST_STEP, 0
+        for number in range(1, self.wanted.steps + 1):
+            step = _step(jacobian, error, np.maximum(low - at, -reach), np.minimum(high - at, reach))
+            (part,) = self._add([self._plan(f"step {number}", start, start.applied + bands @ (at + step))])
+            if part.good:
+                return
+            jacobian = jacobian + np.outer(part.error - error - jacobian @ step, step) / float(step @ step + 1e-12)
+            if part.score < best:
+                idle = 0 if part.score < ENOUGH * best else idle + 1
+                at, error, best = at + step, part.error, part.score
+            else:
+                reach, idle = 0.5 * min(reach, float(np.abs(step).max())), idle + 1
+            if idle == IDLE_STEPS:
+                return
+
+    def _place_by_place(self) -> None:
+        """Passes of displacement adjustment from the best part on, as long as they help."""
+        for number in range(1, self.wanted.steps + 1):
+            best = self.best
+            if best.good:
+                return
+            knowledge = together([learn_record(record, self.job_file.base) for record in best.records.values()])
+            (part,) = self._add([self._plan(f"pass {number}", knowledge, knowledge.push)])
+            if part.score > ENOUGH * best.score:
+                return
+
+
+def _bands(start: Learned, tips: Array) -> Array:
+    """(places, bands), weights of the bands of depth: hats that add up to 1; ``tips`` (contours,) m, their heights."""
+    count = min(PROBES, len(tips))
+    share = (tips.max() - tips) / max(float(np.ptp(tips)), 1e-9) * (count - 1)
+    weights = np.maximum(0.0, 1.0 - np.abs(share[:, None] - np.arange(count)))
+    return np.asarray(weights[start.contour])
+
+
+def _step(jacobian: Array, error: Array, low: Array, high: Array) -> Array:
+    """(bands,) m, between ``low`` and ``high``, with the least squares of what it leaves of ``error``."""
+    count = jacobian.shape[1]
+    ridge = np.sqrt(RIDGE * float((jacobian**2).sum()) / count)
+    rows = np.vstack([jacobian, ridge * np.eye(count)])
+    found = lsq_linear(rows, np.concatenate([-error, np.zeros(count)]), (low, np.maximum(high, low + 1e-9)))
+    return np.asarray(found.x)
+
+
+def _folder(wanted: Tryout, job_file: JobFile, output: Path | None) -> Path:
+    """Of this try-out, new or begun earlier."""
+    folder = make_folder(output or Path("runs") / f"tryout-{job_file.job.name}")
+    rig, material = job_file.rig.model_dump_json(), job_file.material.model_dump_json()
+    mesh = job_file.mesh.read_bytes() if job_file.mesh.is_file() else b""
+    choices = wanted.sheet, wanted.variants, wanted.seed, wanted.correction
+    said = json.dumps([__version__, job_file.text, rig, material, *choices])
+    key = hashlib.sha256(said.encode() + mesh).hexdigest()
+    state = folder / STATE
+    if state.exists():
+        if json.loads(state.read_text(encoding="utf-8")).get("key") != key:
+            raise IsfError(
+                ErrorCode.FILE_NOT_WRITABLE,
+                "holds a try-out of another job, part, sheet or choice of variants, or by another version",
+                where=str(folder),
+                advice="choose another --output, or remove the folder",
+            )
+        terminal.say(f"goes on with what is in {folder}")
+    elif any(folder.iterdir()):
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "is not empty", where=str(folder), advice="choose another --output")
+    state.write_text(json.dumps({"key": key}), encoding="utf-8")
+    return folder
+
+
+def _tried(job_file: JobFile, plan: Path | None, correction: str | None, rate: float = CONTROL_RATE) -> JobFile:
+    """``job_file`` with what was learned in ``plan``, or with method ``correction`` before there is one; its text names
+    files by absolute paths."""
+    data = _absolute(yaml.safe_load(job_file.text), job_file.base)
+    if plan is not None:
+        data["springback"] = {**data.get("springback", {}), "method": "learned", "learning": str(plan)}
+    elif correction is not None:
+        data["springback"] = {**data.get("springback", {}), "method": correction}
+    if job_file.job.control.rate > rate:
+        data["control"] = {**data.get("control", {}), "rate": f"{rate:g} Hz"}
+    return JobFile(yaml.safe_dump(data, sort_keys=False), job_file.base, job_file.job.name)
+
+
+def _absolute(value: Any, base: Path) -> Any:
+    """``value`` with the names of files in it, relative to ``base``, made absolute."""
+    if isinstance(value, dict):
+        return {key: _absolute(item, base) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_absolute(item, base) for item in value]
+    if isinstance(value, str) and Path(value).suffix and (base / value).is_file():
+        return str((base / value).resolve())
+    return value
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One part to form: text and base of its job, where its bag goes."""
+
+    text: str
+    base: Path
+    job: str
+    sheet: SheetKind
+    variant: int
+    seed: int
+    bag: Path
+    name: str
+
+
+def _form_all(tasks: list[_Task], jobs: int) -> None:
+    if jobs > 1 and len(tasks) > 1:
+        _form_beside(tasks, min(jobs, len(tasks)))
+        return
+    for task in tasks:
+        with terminal.part_progress(f"{task.name}, variant {task.variant}") as progress:
+            _form(task, progress)
+
+
+def _form_beside(tasks: list[_Task], jobs: int) -> None:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_alone, initargs=(os.getpid(),)) as pool:
+        futures = {pool.submit(_form, task): task for task in tasks}
+        try:
+            for future in as_completed(futures):
+                future.result()
+                terminal.say(f"  {futures[future].name}, variant {futures[future].variant}: formed")
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.kill()
+            raise
+
+
+def _alone(owner: int) -> None:
+    """In a process of several: one thread each; Ctrl-C is for their ``owner``, with which they end."""
+    ends_with_owner(signal.SIGKILL, owner)()
+    os.environ[THREADS] = "1"
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _form(task: _Task, progress: terminal.PartProgress | None = None) -> None:
+    """One part; its bag appears when it is whole."""
+    options = RunOptions(variant=task.variant, seed=task.seed, sheet=task.sheet)
+    job_file = JobFile(task.text, task.base, task.job)
+    record = in_process.form(job_file, options, progress=progress.contour if progress else None)
+    part = task.bag.with_suffix(".part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.parent.mkdir(parents=True, exist_ok=True)
+    write_bag(record, part)
+    part.rename(task.bag)
+
+
+def _complete(task: _Task) -> PartRecord:
+    """Record of a part that was formed; raises IsfError for one that tore, stopped or was not measured."""
+    record = read_bag(task.bag)
+    failure = torn(record.events) or first_failure(record.results)
+    if failure is None and (record.scan is None or record.target is None):
+        failure = IsfError(ErrorCode.SHEET_MODEL_FAILED, "it has no scan", advice="try smaller cells: --sheet shell")
+    if failure is not None:
+        raise IsfError(
+            failure.code,
+            f"{task.name} does not complete on variant {task.variant}: {failure.what}",
+            where=str(task.bag),
+            advice=failure.advice or f"isf report {task.bag} shows it",
+        )
+    return record
+
+
+def _deviation(record: PartRecord) -> Deviation:
+    assert record.scan is not None  # as :func:`_complete` has found
+    assert record.target is not None
+    return compare(record.scan, record.target)
+
+
+def _trial(name: str, variant: int, deviation: Deviation) -> Trial:
+    found, error = deviation.regions["wall_and_base"], _errors(deviation)
+    return Trial(
+        name,
+        variant,
+        found.mean_abs,
+        found.max_abs,
+        float(np.mean(np.abs(error) <= TOLERANCE)) if error.size else 0.0,
+        found.mean,
+        {region: deviation.regions[region].mean for region in REGIONS},
+    )
+
+
+def _weighted(deviation: Deviation) -> Array:
+    """(n,) m, errors of wall, base and rim by their weight; a place that was not seen counts as right."""
+    weight = np.where(deviation.masks["wall_and_base"], 1.0, np.where(deviation.masks["rim"], RIM_WEIGHT, 0.0))
+    some = weight[::DECIMATED, ::DECIMATED]
+    return np.asarray(np.nan_to_num(deviation.error.z[::DECIMATED, ::DECIMATED] * some)[some > 0.0])
+
+
+def _errors(deviation: Deviation) -> Array:
+    error = deviation.error.z[deviation.masks["wall_and_base"]]
+    return np.asarray(error[np.isfinite(error)])
+
+
+def _prevented(search: Search) -> list[str]:
+    """What keeps the best part from its tolerance."""
+    best = search.best
+    if best.good:
+        return []
+    worst = max(best.trials, key=lambda trial: trial.mean)
+    found = [
+        f"{name} lies {1e3 * abs(off):.2f} mm too {'high' if off > 0.0 else 'deep'} in the mean"
+        for name, off in worst.regions.items()
+        if name in ("wall", "base", "rim") and np.isfinite(off) and abs(off) > TOLERANCE
+    ]
+    if best.plan is not None:
+        push = learning.load(best.plan).push
+        bound = float(np.mean((push < LEAST_PUSH + 1e-5) | (push > LARGEST_CORRECTION - 1e-5)))
+        if bound > 0.05:
+            found.append(f"{100 * bound:.0f} % of the places are at the limit of a correction (4 mm up, 10 mm down)")
+    if search.job_file.job.backing_plate is None and worst.regions.get("rim", 0.0) < -TOLERANCE:
+        found.append("a backing plate near the opening would hold the rim (backing_plate of the job)")
+    if worst.mean - min(trial.mean for trial in best.trials) > 0.5 * TOLERANCE:
+        found.append("the variants differ by more than one correction can serve")
+    return found or ["no step helps any more: the largest error is where no push acts"]
+
+
+def _finish(search: Search, checks: list[Trial], *, as_json: bool) -> None:
+    wanted, folder, best = search.wanted, search.folder, search.best
+    name = search.job_file.job.name
+    plan = None
+    if best.plan is not None:
+        plan = folder / "plan.npz"
+        shutil.copyfile(best.plan, plan)
+    job = folder / "job.yaml"
+    head = f"# {name} with the correction of a try-out on the simulated sheet {wanted.sheet}\n"
+    job.write_text(head + _tried(search.job_file, plan, wanted.correction, rate=np.inf).text, encoding="utf-8")
+    picture = _draw(search, checks, folder / "tryout.png")
+    prevented, expected = _prevented(search), checks or best.trials
+    data = {
+        "job": name,
+        "sheet": wanted.sheet,
+        "chosen": best.trials[0].name,
+        "within_tolerance": best.good,
+        "prevented_by": prevented,
+        "expected": {
+            "largest_mm": {"median": _mm(expected, "largest", np.median), "worst": _mm(expected, "largest", np.max)},
+            "mean_mm": {"median": _mm(expected, "mean", np.median), "worst": _mm(expected, "mean", np.max)},
+            "from_variants": [trial.variant for trial in expected],
+        },
+        "parts": [_row(trial) for part in search.parts for trial in part.trials],
+        "checks": [_row(trial) for trial in checks],
+        "plan": str(job),
+        "picture": str(picture),
+    }
+    (folder / "summary.json").write_text(json.dumps(terminal.without_nan(data), indent=2), encoding="utf-8")
+    if as_json:
+        terminal.print_json(data)
+    table = terminal.table_of(
+        f"{name}: tried on {wanted.sheet}, wall and base",
+        "part",
+        "variant",
+        "largest [mm]",
+        "mean [mm]",
+        "within 0.3 mm",
+    )
+    for part in search.parts:
+        for trial in part.trials:
+            table.add_row(trial.name + (" (chosen)" if part is best else ""), *_cells(trial))
+    for trial in checks:
+        table.add_row("chosen, other variants", *_cells(trial))
+    terminal.console.print(table)
+    for text in prevented:
+        terminal.warn(text)
+    errors = [_mm(expected, key, of) for of in (np.median, np.max) for key in ("largest", "mean")]
+    terminal.say(
+        "to expect of a sheet like {}: {:.2f} mm largest, {:.2f} mm mean (worst {:.2f} / {:.2f})".format(
+            "these" if checks else "this", *errors
+        )
+    )
+    terminal.say(f"picture {picture}\njob     {job}   (isf form, isf simulate --sheet shell --variant 101)")
+
+
+def _mm(trials: Sequence[Trial], name: str, of: Any) -> float:
+    return float(1e3 * of([getattr(trial, name) for trial in trials]))
+
+
+def _cells(trial: Trial) -> tuple[str, str, str, str]:
+    return (
+        str(trial.variant),
+        f"{1e3 * trial.largest:.2f}",
+        f"{1e3 * trial.mean:.2f}",
+        f"{100 * trial.within:.0f} %",
+    )
+
+
+def _row(trial: Trial) -> dict[str, Any]:
+    values = asdict(trial)
+    row = {"part": values["name"], "variant": values["variant"]}
+    row |= {f"{name}_mm": 1e3 * values[name] for name in ("largest", "mean", "bias")}
+    return {
+        **row,
+        "within_0_3mm_fraction": values["within"],
+        "mean_by_region_mm": {name: 1e3 * off for name, off in values["regions"].items()},
+    }
+
+
+def _draw(search: Search, checks: Sequence[Trial], path: Path) -> Path:
+    """Errors from part to part, and the section of the first and the best part."""
+    with style.applied():
+        figure = style.new_figure(3.6)
+        left, right = figure.subplots(1, 2)
+        names = [part.trials[0].name for part in search.parts]
+        for key, title in (("largest", "largest"), ("mean", "mean")):
+            for k, trials in enumerate(zip(*(part.trials for part in search.parts), strict=True)):
+                values = [1e3 * getattr(trial, key) for trial in trials]
+                left.plot(values, marker="o", markersize=3, label=title if not k else None)
+        at = search.parts.index(search.best)
+        for k, trial in enumerate(checks):
+            left.plot([at, at], [1e3 * trial.largest, 1e3 * trial.mean], "x", color=style.INK,
+                      label=None if k else "other variants")  # fmt: skip
+        left.axhline(1e3 * TOLERANCE, linestyle=":", color=style.INK, linewidth=0.8)
+        left.set_xticks(range(len(names)), names, rotation=90)
+        left.set_ylim(bottom=0.0)
+        left.set_ylabel("error of wall and base [mm]")
+        left.legend()
+        for part, label in ((search.parts[0], "first"), (search.best, search.best.trials[0].name)):
+            error = _deviation(next(iter(part.records.values()))).error
+            right.plot(1e3 * error.x, 1e3 * error.z[len(error.y) // 2], label=label)
+        right.axhline(0.0, color=style.INK, linewidth=0.8)
+        right.set_xlabel("x [mm]")
+        right.set_ylabel("formed minus target at y = 0 [mm]")
+        right.legend()
+        path.write_bytes(style.png(figure))
+    return path

@@ -1,0 +1,124 @@
+"""``isf tryout`` on the fast sheet: finds a correction, says what it is worth, goes on where it was, refuses misuse."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.measures.deviation import compare
+from isf_cell import in_process
+from isf_cell.commands.tryout import Tryout, try_out
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile, load_job
+
+ROOT = Path(__file__).resolve().parents[2]
+
+JOB = """
+name: shallow
+part: {mesh: cone.stl, unit: mm}
+process: SPIF
+rig: ren2018
+sheet: {material: AA5754-O, thickness: 1 mm}
+tool_1: {radius: 5 mm}
+path: {incremental_depth: 1.7 mm, point_spacing: 1 mm, feed: 30 mm/s}
+control: {rate: 200 Hz}
+springback: {method: analytic}
+"""
+
+
+@dataclass
+class Done:
+    """A finished try-out: what it was, its folder, its summary."""
+
+    wanted: Tryout
+    folder: Path
+    summary: dict[str, object]
+
+
+def summary_of(folder: Path) -> dict[str, object]:
+    found: dict[str, object] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    base = tmp_path_factory.mktemp("tryout")
+    shutil.copyfile(ROOT / "examples" / "parts" / "mini_cone.stl", base / "cone.stl")
+    (base / "job.yaml").write_text(JOB, encoding="utf-8")
+    wanted = Tryout(base / "job.yaml", sheet="fast", steps=1, checks=(21,))
+    try_out(wanted, base / "out", as_json=False)
+    return Done(wanted, base / "out", summary_of(base / "out"))
+
+
+def test_the_chosen_part_is_the_best_and_better_than_the_first(done: Done) -> None:
+    parts = done.summary["parts"]
+    assert isinstance(parts, list)
+    assert [part["part"] for part in parts[:4]] == ["first", *(f"probe {k}" for k in range(1, 4))]
+    by_name = {part["part"]: part for part in parts}
+    chosen = by_name[str(done.summary["chosen"])]
+    assert chosen["mean_mm"] < 0.7 * by_name["first"]["mean_mm"]
+    assert chosen["within_0_3mm_fraction"] > by_name["first"]["within_0_3mm_fraction"]
+
+
+def test_its_job_forms_the_chosen_part_from_any_folder(done: Done) -> None:
+    job = load_job(str(done.summary["plan"]))
+    assert job.job.springback.method == "learned"
+    assert job.job.control.rate == 200.0
+    record = in_process.form(JobFile(job.text, Path("/"), "moved"))
+    assert record.scan is not None
+    assert record.target is not None
+    mean = compare(record.scan, record.target).regions["wall_and_base"].mean_abs
+    parts = {part["part"]: part for part in done.summary["parts"]}  # type: ignore[attr-defined]
+    assert 1e3 * mean == pytest.approx(parts[done.summary["chosen"]]["mean_mm"], abs=0.02)  # at another rate
+    assert read_bag(done.folder / "first" / "variant_0").control_rate == 100.0
+
+
+def test_what_to_expect_is_that_of_the_other_variants(done: Done) -> None:
+    checks = done.summary["checks"]
+    expected = done.summary["expected"]
+    assert isinstance(checks, list)
+    assert isinstance(expected, dict)
+    assert [check["variant"] for check in checks] == [21]
+    assert expected["mean_mm"]["worst"] == checks[0]["mean_mm"]
+    assert expected["from_variants"] == [21]
+
+
+def test_it_goes_on_where_it_was(done: Done) -> None:
+    """The last part is missing and one was left half written; nothing else is formed again, and the result is equal."""
+    bags = sorted(done.folder.glob("*/variant_0"))
+    assert len(bags) == 6
+    times = {bag: bag.stat().st_mtime_ns for bag in bags}
+    lost = done.folder / "probe_3" / "variant_0"
+    lost.rename(lost.with_suffix(".part"))
+    try_out(done.wanted, done.folder, as_json=False)
+    assert [bag for bag in bags if bag.stat().st_mtime_ns != times[bag]] == [lost]
+    assert not lost.with_suffix(".part").exists()
+    assert summary_of(done.folder) == done.summary
+
+
+def test_another_job_does_not_go_on_in_its_folder(done: Done, tmp_path: Path) -> None:
+    shutil.copyfile(done.wanted.job.parent / "cone.stl", tmp_path / "cone.stl")
+    (tmp_path / "job.yaml").write_text(JOB.replace("1 mm}", "1.2 mm}", 1), encoding="utf-8")
+    with pytest.raises(IsfError, match="another job") as caught:
+        try_out(Tryout(tmp_path / "job.yaml", sheet="fast"), done.folder, as_json=False)
+    assert caught.value.code == ErrorCode.FILE_NOT_WRITABLE
+
+
+def test_sealed_variants_are_kept_for_the_judgement(done: Done, tmp_path: Path) -> None:
+    with pytest.raises(IsfError, match="101 are sealed"):
+        try_out(Tryout(done.wanted.job, variants=(0, 101)), tmp_path, as_json=False)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_part_that_ends_early_ends_it_with_its_place(done: Done, tmp_path: Path) -> None:
+    """The machine bears less than this sheet takes."""
+    shutil.copyfile(done.wanted.job.parent / "cone.stl", tmp_path / "cone.stl")
+    text = JOB.replace("thickness: 1 mm", "thickness: 3.5 mm")
+    (tmp_path / "job.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(IsfError, match="first does not complete on variant 0") as caught:
+        try_out(Tryout(tmp_path / "job.yaml", sheet="fast"), tmp_path / "out", as_json=False)
+    assert str(tmp_path) in caught.value.where
