@@ -7,13 +7,16 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.measures.deviation import compare
 from isf_cell import in_process
 from isf_cell.commands.tryout import Tryout, try_out
+from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
+from isf_core.types import Array
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -24,7 +27,7 @@ process: SPIF
 rig: ren2018
 sheet: {material: AA5754-O, thickness: 1 mm}
 tool_1: {radius: 5 mm}
-path: {incremental_depth: 1.7 mm, point_spacing: 1 mm, feed: 30 mm/s}
+path: {incremental_depth: 2.5 mm, point_spacing: 1 mm, feed: 30 mm/s}
 control: {rate: 200 Hz}
 springback: {method: analytic}
 """
@@ -49,32 +52,47 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     base = tmp_path_factory.mktemp("tryout")
     shutil.copyfile(ROOT / "examples" / "parts" / "mini_cone.stl", base / "cone.stl")
     (base / "job.yaml").write_text(JOB, encoding="utf-8")
-    wanted = Tryout(base / "job.yaml", sheet="fast", steps=1, checks=(21,))
+    wanted = Tryout(base / "job.yaml", sheet="fast", steps=1, variants=(1, 2), checks=(21,))
     try_out(wanted, base / "out", as_json=False)
     return Done(wanted, base / "out", summary_of(base / "out"))
+
+
+def parts_of(summary: dict[str, object], name: str) -> list[dict[str, float]]:
+    parts = summary["parts"]
+    assert isinstance(parts, list)
+    return [part for part in parts if part["part"] == name]
 
 
 def test_the_chosen_part_is_the_best_and_better_than_the_first(done: Done) -> None:
     parts = done.summary["parts"]
     assert isinstance(parts, list)
-    assert [part["part"] for part in parts[:4]] == ["first", *(f"probe {k}" for k in range(1, 4))]
-    by_name = {part["part"]: part for part in parts}
-    chosen = by_name[str(done.summary["chosen"])]
-    assert chosen["mean_mm"] < 0.7 * by_name["first"]["mean_mm"]
-    assert chosen["within_0_3mm_fraction"] > by_name["first"]["within_0_3mm_fraction"]
+    names = ("first", "replay", "probe 1", "probe 2", "step 1")
+    assert [(part["part"], part["variant"]) for part in parts[:10]] == [(name, k) for name in names for k in (1, 2)]
+    chosen, first = (parts_of(done.summary, name) for name in (str(done.summary["chosen"]), "first"))
+    assert max(part["mean_mm"] for part in chosen) < 0.7 * max(part["mean_mm"] for part in first)
+
+
+def test_variants_share_one_correction(done: Done) -> None:
+    """But in the first part, where the method asks for another one by the forces of each."""
+
+    def offset(part: str, variant: int) -> Array:
+        return read_bag(done.folder / part / f"variant_{variant}").corrections[-1].offset
+
+    assert not np.array_equal(offset("first", 1), offset("first", 2))
+    assert np.array_equal(offset("replay", 1), offset("replay", 2))
 
 
 def test_its_job_forms_the_chosen_part_from_any_folder(done: Done) -> None:
     job = load_job(str(done.summary["plan"]))
     assert job.job.springback.method == "learned"
     assert job.job.control.rate == 200.0
-    record = in_process.form(JobFile(job.text, Path("/"), "moved"))
+    record = in_process.form(JobFile(job.text, Path("/"), "moved"), RunOptions(variant=1))
     assert record.scan is not None
     assert record.target is not None
     mean = compare(record.scan, record.target).regions["wall_and_base"].mean_abs
-    parts = {part["part"]: part for part in done.summary["parts"]}  # type: ignore[attr-defined]
-    assert 1e3 * mean == pytest.approx(parts[done.summary["chosen"]]["mean_mm"], abs=0.02)  # at another rate
-    assert read_bag(done.folder / "first" / "variant_0").control_rate == 100.0
+    chosen = parts_of(done.summary, str(done.summary["chosen"]))[0]
+    assert 1e3 * mean == pytest.approx(chosen["mean_mm"], abs=0.02)  # at another rate
+    assert read_bag(done.folder / "first" / "variant_1").control_rate == 100.0
 
 
 def test_what_to_expect_is_that_of_the_other_variants(done: Done) -> None:
@@ -89,10 +107,10 @@ def test_what_to_expect_is_that_of_the_other_variants(done: Done) -> None:
 
 def test_it_goes_on_where_it_was(done: Done) -> None:
     """The last part is missing and one was left half written; nothing else is formed again, and the result is equal."""
-    bags = sorted(done.folder.glob("*/variant_0"))
-    assert len(bags) == 6
+    bags = sorted(done.folder.glob("*/variant_?"))
+    assert len(bags) == 12
     times = {bag: bag.stat().st_mtime_ns for bag in bags}
-    lost = done.folder / "probe_3" / "variant_0"
+    lost = done.folder / "probe_2" / "variant_1"
     lost.rename(lost.with_suffix(".part"))
     try_out(done.wanted, done.folder, as_json=False)
     assert [bag for bag in bags if bag.stat().st_mtime_ns != times[bag]] == [lost]

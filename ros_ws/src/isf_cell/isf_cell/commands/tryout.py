@@ -129,22 +129,31 @@ class Trial:
 
 @dataclass
 class Tried:
-    """A part with one correction on every variant: its trials, errors (n,) m with their weight in it, and plan file."""
+    """A part with one correction on every variant.
 
-    trials: list[Trial]
-    error: Array
-    records: dict[int, PartRecord]
+    Attributes
+    ----------
+    name ; plan : file of its correction, None for the method of the first part
+    trials, records : of the variants on which it was completed ; failures : why it was not on the others
+    error : (n,) m, errors of all variants by their weight
+    """
+
+    name: str
     plan: Path | None
+    trials: list[Trial]
+    records: dict[int, PartRecord]
+    failures: list[IsfError]
+    error: Array
 
     @property
     def score(self) -> float:
         """m, root mean square of the weighted errors: what the steps make small."""
-        return float(np.sqrt(np.mean(self.error**2))) if self.error.size else 0.0
+        return float(np.sqrt(np.mean(self.error**2))) if self.trials and not self.failures else np.inf
 
     @property
     def good(self) -> bool:
         """In tolerance on every variant."""
-        return all(trial.within >= WITHIN_TOLERANCE for trial in self.trials)
+        return not self.failures and all(trial.within >= WITHIN_TOLERANCE for trial in self.trials)
 
 
 def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
@@ -153,7 +162,7 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
     Raises
     ------
     IsfError : what the job or its method is refused for, FILE_NOT_WRITABLE for a folder of another try-out, the code of
-    a part that does not complete
+    a first part that does not complete
     """
     if sealed := sorted({*wanted.variants, *wanted.checks} & set(SEALED_VARIANTS)):
         raise IsfError(
@@ -166,11 +175,9 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
     RunOptions(wanted.correction, sheet=wanted.sheet).check(job_file)
     folder = _folder(wanted, job_file, output)
     search = Search(wanted, job_file, folder)
-    checks: list[Trial] = []
     try:
         search.run()
-        if wanted.checks:
-            checks = search.form([("check", search.best.plan)], wanted.checks)[0].trials
+        (check,) = search.form([("check", search.best.plan)], wanted.checks)
     except KeyboardInterrupt:
         raise IsfError(
             ErrorCode.CANCELLED,
@@ -178,7 +185,7 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
             where=str(folder),
             advice="the same command goes on with them",
         ) from None
-    _finish(search, checks, as_json=as_json)
+    _finish(search, check, as_json=as_json)
 
 
 class Search:
@@ -200,14 +207,19 @@ class Search:
 
     def run(self) -> None:
         """Form parts until one is good or nothing helps any more."""
-        first = self._add([("first", None)])[0]
+        (first,) = self._add([("first", None)])
+        if first.failures:
+            raise first.failures[0]
         if first.good:
             return
         record = next(iter(first.records.values()))
         start = learn_record(record, self.job_file.base)
         bands = _bands(start, np.array([float(contour.forming_tip[:, 2].min()) for contour in record.nominal]))
-        jacobian = self._probed(start, bands, first.error)
-        self._newton(start, bands, jacobian)
+        base = first
+        if len(self.wanted.variants) > 1:  # each had the correction that its forces asked for
+            (base,) = self._add([self._plan("replay", start, start.applied)])
+        if not base.failures:
+            self._newton(start, bands, self._probed(start, bands, base.error), base)
         self._place_by_place()
 
     def form(self, wanted: Sequence[tuple[str, Path | None]], variants: Sequence[int]) -> list[Tried]:
@@ -222,11 +234,18 @@ class Search:
         _form_all([task for task in tasks if not task.bag.exists()], self.wanted.jobs)
         found = []
         for name, plan in wanted:
-            records = {task.variant: _complete(task) for task in tasks if task.name == name}
+            records, failures = {}, []
+            for task in tasks:
+                if task.name == name:
+                    record = read_bag(task.bag)
+                    if (failure := _failure(task, record)) is None:
+                        records[task.variant] = record
+                    else:
+                        failures.append(failure)
             deviations = {variant: _deviation(record) for variant, record in records.items()}
             trials = [_trial(name, variant, deviation) for variant, deviation in deviations.items()]
-            error = np.concatenate([_weighted(deviation) for deviation in deviations.values()])
-            found.append(Tried(trials, error, records, plan))
+            error = np.concatenate([np.zeros(0), *map(_weighted, deviations.values())])
+            found.append(Tried(name, plan, trials, records, failures, error))
         return found
 
     def _add(self, wanted: Sequence[tuple[str, Path | None]]) -> list[Tried]:
@@ -238,6 +257,8 @@ class Search:
                     f"{trial.name}, variant {trial.variant}: {1e3 * trial.largest:.2f} mm largest, "
                     f"{1e3 * trial.mean:.2f} mm mean, {100 * trial.within:.0f} % within 0.3 mm"
                 )
+            for failure in part.failures:
+                terminal.warn(failure.message)
         return found
 
     def _plan(self, name: str, knowledge: Learned, push: Array) -> tuple[str, Path]:
@@ -246,14 +267,14 @@ class Search:
         return name, path
 
     def _probed(self, start: Learned, bands: Array, error: Array) -> Array:
-        """(errors, bands), what a push over each band of depth changes."""
+        """(errors, bands), what a push over each band of depth changes; nothing where such a part is not completed."""
         plans = [self._plan(f"probe {k + 1}", start, start.applied + PROBED * band) for k, band in enumerate(bands.T)]
         probes = self._add(plans)
-        return np.column_stack([probe.error - error for probe in probes]) / PROBED
+        return np.column_stack([0.0 * error if probe.failures else probe.error - error for probe in probes]) / PROBED
 
-    def _newton(self, start: Learned, bands: Array, jacobian: Array) -> None:
-        """Steps over the bands from the first part on."""
-        at, error, best = np.zeros(bands.shape[1]), self.parts[0].error, self.parts[0].score
+    def _newton(self, start: Learned, bands: Array, jacobian: Array, base: Tried) -> None:
+        """Steps over the bands from the part ``base`` on, which has the correction of ``start``."""
+        at, error, best = np.zeros(bands.shape[1]), base.error, base.score
         low, high = LEAST_PUSH - start.applied.max(), LARGEST_CORRECTION - start.applied.min()
         reach, idle = LONGEST_STEP, 0
         for number in range(1, self.wanted.steps + 1):
@@ -261,7 +282,8 @@ class Search:
             (part,) = self._add([self._plan(f"step {number}", start, start.applied + bands @ (at + step))])
             if part.good:
                 return
-            jacobian = jacobian + np.outer(part.error - error - jacobian @ step, step) / float(step @ step + 1e-12)
+            if not part.failures:
+                jacobian = jacobian + np.outer(part.error - error - jacobian @ step, step) / float(step @ step + 1e-12)
             if part.score < best:
                 idle = 0 if part.score < ENOUGH * best else idle + 1
                 at, error, best = at + step, part.error, part.score
@@ -309,7 +331,7 @@ def _folder(wanted: Tryout, job_file: JobFile, output: Path | None) -> Path:
     key = hashlib.sha256(said.encode() + mesh).hexdigest()
     state = folder / STATE
     if state.exists():
-        if json.loads(state.read_text(encoding="utf-8")).get("key") != key:
+        if key not in state.read_text(encoding="utf-8", errors="replace"):
             raise IsfError(
                 ErrorCode.FILE_NOT_WRITABLE,
                 "holds a try-out of another job, part, sheet or choice of variants, or by another version",
@@ -404,24 +426,23 @@ def _form(task: _Task, progress: terminal.PartProgress | None = None) -> None:
     part.rename(task.bag)
 
 
-def _complete(task: _Task) -> PartRecord:
-    """Record of a part that was formed; raises IsfError for one that tore, stopped or was not measured."""
-    record = read_bag(task.bag)
+def _failure(task: _Task, record: PartRecord) -> IsfError | None:
+    """Why a part tore, stopped or was not measured."""
     failure = torn(record.events) or first_failure(record.results)
     if failure is None and (record.scan is None or record.target is None):
         failure = IsfError(ErrorCode.SHEET_MODEL_FAILED, "it has no scan", advice="try smaller cells: --sheet shell")
-    if failure is not None:
-        raise IsfError(
-            failure.code,
-            f"{task.name} does not complete on variant {task.variant}: {failure.what}",
-            where=str(task.bag),
-            advice=failure.advice or f"isf report {task.bag} shows it",
-        )
-    return record
+    if failure is None:
+        return None
+    return IsfError(
+        failure.code,
+        f"{task.name} does not complete on variant {task.variant}: {failure.what}",
+        where=str(task.bag),
+        advice=failure.advice or f"isf report {task.bag} shows it",
+    )
 
 
 def _deviation(record: PartRecord) -> Deviation:
-    assert record.scan is not None  # as :func:`_complete` has found
+    assert record.scan is not None  # as :func:`_failure` has found
     assert record.target is not None
     return compare(record.scan, record.target)
 
@@ -451,11 +472,12 @@ def _errors(deviation: Deviation) -> Array:
     return np.asarray(error[np.isfinite(error)])
 
 
-def _prevented(search: Search) -> list[str]:
+def _prevented(search: Search, check: Tried) -> list[str]:
     """What keeps the best part from its tolerance."""
     best = search.best
+    failed = [failure.message for failure in check.failures]
     if best.good:
-        return []
+        return failed
     worst = max(best.trials, key=lambda trial: trial.mean)
     found = [
         f"{name} lies {1e3 * abs(off):.2f} mm too {'high' if off > 0.0 else 'deep'} in the mean"
@@ -471,10 +493,11 @@ def _prevented(search: Search) -> list[str]:
         found.append("a backing plate near the opening would hold the rim (backing_plate of the job)")
     if worst.mean - min(trial.mean for trial in best.trials) > 0.5 * TOLERANCE:
         found.append("the variants differ by more than one correction can serve")
-    return found or ["no step helps any more: the largest error is where no push acts"]
+    found += [failure.what for part in search.parts for failure in part.failures]
+    return failed + (found or ["no step helps any more: the largest error is where no push acts"])
 
 
-def _finish(search: Search, checks: list[Trial], *, as_json: bool) -> None:
+def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
     wanted, folder, best = search.wanted, search.folder, search.best
     name = search.job_file.job.name
     plan = None
@@ -484,13 +507,13 @@ def _finish(search: Search, checks: list[Trial], *, as_json: bool) -> None:
     job = folder / "job.yaml"
     head = f"# {name} with the correction of a try-out on the simulated sheet {wanted.sheet}\n"
     job.write_text(head + _tried(search.job_file, plan, wanted.correction, rate=np.inf).text, encoding="utf-8")
-    picture = _draw(search, checks, folder / "tryout.png")
-    prevented, expected = _prevented(search), checks or best.trials
+    picture = _draw(search, check.trials, folder / "tryout.png")
+    prevented, expected = _prevented(search, check), check.trials or best.trials
     data = {
         "job": name,
         "sheet": wanted.sheet,
-        "chosen": best.trials[0].name,
-        "within_tolerance": best.good,
+        "chosen": best.name,
+        "within_tolerance": best.good and not check.failures,
         "prevented_by": prevented,
         "expected": {
             "largest_mm": {"median": _mm(expected, "largest", np.median), "worst": _mm(expected, "largest", np.max)},
@@ -498,7 +521,7 @@ def _finish(search: Search, checks: list[Trial], *, as_json: bool) -> None:
             "from_variants": [trial.variant for trial in expected],
         },
         "parts": [_row(trial) for part in search.parts for trial in part.trials],
-        "checks": [_row(trial) for trial in checks],
+        "checks": [_row(trial) for trial in check.trials],
         "plan": str(job),
         "picture": str(picture),
     }
@@ -516,7 +539,7 @@ def _finish(search: Search, checks: list[Trial], *, as_json: bool) -> None:
     for part in search.parts:
         for trial in part.trials:
             table.add_row(trial.name + (" (chosen)" if part is best else ""), *_cells(trial))
-    for trial in checks:
+    for trial in check.trials:
         table.add_row("chosen, other variants", *_cells(trial))
     terminal.console.print(table)
     for text in prevented:
@@ -524,7 +547,7 @@ def _finish(search: Search, checks: list[Trial], *, as_json: bool) -> None:
     errors = [_mm(expected, key, of) for of in (np.median, np.max) for key in ("largest", "mean")]
     terminal.say(
         "to expect of a sheet like {}: {:.2f} mm largest, {:.2f} mm mean (worst {:.2f} / {:.2f})".format(
-            "these" if checks else "this", *errors
+            "these" if check.trials else "this", *errors
         )
     )
     terminal.say(f"picture {picture}\njob     {job}   (isf form, isf simulate --sheet shell --variant 101)")
@@ -559,12 +582,13 @@ def _draw(search: Search, checks: Sequence[Trial], path: Path) -> Path:
     with style.applied():
         figure = style.new_figure(3.6)
         left, right = figure.subplots(1, 2)
-        names = [part.trials[0].name for part in search.parts]
+        parts = [part for part in search.parts if not part.failures]
+        names = [part.name for part in parts]
         for key, title in (("largest", "largest"), ("mean", "mean")):
-            for k, trials in enumerate(zip(*(part.trials for part in search.parts), strict=True)):
+            for k, trials in enumerate(zip(*(part.trials for part in parts), strict=True)):
                 values = [1e3 * getattr(trial, key) for trial in trials]
                 left.plot(values, marker="o", markersize=3, label=title if not k else None)
-        at = search.parts.index(search.best)
+        at = parts.index(search.best)
         for k, trial in enumerate(checks):
             left.plot([at, at], [1e3 * trial.largest, 1e3 * trial.mean], "x", color=style.INK,
                       label=None if k else "other variants")  # fmt: skip
@@ -573,7 +597,7 @@ def _draw(search: Search, checks: Sequence[Trial], path: Path) -> Path:
         left.set_ylim(bottom=0.0)
         left.set_ylabel("error of wall and base [mm]")
         left.legend()
-        for part, label in ((search.parts[0], "first"), (search.best, search.best.trials[0].name)):
+        for part, label in ((search.parts[0], "first"), (search.best, search.best.name)):
             error = _deviation(next(iter(part.records.values()))).error
             right.plot(1e3 * error.x, 1e3 * error.z[len(error.y) // 2], label=label)
         right.axhline(0.0, color=style.INK, linewidth=0.8)

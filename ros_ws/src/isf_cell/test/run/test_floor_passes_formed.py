@@ -18,7 +18,7 @@ def middle(floor_step: str, method: str, scans: int) -> tuple[float, tuple[Conto
     """m, mean error within 4 mm of the middle of the floor of mini_cone, and the corrections."""
     text = (JOBS / "mini_cone.yaml").read_text(encoding="utf-8")
     assert "rate: 500 Hz" in text
-    text = text.replace("rate: 500 Hz", "rate: 200 Hz")  # fewer ticks
+    text = text.replace("rate: 500 Hz", "rate: 100 Hz")  # fewer ticks
     text = text.replace("path:\n", f"path:\n  floor_step: {floor_step}\n" if floor_step else "path:\n")
     before, _, _ = text.partition("\nspringback:")
     job_file = JobFile(f"{before}\nspringback: {{method: {method}, scan_every: {scans}, scan_sensor: true}}\n", JOBS)
