@@ -330,17 +330,18 @@ def _folder(wanted: Tryout, job_file: JobFile, output: Path | None) -> Path:
     said = json.dumps([__version__, job_file.text, rig, material, *choices])
     key = hashlib.sha256(said.encode() + mesh).hexdigest()
     state = folder / STATE
-    if state.exists():
-        if key not in state.read_text(encoding="utf-8", errors="replace"):
-            raise IsfError(
-                ErrorCode.FILE_NOT_WRITABLE,
-                "holds a try-out of another job, part, sheet or choice of variants, or by another version",
-                where=str(folder),
-                advice="choose another --output, or remove the folder",
-            )
-        terminal.say(f"goes on with what is in {folder}")
-    elif any(folder.iterdir()):
+    others = [item for item in folder.iterdir() if item != state]  # a refused try-out leaves none
+    if others and not state.exists():
         raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "is not empty", where=str(folder), advice="choose another --output")
+    if others and key not in state.read_text(encoding="utf-8", errors="replace"):
+        raise IsfError(
+            ErrorCode.FILE_NOT_WRITABLE,
+            "holds a try-out of another job, part, sheet or choice of variants, or by another version",
+            where=str(folder),
+            advice="choose another --output, or remove the folder",
+        )
+    if others:
+        terminal.say(f"goes on with what is in {folder}")
     state.write_text(json.dumps({"key": key}), encoding="utf-8")
     return folder
 
