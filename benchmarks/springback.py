@@ -25,8 +25,7 @@ from typing import Any
 
 import isf_springback.estimators.elastic  # noqa: F401 - loaded before the processes start, so that all run the same code
 import numpy as np
-from isf_analysis.measures.deviation import compare
-from isf_analysis.measures.summary import BAND
+from isf_analysis.measures.deviation import TOLERANCE, compare
 from isf_cell import in_process
 from isf_cell.commands.springback import built, edge_of
 from isf_cell.options import RunOptions
@@ -114,7 +113,7 @@ def run(case: Case) -> dict[str, Any]:
     deviation = compare(record.scan, record.target)
     regions = deviation.regions
     error = deviation.error.z[deviation.masks["wall_and_base"]]
-    row["within"] = 100.0 * float(np.mean(np.abs(error[np.isfinite(error)]) <= BAND))
+    row["within"] = 100.0 * float(np.mean(np.abs(error[np.isfinite(error)]) <= TOLERANCE))
     for region in REGIONS:
         errors = regions[region]
         if errors is not None:

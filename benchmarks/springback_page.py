@@ -12,7 +12,8 @@ from typing import Any
 import springback_rows
 from isf_analysis.figures import style
 from isf_analysis.figures.shape_figures import deviation_pair, map_limit
-from isf_analysis.measures.summary import BAND, MM
+from isf_analysis.measures.deviation import TOLERANCE
+from isf_analysis.measures.summary import MM
 
 COMMAND = "./isf python benchmarks/springback_table.py --worlds 0,1-20 --jobs 2 --page"
 MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)", "fused(elastic)+push")
@@ -229,7 +230,7 @@ Largest, or largest / mean. What else the jobs assume stands in `examples/jobs`.
 ## Reached
 
 Per cell: largest / mean, then the measures of the goals (p95: 95 % of the points are closer; share: points within
-{MM * BAND:.1f} mm). Runs that ended early are named with their contours and code and count in no number.
+{MM * TOLERANCE:.1f} mm). Runs that ended early are named with their contours and code and count in no number.
 
 {table(rows)}
 

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isf_analysis.measures.deviation import Deviation, compare
+from isf_analysis.measures.deviation import TOLERANCE, Deviation, compare
 from isf_analysis.measures.record import PartRecord
-from isf_analysis.measures.summary import BAND, MM
+from isf_analysis.measures.summary import MM
 from isf_cell import in_process
 from isf_cell.options import RunOptions
 from isf_core.errors import IsfError
@@ -141,7 +141,7 @@ def _shape(record: PartRecord, path: Path | None) -> dict[str, Any]:
 
 
 def measures(deviation: Deviation) -> dict[str, dict[str, float]]:
-    """Per region: largest, mean and signed mean error, 95th percentile, mm; share of points within BAND."""
+    """Per region: largest, mean and signed mean error, 95th percentile, mm; share of points within TOLERANCE."""
     masks = {**deviation.masks, "walls_base": deviation.masks["wall"] | deviation.masks["base"]}
     found: dict[str, dict[str, float]] = {}
     for region in REGIONS:
@@ -153,7 +153,7 @@ def measures(deviation: Deviation) -> dict[str, dict[str, float]]:
                 "mean": float(size.mean()),
                 "signed": float(error.mean()),
                 "p95": float(np.percentile(size, 95)),
-                "share": float(np.mean(size <= MM * BAND)),
+                "share": float(np.mean(size <= MM * TOLERANCE)),
             }
             found[region] = {name: round(value, 4) for name, value in values.items()}
     return found

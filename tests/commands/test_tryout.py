@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,22 +15,10 @@ from isf_cell import in_process
 from isf_cell.commands.tryout import Tryout, try_out
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile, load_job
+from isf_core.files.job import load_job
 from isf_core.types import Array
-
-ROOT = Path(__file__).resolve().parents[2]
-
-JOB = """
-name: shallow
-part: {mesh: cone.stl, unit: mm}
-process: SPIF
-rig: ren2018
-sheet: {material: AA5754-O, thickness: 1 mm}
-tool_1: {radius: 5 mm}
-path: {incremental_depth: 2.5 mm, point_spacing: 1 mm, feed: 30 mm/s}
-control: {rate: 200 Hz}
-springback: {method: analytic}
-"""
+from isf_springback.estimators import learning
+from quick_cone import quick_cone_file
 
 
 @dataclass
@@ -47,12 +35,21 @@ def summary_of(folder: Path) -> dict[str, object]:
     return found
 
 
+def faster(job: Path, *others: tuple[str, str]) -> Path:
+    """``job`` at a rate that a try-out takes back, with ``others`` changed."""
+    text = job.read_text(encoding="utf-8")
+    for old, new in (("rate: 100 Hz", "rate: 200 Hz"), *others):
+        assert old in text
+        text = text.replace(old, new)
+    job.write_text(text, encoding="utf-8")
+    return job
+
+
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     base = tmp_path_factory.mktemp("tryout")
-    shutil.copyfile(ROOT / "examples" / "parts" / "mini_cone.stl", base / "cone.stl")
-    (base / "job.yaml").write_text(JOB, encoding="utf-8")
-    wanted = Tryout(base / "job.yaml", sheet="fast", steps=1, variants=(1, 2), checks=(21,))
+    job = faster(quick_cone_file(base, step="2.5 mm"))
+    wanted = Tryout(job, sheet="fast", steps=1, variants=(1, 2), checks=(21,))
     try_out(wanted, base / "out", as_json=False)
     return Done(wanted, base / "out", summary_of(base / "out"))
 
@@ -82,14 +79,16 @@ def test_variants_share_one_correction(done: Done) -> None:
     assert np.array_equal(offset("replay", 1), offset("replay", 2))
 
 
-def test_its_job_forms_the_chosen_part_from_any_folder(done: Done) -> None:
-    job = load_job(str(done.summary["plan"]))
+def test_its_job_forms_the_chosen_part_wherever_it_is_taken(done: Done, tmp_path: Path) -> None:
+    for name in ("job.yaml", "plan.npz"):
+        shutil.copyfile(done.folder / name, tmp_path / name)
+    job = load_job(tmp_path / "job.yaml")
     assert job.job.springback.method == "learned"
     assert job.job.control.rate == 200.0
-    record = in_process.form(JobFile(job.text, Path("/"), "moved"), RunOptions(variant=1))
+    record = in_process.form(job, RunOptions(variant=1))
     assert record.scan is not None
     assert record.target is not None
-    mean = compare(record.scan, record.target).regions["wall_and_base"].mean_abs
+    mean = compare(record.scan, record.target).whole.mean_abs
     chosen = parts_of(done.summary, str(done.summary["chosen"]))[0]
     assert 1e3 * mean == pytest.approx(chosen["mean_mm"], abs=0.02)  # at another rate
     assert read_bag(done.folder / "first" / "variant_1").control_rate == 100.0
@@ -106,7 +105,7 @@ def test_what_to_expect_is_that_of_the_other_variants(done: Done) -> None:
 
 
 def test_it_goes_on_where_it_was(done: Done) -> None:
-    """The last part is missing and one was left half written; nothing else is formed again, and the result is equal."""
+    """One part was left half written; nothing else is formed again, and the result is equal."""
     bags = sorted(done.folder.glob("*/variant_?"))
     assert len(bags) == 12
     times = {bag: bag.stat().st_mtime_ns for bag in bags}
@@ -118,11 +117,21 @@ def test_it_goes_on_where_it_was(done: Done) -> None:
     assert summary_of(done.folder) == done.summary
 
 
+def test_a_part_of_another_correction_is_formed_anew(done: Done) -> None:
+    """As one that an earlier version has asked for."""
+    plan = done.folder / "step_1.npz"
+    known = learning.load(plan)
+    learning.save(replace(known, push=known.push + 1e-3), plan)
+    before = (done.folder / "step_1" / "variant_1").stat().st_mtime_ns
+    try_out(done.wanted, done.folder, as_json=False)
+    assert (done.folder / "step_1" / "variant_1").stat().st_mtime_ns > before
+    assert summary_of(done.folder) == done.summary
+
+
 def test_another_job_does_not_go_on_in_its_folder(done: Done, tmp_path: Path) -> None:
-    shutil.copyfile(done.wanted.job.parent / "cone.stl", tmp_path / "cone.stl")
-    (tmp_path / "job.yaml").write_text(JOB.replace("1 mm}", "1.2 mm}", 1), encoding="utf-8")
+    job = faster(quick_cone_file(tmp_path), ("thickness: 1.0 mm", "thickness: 1.2 mm"))
     with pytest.raises(IsfError, match="another job") as caught:
-        try_out(Tryout(tmp_path / "job.yaml", sheet="fast"), done.folder, as_json=False)
+        try_out(Tryout(job, sheet="fast"), done.folder, as_json=False)
     assert caught.value.code == ErrorCode.FILE_NOT_WRITABLE
 
 
@@ -132,11 +141,9 @@ def test_sealed_variants_are_kept_for_the_judgement(done: Done, tmp_path: Path) 
     assert not any(tmp_path.iterdir())
 
 
-def test_a_part_that_ends_early_ends_it_with_its_place(done: Done, tmp_path: Path) -> None:
+def test_a_first_part_that_ends_early_ends_it_with_its_place(tmp_path: Path) -> None:
     """The machine bears less than this sheet takes."""
-    shutil.copyfile(done.wanted.job.parent / "cone.stl", tmp_path / "cone.stl")
-    text = JOB.replace("thickness: 1 mm", "thickness: 3.5 mm")
-    (tmp_path / "job.yaml").write_text(text, encoding="utf-8")
+    job = faster(quick_cone_file(tmp_path), ("thickness: 1.0 mm", "thickness: 3.5 mm"))
     with pytest.raises(IsfError, match="first does not complete on variant 0") as caught:
-        try_out(Tryout(tmp_path / "job.yaml", sheet="fast"), tmp_path / "out", as_json=False)
+        try_out(Tryout(job, sheet="fast"), tmp_path / "out", as_json=False)
     assert str(tmp_path) in caught.value.where

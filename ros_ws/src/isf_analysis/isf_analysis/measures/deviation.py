@@ -33,6 +33,9 @@ OPENING_DEPTH = 0.1e-3
 RIM_WIDTH = 10e-3
 """m around the opening that count as rim."""
 
+TOLERANCE = 0.3e-3
+"""m, error of a good point: the band of which Lu 2016, 4.4 tells the share."""
+
 BASE_SLOPE = np.radians(5.0)
 WALL_SLOPE = np.radians(15.0)
 
@@ -81,6 +84,13 @@ class Deviation:
     def whole(self) -> RegionError:
         """Numbers of the formed part: region ``wall_and_base``."""
         return self.regions["wall_and_base"]
+
+    def within(self, region: str = "wall_and_base") -> float | None:
+        """Fraction of the measured points of ``region`` that are at most :data:`TOLERANCE` off, vertically; None: none
+        was measured."""
+        error = self.error.z[self.masks[region]]
+        error = error[np.isfinite(error)]
+        return float(np.mean(np.abs(error) <= TOLERANCE)) if len(error) else None
 
 
 def compare(measured: HeightMap, target: HeightMap, *, rim_width: float = RIM_WIDTH) -> Deviation:

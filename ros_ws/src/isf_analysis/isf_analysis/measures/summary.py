@@ -9,7 +9,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from isf_core.contour import contour_label
 
 from isf_analysis.measures.contour_scan import ScanError, left_out, scan_errors
@@ -20,9 +19,6 @@ from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.verdict import verdict
 
 MM = 1e3
-
-BAND = 0.3e-3
-"""m, error of a good point: the band of which Lu 2016, 4.4 tells the share."""
 
 
 def summary(
@@ -127,18 +123,11 @@ def _warned(record: PartRecord) -> list[str]:
 
 def _deviation(deviation: Deviation) -> dict[str, Any]:
     regions = {
-        name: {**_region(region), "within_0_3mm_fraction": _within(deviation, name)}
+        name: {**_region(region), "within_0_3mm_fraction": deviation.within(name)}
         for name, region in deviation.regions.items()
     }
     whole = regions["wall_and_base"]
     return {**{key: whole[key] for key in ("max_mm", "mean_abs_mm", "rms_mm", "mean_mm")}, "regions": regions}
-
-
-def _within(deviation: Deviation, region: str) -> float | None:
-    """Fraction of the measured points of a region that are at most :data:`BAND` off, vertically."""
-    error = deviation.error.z[deviation.masks[region]]
-    error = error[np.isfinite(error)]
-    return float(np.mean(np.abs(error) <= BAND)) if len(error) else None
 
 
 def _region(region: RegionError) -> dict[str, Any]:

@@ -23,7 +23,7 @@ import shutil
 import signal
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ import yaml
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.figures import style
-from isf_analysis.measures.deviation import REGIONS, Deviation, compare
+from isf_analysis.measures.deviation import TOLERANCE, Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.verdict import WITHIN_TOLERANCE
 from isf_core import __version__
@@ -57,9 +57,6 @@ from isf_cell.processes.process_group import ends_with_owner
 
 CONTROL_RATE = 100.0
 """Hz, at most, of a part that is tried: shapes are those at 500 Hz within 0.01 mm (mini_cone), in half the time."""
-
-TOLERANCE = 0.3e-3
-"""m, as in the verdict of a report."""
 
 PROBES, PROBED = 5, 1.0e-3
 """Bands of depth that are pushed by themselves, and m by which."""
@@ -109,22 +106,40 @@ class Tryout:
 
 @dataclass(frozen=True)
 class Trial:
-    """One part; lengths in m.
+    """One part on one variant.
 
     Attributes
     ----------
-    name : of the part: first, probe 1, step 1, ... ; variant
-    mean, largest : error of wall and base ; within : share of its points within 0.3 mm ; bias : signed mean
-    regions : signed mean error by region
+    part : its name: first, probe 1, step 1, ... ; variant ; record ; deviation : of its scan from the target
     """
 
-    name: str
+    part: str
     variant: int
-    mean: float
-    largest: float
-    within: float
-    bias: float
-    regions: dict[str, float] = field(default_factory=dict)
+    record: PartRecord
+    deviation: Deviation
+
+    @property
+    def mean(self) -> float:
+        """m, of wall and base."""
+        return self.deviation.whole.mean_abs
+
+    @property
+    def largest(self) -> float:
+        """m, of wall and base."""
+        return self.deviation.whole.max_abs
+
+    @property
+    def within(self) -> float:
+        """Share of the points of wall and base in tolerance."""
+        return self.deviation.within() or 0.0
+
+    @property
+    def weighted(self) -> Array:
+        """(n,) m, errors of wall, base and rim by their weight; a place that was not seen counts as right."""
+        masks = self.deviation.masks
+        weight = np.where(masks["wall_and_base"], 1.0, np.where(masks["rim"], RIM_WEIGHT, 0.0))
+        some, error = (grid[::DECIMATED, ::DECIMATED] for grid in (weight, self.deviation.error.z))
+        return np.asarray(np.nan_to_num(error * some)[some > 0.0])
 
 
 @dataclass
@@ -134,20 +149,22 @@ class Tried:
     Attributes
     ----------
     name ; plan : file of its correction, None for the method of the first part
-    trials, records : of the variants on which it was completed ; failures : why it was not on the others
-    error : (n,) m, errors of all variants by their weight
+    trials : of the variants on which it was completed ; failures : why it was not on the others
     """
 
     name: str
     plan: Path | None
     trials: list[Trial]
-    records: dict[int, PartRecord]
     failures: list[IsfError]
-    error: Array
+
+    @property
+    def error(self) -> Array:
+        """(n,) m, weighted errors of all variants."""
+        return np.concatenate([trial.weighted for trial in self.trials])
 
     @property
     def score(self) -> float:
-        """m, root mean square of the weighted errors: what the steps make small."""
+        """m, root mean square of these: what the steps make small."""
         return float(np.sqrt(np.mean(self.error**2))) if self.trials and not self.failures else np.inf
 
     @property
@@ -177,7 +194,7 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
     search = Search(wanted, job_file, folder)
     try:
         search.run()
-        (check,) = search.form([("check", search.best.plan)], wanted.checks)
+        (check,) = search.form([(f"check of {search.best.name}", search.best.plan)], wanted.checks)
     except KeyboardInterrupt:
         raise IsfError(
             ErrorCode.CANCELLED,
@@ -212,7 +229,7 @@ class Search:
             raise first.failures[0]
         if first.good:
             return
-        record = next(iter(first.records.values()))
+        record = first.trials[0].record
         start = learn_record(record, self.job_file.base)
         bands = _bands(start, np.array([float(contour.forming_tip[:, 2].min()) for contour in record.nominal]))
         base = first
@@ -234,18 +251,16 @@ class Search:
         _form_all([task for task in tasks if not task.bag.exists()], self.wanted.jobs)
         found = []
         for name, plan in wanted:
-            records, failures = {}, []
+            trials: list[Trial] = []
+            failures: list[IsfError] = []
             for task in tasks:
                 if task.name == name:
                     record = read_bag(task.bag)
-                    if (failure := _failure(task, record)) is None:
-                        records[task.variant] = record
-                    else:
+                    if (failure := _failure(task, record)) is not None:
                         failures.append(failure)
-            deviations = {variant: _deviation(record) for variant, record in records.items()}
-            trials = [_trial(name, variant, deviation) for variant, deviation in deviations.items()]
-            error = np.concatenate([np.zeros(0), *map(_weighted, deviations.values())])
-            found.append(Tried(name, plan, trials, records, failures, error))
+                    elif record.scan is not None and record.target is not None:
+                        trials.append(Trial(name, task.variant, record, compare(record.scan, record.target)))
+            found.append(Tried(name, plan, trials, failures))
         return found
 
     def _add(self, wanted: Sequence[tuple[str, Path | None]]) -> list[Tried]:
@@ -254,7 +269,7 @@ class Search:
         for part in found:
             for trial in part.trials:
                 terminal.say(
-                    f"{trial.name}, variant {trial.variant}: {1e3 * trial.largest:.2f} mm largest, "
+                    f"{trial.part}, variant {trial.variant}: {1e3 * trial.largest:.2f} mm largest, "
                     f"{1e3 * trial.mean:.2f} mm mean, {100 * trial.within:.0f} % within 0.3 mm"
                 )
             for failure in part.failures:
@@ -262,8 +277,12 @@ class Search:
         return found
 
     def _plan(self, name: str, knowledge: Learned, push: Array) -> tuple[str, Path]:
+        """File of a part, by its name; a part that was formed by another one is formed anew."""
         path = self.folder / f"{name.replace(' ', '_')}.npz"
+        before = path.read_bytes() if path.exists() else None
         learning.save(replace(knowledge, push=np.clip(push, LEAST_PUSH, LARGEST_CORRECTION)), path)
+        if before is not None and path.read_bytes() != before:
+            shutil.rmtree(path.with_suffix(""), ignore_errors=True)
         return name, path
 
     def _probed(self, start: Learned, bands: Array, error: Array) -> Array:
@@ -298,7 +317,7 @@ class Search:
             best = self.best
             if best.good:
                 return
-            knowledge = together([learn_record(record, self.job_file.base) for record in best.records.values()])
+            knowledge = together([learn_record(trial.record, self.job_file.base) for trial in best.trials])
             (part,) = self._add([self._plan(f"pass {number}", knowledge, knowledge.push)])
             if part.score > ENOUGH * best.score:
                 return
@@ -442,37 +461,6 @@ def _failure(task: _Task, record: PartRecord) -> IsfError | None:
     )
 
 
-def _deviation(record: PartRecord) -> Deviation:
-    assert record.scan is not None  # as :func:`_failure` has found
-    assert record.target is not None
-    return compare(record.scan, record.target)
-
-
-def _trial(name: str, variant: int, deviation: Deviation) -> Trial:
-    found, error = deviation.regions["wall_and_base"], _errors(deviation)
-    return Trial(
-        name,
-        variant,
-        found.mean_abs,
-        found.max_abs,
-        float(np.mean(np.abs(error) <= TOLERANCE)) if error.size else 0.0,
-        found.mean,
-        {region: deviation.regions[region].mean for region in REGIONS},
-    )
-
-
-def _weighted(deviation: Deviation) -> Array:
-    """(n,) m, errors of wall, base and rim by their weight; a place that was not seen counts as right."""
-    weight = np.where(deviation.masks["wall_and_base"], 1.0, np.where(deviation.masks["rim"], RIM_WEIGHT, 0.0))
-    some = weight[::DECIMATED, ::DECIMATED]
-    return np.asarray(np.nan_to_num(deviation.error.z[::DECIMATED, ::DECIMATED] * some)[some > 0.0])
-
-
-def _errors(deviation: Deviation) -> Array:
-    error = deviation.error.z[deviation.masks["wall_and_base"]]
-    return np.asarray(error[np.isfinite(error)])
-
-
 def _prevented(search: Search, check: Tried) -> list[str]:
     """What keeps the best part from its tolerance."""
     best = search.best
@@ -480,17 +468,18 @@ def _prevented(search: Search, check: Tried) -> list[str]:
     if best.good:
         return failed
     worst = max(best.trials, key=lambda trial: trial.mean)
+    signed = {name: worst.deviation.regions[name].mean for name in ("wall", "base", "rim")}
     found = [
         f"{name} lies {1e3 * abs(off):.2f} mm too {'high' if off > 0.0 else 'deep'} in the mean"
-        for name, off in worst.regions.items()
-        if name in ("wall", "base", "rim") and np.isfinite(off) and abs(off) > TOLERANCE
+        for name, off in signed.items()
+        if np.isfinite(off) and abs(off) > TOLERANCE
     ]
     if best.plan is not None:
         push = learning.load(best.plan).push
         bound = float(np.mean((push < LEAST_PUSH + 1e-5) | (push > LARGEST_CORRECTION - 1e-5)))
         if bound > 0.05:
             found.append(f"{100 * bound:.0f} % of the places are at the limit of a correction (4 mm up, 10 mm down)")
-    if search.job_file.job.backing_plate is None and worst.regions.get("rim", 0.0) < -TOLERANCE:
+    if search.job_file.job.backing_plate is None and signed["rim"] < -TOLERANCE:
         found.append("a backing plate near the opening would hold the rim (backing_plate of the job)")
     if worst.mean - min(trial.mean for trial in best.trials) > 0.5 * TOLERANCE:
         found.append("the variants differ by more than one correction can serve")
@@ -503,8 +492,8 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
     name = search.job_file.job.name
     plan = None
     if best.plan is not None:
-        plan = folder / "plan.npz"
-        shutil.copyfile(best.plan, plan)
+        plan = Path("plan.npz")  # beside the job
+        shutil.copyfile(best.plan, folder / plan)
     job = folder / "job.yaml"
     head = f"# {name} with the correction of a try-out on the simulated sheet {wanted.sheet}\n"
     job.write_text(head + _tried(search.job_file, plan, wanted.correction, rate=np.inf).text, encoding="utf-8")
@@ -539,7 +528,7 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
     )
     for part in search.parts:
         for trial in part.trials:
-            table.add_row(trial.name + (" (chosen)" if part is best else ""), *_cells(trial))
+            table.add_row(trial.part + (" (chosen)" if part is best else ""), *_cells(trial))
     for trial in check.trials:
         table.add_row("chosen, other variants", *_cells(trial))
     terminal.console.print(table)
@@ -568,13 +557,14 @@ def _cells(trial: Trial) -> tuple[str, str, str, str]:
 
 
 def _row(trial: Trial) -> dict[str, Any]:
-    values = asdict(trial)
-    row = {"part": values["name"], "variant": values["variant"]}
-    row |= {f"{name}_mm": 1e3 * values[name] for name in ("largest", "mean", "bias")}
+    regions = trial.deviation.regions
     return {
-        **row,
-        "within_0_3mm_fraction": values["within"],
-        "mean_by_region_mm": {name: 1e3 * off for name, off in values["regions"].items()},
+        "part": trial.part,
+        "variant": trial.variant,
+        "largest_mm": 1e3 * trial.largest,
+        "mean_mm": 1e3 * trial.mean,
+        "within_0_3mm_fraction": trial.within,
+        "mean_by_region_mm": {name: 1e3 * region.mean for name, region in regions.items()},
     }
 
 
@@ -599,7 +589,7 @@ def _draw(search: Search, checks: Sequence[Trial], path: Path) -> Path:
         left.set_ylabel("error of wall and base [mm]")
         left.legend()
         for part, label in ((search.parts[0], "first"), (search.best, search.best.name)):
-            error = _deviation(next(iter(part.records.values()))).error
+            error = part.trials[0].deviation.error
             right.plot(1e3 * error.x, 1e3 * error.z[len(error.y) // 2], label=label)
         right.axhline(0.0, color=style.INK, linewidth=0.8)
         right.set_xlabel("x [mm]")
