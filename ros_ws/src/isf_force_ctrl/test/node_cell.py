@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -16,6 +17,7 @@ import rclpy
 from contact_sandbox import ring
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode
+from isf_core.files.yaml_file import find_named
 from isf_msgs.msg import Contour, ContourResult, ForceCtrlState
 from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
@@ -27,7 +29,13 @@ Watcher = TypeVar("Watcher")
 LIMIT = 120.0
 """s; only to end a test that hangs: a process may take long to start."""
 
-RIG = Path(__file__).with_name("near_rig.yaml")
+FOLDER = tempfile.TemporaryDirectory(prefix="isf_near_rig_")
+RIG = Path(FOLDER.name) / "near.yaml"
+"""The rig ren2018 with the tools parked near the sheet, so that they are there after few ticks. Tools count as free up
+to 8 mm below that height, and the stand-in machine has its sheet from 15 mm on."""
+_text = find_named("rigs", "ren2018").read_text(encoding="utf-8")
+assert "park_height: 100 mm" in _text
+RIG.write_text(_text.replace("park_height: 100 mm", "park_height: 25 mm"), encoding="utf-8")
 
 JOB = f"""
 name: ring

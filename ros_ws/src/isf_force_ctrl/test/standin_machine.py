@@ -37,7 +37,7 @@ START = 50_000
 """Tick of the first stamp in lockstep."""
 
 PARKED, FAR = 0.025, 0.1
-"""m, where the tools begin: park height of near_rig.yaml, which is for lockstep, and of ren2018."""
+"""m, where the tools begin: park height of the near rig of node_cell.py, which is for lockstep, and of ren2018."""
 
 LATE = 25
 """Ticks that a late wrench is late."""

@@ -19,6 +19,7 @@ from isf_analysis.figures.shape_figures import REGION_LABELS
 from isf_analysis.measures.deviation import REGIONS
 from isf_analysis.measures.force_metrics import by_place, force_metrics
 from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.verdict import WITHIN_TOLERANCE
 
 DASH = "–"
 _SOURCES = ("", "value", "source")
@@ -224,11 +225,14 @@ def _card(label: str, value: str, note: str, good: bool | None = None) -> str:
 
 
 def _error_card(label: str, numbers: Numbers, key: str, factor: str) -> str:
+    """Green in tolerance alone, red where the correction has made it worse."""
     own = numbers["deviation"]
+    within = own["regions"]["wall_and_base"]["within_0_3mm_fraction"] if own else None
+    good = True if within is not None and within >= WITHIN_TOLERANCE else None
     value = f"{number(own[key] if own else None)} <small>mm</small>"
     other = numbers["reference"]
     if not other or not other["deviation"] or not own:
-        return _card(label, value, "vertical, whole part")
+        return _card(label, value, "vertical, whole part", good)
     before = f'<span class="before">{number(other["deviation"][key])} → </span>'
     gain = (numbers["improvement"] or {}).get(factor)
     note = (
@@ -236,7 +240,7 @@ def _error_card(label: str, numbers: Numbers, key: str, factor: str) -> str:
         if gain is None
         else f"{100 * abs(1 - 1 / gain):.0f} % {'less' if gain >= 1 else 'more'} than uncorrected"
     )
-    return _card(label, before + value, note, None if gain is None else gain >= 1)
+    return _card(label, before + value, note, False if gain is not None and gain < 1 else good)
 
 
 def _force_card(force: Numbers | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -56,6 +57,18 @@ def test_points_within_the_published_band_are_counted_by_region() -> None:
     seen = base & (y < 0.0)
     assert regions["base"]["within_0_3mm_fraction"] == pytest.approx((seen & (x < 0.0)).sum() / seen.sum(), abs=0.01)
     assert regions["wall"]["within_0_3mm_fraction"] == 1.0
+
+
+@pytest.mark.parametrize(("shares", "kinds"), [((0.89, 2.0), ""), ((0.9, 2.0), " good"), ((0.89, 0.5), " bad")])
+def test_an_error_is_green_in_tolerance_alone(shares: tuple[float, float], kinds: str) -> None:
+    """However much better than uncorrected it is; red where it is worse."""
+    numbers = summary(PART, REFERENCE)
+    within, gain = shares
+    numbers["deviation"]["regions"]["wall_and_base"]["within_0_3mm_fraction"] = within
+    numbers["improvement"] = {"max": gain, "mean_abs": gain}
+    for label in ("Largest error", "Mean error"):
+        (found,) = re.findall(f'<div class="card([a-z ]*)"><div class="label">{label}', cards(numbers))
+        assert found == kinds
 
 
 def test_set_points_that_differ_by_place_are_reported_as_such() -> None:

@@ -172,13 +172,11 @@ class FormedSheet:
         done = float((forces * (tools["end"] - tools["begin"])).sum())
         self._work -= done
         self._moves += 1
-        self._asleep = False
-        if not near or self._moves % GLANCE == 0 or not math.isfinite(done):
-            kinetic = self.shell.kinetic_energy
-            if not math.isfinite(done) or not math.isfinite(kinetic):
-                raise self._failed(f"became unstable with the tools at {np.round(1e3 * tips, 2).tolist()} mm")
-            self.largest_kinetic = max(self.largest_kinetic, kinetic)
-            self._asleep = not near and kinetic < STILL_ENERGY
+        kinetic = 0.0 if near and self._moves % GLANCE else self.shell.kinetic_energy
+        if not math.isfinite(done + kinetic):
+            raise self._failed(f"became unstable with the tools at {np.round(1e3 * tips, 2).tolist()} mm")
+        self.largest_kinetic = max(self.largest_kinetic, kinetic)
+        self._asleep = not near and kinetic < STILL_ENERGY
         if self._moves % INSPECTION == 0:
             self._inspect()
         self.cpu += time.thread_time() - started + self.shell.beside - beside

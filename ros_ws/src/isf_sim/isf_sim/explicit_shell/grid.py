@@ -36,16 +36,14 @@ def graded_lines(
     lengths = begin - low, high - end
     while True:
         cell = (end - begin) / count
-        natural = [_steps(length, cell, largest, GROWTH) for length in lengths]
-        missing = -(count + sum(map(len, natural))) % multiple
-        shares = (missing // 2, missing - missing // 2) if all(natural) else tuple(missing * bool(n) for n in natural)
-        wanted = [len(steps) + share for steps, share in zip(natural, shares, strict=True)]
-        outer = [_with_cells(length, cell, largest, n) for length, n in zip(lengths, wanted, strict=True)]
-        found = [steps for steps in outer if steps is not None]
-        if len(found) == 2 and (count + sum(map(len, found))) % multiple == 0:
-            below, above = (np.cumsum(steps) for steps in found)
+        cells = [len(_steps(length, cell, largest, GROWTH)) for length in lengths]
+        for _ in range(-(count + sum(cells)) % multiple):
+            side = max((0, 1), key=lambda k: lengths[k] / cells[k] if cells[k] else 0.0)  # of the larger cells
+            cells[side] += bool(cells[side])
+        below, above = (_with_cells(length, cell, largest, n) for length, n in zip(lengths, cells, strict=True))
+        if below is not None and above is not None and (count + sum(cells)) % multiple == 0:
             inside = np.linspace(begin, end, count + 1)
-            lines = np.concatenate([begin - below[::-1], inside, end + above])
+            lines = np.concatenate([begin - np.cumsum(below)[::-1], inside, end + np.cumsum(above)])
             lines[[0, -1]] = low, high
             return lines
         count += 1

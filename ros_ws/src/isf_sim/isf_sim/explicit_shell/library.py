@@ -84,8 +84,8 @@ SMALLEST_SHARE = 20_000
 """Steps times elements from which on a second thread is faster: one takes some 30 us to start."""
 
 
-CROWDED, ALONE = 0.05, 2000
-"""Long waits per step beyond which other work needs the processors, and calls after that with one thread."""
+ALONE = 2000
+"""Calls with one thread, after one in which other work needed the processors (chosen)."""
 
 THREADS = "ISF_SHELL_THREADS"
 """Variable of the environment with the number of threads of a sheet, 1 or 2."""
@@ -99,7 +99,7 @@ def threads() -> int:
 
 @cache
 def advance() -> Callable[..., int]:
-    """``isf_shell_advance(shell, tools, steps, smoothing, threads, cpu)``, how often threads waited for each other.
+    """``isf_shell_advance(shell, tools, steps, smoothing, threads, cpu)``, whether the second thread ended early.
 
     Raises IsfError when it was not built.
     """

@@ -642,10 +642,13 @@ typedef struct {
     atomic_int waiting, passed;   /* of the barrier */
     double cpu;                   /* s, of the second thread */
     atomic_long yields;           /* times that a thread offered its processor to others while it waited */
+    int alone;                    /* the second thread is not waited for any more */
+    int64_t near;                 /* points that may touch the support */
 } Work;
 
 enum { PORTION = 2 };             /* rows of elements that a thread takes at once */
 enum { SPINS = 4000 };            /* looks at a barrier before the processor is offered to others */
+enum { CROWDED = 20 };            /* such offers after which the first thread goes on alone: others need the processors */
 
 static void barrier(Work *R w) {
     if (w->threads == 1)
@@ -690,18 +693,18 @@ static void of_tool(const Work *R w, int t, int64_t k) {
 static void compute(Work *w, int thread) {
     const Shell *q = w->q;
     const int64_t portions = (q->ny + PORTION - 1) / PORTION, rows = q->ny + 1, half = rows / 2;
-    const int lone = w->threads == 1;
-    const int64_t first = thread ? half : 0, after = lone || thread ? rows : half;
-    int64_t near = 0;
+    const int64_t first = thread ? half : 0;
     for (int64_t k = 1; k <= w->steps; k++) {
         const double offset = q->support_from + (q->support_to - q->support_from) * ((double)k / (double)w->steps);
+        const int lone = w->threads == 1;
+        const int64_t after = lone || thread ? rows : half;
         for (int t = 0; t < TOOLS; t++)
             if (lone || t % 2 == thread)
                 of_tool(w, t, k);
         if (lone || thread) {
             if (k % LOOK == 1)
-                near = near_support(q, offset);
-            support(q, near, offset);
+                w->near = near_support(q, offset);
+            support(q, w->near, offset);
         }
         /* one thread from the first row on, the other from the last: each finds most of its rows in its own cache */
         for (int64_t mine = 0; atomic_fetch_add(&w->taken, 1) < portions; mine++) {
@@ -718,7 +721,13 @@ static void compute(Work *w, int thread) {
         edges(q, first * (q->nx + 1), after * (q->nx + 1));
         move(q, first * (q->nx + 1), after * (q->nx + 1));
         keep_thickness(q, first, after);
+        if (!thread)
+            w->alone = atomic_load(&w->yields) >= CROWDED;
         barrier(w);
+        if (w->alone && thread)
+            return;
+        if (w->alone)
+            w->threads = 1;
     }
 }
 
@@ -731,7 +740,7 @@ static void *second(void *work) {
 }
 
 /* `steps` steps on one or two `threads`, while the tools go from begin to end; a tool of radius 0 is not there. `cpu`: out,
- * s of the processor that the second thread took. Returns how often the threads waited long for each other. */
+ * s of the processor that the second thread took. Returns whether it ended early since others need the processors. */
 int64_t isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smoothing, int64_t threads, double *cpu) {
     Work work = {.q = q, .tools = tools, .steps = steps, .smoothing = smoothing, .threads = threads > 1 ? 2 : 1};
     pthread_t other;
@@ -745,7 +754,7 @@ int64_t isf_shell_advance(const Shell *q, Tool *tools, int64_t steps, double smo
     if (joined)
         pthread_join(other, NULL);
     *cpu = work.cpu;
-    return work.yields;
+    return work.alone;
 }
 
 /* An empty module, so that Python finds and loads the library as it does any other; see library.py. */

@@ -416,11 +416,11 @@ class ExplicitShell:
             struct.support_to = raised
         shared = self._alone == 0 and steps * self._area.size >= library.SMALLEST_SHARE
         threads, cpu = self.threads if shared else 1, ctypes.c_double()
-        waits = library.advance()(
+        crowded = library.advance()(
             ctypes.byref(struct), self.tools.ctypes.data, steps, SMOOTHING, threads, ctypes.byref(cpu)
         )
         self.beside += cpu.value
-        self._alone = library.ALONE if waits > library.CROWDED * steps else max(0, self._alone - 1)
+        self._alone = library.ALONE if crowded else max(0, self._alone - 1)
         self.steps += steps
 
     def _hold_edge(self) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from typing import Any
+
 import numpy as np
 import pytest
 from isf_sim.explicit_shell import library
@@ -40,3 +43,34 @@ def test_two_threads_give_every_bit_of_one() -> None:
 def test_a_user_may_ask_for_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ISF_SHELL_THREADS", "1")
     assert library.threads() == 1
+
+
+def test_where_the_processors_are_wanted_by_others_one_thread_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until many calls later, also in the next ones."""
+    asked: list[int] = []
+
+    def crowded(_shell: Any, _tools: int, _steps: int, _smoothing: float, threads: int, _cpu: Any) -> int:
+        asked.append(threads)
+        return int(threads == 2)
+
+    monkeypatch.setattr(library, "advance", lambda: crowded)
+    lines = np.linspace(-0.03, 0.03, 20)
+    shell = ExplicitShell(lines, lines, Sheet(70e9, 0.33, 1e-3, np.array([0.0, 1.0]), np.array([1e8, 2e8])))
+    shell.threads = 2
+    for _ in range(3):
+        shell.advance(1000)
+    assert asked == [2, 1, 1]
+
+
+def test_a_crowded_processor_changes_no_bit() -> None:
+    """Both threads on one processor wait for each other from the first step on, so that one goes on alone."""
+    everywhere = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(everywhere)})
+    try:
+        crowded = pressed(2)
+    finally:
+        os.sched_setaffinity(0, everywhere)
+    alone = pressed(1)
+    assert crowded.beside > 0.0
+    for name, value in vars(alone.state).items():
+        assert np.array_equal(value, getattr(crowded.state, name)), name
