@@ -13,6 +13,7 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -176,9 +177,9 @@ class RecorderNode(CellNode[RecorderParameters]):
             looser = best_effort(asked)
             if looser is None:
                 self._not_delivered.add(topic.name)
-                self.report_delivery(topic.name, self.report, nothing_comes(self, topic.name, asked))
+                self.report_delivery(topic.name, self.report, partial(nothing_comes, self, topic.name, asked))
                 continue
-            self.report_delivery(topic.name, self.warn, taken_best_effort(self, topic.name, asked))
+            self.report_delivery(topic.name, self.warn, partial(taken_best_effort, self, topic.name, asked))
             self.destroy_subscription(subscription)
             self._subscriptions_polled[number] = self._subscribe(topic, looser)
 

@@ -33,13 +33,17 @@ from isf_ros import answers, parameters
 from isf_ros.answers import sent_until_taken
 from isf_ros.busy_heartbeat import BusyHeartbeat
 from isf_ros.guard import guarded, refuse
-from isf_ros.qos_match import best_effort, nothing_comes, nothing_goes, profile_of, taken_best_effort
+from isf_ros.qos_match import best_effort, names_known, nothing_comes, nothing_goes, profile_of, taken_best_effort
 
 HEARTBEAT_PERIOD = 0.5
 """s of wall time between two messages on ``/diagnostics``."""
 
 FAULT_PERIOD = 1.0
 """s between two reports of faults at one place: a callback at the control rate may fail in every tick."""
+
+NAME_PERIOD, NAME_LOOKS = 0.1, 50
+"""s of wall time between two looks for the names of nodes whose deliveries do not go together, and how many: the
+middleware tells of a topic before it tells whose it is, and of a node that is not of ROS it never does."""
 
 OVERRIDES = (
     "add_on_set_parameters_callback",
@@ -190,7 +194,7 @@ class CellNode(LifecycleNode, Generic[P]):
             looser = best_effort(asked)
             if looser is None or event.last_policy_kind != QoSPolicyKind.RELIABILITY:
                 policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
-                self.report_delivery(topic, self.report, nothing_comes(self, topic, asked, policy))
+                self.report_delivery(topic, self.report, partial(nothing_comes, self, topic, asked, policy))
             else:  # not here, where the subscription is in use
                 self._once(lambda: self._take_best_effort(topic, asked, made[0], partial(make, looser, **options)))
 
@@ -209,7 +213,7 @@ class CellNode(LifecycleNode, Generic[P]):
 
         def incompatible(event: Any) -> None:
             policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
-            self.report_delivery(topic, self.warn, nothing_goes(self, topic, profile_of(profile), policy))
+            self.report_delivery(topic, self.warn, partial(nothing_goes, self, topic, profile_of(profile), policy))
 
         events = PublisherEventCallbacks(
             incompatible_qos=self.guard(incompatible, f"delivery of {topic}"), use_default_callbacks=False
@@ -354,15 +358,21 @@ class CellNode(LifecycleNode, Generic[P]):
 
     # -- delivery ----------------------------------------------------------------------------------
 
-    def report_delivery(self, topic: str, report: Callable[[IsfError], None], error: IsfError) -> None:
-        """Have ``error`` of a QoS that does not go together reported, and ``topic`` named in ``/diagnostics``."""
+    def report_delivery(
+        self, topic: str, report: Callable[[IsfError], None], error: Callable[[], IsfError], looks: int = NAME_LOOKS
+    ) -> None:
+        """Have ``topic``, whose QoS does not go together, named in ``/diagnostics``, and ``error`` of it reported as
+        soon as the names of all nodes concerned are known, or after ``looks`` looks for them."""
         self._apart.add(topic)
-        report(error)
+        if looks and not names_known(self, topic):
+            self._once(partial(self.report_delivery, topic, report, error, looks - 1), NAME_PERIOD)
+        else:
+            report(error())
 
     def _take_best_effort(self, topic: str, asked: QoSProfile, before: Any, make: Callable[[], Any]) -> None:
         if before not in list(self.subscriptions):
             return  # destroyed meanwhile
-        self.report_delivery(topic, self.warn, taken_best_effort(self, topic, asked))
+        self.report_delivery(topic, self.warn, partial(taken_best_effort, self, topic, asked))
         self.destroy_subscription(before)
         self._successors[id(before)] = make()
 

@@ -65,6 +65,13 @@ def nothing_goes(node: Node, topic: str, profile: QoSProfile, policy: str = "QoS
     )
 
 
+def names_known(node: Node, topic: str) -> bool:
+    """True once the middleware knows the nodes of all publishers and subscriptions of ``topic``."""
+    name = node.resolve_topic_name(topic)
+    ends = [*node.get_publishers_info_by_topic(name), *node.get_subscriptions_info_by_topic(name)]
+    return all(end.node_name != _UNKNOWN for end in ends)
+
+
 def kept_apart(node: Node, topic: str, profile: QoSProfile) -> bool:
     """True when a subscription with ``profile`` receives nothing from somebody who publishes ``topic``."""
     return bool(_publishers(node, topic, profile))

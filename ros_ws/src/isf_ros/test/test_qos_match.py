@@ -82,14 +82,15 @@ def test_deliveries_that_do_not_go_together(picky: Picky) -> None:
     # A stream: reliable is asked for, best effort is taken, and said so; a reliable publisher goes on being heard.
     loose = picky.node.create_publisher(String, "stream", qos.SENSOR)
     assert picky.receives(loose, "stream", "best effort")
-    assert picky.reports("topic stream", "publishes best effort")
+    assert picky.reports("topic stream", "node 'foreign_driver' publishes best effort")
     assert picky.values["qos_incompatible"] == "stream"
     firm = picky.node.create_publisher(String, "stream", qos.STREAM)
     assert picky.receives(firm, "stream", "reliable")
 
     # A latched topic: a publisher that keeps nothing for late subscribers is not taken, and said so.
     picky.node.create_publisher(String, "latched", QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE))
-    assert picky.reports("topic latched", "durability volatile is offered, transient_local is required")
+    assert picky.reports("topic latched", "received from node 'foreign_driver': durability volatile is offered, ")
+    assert picky.reports("topic latched", "transient_local is required")
     assert picky.reports("topic latched", "(publish with reliability reliable, durability transient_local)")
     assert picky.wait(lambda: picky.values["qos_incompatible"] == "latched, stream")
     kept = picky.node.create_publisher(String, "latched", qos.LATCHED)

@@ -17,12 +17,13 @@ import pytest
 import rclpy
 from contact_sandbox import spiral
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode
 from isf_force_ctrl.node import ForceCtrlNode
 from isf_force_ctrl.ros.parameters import ForceCtrlParameters
 from isf_msgs.msg import ForceCtrlState
-from isf_ros import conversion
+from isf_ros import conversion, qos, stamps
 from node_cell import LIMIT, Cell, long_ring, small_ring, started, watched
 from rcl_interfaces.srv import SetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -38,7 +39,14 @@ class Observed(Cell):
         super().__init__(node, stack)
         self.health: dict[str, str] = {}
         self.message = ""
+        self.newest_wrench = 0
+        """ns, stamp of the wrench that came last."""
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, 10)
+        node.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench, qos.STREAM)
+        self._setters: dict[str, Any] = {}
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        self.newest_wrench = stamps.to_nanoseconds(message.header.stamp)
 
     def _on_health(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -46,23 +54,30 @@ class Observed(Cell):
                 self.health = {item.key: item.value for item in status.values}
                 self.message = status.message
 
+    def _setter(self, name: str) -> Any:
+        """Client that sets parameters of node ``name``, which it has found."""
+        if name not in self._setters:
+            self._setters[name] = self.node.create_client(SetParameters, f"{name}/set_parameters")
+            assert self._setters[name].wait_for_service(LIMIT)
+        return self._setters[name]
+
     def set(self, name: str, **values: object) -> list[Any]:
         """Results of setting parameters of node ``name``, one by one."""
-        client = self.node.create_client(SetParameters, f"{name}/set_parameters")
-        assert client.wait_for_service(LIMIT)
         request = SetParameters.Request()
         request.parameters = [Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
-        future = client.call_async(request)
+        future = self._setter(name).call_async(request)
         assert self.wait(future.done)
         return list(future.result().results)
 
     def lifted(self) -> None:
-        """Out of HOLD: tools parked."""
+        """Out of HOLD: tools parked, and the machine has done its last targets, with which it would take a change."""
         assert self.arm(plan_id="").code == 0
         assert self.rests_in(ForceCtrlState.IDLE)
+        assert self.wait(lambda: self.newest_wrench > stamps.to_nanoseconds(self.states[-1].header.stamp))
 
     def ends_with(self, code: ErrorCode, **fault: object) -> str:
         """Form a contour, let the stand-in do ``fault`` on the way; text of the result, which must have ``code``."""
+        self._setter("machine")  # to find it may take as long as the contour
         self.armed()
         seen, states = len(self.results), len(self.states)
         self._contours.publish(conversion.contour_to_message(long_ring()))
