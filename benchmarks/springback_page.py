@@ -14,8 +14,10 @@ from isf_analysis.figures import style
 from isf_analysis.figures.shape_figures import deviation_pair, map_limit
 from isf_analysis.measures.deviation import TOLERANCE
 from isf_analysis.measures.summary import MM
+from springback import SHELL_RATE
 
 COMMAND = "./isf python benchmarks/springback_table.py --worlds 0,1-20 --jobs 2 --page"
+SHELL_COMMAND = "./isf python benchmarks/springback_table.py --sheet shell_coarse --page"
 MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)", "fused(elastic)+push")
 SHAPES = ("none", "mpc_vertical", "mpc_two_directional", "fused(elastic)-floor", "fused(elastic)")
 LARGE = ("none", "analytic", "fused(elastic)-floor", "fused(elastic)")
@@ -80,6 +82,12 @@ WORDS = {
     "base": "base",
     "walls_base": "walls (steeper than 15 deg) and base",
 }
+SHELL_HEADER = (
+    "| part | method | sheet, elements | worlds | published | whole opening | base | rim | flange "
+    "| sealed worlds: worst | kinetic / plastic | CPU [s] |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+)
+SEALED = 101
+"""First number of a sealed world."""
 HEADER = (
     "| part | method | worlds | nominal | median world | worst world | goals: median; worst |"
     "\n|---|---|---|---|---|---|---|"
@@ -114,6 +122,49 @@ def line(name: str, part: Published, method: str, rows: Sequence[dict[str, Any]]
         "-" if method.startswith("none") else _goals(part, others, ended=bool(ended)),
     ]
     return "| " + " | ".join(cells) + " |"
+
+
+def shell_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Markdown table of rows on elasto-plastic sheets, by part, method and sheet."""
+    lines = [SHELL_HEADER]
+    for name, part in PARTS.items():
+        mine = [row for row in rows if row["job"] == name]
+        for method in dict.fromkeys([*part.methods, *(row["method"] for row in mine)]):
+            for sheet in dict.fromkeys(row["sheet"] for row in mine):
+                found = springback_rows.of([row for row in mine if row["sheet"] == sheet], name, method)
+                lines += [_shell_line(name, part, method, sheet, found)] if found else []
+    return "\n".join(lines)
+
+
+def _shell_line(name: str, part: Published, method: str, sheet: str, rows: Sequence[dict[str, Any]]) -> str:
+    """One line: the nominal world by region, the worst of the sealed ones, and which runs ended early."""
+    whole = [row for row in rows if row["code"] == 0 and part.region in row]
+    ended = [
+        f"{row['world']} ended at contour {row['contours']} of {row['planned']}, {row['code']}"
+        for row in rows
+        if row["code"]
+    ]
+    nominal = next((row for row in whole if row["world"] == 0), None)
+    sealed = [row for row in whole if row["world"] >= SEALED]
+    worst = max(sealed, key=lambda row: float(row["wall_and_base"]["max"]), default=None)
+    cells = [
+        name,
+        method,
+        f"{sheet}, {rows[0].get('elements', '-')}",
+        "; ".join([", ".join(str(row["world"]) for row in whole), *ended]).removeprefix("; "),
+        part.uncorrected if method.startswith("none") else part.corrected,
+        *(_region(nominal, region) for region in ("wall_and_base", "base", "rim", "flange")),
+        _region(worst, "wall_and_base"),
+        "-" if nominal is None else f"{100 * nominal['kinetic_over_plastic']:.2f} %",
+        f"{statistics.median(row['cpu_s'] for row in rows):.0f}",
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+def _region(row: dict[str, Any] | None, region: str) -> str:
+    """Largest, mean and signed mean error of a region, mm; a dash where there is none."""
+    found = (row or {}).get(region)
+    return f"{found['max']:.2f} / {found['mean']:.2f} / {found['signed']:+.2f}" if found else "-"
 
 
 def _kinds(part: Published) -> tuple[str, ...]:
@@ -168,7 +219,7 @@ def best(rows: Sequence[dict[str, Any]], name: str) -> str | None:
     return min(scores)[2] if scores else None
 
 
-def pictures(rows: Sequence[dict[str, Any]], maps: Path, folder: Path) -> list[str]:
+def pictures(rows: Sequence[dict[str, Any]], maps: Path, folder: Path, prefix: str = "springback") -> list[str]:
     """Error maps of the nominal world without correction and with the best method, one picture per part."""
     texts = []
     for name in PARTS:
@@ -184,7 +235,7 @@ def pictures(rows: Sequence[dict[str, Any]], maps: Path, folder: Path) -> list[s
         with style.applied():
             figure = deviation_pair(before, before_target, after, target, map_limit(before, after), method)
             data = style.png(figure)
-        path = folder / "images" / f"springback_{name}.png"
+        path = folder / "images" / f"{prefix}_{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
         texts.append(f"### {name}\n\n![{name}: without correction and with {method}](images/{path.name})\n")
@@ -212,9 +263,10 @@ def write(rows: Sequence[dict[str, Any]], digest: str, maps: Path, folder: Path)
 Written by `{COMMAND}`.
 {reported}
 Every run is a line of [springback.jsonl](springback.jsonl), lengths in mm.
-Simulated machine, formed in one process; vertical errors in the clamp, formed minus target, mm. World 0 is nominal; in
-the others sheet, machine and load cells are off by up to 20 %, which the controllers do not know. Methods that look at
-the shape see a scan with noise, holes and registration after every contour. First contours go by the predicted force
+Fast simulated sheet, formed in one process (elasto-plastic: [other page](springback_shell.md)); vertical errors in the
+clamp, formed minus target, mm. World 0 is nominal; in the others sheet, machine and load cells are off by up to 20 %,
+which the controllers do not know. Methods that look at the shape see a scan with noise, holes and registration after
+every contour. First contours go by the predicted force
 (`springback.first_contour`); the plant is that of the sources named above. With `+push` the edge of the clamp was
 calibrated before the part, by one push on the flat sheet in that world (`isf springback calibrate`). With `-floor` the
 passes over the floor that the job asks for are left out ([planning](../methods/paths.md#passes-over-the-floor)).
@@ -240,7 +292,37 @@ Left without correction, right the best method by the median of the first goal; 
 of the whole opening, whatever region the source measures.
 
 {chr(10).join(pictures(rows, maps, folder)) or "None yet."}"""
-    path = folder / "springback.md"
+    return _kept(folder / "springback.md", text, rows)
+
+
+def write_shell(rows: Sequence[dict[str, Any]], maps: Path, folder: Path) -> Path:
+    """The page of the rows on elasto-plastic sheets, as :func:`write`."""
+    versions = ", ".join(sorted({row["sources"] for row in rows}))
+    text = f"""# Springback on the elasto-plastic sheet
+
+Written by `{SHELL_COMMAND}`; rows of sources {versions}.
+Every run is a line of [springback_shell.jsonl](springback_shell.jsonl), lengths in mm.
+The shipped jobs, at {SHELL_RATE:g} Hz of control, on the sheet that yields outside the tool
+([the model](../methods/shell_sheet.md)): nothing of it was chosen on these parts. The [other page](springback.md) has
+the fast sheet, which is flat again outside the opening; corrections were made for that one.
+
+Errors are vertical, in the clamp, formed minus target: largest / mean / signed mean of the region, mm, nominal world;
+rim: 10 mm around the opening. Sealed worlds (101 and up) differ in structure and have chosen no constant. Published:
+largest / mean, without or with correction; each source's own region stands on the other page.
+
+{shell_table(rows)}
+
+## Error maps, nominal world
+
+Left without correction, right the method with the smallest error of those that formed the whole part; the number on a
+map is the largest error of the whole opening.
+
+{chr(10).join(pictures(rows, maps, folder, "springback_shell")) or "None yet."}"""
+    return _kept(folder / "springback_shell.md", text, rows)
+
+
+def _kept(path: Path, text: str, rows: Sequence[dict[str, Any]]) -> Path:
+    """Write a page, and its rows beside it."""
     lines = [json.dumps(row) for row in sorted(rows, key=lambda row: (row["job"], row["method"], row["world"]))]
     path.with_suffix(".jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     path.write_text(text.rstrip() + "\n", encoding="utf-8")

@@ -42,7 +42,7 @@ ALSO = (
     "isf_analysis.measures.deviation",
 )
 
-REGIONS = ("wall_and_base", "base", "wall", "walls_base")
+REGIONS = ("wall_and_base", "base", "wall", "walls_base", "rim", "flange")
 """Those of isf_analysis.measures.deviation, and walls with base but without the fillets between them."""
 
 
@@ -51,7 +51,9 @@ def sources() -> str:
     text = hashlib.sha256()
     files: list[Path] = []
     for name in COMPUTED_BY:
-        files += sorted(path for path in _file(name).parent.rglob("*.py") if not NODES.fullmatch(path.as_posix()))
+        folder = _file(name).parent
+        files += sorted(path for path in folder.rglob("*.py") if not NODES.fullmatch(path.as_posix()))
+        files += sorted([*folder.rglob("*.c"), *folder.rglob("*.h")])
     for path in [*files, *(_file(name) for name in ALSO)]:
         text.update(path.name.encode() + path.read_bytes())
     return text.hexdigest()[:12]
@@ -73,7 +75,8 @@ def key(case: Case, job_file: JobFile, digest: str) -> str:
     for name in named:
         if name is not None and (path := job_file.base / name).is_file():
             text.update(path.read_bytes())
-    text.update(f"{case.method} {case.world} {digest}".encode())
+    sheet = "" if case.sheet == "fast" else f"{case.sheet} "
+    text.update(f"{case.method} {case.world} {sheet}{digest}".encode())
     return text.hexdigest()[:16]
 
 
@@ -108,19 +111,20 @@ def run(case: Case, name: str, digest: str, maps: Path) -> dict[str, Any]:
         if case.method.endswith(PUSHED):
             with_database(job_file)
         # the standard worlds are those of seed 0
-        record = in_process.form(job_file, RunOptions(correction=method, variant=case.world, seed=0))
+        options = RunOptions(correction=method, variant=case.world, seed=0, sheet=case.sheet)
+        record = in_process.form(job_file, options)
     except IsfError as error:
         return {**row, "code": int(error.code), "message": str(error), "contours": 0, "planned": 0}
     row["wall_s"], row["cpu_s"] = round(time.perf_counter() - started, 1), round(time.process_time() - used, 1)
+    row |= {name: record.sheet[name] for name in ("elements", "kinetic_over_plastic") if name in record.sheet}
     return {**row, **numbers(record), **_shape(record, maps / f"{name}.npz" if case.world == 0 else None)}
 
 
 def numbers(record: PartRecord) -> dict[str, Any]:
     """Contours, ending and forces of a run."""
     failure = record.failure()
-    forces = [
-        float(np.nanmean(np.abs(result.forming_force[:, 2]))) for result in record.results if result.forming_force.size
-    ]
+    axial = [np.abs(result.forming_force[:, 2]) for result in record.results if result.forming_force.size]
+    forces = [float(np.nanmean(force)) for force in axial if np.isfinite(force).any()]
     return {
         "contours": record.formed,
         "planned": record.planned,
@@ -189,6 +193,11 @@ def worlds(texts: Iterable[str]) -> list[int]:
     return list(dict.fromkeys(found))
 
 
+def sheet_of(row: dict[str, Any]) -> str:
+    """Model of the sheet of a row; the fast one where it was not written yet."""
+    return str(row.get("sheet", "fast"))
+
+
 def of(rows: Iterable[dict[str, Any]], job: str, method: str) -> list[dict[str, Any]]:
     """Rows of a part and a method by world; of a world with several the one kept last."""
     by_world = {row["world"]: row for row in rows if row["job"] == job and row["method"] == method}
@@ -197,4 +206,4 @@ def of(rows: Iterable[dict[str, Any]], job: str, method: str) -> list[dict[str, 
 
 def latest(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Of every case the row kept last, whatever its sources."""
-    return list({(row["job"], row["method"], row["world"]): row for row in rows}.values())
+    return list({(row["job"], row["method"], row["world"], sheet_of(row)): row for row in rows}.values())

@@ -3,6 +3,7 @@
     ./isf python benchmarks/springback_table.py                                  # nominal world, every part
     ./isf python benchmarks/springback_table.py --worlds 0,1-20 --jobs 2 --page  # everything (hours), then the page
     ./isf python benchmarks/springback_table.py --parts ren_cone --methods none "fused(analytic)" --worlds 1-3
+    ./isf python benchmarks/springback_table.py --sheet shell_coarse --parts ren_cone --methods none elastic
     ./isf python benchmarks/springback_table.py --only-page --any-version        # page of the rows there are
 
 Rows are kept as JSON lines in ``--rows``, named by the content of job, world, method and package sources: a row that is
@@ -20,14 +21,15 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import springback_page
 import springback_rows
 from isf_core.errors import IsfError
+from isf_core.simulated_sheet import SheetKind
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from springback import Case, job_of, prepare
+from springback import PUSHED, Case, job_of, prepare
 from springback_page import PARTS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,13 +40,15 @@ WATCH = 2.0
 Todo = list[tuple[Case, str]]
 
 
-def cases_of(parts: Sequence[str] | None, methods: Sequence[str] | None, worlds: Sequence[int]) -> list[Case]:
+def cases_of(
+    parts: Sequence[str] | None, methods: Sequence[str] | None, worlds: Sequence[int], sheet: str = "fast"
+) -> list[Case]:
     """Cases in the order of their use: world after world, so that a campaign that is stopped holds whole worlds.
 
     Without ``parts`` all of them, large ones in the nominal world only.
     """
     return [
-        Case(part, method, world)
+        Case(part, method, world, sheet)
         for world in worlds
         for part in parts or PARTS
         if parts or world == 0 or not PARTS[part].large
@@ -125,9 +129,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--parts", nargs="+", choices=sorted(PARTS), help="left out: all, large ones in world 0 only")
     parser.add_argument("--methods", nargs="+", help="for example: none analytic 'fused(elastic)'; None: of each part")
     parser.add_argument("--worlds", nargs="+", default=["0"], help="for example: 0,1-20")
+    parser.add_argument("--sheet", choices=get_args(SheetKind), default="fast", help="model of the sheet")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--rows", type=Path, default=ROWS, help="file of the rows")
-    parser.add_argument("--page", action="store_true", help="write docs/results/springback.md, pictures, rows")
+    parser.add_argument("--page", action="store_true", help="write docs/results/springback(_shell).md, pictures, rows")
     parser.add_argument("--only-page", action="store_true", help="compute nothing")
     parser.add_argument("--any-version", action="store_true", help="show rows of other sources too; the page says so")
     parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "results", help="where the page goes")
@@ -138,7 +143,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError:
         parser.error(f"--worlds {' '.join(options.worlds)}: numbers and ranges such as 0,1-20")
     digest = springback_rows.sources()
-    cases = cases_of(options.parts, options.methods, worlds)
+    cases = cases_of(options.parts, options.methods, worlds, options.sheet)
+    if options.sheet != "fast" and any(case.method.endswith(PUSHED) for case in cases):
+        parser.error(
+            f"--sheet {options.sheet}: the flat sheet is pushed on the fast one alone; name --methods without {PUSHED}"
+        )
     rows = springback_rows.read(options.rows)
     try:
         todo = missing(cases, rows, digest)
@@ -154,9 +163,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.print("stopped; the same command goes on from here")
         return 130
     shown = springback_rows.latest([row for row in rows.values() if options.any_version or row["sources"] == digest])
-    print(springback_page.table(shown))
+    fast = options.sheet == "fast"
+    shown = [row for row in shown if (springback_rows.sheet_of(row) == "fast") == fast]
+    print(springback_page.table(shown) if fast else springback_page.shell_table(shown))
     if options.page or options.only_page:
-        page = springback_page.write(shown, digest, options.rows.parent / "maps", options.folder)
+        maps = options.rows.parent / "maps"
+        if fast:
+            page = springback_page.write(shown, digest, maps, options.folder)
+        else:
+            page = springback_page.write_shell(shown, maps, options.folder)
         console.print(f"written: {page}", highlight=False)
     return 0
 

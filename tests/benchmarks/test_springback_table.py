@@ -163,6 +163,39 @@ def test_the_rows_of_the_page_stand_beside_it(table: ModuleType, tmp_path: Path)
     assert page.with_suffix(".jsonl").name in page.read_text(encoding="utf-8")
 
 
+def test_rows_on_the_elasto_plastic_sheet_have_a_page_of_their_own(table: ModuleType, tmp_path: Path) -> None:
+    def shell(world: int, largest: float, **more: object) -> dict[str, object]:
+        values = row("ren_cone", "none", world, largest, **more)
+        errors = {"max": largest, "mean": 0.5, "signed": -0.25}
+        return {**values, "sheet": "shell_coarse", "elements": 2304, "kinetic_over_plastic": 0.004, "rim": errors}
+
+    rows = [shell(0, 5.0), shell(101, 6.0), shell(102, 7.0), shell(103, 9.0, code=1203, contours=3)]
+    page = table.springback_page.write_shell(rows, tmp_path / "maps", tmp_path)
+    text = page.read_text(encoding="utf-8")
+    (line,) = [text for text in text.splitlines() if text.startswith("| ren_cone")]
+    cells = [cell.strip() for cell in line.strip("|").split("|")]
+    assert cells[3] == "0, 101, 102; 103 ended at contour 3 of 5, 1203"
+    assert cells[4] == "5.7 / 3.1"  # published, Ren 2018, 4.3
+    assert cells[5].startswith("5.00 / ")
+    assert cells[7] == "5.00 / 0.50 / -0.25"
+    assert cells[9].startswith("7.00 / ")  # the worst of those that were formed whole
+    assert cells[10] == "0.40 %"
+    assert len(table.springback_rows.read(page.with_suffix(".jsonl"))) == 4
+    assert len(table.springback_rows.latest([*rows, row("ren_cone", "none", 0, 1.0)])) == 5  # a row of each sheet
+
+
+def test_a_case_on_another_sheet_has_a_row_and_a_rate_of_its_own(table: ModuleType) -> None:
+    fast, shell = table.Case("mini_cone", "none", 0), table.Case("mini_cone", "none", 0, "shell_coarse")
+    assert len({name for _, name in table.missing([fast, shell], {}, "digest")}) == 2
+    assert [table.job_of(case)[0].job.control.rate for case in (fast, shell)] == [500.0, 100.0]
+
+
+def test_a_push_on_another_sheet_is_refused(table: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        table.main(["--sheet", "shell", "--parts", "ren_cone", "--methods", "elastic+push"])
+    assert "pushed on the fast one alone" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_small_part_from_run_to_page(table: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """mini_cone twice: the second time nothing is left to compute."""
