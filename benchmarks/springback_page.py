@@ -312,12 +312,16 @@ largest / mean, without or with correction; each source's own region stands on t
 
 {shell_table(rows)}
 
+A part that ended early met the limit of the machine's force (1203, 1405).
+"""
+    if maps_of_parts := pictures(rows, maps, folder, "springback_shell"):
+        text += f"""
 ## Error maps, nominal world
 
 Left without correction, right the method with the smallest error of those that formed the whole part; the number on a
 map is the largest error of the whole opening.
 
-{chr(10).join(pictures(rows, maps, folder, "springback_shell")) or "None yet."}"""
+{chr(10).join(maps_of_parts)}"""
     return _kept(folder / "springback_shell.md", text, rows)
 
 

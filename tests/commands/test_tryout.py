@@ -141,9 +141,25 @@ def test_sealed_variants_are_kept_for_the_judgement(done: Done, tmp_path: Path) 
     assert not any(tmp_path.iterdir())
 
 
-def test_a_first_part_that_ends_early_ends_it_with_its_place(tmp_path: Path) -> None:
+def test_a_correction_that_does_not_get_through_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The machine bears the part of this sheet, but not what the job's method adds to it."""
+    job = faster(quick_cone_file(tmp_path, step="2.5 mm"), ("thickness: 1.0 mm", "thickness: 2.0 mm"))
+    try_out(Tryout(job, sheet="fast", steps=1, checks=()), tmp_path / "out", as_json=False)
+    told = capsys.readouterr().err
+    assert "first does not complete on variant 0" in told
+    assert "begins again without a correction" in told
+    summary = summary_of(tmp_path / "out")
+    assert not parts_of(summary, "first")
+    (uncorrected,) = parts_of(summary, "uncorrected")
+    (chosen,) = parts_of(summary, str(summary["chosen"]))
+    assert chosen["mean_mm"] < uncorrected["mean_mm"]
+    assert "the machine bears" in str(summary["prevented_by"])
+    assert (tmp_path / "out" / "tryout.png").is_file()
+
+
+def test_a_part_that_no_correction_gets_through_ends_it_with_its_place(tmp_path: Path) -> None:
     """The machine bears less than this sheet takes."""
     job = faster(quick_cone_file(tmp_path), ("thickness: 1.0 mm", "thickness: 3.5 mm"))
-    with pytest.raises(IsfError, match="first does not complete on variant 0") as caught:
+    with pytest.raises(IsfError, match="uncorrected does not complete on variant 0") as caught:
         try_out(Tryout(job, sheet="fast"), tmp_path / "out", as_json=False)
     assert str(tmp_path) in caught.value.where

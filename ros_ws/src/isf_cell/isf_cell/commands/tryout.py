@@ -1,6 +1,6 @@
 """``isf tryout``: parts formed on the elasto-plastic sheet until a correction is found, before any real sheet is.
 
-1. The first part is formed with the method of the job.
+1. The first part is formed with the method of the job; where that does not get through, without a correction.
 2. Probes: the same with 1 mm more push over a fifth of the depth each. What the shape of the whole part answers to
    them is its Jacobian: what a push at the opening does to the base is in it.
 3. Steps of Gauss and Newton, the Jacobian brought up to date after each (Broyden 1965), with a ridge and bounds.
@@ -179,7 +179,7 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
     Raises
     ------
     IsfError : what the job or its method is refused for, FILE_NOT_WRITABLE for a folder of another try-out, the code of
-    a first part that does not complete
+    a first part that does not complete without a correction either
     """
     if sealed := sorted({*wanted.variants, *wanted.checks} & set(SEALED_VARIANTS)):
         raise IsfError(
@@ -211,10 +211,12 @@ class Search:
     Attributes
     ----------
     wanted, job_file, folder ; parts : formed so far, in order ; best : of them
+    correction : method of the parts without a plan; None: the job's
     """
 
     def __init__(self, wanted: Tryout, job_file: JobFile, folder: Path) -> None:
         self.wanted, self.job_file, self.folder = wanted, job_file, folder
+        self.correction = wanted.correction
         self.parts: list[Tried] = []
 
     @property
@@ -225,6 +227,10 @@ class Search:
     def run(self) -> None:
         """Form parts until one is good or nothing helps any more."""
         (first,) = self._add([("first", None)])
+        if first.failures and (self.correction or self.job_file.job.springback.method) != "none":
+            terminal.say("begins again without a correction")
+            self.correction = "none"
+            (first,) = self._add([("uncorrected", None)])
         if first.failures:
             raise first.failures[0]
         if first.good:
@@ -241,7 +247,7 @@ class Search:
 
     def form(self, wanted: Sequence[tuple[str, Path | None]], variants: Sequence[int]) -> list[Tried]:
         """Parts of the names and plans ``wanted``, on each of ``variants``."""
-        jobs = [_tried(self.job_file, plan, self.wanted.correction) for _, plan in wanted]
+        jobs = [_tried(self.job_file, plan, self.correction) for _, plan in wanted]
         tasks = [
             _Task(job.text, job.base, job.job.name, self.wanted.sheet, variant, self.wanted.seed,
                   self.folder / name.replace(" ", "_") / f"variant_{variant}", name)
@@ -496,7 +502,7 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
         shutil.copyfile(best.plan, folder / plan)
     job = folder / "job.yaml"
     head = f"# {name} with the correction of a try-out on the simulated sheet {wanted.sheet}\n"
-    job.write_text(head + _tried(search.job_file, plan, wanted.correction, rate=np.inf).text, encoding="utf-8")
+    job.write_text(head + _tried(search.job_file, plan, search.correction, rate=np.inf).text, encoding="utf-8")
     picture = _draw(search, check.trials, folder / "tryout.png")
     prevented, expected = _prevented(search, check), check.trials or best.trials
     data = {
@@ -588,7 +594,7 @@ def _draw(search: Search, checks: Sequence[Trial], path: Path) -> Path:
         left.set_ylim(bottom=0.0)
         left.set_ylabel("error of wall and base [mm]")
         left.legend()
-        for part, label in ((search.parts[0], "first"), (search.best, search.best.name)):
+        for part, label in ((parts[0], parts[0].name), (search.best, search.best.name)):
             error = part.trials[0].deviation.error
             right.plot(1e3 * error.x, 1e3 * error.z[len(error.y) // 2], label=label)
         right.axhline(0.0, color=style.INK, linewidth=0.8)
