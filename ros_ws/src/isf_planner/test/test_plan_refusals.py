@@ -35,6 +35,24 @@ def test_part_larger_than_the_clamp(tmp_path: Path) -> None:
     plan(job_for(write(Cone(opening=0.116).mesh(50e-6), tmp_path / "b.stl"), depth="4 mm"))
 
 
+@pytest.mark.parametrize(
+    ("process", "opening", "meets"),
+    # the entry fillet begins 2.5 mm outside of the opening of 30 mm radius; the lower tool needs 5 mm more, beside it
+    [("SPIF", 66.0, ""), ("SPIF", 58.0, "into the backing plate"), ("DSIF", 66.0, "lower tool"), ("DSIF", 80.0, "")],
+)
+def test_a_backing_plate_in_the_way(tmp_path: Path, process: str, opening: float, meets: str) -> None:
+    job = job_for(write(Cone(opening=0.03).mesh(50e-6), tmp_path / "a.stl"), process=process)
+    plate = f"backing_plate: {{shape: circle, size: [{opening:g} mm, {opening:g} mm]}}"
+    job = JobFile(f"{job.text}\n{plate}", job.base)
+    if not meets:
+        plan(job)
+        return
+    error = refusal(job)
+    assert error.code is ErrorCode.PART_DOES_NOT_FIT
+    assert meets in error.what
+    assert "backing_plate.size" in error.advice
+
+
 def test_part_deeper_than_the_travel(tmp_path: Path) -> None:
     # travel of the rig in z: 110 mm
     deep = Cone(opening=0.06, angle=np.radians(75), depth=0.112, floor=8e-3)

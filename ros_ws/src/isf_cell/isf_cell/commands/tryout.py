@@ -599,7 +599,7 @@ def _draw(search: Search, checks: Sequence[Trial], path: Path) -> Path:
             right.plot(1e3 * error.x, 1e3 * error.z[len(error.y) // 2], label=label)
         right.axhline(0.0, color=style.INK, linewidth=0.8)
         right.set_xlabel("x [mm]")
-        right.set_ylabel("formed minus target at y = 0 [mm]")
-        right.legend()
+        right.set_ylabel("error at y = 0 [mm]")
+        right.legend(loc="lower left")
         path.write_bytes(style.png(figure))
     return path

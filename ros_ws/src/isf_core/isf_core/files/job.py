@@ -130,6 +130,21 @@ class BackingPlateSpec(FileModel):
             raise ValueError("corner_radius must not exceed half the smaller side")
         return self
 
+    def inside(self, x: Array, y: Array) -> Array:
+        """m, distance of the places ``x``, ``y`` m (any equal shapes) from the edge of the opening; negative beyond."""
+        if self.shape == "circle":
+            return np.asarray(0.5 * self.size[0] - np.hypot(x, y))
+        ox = np.abs(x) - (0.5 * self.size[0] - self.corner_radius)
+        oy = np.abs(y) - (0.5 * self.size[1] - self.corner_radius)
+        outside = np.hypot(np.maximum(ox, 0.0), np.maximum(oy, 0.0))
+        return np.asarray(self.corner_radius - outside - np.minimum(np.maximum(ox, oy), 0.0))
+
+    def height(self, x: Array, y: Array) -> Array:
+        """m, upper face of the plate with its rounded edge over the places: 0 on the flat, -inf in the opening."""
+        back, radius = -self.inside(x, y), self.edge_radius
+        rounded = np.sqrt(np.maximum(radius**2 - np.clip(radius - back, 0.0, radius) ** 2, 0.0)) - radius
+        return np.where(back >= 0.0, np.where(back < radius, rounded, 0.0), -np.inf)
+
 
 class DieSpec(FileModel):
     """TPIF: a partial or full die under the sheet, as a surface in frame ``sheet`` with the blank holder at its start.

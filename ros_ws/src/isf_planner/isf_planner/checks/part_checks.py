@@ -41,6 +41,10 @@ REACH_TOLERANCE = 20e-6
 PRESSING_TOLERANCE = 0.1e-3
 """m, by which the support tool may press beside its contact before it is worth a warning."""
 
+PLATE_TOLERANCE = 0.1e-3
+"""m, by which the sheet may be pressed into a backing plate: against its edge it is, where the opening is that of the
+part."""
+
 NOWHERE = -10.0
 """m, height of nodes that are to be left out."""
 
@@ -121,6 +125,42 @@ def check_travel(contours: tuple[Contour, ...], rig: Rig) -> None:
                     where=f"{contour_label(contour.index)} at {place_text(tips[worst])}",
                     advice="shrink the part, or correct limits.travel of the rig",
                 )
+
+
+def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
+    """Neither the formed sheet nor the lower tool meets the backing plate, whose opening has upright walls.
+
+    Raises
+    ------
+    IsfError : PART_DOES_NOT_FIT with the place
+    """
+    plate = job.backing_plate
+    if plate is None:
+        return
+    for contour in contours:
+        contact = contour.contact
+        cut = plate.height(contact[:, 0], contact[:, 1]) - contact[:, 2]
+        if contour.forming_tool == 1 and cut.max() > PLATE_TOLERANCE:
+            worst = int(np.argmax(cut))
+            raise IsfError(
+                ErrorCode.PART_DOES_NOT_FIT,
+                f"the part is formed {cut[worst] * 1e3:.2f} mm into the backing plate",
+                where=f"{contour_label(contour.index)} at {place_text(contact[worst])}",
+                advice="give the plate a larger opening (backing_plate.size)",
+            )
+        below = contour.support_tip if contour.forming_tool == 1 else contour.forming_tip
+        if job.tool_2 is None or not len(below):
+            continue
+        room = plate.inside(below[:, 0], below[:, 1]) - job.tool_2.radius
+        if room.min() < 0.0:
+            worst = int(np.argmin(room))
+            raise IsfError(
+                ErrorCode.PART_DOES_NOT_FIT,
+                f"the lower tool of radius {job.tool_2.radius * 1e3:.2f} mm would run {-room[worst] * 1e3:.2f} mm into "
+                "the edge of the backing plate",
+                where=f"{contour_label(contour.index)} at {place_text(below[worst])}",
+                advice="give the plate a larger opening (backing_plate.size), or form with one tool (process SPIF)",
+            )
 
 
 def check_islands(sides: Sequence[Side]) -> None:

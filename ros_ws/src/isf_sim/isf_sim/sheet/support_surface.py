@@ -65,20 +65,8 @@ def support_of(job_file: JobFile, surface: Surface, thickness: float) -> Array |
 
 
 def plate_heights(plate: BackingPlateSpec, x: Array, y: Array) -> Array:
-    """(ny, nx) m, upper face of the plate with its rounded edge, 0 on the flat, -inf in the opening."""
-    gx, gy = np.meshgrid(x, y)
-    if plate.shape == "circle":
-        inside = 0.5 * plate.size[0] - np.hypot(gx, gy)
-    else:
-        # signed distance to a rectangle with rounded corners, positive inside
-        ox = np.abs(gx) - (0.5 * plate.size[0] - plate.corner_radius)
-        oy = np.abs(gy) - (0.5 * plate.size[1] - plate.corner_radius)
-        outside = np.hypot(np.maximum(ox, 0.0), np.maximum(oy, 0.0))
-        inside = plate.corner_radius - outside - np.minimum(np.maximum(ox, oy), 0.0)
-    back = -inside
-    radius = plate.edge_radius
-    rounded = np.sqrt(np.maximum(radius**2 - np.clip(radius - back, 0.0, radius) ** 2, 0.0)) - radius
-    return np.where(back >= 0.0, np.where(back < radius, rounded, 0.0), -np.inf)
+    """(ny, nx) m, upper face of the plate over the grid of ``x`` (nx,) and ``y`` (ny,) m."""
+    return plate.height(*np.meshgrid(x, y))
 
 
 def die_heights(vertices: Array, faces: NDArray[np.int64], x: Array, y: Array) -> Array:
