@@ -47,7 +47,13 @@ def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_par
 
 @pytest.mark.parametrize(
     ("name", "angle", "depth", "contours"),
-    [("ren_cone", 50, 21, 42), ("ren_pyramid", 50, 20, 40), ("spif_cone", 45, 15, 30), ("mini_cone", 45, 5, 10)],
+    [
+        ("ren_cone", 50, 21, 42),
+        ("ren_pyramid", 50, 20, 40),
+        ("spif_cone", 45, 15, 30),
+        ("mini_cone", 45, 5, 10),
+        ("ren_cone_plate", 50, 21, 42),
+    ],
 )
 def test_examples_are_planned_without_a_warning(name: str, angle: float, depth: float, contours: int) -> None:
     result = plan(load_job(EXAMPLES / "jobs" / f"{name}.yaml"))
