@@ -82,10 +82,7 @@ WORDS = {
     "base": "base",
     "walls_base": "walls (steeper than 15 deg) and base",
 }
-SHELL_HEADER = (
-    "| part | method | sheet, elements | worlds | published | whole opening | base | rim | flange "
-    "| sealed worlds: worst | kinetic / plastic | CPU [s] |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
-)
+SHELL_HEADER = "| part | method | published | whole opening | base | rim | sealed, worst | formed on |\n|---|---|---|---|---|---|---|---|"
 SEALED = 101
 """First number of a sealed world."""
 HEADER = (
@@ -139,26 +136,24 @@ def shell_table(rows: Sequence[dict[str, Any]]) -> str:
 def _shell_line(name: str, part: Published, method: str, sheet: str, rows: Sequence[dict[str, Any]]) -> str:
     """One line: the nominal world by region, the worst of the sealed ones, and which runs ended early."""
     whole = [row for row in rows if row["code"] == 0 and part.region in row]
-    ended = [
-        f"{row['world']} ended at contour {row['contours']} of {row['planned']}, {row['code']}"
-        for row in rows
-        if row["code"]
-    ]
-    nominal = next((row for row in whole if row["world"] == 0), None)
+    nominal = next((row for row in rows if row["world"] == 0), None)
+    regions = [_region(nominal, region) for region in ("wall_and_base", "base", "rim")]
+    if nominal is not None and nominal["code"]:
+        regions = [_ended(nominal), "-", "-"]
     sealed = [row for row in whole if row["world"] >= SEALED]
     worst = max(sealed, key=lambda row: float(row["wall_and_base"]["max"]), default=None)
-    cells = [
-        name,
-        method,
-        f"{sheet}, {rows[0].get('elements', '-')}",
-        "; ".join([", ".join(str(row["world"]) for row in whole), *ended]).removeprefix("; "),
-        part.uncorrected if method.startswith("none") else part.corrected,
-        *(_region(nominal, region) for region in ("wall_and_base", "base", "rim", "flange")),
-        _region(worst, "wall_and_base"),
-        "-" if nominal is None else f"{100 * nominal['kinetic_over_plastic']:.2f} %",
-        f"{statistics.median(row['cpu_s'] for row in rows):.0f}",
-    ]
-    return "| " + " | ".join(cells) + " |"
+    others = [f"{row['world']}: {_ended(row)}" for row in rows if row["code"] and row is not nominal]
+    formed_on = [f"{sheet}, {rows[0].get('elements', '-')} elements"]
+    if nominal is not None and not nominal["code"]:
+        formed_on.append(f"kinetic / plastic {100 * nominal['kinetic_over_plastic']:.2f} %")
+    formed_on.append(f"{statistics.median(row['cpu_s'] for row in rows):.0f} s of CPU")
+    published = part.uncorrected if method.startswith("none") else part.corrected
+    cells = [name, method, published, *regions, "; ".join([_region(worst, "wall_and_base"), *others])]
+    return "| " + " | ".join([*cells, ", ".join(formed_on)]) + " |"
+
+
+def _ended(row: dict[str, Any]) -> str:
+    return f"ended at contour {row['contours']} of {row['planned']}, {row['code']}"
 
 
 def _region(row: dict[str, Any] | None, region: str) -> str:
@@ -308,11 +303,11 @@ the fast sheet, which is flat again outside the opening; corrections were made f
 
 Errors are vertical, in the clamp, formed minus target: largest / mean / signed mean of the region, mm, nominal world;
 rim: 10 mm around the opening. Sealed worlds (101 and up) differ in structure and have chosen no constant. Published:
-largest / mean, without or with correction; each source's own region stands on the other page.
+largest / mean, without or with correction; each source's own region stands on the other page. A part that ended early
+met the limit of the machine's force (1203, 1405), which the axial force of coarse cells
+[overstates](../methods/shell_sheet.md#axial-force).
 
 {shell_table(rows)}
-
-A part that ended early met the limit of the machine's force (1203, 1405).
 """
     if maps_of_parts := pictures(rows, maps, folder, "springback_shell"):
         text += f"""

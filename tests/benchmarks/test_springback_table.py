@@ -174,12 +174,14 @@ def test_rows_on_the_elasto_plastic_sheet_have_a_page_of_their_own(table: Module
     text = page.read_text(encoding="utf-8")
     (line,) = [text for text in text.splitlines() if text.startswith("| ren_cone")]
     cells = [cell.strip() for cell in line.strip("|").split("|")]
-    assert cells[3] == "0, 101, 102; 103 ended at contour 3 of 5, 1203"
-    assert cells[4] == "5.7 / 3.1"  # published, Ren 2018, 4.3
-    assert cells[5].startswith("5.00 / ")
-    assert cells[7] == "5.00 / 0.50 / -0.25"
-    assert cells[9].startswith("7.00 / ")  # the worst of those that were formed whole
-    assert cells[10] == "0.40 %"
+    assert cells[2] == "5.7 / 3.1"  # published, Ren 2018, 4.3
+    assert cells[3].startswith("5.00 / ")
+    assert cells[5] == "5.00 / 0.50 / -0.25"
+    assert cells[6].startswith("7.00 / ")  # the worst of those that were formed whole
+    assert cells[6].endswith("; 103: ended at contour 3 of 5, 1203")
+    assert cells[7] == "shell_coarse, 2304 elements, kinetic / plastic 0.40 %, 1 s of CPU"
+    ended = table.springback_page.shell_table([shell(0, 5.0, code=1405, contours=2)])
+    assert "| ended at contour 2 of 5, 1405 | - | - |" in ended
     assert len(table.springback_rows.read(page.with_suffix(".jsonl"))) == 4
     assert len(table.springback_rows.latest([*rows, row("ren_cone", "none", 0, 1.0)])) == 5  # a row of each sheet
 
