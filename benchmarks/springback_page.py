@@ -82,7 +82,9 @@ WORDS = {
     "base": "base",
     "walls_base": "walls (steeper than 15 deg) and base",
 }
-SHELL_HEADER = "| part | method | published | whole opening | base | rim | sealed, worst | formed on |\n|---|---|---|---|---|---|---|---|"
+SHELL_HEADER = "\n".join(
+    ("| part | method | published | whole opening | base | rim | sealed, worst | formed on |", "|---" * 8 + "|")
+)
 SEALED = 101
 """First number of a sealed world."""
 HEADER = (
