@@ -177,6 +177,8 @@ class RecorderNode(CellNode[RecorderParameters]):
             looser = best_effort(asked)
             if looser is None:
                 self._not_delivered.add(topic.name)
+                # at once, since it may end before it knows whose topic it is
+                self.failure = self.failure or nothing_comes(self, topic.name, asked)
                 self.report_delivery(topic.name, self.report, partial(nothing_comes, self, topic.name, asked))
                 continue
             self.report_delivery(topic.name, self.warn, partial(taken_best_effort, self, topic.name, asked))

@@ -39,10 +39,16 @@ LIMIT = 120.0
 
 @contextmanager
 def recorder(
-    output: Path, *, autostart: bool = True, remap: str = "", room: int | None = None, **parameters: object
+    output: Path,
+    *,
+    autostart: bool = True,
+    remap: str = "",
+    room: int | None = None,
+    program: tuple[str, ...] = ("-m", "isf_analysis.recorder_node"),
+    **parameters: object,
 ) -> Iterator[forked_process.ForkedProcess]:
     """The recorder; its files may grow to ``room`` bytes, then the system refuses as a full disk does."""
-    command = [sys.executable, "-m", "isf_analysis.recorder_node", "--ros-args"]
+    command = [sys.executable, *program, "--ros-args"]
     for name, value in {"output": output, "autostart": str(autostart).lower(), **parameters}.items():
         command += ["-p", f"{name}:={value}"]
     command += ["-r", remap] if remap else []
@@ -171,6 +177,22 @@ def test_a_latched_topic_published_volatile_is_reported(tmp_path: Path, observer
             )
 
         assert spin_until(observer, reported)
+        end(process, signal.SIGINT, EXIT_INCOMPLETE)
+
+
+def test_a_recorder_that_ends_before_it_knows_whose_topic_it_is_says_that_the_bag_is_not_whole(
+    tmp_path: Path, observer: Node
+) -> None:
+    with recorder(tmp_path / "bag", program=(str(Path(__file__).with_name("nameless_recorder.py")),)) as process:
+        observer.create_publisher(PointCloud2, "scan", QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE))
+
+        def apart() -> bool:
+            found = [
+                item.value for status in observer.heard for item in status.values if item.key == "qos_incompatible"
+            ]
+            return found[-1:] == ["scan"]
+
+        assert spin_until(observer, apart)  # the names are waited for some seconds longer
         end(process, signal.SIGINT, EXIT_INCOMPLETE)
 
 
