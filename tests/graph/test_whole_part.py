@@ -168,6 +168,7 @@ def test_ctrl_c_cancels_the_part_and_keeps_what_was_formed(tmp_path: Path) -> No
     data = json.loads(out)
     assert data["error"]["name"] == "CANCELLED"
     assert 2 <= data["contours"] < read_bag(output / "bag").planned
+    assert data["sheet"] == {"model": "fast"}  # what stands behind the numbers
     assert Path(data["report"]).is_file()
 
 

@@ -94,6 +94,7 @@ def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
         "world": record.variant,
         "sealed": record.sealed,
         "seed": record.seed,
+        "sheet": dict(record.sheet) or None,
         "software": record.software,
         "complete": failure is None,
         "failure": None if failure is None else {"code": failure[0], "message": failure[1]},

@@ -155,6 +155,11 @@ def test_without_scan_or_force_control_those_parts_are_null() -> None:
     json.dumps(numbers, allow_nan=False)
 
 
+def test_the_simulated_sheet_is_named_where_it_is_known() -> None:
+    assert summary(replace(PART, sheet={"model": "shell"}))["sheet"] == {"model": "shell"}
+    assert summary(replace(PART, sheet={}))["sheet"] is None  # a real machine
+
+
 def test_a_run_of_a_sealed_variant_is_marked() -> None:
     """101 to 120 are sealed; the report says so, and the former name of the number is there as well."""
     for variant, sealed in ((0, False), (20, False), (40, False), (101, True), (120, True), (121, False)):

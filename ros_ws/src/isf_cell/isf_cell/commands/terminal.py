@@ -145,7 +145,7 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
         row("force error, 99.9 % of the time below [N]", number(summary, "force", "p999_abs_error_N", digits=1))
     if sheet := summary.get("sheet"):
         words = {
-            "fast": "fast, reduced",
+            "fast": "fast: yields under the tools alone",
             "shell": "elasto-plastic shell",
             "shell_coarse": "elasto-plastic shell, coarse",
             "shell_fine": "elasto-plastic shell, fine",
