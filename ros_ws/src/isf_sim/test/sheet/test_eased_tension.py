@@ -19,7 +19,7 @@ from isf_sim.machine.state import load_machine, save_machine
 from isf_sim.sheet.sheet_plant import SheetPlant
 from isf_sim.sheet.sheet_point import no_contact
 from isf_sim.sheet.squeeze import SqueezeConstants, eased_tension, no_squeeze
-from test_tool_roles import COARSE, JOB, Pair, start, tips_of
+from tool_pair import COARSE, JOB, Pair, start, tips_of
 
 R, T, FLOW, CONSTRAINT = 5e-3, 1e-3, 187e6, 2.8
 ANGLE = np.radians(50.0)
