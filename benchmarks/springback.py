@@ -24,10 +24,10 @@ from pathlib import Path
 from typing import Any
 
 import isf_springback.estimators.elastic  # noqa: F401 - loaded before the processes start, so that all run the same code
-import numpy as np
-from isf_analysis.measures.deviation import TOLERANCE, compare
+from isf_analysis.measures.deviation import compare
 from isf_cell import in_process
 from isf_cell.commands.springback import built, edge_of
+from isf_cell.commands.tryout import CONTROL_RATE
 from isf_cell.options import RunOptions
 from isf_cell.run.flat_push import push_flat_sheet
 from isf_core.files.job import JobFile, load_job
@@ -59,11 +59,6 @@ HEADER = (
 )
 
 
-SHELL_RATE = 100.0
-"""Hz of control on the elasto-plastic sheet, a fifth of the jobs' own: shapes are the same within 0.01 mm
-(docs/methods/shell_sheet.md), the cost is half."""
-
-
 @dataclass(frozen=True)
 class Case:
     """One run; ``method`` as in the table: fused with its model in brackets, and :data:`PUSHED`; ``sheet`` as of
@@ -93,7 +88,7 @@ def job_of(case: Case) -> tuple[JobFile, str]:
     springback = job_file.job.springback.model_copy(update=change)
     job_file.job = job_file.job.model_copy(update={"springback": springback})
     if case.sheet != "fast":
-        control = job_file.job.control.model_copy(update={"rate": SHELL_RATE})
+        control = job_file.job.control.model_copy(update={"rate": CONTROL_RATE})
         job_file.job = job_file.job.model_copy(update={"control": control})
     return job_file, name
 
@@ -122,8 +117,7 @@ def run(case: Case) -> dict[str, Any]:
         return row
     deviation = compare(record.scan, record.target)
     regions = deviation.regions
-    error = deviation.error.z[deviation.masks["wall_and_base"]]
-    row["within"] = 100.0 * float(np.mean(np.abs(error[np.isfinite(error)]) <= TOLERANCE))
+    row["within"] = 100.0 * (deviation.within() or 0.0)
     for region in REGIONS:
         errors = regions[region]
         if errors is not None:

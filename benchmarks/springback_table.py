@@ -15,8 +15,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
-import threading
-import time
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -25,6 +24,7 @@ from typing import Any, get_args
 
 import springback_page
 import springback_rows
+from isf_cell.processes.process_group import ends_with_owner
 from isf_core.errors import IsfError
 from isf_core.simulated_sheet import SheetKind
 from rich.console import Console
@@ -34,8 +34,6 @@ from springback_page import PARTS
 
 ROOT = Path(__file__).resolve().parents[1]
 ROWS = ROOT / "runs" / "springback_table" / "rows.jsonl"
-WATCH = 2.0
-"""s, how often a worker looks whether its parent is still there."""
 
 Todo = list[tuple[Case, str]]
 
@@ -45,7 +43,8 @@ def cases_of(
 ) -> list[Case]:
     """Cases in the order of their use: world after world, so that a campaign that is stopped holds whole worlds.
 
-    Without ``parts`` all of them, large ones in the nominal world only.
+    Without ``parts`` all of them, large ones in the nominal world only. Without ``methods`` those of each part, but
+    none with a push where ``sheet`` is not the fast one, which alone is pushed (:mod:`isf_cell.run.flat_push`).
     """
     return [
         Case(part, method, world, sheet)
@@ -53,6 +52,7 @@ def cases_of(
         for part in parts or PARTS
         if parts or world == 0 or not PARTS[part].large
         for method in methods or PARTS[part].methods
+        if methods or sheet == "fast" or not method.endswith(PUSHED)
     ]
 
 
@@ -64,14 +64,7 @@ def missing(cases: Sequence[Case], rows: dict[str, dict[str, Any]], digest: str)
 
 def _stay_with(parent: int) -> None:
     """A worker ends when its parent was killed."""
-
-    def watch() -> None:
-        # asks again: the system would tell the end of the parent's thread that started this process, not of the parent
-        while os.getppid() == parent:
-            time.sleep(WATCH)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    ends_with_owner(signal.SIGKILL, parent)()
 
 
 def compute(todo: Todo, digest: str, path: Path, processes: int, console: Console) -> None:

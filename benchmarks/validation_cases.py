@@ -17,7 +17,6 @@ from isf_sim.machine.events import event_limits
 from isf_sim.sheet import adsif
 from isf_sim.sheet.control_points import HEIGHT
 from isf_sim.sheet.sheet_plant import SheetPlant
-from isf_sim.sheet.support_surface import plate_heights
 from isf_sim.sheet.thickness import strain_up_the_wall
 from isf_sim.shell.shell import Elastic, Shell
 from plant_validation import SECTIONS, row, tool_circle
@@ -237,7 +236,7 @@ def backed_plant(rig: str, material: str, thickness: float, radius: float, step:
     x = surface.x0 + surface.h * np.arange(surface.height.shape[1])
     y = surface.y0 + surface.h * np.arange(surface.height.shape[0])
     plate = BackingPlateSpec(shape="rectangle", size=(opening, opening))
-    plant.set_support(plate_heights(plate, x, y) - plant.thickness)
+    plant.set_support(plate.height(*np.meshgrid(x, y)) - plant.thickness)
     return plant
 
 

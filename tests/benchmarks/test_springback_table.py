@@ -192,6 +192,16 @@ def test_a_case_on_another_sheet_has_a_row_and_a_rate_of_its_own(table: ModuleTy
     assert [table.job_of(case)[0].job.control.rate for case in (fast, shell)] == [500.0, 100.0]
 
 
+def test_the_command_of_the_page_leaves_out_what_the_sheet_cannot(table: ModuleType) -> None:
+    """Methods with a push, unless they are asked for by name."""
+
+    def methods(sheet: str) -> set[str]:
+        return {case.method for case in table.cases_of(["ren_cone"], None, [0], sheet)}
+
+    assert "fused(elastic)+push" in methods("fast")
+    assert methods("shell_coarse") == methods("fast") - {"fused(elastic)+push"}
+
+
 def test_a_push_on_another_sheet_is_refused(table: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         table.main(["--sheet", "shell", "--parts", "ren_cone", "--methods", "elastic+push"])

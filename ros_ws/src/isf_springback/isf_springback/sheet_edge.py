@@ -53,6 +53,5 @@ def held_by_plate(contour: Contour, job_file: JobFile) -> bool:
     plate = job_file.job.backing_plate
     if plate is None:
         return False
-    place, half = np.abs(contour.contact[:, :2]), 0.5 * np.asarray(plate.size)
-    away = half[0] - np.hypot(*place.T) if plate.shape == "circle" else (half - place).min(axis=1)
+    away = plate.inside(contour.contact[:, 0], contour.contact[:, 1])
     return float(away.mean()) <= CLOSE * forming_radius(job_file, contour.forming_tool)

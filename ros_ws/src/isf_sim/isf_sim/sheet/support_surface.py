@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.die_mesh import read_die
-from isf_core.files.job import BackingPlateSpec, JobFile
+from isf_core.files.job import JobFile
 from isf_core.types import Array
 from numpy.typing import NDArray
 
@@ -41,7 +41,7 @@ def support_of(job_file: JobFile, surface: Surface, thickness: float) -> Array |
                 where="backing_plate.size",
                 advice="choose a smaller opening, or leave the backing plate out",
             )
-        heights.append(plate_heights(job.backing_plate, x, y) - thickness)
+        heights.append(job.backing_plate.height(*np.meshgrid(x, y)) - thickness)
     mesh = read_die(job_file)
     if mesh is not None:
         die = die_heights(mesh.vertices, mesh.faces, x, y)
@@ -62,11 +62,6 @@ def support_of(job_file: JobFile, surface: Surface, thickness: float) -> Array |
             )
         heights.append(die)
     return np.maximum.reduce(heights) if heights else None
-
-
-def plate_heights(plate: BackingPlateSpec, x: Array, y: Array) -> Array:
-    """(ny, nx) m, upper face of the plate over the grid of ``x`` (nx,) and ``y`` (ny,) m."""
-    return plate.height(*np.meshgrid(x, y))
 
 
 def die_heights(vertices: Array, faces: NDArray[np.int64], x: Array, y: Array) -> Array:

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import BackingPlateSpec, JobFile
-from isf_sim.sheet.support_surface import die_heights, plate_heights, support_of
+from isf_sim.sheet.support_surface import die_heights, support_of
 from isf_sim.sheet.surface import flat_surface
 
 JOB = """
@@ -31,7 +31,7 @@ def at(heights: np.ndarray, x: float, y: float) -> float:
 
 def test_round_opening_with_a_rounded_edge() -> None:
     plate = BackingPlateSpec(shape="circle", size=(0.1, 0.1), edge_radius=4e-3)
-    heights = plate_heights(plate, GRID, GRID)
+    heights = plate.height(*np.meshgrid(GRID, GRID))
     assert at(heights, 0.045, 0.0) == -np.inf
     assert at(heights, 0.0505, 0.0) == pytest.approx(np.sqrt(16 - 3.5**2) * 1e-3 - 4e-3)
     assert at(heights, 0.0, 0.052) == pytest.approx(np.sqrt(12.0) * 1e-3 - 4e-3)
@@ -41,7 +41,7 @@ def test_round_opening_with_a_rounded_edge() -> None:
 def test_rectangular_opening_with_round_corners() -> None:
     """Area of the opening: a b - (4 - pi) r^2, to the grid's 0.5 mm."""
     plate = BackingPlateSpec(shape="rectangle", size=(0.12, 0.08), corner_radius=0.02, edge_radius=0.0)
-    heights = plate_heights(plate, GRID, GRID)
+    heights = plate.height(*np.meshgrid(GRID, GRID))
     area = np.isinf(heights).sum() * 0.5e-3**2
     assert area == pytest.approx(0.12 * 0.08 - (4 - np.pi) * 0.02**2, rel=0.02)
     assert at(heights, 0.058, 0.038) == 0.0
