@@ -141,6 +141,16 @@ def test_sealed_variants_are_kept_for_the_judgement(done: Done, tmp_path: Path) 
     assert not any(tmp_path.iterdir())
 
 
+def test_a_job_that_is_refused_leaves_no_folder(tmp_path: Path) -> None:
+    """Here by the planner, when the first part is to be formed."""
+    text = quick_cone_file(tmp_path).read_text(encoding="utf-8")
+    plate = "backing_plate: {shape: circle, size: [30 mm, 30 mm]}"
+    (tmp_path / "plate.yaml").write_text(f"{text}\n{plate}\n", encoding="utf-8")
+    with pytest.raises(IsfError, match="edge of the backing plate"):
+        try_out(Tryout(tmp_path / "plate.yaml", sheet="fast"), tmp_path / "out", as_json=False)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_correction_that_does_not_get_through_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The machine bears the part of this sheet, but not what the job's method adds to it."""
     job = faster(quick_cone_file(tmp_path, step="2.5 mm"), ("thickness: 1.0 mm", "thickness: 2.0 mm"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,10 @@ def test_a_backing_plate_in_the_way(tmp_path: Path, process: str, opening: float
     assert error.code is ErrorCode.PART_DOES_NOT_FIT
     assert meets in error.what
     assert "backing_plate.size" in error.advice
+    more = re.search(r"([\d.]+) mm more on each side", error.advice)
+    assert more is not None
+    wider = opening + 2.0 * float(more.group(1))
+    plan(JobFile(job.text.replace(f"{opening:g} mm", f"{wider:g} mm"), job.base))  # the advice is enough
 
 
 def test_part_deeper_than_the_travel(tmp_path: Path) -> None:

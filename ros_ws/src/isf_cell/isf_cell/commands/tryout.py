@@ -195,6 +195,10 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
     try:
         search.run()
         (check,) = search.form([(f"check of {search.best.name}", search.best.plan)], wanted.checks)
+    except IsfError:
+        if [item.name for item in folder.iterdir()] == [STATE]:  # refused before a part was formed
+            shutil.rmtree(folder)
+        raise
     except KeyboardInterrupt:
         raise IsfError(
             ErrorCode.CANCELLED,

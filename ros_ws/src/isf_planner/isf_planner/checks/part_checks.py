@@ -15,7 +15,7 @@ from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, ToolSpec
 from isf_core.files.rig import Rig
-from isf_core.types import Array
+from isf_core.types import Array, Indices
 
 from isf_planner.checks.mesh_slicing import MeshLoop, slice_mesh
 from isf_planner.forming.sides import Side, first_number, holder
@@ -132,35 +132,53 @@ def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
 
     Raises
     ------
-    IsfError : PART_DOES_NOT_FIT with the place
+    IsfError : PART_DOES_NOT_FIT with the worst place
     """
     plate = job.backing_plate
     if plate is None:
         return
-    for contour in contours:
-        contact = contour.contact
-        cut = plate.height(contact[:, 0], contact[:, 1]) - contact[:, 2]
-        if contour.forming_tool == 1 and cut.max() > PLATE_TOLERANCE:
-            worst = int(np.argmax(cut))
-            raise IsfError(
-                ErrorCode.PART_DOES_NOT_FIT,
-                f"the part is formed {cut[worst] * 1e3:.2f} mm into the backing plate",
-                where=f"{contour_label(contour.index)} at {place_text(contact[worst])}",
-                advice="give the plate a larger opening (backing_plate.size)",
-            )
-        below = contour.support_tip if contour.forming_tool == 1 else contour.forming_tip
-        if job.tool_2 is None or not len(below):
-            continue
-        room = plate.inside(below[:, 0], below[:, 1]) - job.tool_2.radius
-        if room.min() < 0.0:
-            worst = int(np.argmin(room))
-            raise IsfError(
-                ErrorCode.PART_DOES_NOT_FIT,
-                f"the lower tool of radius {job.tool_2.radius * 1e3:.2f} mm would run {-room[worst] * 1e3:.2f} mm into "
-                "the edge of the backing plate",
-                where=f"{contour_label(contour.index)} at {place_text(below[worst])}",
-                advice="give the plate a larger opening (backing_plate.size), or form with one tool (process SPIF)",
-            )
+    index, contact = _points([(contour.index, contour.contact) for contour in contours if contour.forming_tool == 1])
+    beyond = -plate.inside(contact[:, 0], contact[:, 1])
+    cut = plate.height(contact[:, 0], contact[:, 1]) - contact[:, 2]
+    if (cut > PLATE_TOLERANCE).any():
+        worst = int(np.argmax(cut))
+        wider = beyond[cut > PLATE_TOLERANCE].max()
+        raise IsfError(
+            ErrorCode.PART_DOES_NOT_FIT,
+            f"the part is formed {cut[worst] * 1e3:.2f} mm into the backing plate",
+            where=f"{contour_label(index[worst])} at {place_text(contact[worst])}",
+            advice=f"give its opening {_tenths(wider)} mm more on each side (backing_plate.size)",
+        )
+    if job.tool_2 is None:
+        return
+    index, tip = _points(
+        [
+            (contour.index, contour.support_tip if contour.forming_tool == 1 else contour.forming_tip)
+            for contour in contours
+        ]
+    )
+    missing = job.tool_2.radius - plate.inside(tip[:, 0], tip[:, 1])
+    if (missing > 0.0).any():
+        worst = int(np.argmax(missing))
+        raise IsfError(
+            ErrorCode.PART_DOES_NOT_FIT,
+            f"the lower tool of radius {job.tool_2.radius * 1e3:.2f} mm would run {missing[worst] * 1e3:.2f} mm into "
+            "the edge of the backing plate",
+            where=f"{contour_label(index[worst])} at {place_text(tip[worst])}",
+            advice=f"give its opening {_tenths(missing[worst])} mm more on each side (backing_plate.size), or form "
+            "with one tool (process SPIF)",
+        )
+
+
+def _tenths(length: float) -> str:
+    """``length`` m in mm, rounded up."""
+    return f"{np.ceil(length * 1e4) / 10.0:.1f}"
+
+
+def _points(paths: Sequence[tuple[int, Array]]) -> tuple[Indices, Array]:
+    """(N,) contour of each point and (N, 3) m of all ``paths``."""
+    index = np.repeat([number for number, _ in paths], [len(path) for _, path in paths])
+    return index.astype(np.int64), np.vstack([np.empty((0, 3)), *(path for _, path in paths)])
 
 
 def check_islands(sides: Sequence[Side]) -> None:
