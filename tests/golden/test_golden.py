@@ -36,7 +36,8 @@ def _reported(found: list[str], name: str) -> str:
     "case", [pytest.param(case, marks=() if case.always else pytest.mark.slow, id=case.name) for case in CASES]
 )
 def test_run_gives_what_was_recorded(case: Case, pytestconfig: pytest.Config) -> None:
-    found = differences(golden_values.read(case.file), case.series(), exact=pytestconfig.getoption("--exact"))
+    exact = pytestconfig.getoption("--exact")
+    found = differences(golden_values.read(case.file), case.series(), exact=exact, factor=case.factor)
     assert not found, _reported(found, case.name)
 
 
