@@ -1,9 +1,9 @@
 """Processes of tests without the imports of a new interpreter: ``start`` and ``run`` as Popen and run of subprocess.
 
-They are made by nursery.py, one for a run of tests. Where the environment decides what is imported (PYTHONPATH), a new
-interpreter starts after all; where the start of the program itself is the subject, a test uses subprocess. ``isf form``
-starts its nodes as it does for a user; where a test forms a part by the node graph itself, the fixture ``forked_nodes``
-of conftest.py lets it start their installed commands from here.
+They are made by nursery.py, one for a run of tests. Where the environment decides what is imported by more than folders
+before the others in PYTHONPATH, a new interpreter starts after all; where the start of the program itself is the
+subject, a test uses subprocess. ``isf form`` starts its nodes as it does for a user; where a test forms a part by the
+node graph itself, the fixture ``forked_nodes`` of conftest.py lets it start their installed commands from here.
 """
 
 from __future__ import annotations
@@ -31,6 +31,15 @@ _LIMIT = 300.0
 
 _ENVIRONMENT = dict(os.environ)
 _READ_AT_START = ("PYTHONPATH", "LD_LIBRARY_PATH", "NUMBA_CACHE_DIR")
+
+
+def _folders_before(environment: Mapping[str, str]) -> list[str] | None:
+    """What PYTHONPATH of ``environment`` has before that of the nursery; None: there are other differences."""
+    given, own = (env.get("PYTHONPATH", "").split(os.pathsep) for env in (environment, _ENVIRONMENT))
+    others_differ = any(environment.get(name) != _ENVIRONMENT.get(name) for name in _READ_AT_START[1:])
+    if others_differ or given[-len(own) :] != own:
+        return None
+    return given[: -len(own)]
 
 
 class _Nursery:
@@ -175,7 +184,8 @@ def start(
     global _nursery
     assert command[0] == sys.executable
     environment = dict(os.environ if env is None else env)
-    if any(environment.get(name) != _ENVIRONMENT.get(name) for name in _READ_AT_START):
+    before = _folders_before(environment)
+    if before is None:
         return subprocess.Popen(
             command, stdout=stdout, stderr=stderr, cwd=cwd, env=env, text=text, start_new_session=start_new_session
         )
@@ -204,6 +214,7 @@ def start(
         "arguments": [str(part) for part in command[1:]],
         "folder": str(cwd or Path.cwd()),
         "environment": environment,
+        "import_from": before,
         "session": start_new_session,
         "ends_with_owner": ends_with_owner,
     }

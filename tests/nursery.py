@@ -75,7 +75,11 @@ def become(request: dict[str, Any], streams: list[int]) -> Program:
     os.environ.update(request["environment"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
     measure_anew()
-    return program_of(request["arguments"])
+    program = program_of(request["arguments"])
+    if request["import_from"]:
+        sys.path[1:1] = request["import_from"]
+        sys.modules["isf_core.files.job"]._registered.cache_clear()  # looked up while this room was made
+    return program
 
 
 def show_command(arguments: list[str]) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 from isf_analysis.measures.summary import summary
@@ -20,9 +20,7 @@ from quick_cone import quick_cone, quick_cone_file
 def simulated(folder: Path, *options: str) -> tuple[dict[str, Any], str]:
     """Summary and report of the small cone."""
     command = [sys.executable, "-m", "isf_cell.cli", "simulate", str(quick_cone_file(folder)), "--json", *options]
-    ended = subprocess.run(
-        [*command, "--correction", "none", "-o", "run"], cwd=folder, capture_output=True, text=True, timeout=600
-    )
+    ended = forked_process.run([*command, "--correction", "none", "-o", "run"], cwd=folder)
     assert ended.returncode == 0, ended.stderr
     return json.loads(ended.stdout), (folder / "run" / "report.html").read_text(encoding="utf-8")
 

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
-from scipy.signal import savgol_filter
 
 from isf_planner.loops import tip_loops
 from isf_planner.loops.tip_loops import FLATTEST, GOUGE_TOLERANCE
@@ -189,5 +188,7 @@ def _smooth(normal: Array, spacing: float, width: float) -> Array:
     window = min(2 * round(width / spacing / 2) + 1, 2 * (len(normal) // 6) + 1)
     if window < 5:
         return normal
+    from scipy.signal import savgol_filter  # late: 0.5 s that other paths need not pay
+
     smooth = savgol_filter(normal, window, 2, axis=0, mode="interp")
     return np.asarray(smooth / np.linalg.norm(smooth, axis=1, keepdims=True))

@@ -6,6 +6,7 @@ import numpy as np
 from isf_planner.surface.surface_kernels import vertex_normals
 from isf_planner.surface.target_surface import facet_normals, smooth_along
 from planner_parts import Cone, grid_mesh, revolve
+from scipy.signal import savgol_filter
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -55,3 +56,10 @@ def test_smoothing_removes_noise() -> None:
     noisy = exact + np.random.default_rng(0).normal(0, np.radians(0.5), exact.shape)
     before = angle_between(noisy, exact).std()
     assert angle_between(smooth_along(noisy, 0.5e-3, 5e-3), exact).std() < 0.6 * before
+
+
+def test_smoothing_is_savitzky_and_golay_s() -> None:
+    normals = np.random.default_rng(0).normal(size=(188, 3))
+    smooth = savgol_filter(normals, 11, 2, axis=0, mode="wrap")
+    smooth /= np.linalg.norm(smooth, axis=1, keepdims=True)
+    np.testing.assert_allclose(smooth_along(normals, 0.5e-3, 5e-3), smooth, atol=1e-12)
