@@ -12,7 +12,7 @@ from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
 
-from isf_cell.commands import springback_cli, terminal
+from isf_cell.commands import bag_cli, springback_cli, terminal
 from isf_cell.commands.arguments import Job, Json, Output, Seed, Variant, numbers
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import RunOptions
@@ -43,6 +43,7 @@ Compare = Annotated[
 ]
 
 
+app.add_typer(bag_cli.app, name="bag")
 app.add_typer(springback_cli.app, name="springback")
 
 
