@@ -191,6 +191,35 @@ def report(
 
 
 @app.command()
+def replay(
+    run: Annotated[Path, typer.Argument(help="folder of a run, or its bag", metavar="RUN", show_default=False)],
+    what_if: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="another value, such as force.integral_gain=80 or springback.gain=0.8; again for each",
+            metavar="NAME=VALUE",
+        ),
+    ] = None,
+    replant: Annotated[
+        bool | None,
+        typer.Option(
+            "--replant/--no-replant",
+            help="form the part again on the simulated machine  [default: simulated parts with a --what-if]",
+        ),
+    ] = None,
+    base: Annotated[
+        Path | None, typer.Option(help="folder that paths in the recorded job refer to  [default: the recorded one]")
+    ] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Decide a recorded part again, with the same or with other parameters, and compare."""
+    from isf_cell.commands.replay import replay_run
+
+    replay_run(run, what_if or (), output, base, replant, as_json=json)
+
+
+@app.command()
 def learn(
     runs: Annotated[list[Path], typer.Argument(help="run or bag folders of one part, oldest first", metavar="RUN...")],
     output: Annotated[Path, typer.Option("--output", "-o", help="correction file; added to when it exists")],
