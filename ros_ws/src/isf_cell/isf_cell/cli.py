@@ -220,6 +220,35 @@ def replay(
 
 
 @app.command()
+def compare(
+    first: Annotated[
+        Path,
+        typer.Argument(
+            help="shape that is looked at: a run or bag, a mesh or CAD file, a job (its CAD), a cloud of points",
+            metavar="A",
+            show_default=False,
+        ),
+    ],
+    second: Annotated[Path, typer.Argument(help="shape that it is compared with", metavar="B", show_default=False)],
+    unit: Annotated[
+        str | None, typer.Option(help="unit of meshes and PLY clouds that carry none: mm, cm, m or in")
+    ] = None,
+    align: Annotated[
+        str, typer.Option(help="clamp: both as they are, in the frame of the clamp; fit: A is moved onto B as a whole")
+    ] = "clamp",
+    tolerance: Annotated[
+        list[float] | None, typer.Option(help="mm; again for each  [default: 0.1, 0.2, 0.3]", metavar="MM")
+    ] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Distance of one shape from another, along the normal: numbers, map, table."""
+    from isf_cell.commands.compare import compare_shapes
+
+    compare_shapes(first, second, unit, align, tolerance or (0.1, 0.2, 0.3), output, as_json=json)
+
+
+@app.command()
 def learn(
     runs: Annotated[list[Path], typer.Argument(help="run or bag folders of one part, oldest first", metavar="RUN...")],
     output: Annotated[Path, typer.Option("--output", "-o", help="correction file; added to when it exists")],
