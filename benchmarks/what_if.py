@@ -58,19 +58,20 @@ def main() -> None:
     job_file, options = load_job(arguments.job), RunOptions(seed=3, variant=arguments.variant)
     with tempfile.TemporaryDirectory() as folder:
         run = read_run(form(job_file, options, Path(folder) / "recorded", None))
-        started = time.perf_counter()
+        started = time.perf_counter(), time.process_time()
         same = replay(run, parse([]))
-        decided = time.perf_counter() - started
-        started = time.perf_counter()
+        decided = time.perf_counter() - started[0], time.process_time() - started[1]
+        started = time.perf_counter(), time.process_time()
         found = replay(run, parse([f"force.loop_gain={arguments.gain}"]))
-        predicted_in = time.perf_counter() - started
+        predicted_in = time.perf_counter() - started[0], time.process_time() - started[1]
         formed = part_numbers(read_bag(form(job_file, options, Path(folder) / "formed", arguments.gain)))
     prediction = found.numbers()["prediction"]
     recorded, predicted = (prediction[which]["force_error_rms_N"] for which in ("recorded", "what_if"))
     really = formed["force_error_rms_N"]
     print(f"{job_file.job.name}, {run.part.planned} contours, {len(run.ticks.stamp) if run.ticks else 0} ticks")
-    print(f"identical: {same.identical}, in {decided:.1f} s")
-    print(f"loop gain {arguments.gain:g} 1/s predicted in {predicted_in:.1f} s")
+    print(f"identical: {same.identical}, in {decided[0]:.1f} s ({decided[1]:.1f} s of a processor)")
+    wall, processor = predicted_in
+    print(f"loop gain {arguments.gain:g} 1/s predicted in {wall:.1f} s ({processor:.1f} s of a processor)")
     print(f"force error rms: recorded {recorded:.4f} N, predicted {predicted:.4f} N, formed {really:.4f} N")
     if not same.identical or abs(predicted - really) > ALLOWED * really:
         raise SystemExit("not as it should be")

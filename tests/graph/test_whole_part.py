@@ -122,6 +122,7 @@ def test_examples_of_the_page_on_analysis_run(graph_run_folder: Path, tmp_path: 
     page = (ROOT / "docs" / "methods" / "analysis.md").read_text(encoding="utf-8")
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / "NAME").symlink_to(graph_run_folder)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
     blocks = dict.fromkeys(re.findall(r"^```(python|sh)\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL))
     commands = [line for kind, block in blocks if kind == "sh" for line in block.splitlines()]
     lines = [["-m", "isf_cell.cli", *shlex.split(line.removeprefix("./isf "))] for line in commands]

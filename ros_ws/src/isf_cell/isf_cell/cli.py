@@ -191,6 +191,33 @@ def report(
 
 
 @app.command()
+def play(
+    bag: Annotated[Path, typer.Argument(help="bag, or folder of a run", metavar="BAG", show_default=False)],
+    rate: Annotated[float, typer.Option(help="of time: 2 is twice as fast")] = 1.0,
+    contour: Annotated[
+        int | None, typer.Option("--from", help="contour to begin with, counted from 1", metavar="CONTOUR", min=1)
+    ] = None,
+    topic: Annotated[
+        list[str] | None, typer.Option("--topic", help="topic to play; again for each  [default: all]", metavar="NAME")
+    ] = None,
+    remap: Annotated[
+        list[str] | None,
+        typer.Option("--remap", "-r", help="topic that is published by another name", metavar="FROM:=TO"),
+    ] = None,
+    clock: Annotated[float, typer.Option(help="Hz of /clock with the time of the recording, if it holds none")] = 0.0,
+    paused: Annotated[
+        bool, typer.Option("--paused", help="wait at the first message: player/step, player/pause")
+    ] = False,
+    delay: Annotated[float, typer.Option(help="s before the first message, for subscribers", min=0.0)] = 1.0,
+    json: Json = False,
+) -> None:
+    """Publish a bag into the ROS graph, as it was recorded and when."""
+    from isf_cell.commands.play import PlayOptions, play_bag
+
+    play_bag(bag, PlayOptions(rate, contour, topic or (), remap or (), clock, paused, delay), as_json=json)
+
+
+@app.command()
 def replay(
     run: Annotated[Path, typer.Argument(help="folder of a run, or its bag", metavar="RUN", show_default=False)],
     what_if: Annotated[

@@ -64,6 +64,7 @@ class Block:
     times : (n,) ns since 1970, when they were received
     data : (bytes,) uint8, memory that holds them
     begin, end : (n,) where in ``data`` each begins and ends
+    since : ns since 1970, earliest message of all that were read with these, of other topics too
     """
 
     connection: Connection
@@ -71,6 +72,7 @@ class Block:
     data: NDArray[np.uint8]
     begin: Indices
     end: Indices
+    since: int = 0
 
     def __len__(self) -> int:
         return len(self.times)
@@ -147,6 +149,7 @@ class OpenBag:
         """Of a storage without chunks: message by message, put together again."""
         wanted = _of_storage(storage, connections)
         waiting: dict[int, list[tuple[int, bytes]]] = {number: [] for number in wanted}
+        held = 0
         with _left_out(self):
             # the reader of the folder undoes the compression of single messages, that of one file has none
             for connection, time, data in self.reader.messages(list(connections)):
@@ -154,12 +157,11 @@ class OpenBag:
                 if number is None:
                     continue
                 waiting[number].append((time, bytes(data)))
-                if len(waiting[number]) == ROWS:
-                    yield _block(wanted[number], waiting[number])
-                    waiting[number] = []
-        for number, rows in waiting.items():
-            if rows:
-                yield _block(wanted[number], rows)
+                held += 1
+                if held == ROWS:
+                    yield from _together(waiting, wanted)
+                    waiting, held = {number: [] for number in wanted}, 0
+        yield from _together(waiting, wanted)
 
     def _chunks(self, storage: McapReader, connections: Collection[Connection]) -> Iterator[Block]:
         wanted = _of_storage(storage, connections)
@@ -264,12 +266,13 @@ def _of_chunk(content: bytes, wanted: dict[int, Connection]) -> Iterator[Block]:
     data = np.frombuffer(content, dtype=np.uint8)
     heads = gathered(data, places, _RECORD)
     whole = (heads["opcode"] == _MESSAGE_RECORD) & (heads["length"] >= _MESSAGE.size) & (heads["time"] < 1 << 63)
+    since = int(heads["time"][whole].min(initial=(1 << 63) - 1))
     for number, connection in wanted.items():
         chosen = np.flatnonzero(whole & (heads["channel"] == number))
         if len(chosen):
             begin = places[chosen] + _RECORD.itemsize
             end = places[chosen] + _PREFIX.size + heads["length"][chosen].astype(np.int64)
-            yield Block(connection, heads["time"][chosen].astype(np.int64), data, begin, end)
+            yield Block(connection, heads["time"][chosen].astype(np.int64), data, begin, end, since)
     if damaged:
         raise ValueError("a record reaches beyond its chunk")
 
@@ -282,11 +285,18 @@ def gathered(data: NDArray[np.uint8], places: Indices, kind: np.dtype[Any]) -> N
     return everywhere[places]
 
 
-def _block(connection: Connection, rows: list[tuple[int, bytes]]) -> Block:
+def _together(waiting: dict[int, list[tuple[int, bytes]]], wanted: dict[int, Connection]) -> Iterator[Block]:
+    since = min((time for rows in waiting.values() for time, _ in rows), default=0)
+    for number, rows in waiting.items():
+        if rows:
+            yield _block(wanted[number], rows, since)
+
+
+def _block(connection: Connection, rows: list[tuple[int, bytes]], since: int) -> Block:
     ends = np.cumsum([len(data) for _, data in rows])
     data = np.frombuffer(b"".join(data for _, data in rows), dtype=np.uint8)
     times = np.array([time for time, _ in rows], dtype=np.int64)
-    return Block(connection, times, data, np.concatenate([[0], ends[:-1]]), ends)
+    return Block(connection, times, data, np.concatenate([[0], ends[:-1]]), ends, since)
 
 
 # -- opening -----------------------------------------------------------------------------------------
