@@ -59,8 +59,11 @@ def part_of(bag: OpenBag) -> PartRecord:
     """As :func:`read_bag`, of a bag that is open."""
     try:
         return _read_part(_Messages(bag), bag.path)
-    except IsfError:
-        raise
+    except IsfError as error:
+        if not bag.notes:
+            raise
+        what = f"{error.what} ({'; '.join(bag.notes)})"  # it may be in the part that was left out
+        raise IsfError(error.code, what, where=error.where, advice=error.advice) from error
     except Exception as error:  # a damaged file shows in as many ways as there are bytes
         raise unreadable(bag.path, f"is damaged: {error}") from error
 

@@ -24,8 +24,8 @@ def what_if(
 ) -> Figure:
     """Panels that there is something to show in.
 
-    ``again`` : the part formed again ; ``corrections`` : decided again from what was recorded ; ``moved`` : (C, 2),
-    contour and largest distance, m, of the targets that were answered to the recorded wrenches from the recorded ones.
+    ``again`` : the part formed again ; ``corrections`` : decided again from what was recorded ; ``moved`` : (C, 3),
+    contour, and how far, m, forming and support tip would be from the recorded targets with the recorded forces.
     """
     panels: list[Callable[..., None]] = []
     if again is not None and force_metrics(again.results, again.control_rate) is not None:
@@ -86,9 +86,11 @@ def _since(result: ContourResult) -> Array:
 
 
 def _draw_moved(axes: Axes, part: PartRecord, again: object, changed: object, moved: Array) -> None:
-    axes.plot(moved[:, 0] + 1, 1e6 * moved[:, 1], ".-", color=style.PART)
-    axes.set_title("Targets, fed with the recorded forces")
-    axes.set_ylabel("largest change [µm]")
+    axes.plot(moved[:, 0] + 1, 1e6 * moved[:, 2], ".-", color=style.PART, label="support tool")
+    axes.plot(moved[:, 0] + 1, 1e6 * moved[:, 1], ".-", color=style.PREDICTION, label="forming tool")
+    axes.set_title("Change of targets with the recorded forces", pad=24)
+    axes.set_ylabel("largest [µm]")
+    style.legend_above(axes)
     axes.set_xlabel("contour")
 
 

@@ -283,6 +283,24 @@ def test_200_mutated_bags_give_tables_or_a_code(bag: Path, tmp_path: Path) -> No
     assert untold <= 2  # a channel number that was flipped looks like another topic
 
 
+def test_a_number_that_was_changed_on_the_disk_is_noticed(tmp_path: Path) -> None:
+    """Any byte of what was recorded; the rest of the bag is read."""
+    path = write_bag(PART, tmp_path / "bag")
+    file = path / "bag.mcap"
+    whole = file.read_bytes()
+    place = whole.index(PART.results[3].tick_normal_force[100:110].tobytes())
+    changed = bytearray(whole)
+    changed[place + 3] ^= 0x10
+    file.write_bytes(changed)
+    with isf_analysis.open(path) as found:
+        assert len(found["contour/result"]) < 6
+        assert any("checksum" in note for note in found.notes)
+    file.write_bytes(whole)
+    with isf_analysis.open(path) as found:
+        assert len(found["contour/result"]) == 6
+        assert not found.notes
+
+
 def test_a_foreign_bag_has_tables_of_its_topics_and_a_note(tmp_path: Path) -> None:
     with Writer(tmp_path / "robot", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection("/odom", "std_msgs/msg/String", typestore=cell_types())

@@ -46,7 +46,7 @@ def _write(found: Replay, data: dict[str, Any], folder: Path) -> dict[str, str]:
     part, again = found.run.part, found.again if found.what_if else None
     files = {"picture": str(folder / "replay.png"), "table": str(folder / "contours.csv")}
     with style.applied():
-        figure = replay_figures.what_if(part, again, found.corrections, _moved(found))
+        figure = replay_figures.what_if(part, again, found.corrections, found.moved())
         Path(files["picture"]).write_bytes(style.png(figure))
     with Path(files["table"]).open("w", encoding="utf-8", newline="") as stream:
         rows = list(_rows(found))
@@ -58,18 +58,10 @@ def _write(found: Replay, data: dict[str, Any], folder: Path) -> dict[str, str]:
     return files
 
 
-def _moved(found: Replay) -> Any:
-    """(C, 2), contour and largest distance of its targets from the recorded ones, m; None: nothing was fed."""
-    if found.force is None:
-        return None
-    distance, contour = found.target_distance(), found.force.contour
-    return np.array([[k, distance[contour == k].max()] for k in np.unique(contour)]).reshape(-1, 2)
-
-
 def _rows(found: Replay) -> list[dict[str, Any]]:
     """One row per contour."""
-    part, moved = found.run.part, _moved(found)
-    distance = {} if moved is None else {int(k): 1e6 * value for k, value in moved}
+    part = found.run.part
+    forming, support = ({int(row[0]): 1e6 * row[column] for row in found.moved()} for column in (1, 2))
     decided = {item.index: item for item in found.corrections or ()}
     recorded = {item.index: item for item in part.corrections}
     before, after = _rms(part), _rms(found.again) if found.again is not None else {}
@@ -81,7 +73,8 @@ def _rows(found: Replay) -> list[dict[str, Any]]:
                 "contour": k,
                 "recorded_force_error_rms_N": before.get(k),
                 "what_if_force_error_rms_N": after.get(k),
-                "targets_moved_um": distance.get(k),
+                "forming_tip_moved_um": forming.get(k),
+                "support_tip_moved_um": support.get(k),
                 "recorded_correction_mean_mm": _mean(recorded.get(k)),
                 "decided_correction_mean_mm": _mean(decided.get(k)),
             }
@@ -103,7 +96,13 @@ def _show(found: Replay, data: dict[str, Any]) -> None:
     targets = data["targets"]
     if found.what_if:
         say(f"what if {', '.join(f'{name} = {value}' for name, value in found.what_if.given.items())}")
-    if targets is not None:
+    if targets is not None and found.what_if:
+        support, forming = (data["moved"][f"{name}_tip_largest_um"] for name in ("support", "forming"))
+        say(
+            f"force control, fed with the recorded forces: at the same points the support tool would be up to "
+            f"{support:.1f} um elsewhere, the forming tool {forming:.1f} um"
+        )
+    elif targets is not None:
         say(
             f"force control, fed with {targets['compared']} recorded ticks: {targets['differing']} targets differ, "
             f"by at most {targets['largest_um']:.3f} um"

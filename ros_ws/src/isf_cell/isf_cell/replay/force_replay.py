@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult, contour_label
-from isf_core.errors import IsfError
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array, Indices
 from isf_force_ctrl.control_config import ControlConfig
@@ -23,6 +23,12 @@ from isf_springback.scan.feedback import scan_due
 
 from isf_cell.replay.recorded_run import NANO, Armed, Ticks
 from isf_cell.run.tool_lift import SETTINGS
+
+TAIL = 0.2
+"""s before the end of a contour, whose wrenches stand for those of a controller that takes longer."""
+
+LONGEST = 20.0
+"""s that a controller may take longer than the recorded one."""
 
 
 @dataclass
@@ -60,6 +66,7 @@ def replay_force(
     Every contour begins at the tick at which the recorded one began (``results``), whatever the one before took.
     """
     started = {result.index: round(result.start * NANO) for result in results if len(result.tick_time)}
+    ended = {result.index: round(result.end * NANO) for result in results}
     controller = ForceController(config)
     plan_id = contours[0].plan_id if contours else ""
     controller.arm(plan_id, armed.first_index, armed.count, armed.tip_1, armed.tip_2, armed.support_force)
@@ -78,10 +85,11 @@ def replay_force(
         except IsfError as error:
             notes.append(f"{contour_label(contour.index)} could not be started: {error.what}")
             break
-        feed.run(contour.index, end, exact=ticks.exact)
+        formed = int(np.searchsorted(ticks.stamp, ended[contour.index] + early))
+        feed.run(contour.index, end, formed, exact=ticks.exact)
         result = controller.take_result()
         if result is None:
-            notes.append(f"the record ends in {contour_label(contour.index)}, before the controller had formed it")
+            notes.append(f"{contour_label(contour.index)}: the controller ended without a result")
             break
         found.append(result)
         if not result.completed:
@@ -106,10 +114,10 @@ def _between(controller: ForceController, feed: _Feed, contour: Contour, job_fil
         except IsfError:  # the tools are not on the sheet, as between two features
             pass
         else:
-            feed.run(index, end, exact=True)
+            feed.run(index, end, end, exact=True)
     if scan_due(job_file, index, count) and job_file.job.springback.scan_clear and contour.closed:
         controller.move_aside()
-        feed.run(index, end, exact=True)
+        feed.run(index, end, end, exact=True)
 
 
 class _Feed:
@@ -129,20 +137,37 @@ class _Feed:
         stamp = self._ticks.stamp[position] if position < len(self._ticks.stamp) else np.iinfo(np.int64).max
         self._pose = int(np.searchsorted(self._ticks.pose_stamp, stamp))
 
-    def run(self, index: int, end: int, *, exact: bool) -> None:
-        """Until the controller rests; where it is not ``exact`` also the ticks up to ``end`` in which it rested."""
+    def run(self, index: int, end: int, last: int, *, exact: bool) -> None:
+        """Until the controller rests; where it is not ``exact`` also the ticks up to ``end`` in which it rested.
+
+        A controller that takes longer than the recorded one is given the wrenches of the :data:`TAIL` before tick
+        ``last`` again and again; these ticks are compared with nothing.
+        """
         controller, ticks = self._controller, self._ticks
-        stamps = ticks.stamp
-        while self._position < len(stamps) and (controller.busy or (not exact and self._position < end)):
-            stamp = int(stamps[self._position])
-            self._report_poses(stamp)
-            number = round(stamp * self._rate / NANO) if ticks.exact else self._position
-            wrenches = self._wrench_1[self._position], self._wrench_2[self._position]
-            answer = controller.tick(number, stamp / NANO, *wrenches)
-            self.contour.append(index)
-            self.tick.append(self._position)
-            self.target.append((*answer.tip_1, *answer.tip_2))
-            self._position += 1
+        stamps, period = ticks.stamp, round(NANO / self._rate)
+        tail = max(1, min(last, round(TAIL * self._rate)))
+        begin = max(0, last - tail)
+        stamp, number, more = 0, 0, 0
+        while controller.busy or (not exact and self._position < end):
+            inside = self._position < end
+            if inside:
+                position = self._position
+                stamp = int(stamps[position])
+                number = round(stamp * self._rate / NANO) if ticks.exact else position
+                self._report_poses(stamp)
+                self._position += 1
+            else:
+                position, more = begin + more % tail, more + 1
+                stamp, number = stamp + period, number + 1
+                if more > LONGEST * self._rate:
+                    controller.fail(ErrorCode.STOPPED, f"not at its end {LONGEST:g} s after the recorded one")
+            answer = controller.tick(number, stamp / NANO, self._wrench_1[position], self._wrench_2[position])
+            if inside:
+                self.contour.append(index)
+                self.tick.append(position)
+                self.target.append((*answer.tip_1, *answer.tip_2))
+            elif more > LONGEST * self._rate:
+                return
 
     def _report_poses(self, stamp: int) -> None:
         ticks = self._ticks

@@ -90,6 +90,20 @@ class Replay:
             found = self.again.corrections
         return difference(self.run.part.corrections, found) if found is not None else None
 
+    def moved(self) -> Array:
+        """(C, 3), contour, and largest distance, m, of forming and support tip from the recorded targets at the same
+        points of it; NaN without a support tool."""
+        before = {result.index: result for result in self.run.part.results}
+        rows = []
+        for result in self.force.results if self.force is not None else ():
+            recorded = before[result.index]
+            pairs = (
+                (recorded.forming_target, result.forming_target),
+                (recorded.support_target, result.support_target),
+            )
+            rows.append([float(result.index), *(_farthest(one, other) for one, other in pairs)])
+        return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
     def _same_shape(self) -> bool:
         one, other = self.run.part.scan, self.again.scan if self.again is not None else None
         if one is None or other is None:
@@ -106,6 +120,7 @@ class Replay:
             "identical": self.identical,
             "compared": {"how": self.how, "contours": len(part.results)},
             "targets": None,
+            "moved": None,
             "results": _of_difference(self.results()),
             "corrections": _of_difference(self.corrected()),
             "prediction": None,
@@ -121,6 +136,12 @@ class Replay:
                 "largest_um": 1e6 * float(distance.max(initial=0.0)),
                 "rms_um": 1e6 * float(np.sqrt(np.mean(distance**2))) if len(distance) else None,
                 "first_contour": first,
+            }
+            away = 1e6 * self.moved()
+            data["moved"] = {
+                "forming_tip_largest_um": _largest(away[:, 1]),
+                "support_tip_largest_um": _largest(away[:, 2]),
+                "contours": len(away),
             }
         if self.corrections is not None:
             data["corrections"]["largest_mm"] = 1e3 * largest_change(part.corrections, self.corrections)
@@ -160,14 +181,15 @@ def replay(
         return lambda done, of: phase(f"{what}: contour {done} of {of}")
 
     force = None
-    if run.ticks is not None and part.corrected:
+    if what_if.changes_set_point:
+        notes.append(
+            "with another set-point the recorded forces are an error that never goes away: what force control would do "
+            "with them says nothing"
+        )
+    elif run.ticks is not None and part.corrected:
         armed = run.armed or _armed(run.ticks, part, config)
         if run.armed is None:
             notes.append("recorded without force_ctrl/armed: parameters of force control are those of the job")
-        if "control.support_force" in what_if.of_job:
-            armed = Armed(
-                config, armed.first_index, armed.count, armed.tip_1, armed.tip_2, job_file.job.support_force_at()
-            )
         phase("force control")
         force = replay_force(run.ticks, armed, part.corrected, part.results, job_file, config, count("force control"))
         notes += force.notes
@@ -234,6 +256,17 @@ def largest_change(recorded: tuple[ContourCorrection, ...], again: tuple[Contour
         if item.index in before and item.offset.shape == before[item.index].offset.shape
     ]
     return max(sizes, default=0.0)
+
+
+def _farthest(one: Array, other: Array) -> float:
+    if one.shape != other.shape or not len(one):
+        return float("nan")
+    return _largest(np.linalg.norm(one - other, axis=1))
+
+
+def _largest(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.max()) if len(known) else float("nan")
 
 
 def _of_difference(found: Difference | None) -> dict[str, Any] | None:

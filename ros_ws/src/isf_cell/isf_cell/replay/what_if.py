@@ -29,6 +29,14 @@ OF_JOB = (
 )
 """Fields of the job that do not change the plan, nor what is measured between contours."""
 
+SET_POINTS = (
+    "control.components",
+    "control.support_force",
+    "control.tangential_force",
+    "control.vertical_force",
+)
+"""Those among them that are, or decide, the force to be held."""
+
 _NOT_FREE = ("rate", "travel", "support_force", "runs_on", "park_height", "aside", "ball_reach")
 """Parameters of force control that are not the controller's to choose."""
 
@@ -59,6 +67,11 @@ class WhatIf:
     def method(self) -> str | None:
         """Springback method, None: as recorded."""
         return self.of_job.get("springback.method")
+
+    @property
+    def changes_set_point(self) -> bool:
+        """True when the force that is to be held is another one."""
+        return any(name in self.of_job for name in SET_POINTS)
 
     def job_text(self, text: str) -> str:
         """The job ``text`` (YAML) with the changes of its fields."""
@@ -101,6 +114,8 @@ def parse(changes: Sequence[str]) -> WhatIf:
         section, _, field = name.partition(".")
         if section in ("force", "force_ctrl"):
             of_force[_parameter(field, name)] = _number(field, text)
+        elif name == "control.support_force" and text == "auto":
+            raise _refused(f"{name}: the plan chooses by wall angle", "a force, such as 120 N")
         elif _of_job(name):
             of_job[name] = yaml.safe_load(text)
         else:
