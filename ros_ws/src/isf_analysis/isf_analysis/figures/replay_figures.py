@@ -9,6 +9,7 @@ from isf_core.contour import ContourCorrection, ContourResult
 from isf_core.types import Array
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from isf_analysis.figures import style
 from isf_analysis.measures.deviation import OPENING_DEPTH, flange_level
@@ -44,6 +45,11 @@ def what_if(
     return figure
 
 
+def _contour_axis(axes: Axes) -> None:
+    axes.set_xlabel("contour")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
 def _rms(part: PartRecord) -> tuple[Array, Array]:
     found = [(result.index + 1, force_metrics([result], part.control_rate)) for result in part.results]
     known = [(number, metrics.rms_error) for number, metrics in found if metrics is not None]
@@ -56,7 +62,7 @@ def _draw_rms(axes: Axes, part: PartRecord, again: PartRecord, *_: object) -> No
         axes.plot(*_rms(record), marker=".", color=colour, linestyle=_STYLE[label], label=label)
     axes.set_title("Force error of each contour", pad=24)
     axes.set_ylabel("rms [N]")
-    axes.set_xlabel("contour")
+    _contour_axis(axes)
     axes.set_ylim(bottom=0.0)
     style.legend_above(axes)
 
@@ -91,7 +97,7 @@ def _draw_moved(axes: Axes, part: PartRecord, again: object, changed: object, mo
     axes.set_title("Change of targets with the recorded forces", pad=24)
     axes.set_ylabel("largest [µm]")
     style.legend_above(axes)
-    axes.set_xlabel("contour")
+    _contour_axis(axes)
 
 
 def _draw_corrections(
@@ -101,10 +107,9 @@ def _draw_corrections(
         numbers = [item.index + 1 for item in items]
         sizes = [1e3 * float(np.linalg.norm(item.offset, axis=1).mean()) for item in items]
         axes.plot(numbers, sizes, marker=".", color=colour, linestyle=_STYLE[label], label=label)
-    title = "Correction" if again is not None else "Correction decided from what was recorded"
-    axes.set_title(f"{title}, mean of each contour", pad=24)
-    axes.set_ylabel("[mm]")
-    axes.set_xlabel("contour")
+    axes.set_title("Correction" if again is not None else "Correction decided from the record", pad=24)
+    axes.set_ylabel("mean [mm]")
+    _contour_axis(axes)
     style.legend_above(axes)
 
 
