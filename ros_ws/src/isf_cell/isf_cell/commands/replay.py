@@ -16,7 +16,7 @@ from rich.markup import escape
 
 from isf_cell.commands import terminal
 from isf_cell.commands.run_folder import make_run_folder
-from isf_cell.replay.outcome import Replay, replay
+from isf_cell.replay.outcome import BY_CLOCK, Replay, replay
 from isf_cell.replay.recorded_run import read_run
 from isf_cell.replay.what_if import parse
 
@@ -96,11 +96,11 @@ def _show(found: Replay, data: dict[str, Any]) -> None:
     targets = data["targets"]
     if found.what_if:
         say(f"what if {', '.join(f'{name} = {value}' for name, value in found.what_if.given.items())}")
-    if targets is not None and found.what_if:
+    if targets is not None and (found.what_if or found.how == BY_CLOCK):
         support, forming = (data["moved"][f"{name}_tip_largest_um"] for name in ("support", "forming"))
         say(
-            f"force control, fed with the recorded forces: at the same points the support tool would be up to "
-            f"{support:.1f} um elsewhere, the forming tool {forming:.1f} um"
+            f"force control, fed with the recorded forces: at the same points the support tool is up to {support:.1f} "
+            f"um elsewhere, the forming tool {forming:.1f} um"
         )
     elif targets is not None:
         say(

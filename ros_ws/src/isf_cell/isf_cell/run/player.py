@@ -142,6 +142,8 @@ class Player:
         return ticked
 
     def _wait_for_step(self) -> None:
+        if not self._paused:
+            return
         since = time.monotonic()
         while self._paused and not self._steps:
             time.sleep(LOOK)  # held by an operator
