@@ -8,15 +8,18 @@ service that was recorded, so that latched topics are latched again. While it pl
 from __future__ import annotations
 
 import importlib
+import queue
+import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import rclpy
 from isf_analysis.bag import playback
 from isf_analysis.bag.open_bag import OpenBag
+from isf_analysis.bag.playback import Recorded
 from isf_core.errors import ErrorCode, IsfError
 from isf_ros import stamps
 from rclpy.duration import Duration
@@ -31,6 +34,12 @@ from std_srvs.srv import SetBool, Trigger
 CLOCK = "/clock"
 DEPTH = 1000
 """Messages of a reliable topic that are kept until they are acknowledged."""
+
+AHEAD = 20_000
+"""Messages that are read before they are due."""
+
+SWITCH = 2e-4
+"""s after which the reading thread lets the playing one go on."""
 
 LOOK = 0.02
 """s between two looks at whether a pause has ended."""
@@ -107,9 +116,10 @@ class Player:
         for message in playback.latched_before(self._bag, self._connections, playing.begin):
             self._publishers[message.connection.id].publish(message.data)
             played.messages += 1
+        messages = _read_ahead(playback.in_order(self._bag, self._connections, playing.begin))
         time.sleep(playing.delay)  # subscribers find publishers in their own time
         begun, first, told, ticked = time.monotonic(), None, 0.0, -1
-        for message in playback.in_order(self._bag, self._connections, playing.begin):
+        for message in messages:
             first = message.time if first is None else first
             since = (message.time - first) * 1e-9
             self._wait_for_step()
@@ -167,6 +177,48 @@ class Player:
         if self._paused:
             self._steps += 1
         return response
+
+
+def _read_ahead(messages: Iterator[Recorded]) -> Iterator[Recorded]:
+    """The same ``messages``, read by a thread of their own up to :data:`AHEAD` before they are due: taking a chunk of a
+    bag apart takes longer than two messages are apart."""
+    waiting: queue.Queue[Recorded | Exception | None] = queue.Queue(AHEAD)
+    ended = threading.Event()
+
+    def put(item: Recorded | Exception | None) -> None:
+        while not ended.is_set():
+            try:
+                waiting.put(item, timeout=0.5)
+                return
+            except queue.Full:
+                continue
+
+    def read() -> None:
+        try:
+            for message in messages:
+                if ended.is_set():
+                    return
+                put(message)
+            put(None)
+        except Exception as error:  # raised where it is waited for
+            put(error)
+
+    def given() -> Iterator[Recorded]:
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH)
+        try:
+            while (item := waiting.get()) is not None:
+                if isinstance(item, Exception):
+                    raise item
+                yield item
+        finally:
+            ended.set()
+            reader.join()
+            sys.setswitchinterval(interval)
+
+    reader = threading.Thread(target=read, name="bag reader", daemon=True)
+    reader.start()
+    return given()
 
 
 def _message_class(name: str) -> Any:
