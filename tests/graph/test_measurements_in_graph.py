@@ -9,19 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 from isf_analysis.bag.bag_reader import read_bag
-from isf_analysis.measures.record import PartRecord
 from isf_cell import in_process
 from isf_cell.commands.learn import learn_record
 from isf_cell.options import RunOptions
+from isf_cell.replay.outcome import replay
+from isf_cell.replay.recorded_run import read_run
+from isf_cell.replay.what_if import parse
 from isf_cell.run import graph_run
-from isf_core.files.job import JobFile
 from isf_ros.conversion import lift_from_cloud, lift_to_cloud
 from isf_ros.stamps import from_seconds, to_nanoseconds
-from isf_springback.lift_feedback import reading_of
-from isf_springback.methods import make_corrector
-from numpy.typing import NDArray
 from quick_cone import FOLDER, quick_cone
-from rosbags.highlevel import AnyReader
 
 
 def quiet(_: Any) -> None:
@@ -40,32 +37,6 @@ def test_a_lift_survives_its_message() -> None:
     message.fields = message.fields[:3]
     with pytest.raises(ValueError, match="force"):
         lift_from_cloud(message)
-
-
-def lifts_in(bag: Path) -> list[NDArray[np.float64]]:
-    """(K, 4) per tool lift, as recorded."""
-    with AnyReader([bag]) as reader:
-        topic = [connection for connection in reader.connections if connection.topic == "/tool_lift"]
-        read = reader.messages(topic)
-        return [lift_from_cloud(reader.deserialize(data, connection.msgtype)) for connection, _, data in read]
-
-
-def replayed(record: PartRecord, bag: Path, job_file: JobFile) -> list[NDArray[np.float64]]:
-    """(N, 3) m per contour: what the method says again when it is shown the recorded results, lifts and scans."""
-    method = make_corrector(record.correction, job_file)
-    assert method.uses_scans
-    assert record.target is not None
-    method.set_target(record.target)
-    scans = {scan.index: scan.points() for scan in record.scans}
-    lifts, offsets = iter(lifts_in(bag)), []
-    for nominal, corrected, result in zip(record.nominal, record.corrected, record.results, strict=True):
-        offsets.append(np.asarray(method.correct(nominal).offset))
-        method.add_result(corrected, result)
-        if nominal.index % 4 == 3:
-            method.add_lift(reading_of(next(lifts)), nominal.index)
-        if nominal.index in scans:
-            method.add_scan(scans[nominal.index], nominal.index)
-    return offsets
 
 
 @pytest.mark.graph
@@ -93,8 +64,8 @@ def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None
     assert [scan.index for scan in there.scans] == [2, 5, 8]
     for mine, theirs in zip(here.scans, there.scans, strict=True):
         np.testing.assert_allclose(theirs.points(), mine.points(), atol=1.1e-5)
-    for mine, again in zip(here.corrections, replayed(there, tmp_path / "bag", job_file), strict=True):
-        np.testing.assert_allclose(again, mine.offset, atol=5e-6)  # scans are kept to 10 um in plan and 1 um in height
+    again = replay(read_run(tmp_path), parse([]))  # every scan and lift, and the moves they need, as recorded
+    assert again.identical, again.numbers()
     known = learn_record(there, FOLDER)
     assert known.parts == 1
     assert np.abs(known.push).max() > 1e-3

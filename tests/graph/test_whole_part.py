@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 from isf_analysis.bag.bag_reader import read_bag
@@ -20,6 +24,9 @@ from isf_cell import in_process
 from isf_cell.commands.exit_codes import Exit
 from isf_cell.options import RunOptions
 from isf_cell.processes.process_group import ProcessGroup
+from isf_cell.replay.outcome import replay
+from isf_cell.replay.recorded_run import read_run
+from isf_cell.replay.what_if import parse
 from isf_cell.run import graph_run
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
@@ -44,8 +51,8 @@ def half_the_ticks() -> JobFile:
 
 
 @pytest.fixture(scope="module")
-def graph_record(tmp_path_factory: pytest.TempPathFactory) -> PartRecord:
-    """The small cone, formed once through the node graph in lockstep and read back from its bag."""
+def graph_run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run of the small cone, formed once through the node graph in lockstep."""
     folder = tmp_path_factory.mktemp("graph")
     steps: list[int] = []
     result, failure = graph_run.form(
@@ -55,7 +62,13 @@ def graph_record(tmp_path_factory: pytest.TempPathFactory) -> PartRecord:
     assert result.lost_messages == 0
     assert result.late_ticks == 0
     assert steps == list(range(result.contours))
-    return read_bag(folder / "bag")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def graph_record(graph_run_folder: Path) -> PartRecord:
+    """The same read back from its bag."""
+    return read_bag(graph_run_folder / "bag")
 
 
 def test_the_bag_holds_the_whole_part(graph_record: PartRecord) -> None:
@@ -82,6 +95,44 @@ def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
     assert alone.scan is not None
     assert graph_record.scan is not None
     np.testing.assert_allclose(graph_record.scan.z, alone.scan.z, atol=1e-6)
+
+
+def test_a_recorded_part_is_decided_again_bit_for_bit(graph_run_folder: Path) -> None:
+    """Every target and every correction; a wrench that is off by the last bit that matters shows, as does a gain."""
+    run = read_run(graph_run_folder)
+    assert run.ticks is not None
+    assert run.armed is not None
+    found = replay(run, parse([]))
+    numbers = found.numbers()
+    assert found.identical is True, numbers
+    assert numbers["targets"]["compared"] == len(run.ticks.stamp) > 10_000
+    assert numbers["targets"]["not_replayed"] == 0
+    assert numbers["corrections"]["compared"] == numbers["results"]["compared"] == run.part.planned
+    wrench = run.ticks.wrench.copy()
+    wrench[len(wrench) // 2, 0] += 0.005  # N, sideways on the forming tool
+    assert replay(replace(run, ticks=replace(run.ticks, wrench=wrench)), parse([])).identical is False
+    other = replay(run, parse(["force.loop_gain=36", "springback.gain=0.5"]), replant=False)
+    assert other.identical is False
+    assert 1.0 < other.numbers()["targets"]["largest_um"] < 500.0
+    assert other.numbers()["corrections"]["largest_mm"] > 1.0
+
+
+def test_examples_of_the_page_on_analysis_run(graph_run_folder: Path, tmp_path: Path) -> None:
+    """Its Python and its commands, on the run of the small cone."""
+    page = (ROOT / "docs" / "methods" / "analysis.md").read_text(encoding="utf-8")
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "NAME").symlink_to(graph_run_folder)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    blocks = dict.fromkeys(re.findall(r"^```(python|sh)\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL))
+    commands = [line for kind, block in blocks if kind == "sh" for line in block.splitlines()]
+    lines = [["-m", "isf_cell.cli", *shlex.split(line.removeprefix("./isf "))] for line in commands]
+    lines += [["-c", block] for kind, block in blocks if kind == "python"]
+    assert len(lines) >= 4
+    for arguments in lines:
+        done = forked_process.run([sys.executable, *arguments], cwd=tmp_path)
+        assert done.returncode == Exit.OK, f"{arguments}: {done.stderr}"
+    assert (tmp_path / "tables" / "tool_1_wrench.csv").is_file()
+    assert (tmp_path / "out" / "replay.png").is_file()
 
 
 def test_graph_and_in_process_agree_on_the_elasto_plastic_sheet(tmp_path: Path) -> None:

@@ -1,1 +1,21 @@
-"""Recorder, bags, metrics and report of formed parts."""
+"""Recorder, bags, tables, metrics and report of formed parts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from isf_analysis.bag.tables import Bag
+
+
+def open(path: Path | str) -> Bag:
+    """Tables of the bag, or of the run folder with its bag, at ``path``; needs no ROS.
+
+    Raises
+    ------
+    IsfError : BAG_UNREADABLE
+    """
+    from isf_analysis.bag.tables import Bag  # late: the recorder, too, imports this package, and does not read
+
+    return Bag(path)

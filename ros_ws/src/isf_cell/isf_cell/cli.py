@@ -12,7 +12,7 @@ from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
 
-from isf_cell.commands import springback_cli, terminal
+from isf_cell.commands import bag_cli, springback_cli, terminal
 from isf_cell.commands.arguments import Job, Json, Output, Seed, Variant, numbers
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import RunOptions
@@ -43,6 +43,7 @@ Compare = Annotated[
 ]
 
 
+app.add_typer(bag_cli.app, name="bag")
 app.add_typer(springback_cli.app, name="springback")
 
 
@@ -187,6 +188,91 @@ def report(
     from isf_cell.commands.report import report_bag
 
     report_bag(bag, reference, output, as_json=json)
+
+
+@app.command()
+def play(
+    bag: Annotated[Path, typer.Argument(help="bag, or folder of a run", metavar="BAG", show_default=False)],
+    rate: Annotated[float, typer.Option(help="of time: 2 is twice as fast")] = 1.0,
+    contour: Annotated[
+        int | None, typer.Option("--from", help="contour to begin with, counted from 1", metavar="CONTOUR", min=1)
+    ] = None,
+    topic: Annotated[
+        list[str] | None, typer.Option("--topic", help="topic to play; again for each  [default: all]", metavar="NAME")
+    ] = None,
+    remap: Annotated[
+        list[str] | None,
+        typer.Option("--remap", "-r", help="topic that is published by another name", metavar="FROM:=TO"),
+    ] = None,
+    clock: Annotated[float, typer.Option(help="Hz of /clock with the time of the recording, if it holds none")] = 0.0,
+    paused: Annotated[
+        bool, typer.Option("--paused", help="wait at the first message: player/step, player/pause")
+    ] = False,
+    delay: Annotated[float, typer.Option(help="s before the first message, for subscribers", min=0.0)] = 1.0,
+    json: Json = False,
+) -> None:
+    """Publish a bag into the ROS graph, as it was recorded and when."""
+    from isf_cell.commands.play import PlayOptions, play_bag
+
+    play_bag(bag, PlayOptions(rate, contour, topic or (), remap or (), clock, paused, delay), as_json=json)
+
+
+@app.command()
+def replay(
+    run: Annotated[Path, typer.Argument(help="folder of a run, or its bag", metavar="RUN", show_default=False)],
+    what_if: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="another value, such as force.integral_gain=80 or springback.gain=0.8; again for each",
+            metavar="NAME=VALUE",
+        ),
+    ] = None,
+    replant: Annotated[
+        bool | None,
+        typer.Option(
+            "--replant/--no-replant",
+            help="form the part again on the simulated machine  [default: simulated parts with a --what-if]",
+        ),
+    ] = None,
+    base: Annotated[
+        Path | None, typer.Option(help="folder that paths in the recorded job refer to  [default: the recorded one]")
+    ] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Decide a recorded part again, with the same or with other parameters, and compare."""
+    from isf_cell.commands.replay import replay_run
+
+    replay_run(run, what_if or (), output, base, replant, as_json=json)
+
+
+@app.command()
+def compare(
+    first: Annotated[
+        Path,
+        typer.Argument(
+            help="shape that is looked at: a run or bag, a mesh or CAD file, a job (its CAD), a cloud of points",
+            metavar="A",
+            show_default=False,
+        ),
+    ],
+    second: Annotated[Path, typer.Argument(help="shape that it is compared with", metavar="B", show_default=False)],
+    unit: Annotated[
+        str | None, typer.Option(help="unit of meshes and PLY clouds that carry none: mm, cm, m or in")
+    ] = None,
+    align: Annotated[
+        str, typer.Option(help="clamp: both as they are, in the frame of the clamp; fit: A is moved onto B as a whole")
+    ] = "clamp",
+    tolerance: Annotated[
+        list[float] | None, typer.Option(help="mm; again for each  [default: 0.1, 0.2, 0.3]", metavar="MM")
+    ] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Distance of one shape from another, along the normal: numbers, map, table."""
+    from isf_cell.commands.compare import compare_shapes
+
+    compare_shapes(first, second, unit, align, tolerance or (0.1, 0.2, 0.3), output, as_json=json)
 
 
 @app.command()

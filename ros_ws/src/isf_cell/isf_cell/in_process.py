@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from isf_analysis.measures.record import PartRecord
@@ -48,10 +48,13 @@ def form(
     options: RunOptions | None = None,
     *,
     part_plan: Plan | None = None,
+    control: Mapping[str, object] | None = None,
     progress: Callable[[PartStep], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> PartRecord:
     """Plan (unless ``part_plan`` is given), form and scan one part; returns its record.
+
+    ``control`` : parameters of force control (ControlConfig) in place of the job's and the defaults
 
     A part that ends early (fault, cancel) returns what was formed, with the code in its last result; only
     faults before the first contour raise. A part whose final scan fails has none; the log says why.
@@ -62,7 +65,7 @@ def form(
     """
     options = options or RunOptions()
     started = time.perf_counter()
-    cell = InProcessCell(part_plan)
+    cell = InProcessCell(part_plan, control=control)
     error = PartRun(cell, PartGoal(job_file, options), _Operator(progress, cancelled)).run()
     reported = (
         error is None
@@ -99,6 +102,7 @@ def form(
         events=tuple(cell.machine.events),
         scans=tuple(cell.scans),
         sheet=cell.machine.sheet_values(),
+        base_folder=str(job_file.base.resolve()),
     )
 
 

@@ -5,7 +5,9 @@ Defaults carry their source; those that the source states per update of its 440 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import json
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
@@ -176,6 +178,28 @@ class ControlConfig:
         )
         config.check()
         return config
+
+    def to_json(self) -> str:
+        """Every parameter by name; :meth:`from_json` gives the same numbers again."""
+        return json.dumps(asdict(self))
+
+    @staticmethod
+    def from_json(text: str) -> ControlConfig:
+        """Parameters from :meth:`to_json`; of another version: what it does not name has its default, others are left.
+
+        Raises ValueError when they are none.
+        """
+        found = json.loads(text)
+        if not isinstance(found, dict):
+            raise ValueError("parameters of force control are not a mapping")
+        names = {item.name for item in fields(ControlConfig)}
+        values: dict[str, Any] = {
+            name: tuple(v) if isinstance(v, list) else v for name, v in found.items() if name in names
+        }
+        try:
+            return ControlConfig(**values)
+        except TypeError as error:
+            raise ValueError(f"parameters of force control: {error}") from error
 
     def check(self) -> None:
         """Raise IsfError UNSTABLE_GAIN when a loop would not be stable on this rig, FILE_FIELD for limits of drift."""

@@ -6,7 +6,7 @@ It needs no ROS: it serves rclpy messages (:mod:`isf_ros.conversion`) as well as
 from __future__ import annotations
 
 import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -95,6 +95,43 @@ def height_map_of(message: Any) -> HeightMap:
         raise ValueError(f"expected a cloud of float64 x, y, z; this one has fields {names}")
     points = np.frombuffer(bytes(message.data), dtype="<f8").reshape(-1, 3)
     return HeightMap.from_points(points)
+
+
+_POINT_KINDS = {7: "f4", 8: "f8"}
+"""Datatypes of ``sensor_msgs/PointField`` that coordinates and forces may have."""
+
+
+def cloud_columns(message: Any, names: str | Sequence[str] = "xyz") -> NDArray[np.float64]:
+    """(P, C), the fields ``names`` of every point of a ``sensor_msgs/PointCloud2`` from rclpy or from a bag.
+
+    Raises ValueError when one is missing or not floating point, or the data is cut off.
+    """
+    described = {field.name: field for field in message.fields}
+    if any(name not in described or described[name].datatype not in _POINT_KINDS for name in names):
+        raise ValueError(f"needs floating-point {', '.join(names)}; this cloud has {sorted(described)}")
+    order = ">" if message.is_bigendian else "<"
+    kind = np.dtype(
+        {
+            "names": list(names),
+            "formats": [order + _POINT_KINDS[described[name].datatype] for name in names],
+            "offsets": [described[name].offset for name in names],
+            "itemsize": message.point_step,
+        }
+    )
+    data = bytes(message.data)
+    if len(data) != message.width * message.height * message.point_step:
+        raise ValueError(f"{len(data)} bytes are not {message.width} x {message.height} points")
+    table = np.frombuffer(data, dtype=kind)
+    return np.column_stack([table[name].astype(np.float64) for name in names])
+
+
+LIFT = ("x", "y", "z", "force")
+"""Fields of a tool lift: m and N."""
+
+
+def lift_of(message: Any) -> Array:
+    """(K, 4) m, N of a tool lift; raises ValueError when a field is missing or the data is cut off."""
+    return cloud_columns(message, LIFT)
 
 
 def _no_time(_: Any) -> float:

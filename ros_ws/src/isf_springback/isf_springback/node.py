@@ -15,7 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import quantity
 from isf_core.files.job import JobFile, load_job
@@ -23,6 +22,7 @@ from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo
 from isf_ros import process, qos, stamps
 from isf_ros.background import Worker
 from isf_ros.conversion import (
+    cloud_points,
     contour_from_message,
     contour_to_message,
     correction_to_message,
@@ -32,7 +32,6 @@ from isf_ros.conversion import (
 )
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
-from numpy.typing import NDArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
@@ -201,29 +200,6 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         self._correction.publish(correction_to_message(correction, stamp))
         if outcome.corrected is not None:
             self._corrected.publish(contour_to_message(outcome.corrected, stamp))
-
-
-_KINDS = {7: "f4", 8: "f8"}
-"""PointField datatypes that coordinates may have."""
-
-
-def cloud_points(message: Any) -> NDArray[np.float64]:
-    """(P, 3) m; ValueError when x, y, z are missing, not floating point, or the data is cut off."""
-    fields = {field.name: field for field in message.fields}
-    order = ">" if message.is_bigendian else "<"
-    names, formats, offsets = [], [], []
-    for name in "xyz":
-        if name not in fields or fields[name].datatype not in _KINDS:
-            raise ValueError(f"needs floating-point x, y, z; this cloud has {sorted(fields)}")
-        names.append(name)
-        formats.append(order + _KINDS[fields[name].datatype])
-        offsets.append(fields[name].offset)
-    kind = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": message.point_step})
-    data = bytes(message.data)
-    if len(data) != message.width * message.height * message.point_step:
-        raise ValueError(f"{len(data)} bytes are not {message.width} x {message.height} points")
-    table = np.frombuffer(data, dtype=kind)
-    return np.column_stack([table[name].astype(np.float64) for name in "xyz"])
 
 
 def stamp_seconds(message: Any) -> float:

@@ -1,7 +1,7 @@
 """A bag file open for writing, and the repair of one whose writer was killed: MCAP in a rosbag2 folder.
 
 Written through rosbags with the message definitions inside, so that it works without ROS and its files open in
-``ros2 bag`` and Foxglove alike.
+``ros2 bag`` and Foxglove alike, and with a checksum for every chunk.
 
 An MCAP file is a magic number, records (one byte of opcode, eight of length, content), an index, a footer and the
 magic number again. A killed writer leaves the first two, the last record possibly cut. The readable copy ends after the
@@ -16,17 +16,22 @@ import shutil
 import time
 from pathlib import Path
 from typing import BinaryIO
+from zlib import crc32
 
 from isf_core.errors import ErrorCode, IsfError
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.enums import CompressionFormat
+from rosbags.rosbag2.storage_mcap import McapWriter
 
 from isf_analysis.bag.topics import Delivery, Topic, cell_types
 
 COMPRESSIONS = ("none", "zstd")
 
 _UNLIMITED = QosTime(9223372036, 854775807)
+
+_CHECKSUM = 33
+"""Bytes from the begin of a chunk to its checksum: opcode, length, first and last time, size."""
 
 _DEPTHS: dict[Delivery, int] = {"STREAM": 10, "SENSOR": 5, "LATCHED": 1, "EVENT": 50, "DEFAULT": 10}
 
@@ -40,6 +45,25 @@ def check_free(path: Path) -> None:
             where=str(path),
             advice="choose another output folder, or move this one away",
         )
+
+
+class _CheckedMcap(McapWriter):
+    """Chunks with the checksum of their content, which the library leaves at zero: "not known"."""
+
+    def close_chunk(self) -> None:
+        """As of the library; what was changed on the disk is noticed by every reader from then on."""
+        checksum, start = crc32(self.chunk.bio.getbuffer()), self.bio.tell()
+        super().close_chunk()
+        end = self.bio.tell()
+        self.bio.seek(start + _CHECKSUM)
+        self.bio.write(checksum.to_bytes(4, "little"))
+        self.bio.seek(end)
+
+
+class _CheckedWriter(Writer):
+    """Writes MCAP with checksums."""
+
+    STORAGE_PLUGINS = {**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: _CheckedMcap}  # noqa: RUF012, as in the library
 
 
 class BagFile:
@@ -61,7 +85,7 @@ class BagFile:
             )
         check_free(path)
         try:
-            self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+            self._writer = _CheckedWriter(path, version=9, storage_plugin=StoragePlugin.MCAP)
             if compression == "zstd":
                 self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()

@@ -7,9 +7,7 @@ namespace. When a bag holds several parts, the last one is read.
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from dataclasses import MISSING, dataclass
 from dataclasses import fields as dataclass_fields
 from pathlib import Path
@@ -19,13 +17,10 @@ from isf_core import __version__
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_ros import fields
-from rosbags.interfaces import Connection, MessageDefinitionFormat
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
-from isf_analysis.bag import bag_file, topics
-from isf_analysis.bag.topics import Topic, cell_types
+from isf_analysis.bag import topics
+from isf_analysis.bag.open_bag import RECORD_WITH, OpenBag, open_bag, unreadable
+from isf_analysis.bag.topics import Topic
 from isf_analysis.measures import scan_cloud
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_analysis.measures.events import event_of_message
@@ -34,7 +29,6 @@ from isf_analysis.measures.record import PartRecord
 NANO = 1_000_000_000
 STAMP_TOLERANCE = 1e-6
 """s by which the stamp of a scan may lie before the end of the contour it was made after: rounding of stamps."""
-_RECORD_WITH = "record the run with the cell's recorder: ./isf record, ./isf form"
 
 _FIELDS = {
     topics.NOMINAL: (fields.CONTOUR, Contour),
@@ -57,25 +51,31 @@ def read_bag(path: Path | str) -> PartRecord:
     IsfError : BAG_UNREADABLE (no such bag, damaged beyond reading),
         BAG_INCOMPLETE (not a bag of a cell, or nothing was formed; names what is missing)
     """
-    path = Path(path)
-    with ExitStack() as stack:
-        reader, notes = _open(path, stack)
-        try:
-            return _read_part(_Messages(reader, path, one_by_one=bool(notes)), path, notes)
-        except IsfError:
+    with open_bag(path) as bag:
+        return part_of(bag)
+
+
+def part_of(bag: OpenBag) -> PartRecord:
+    """As :func:`read_bag`, of a bag that is open."""
+    try:
+        return _read_part(_Messages(bag), bag.path)
+    except IsfError as error:
+        if not bag.notes:
             raise
-        except Exception as error:  # a damaged file shows in as many ways as there are bytes
-            raise _unreadable(path, f"is damaged: {error}") from error
+        what = f"{error.what} ({'; '.join(bag.notes)})"  # it may be in the part that was left out
+        raise IsfError(error.code, what, where=error.where, advice=error.advice) from error
+    except Exception as error:  # a damaged file shows in as many ways as there are bytes
+        raise unreadable(bag.path, f"is damaged: {error}") from error
 
 
-def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartRecord:
+def _read_part(messages: _Messages, path: Path) -> PartRecord:
     jobs = list(messages.of(topics.JOB))
     if not jobs:
         raise _incomplete(path, f"holds no job: nothing was received on {topics.JOB.name}")
     start, job = jobs[-1]
     # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted
     part = _Part(messages, job.plan_id, start if len(jobs) > 1 else 0)
-    notes += messages.missing_fields()
+    notes = messages.missing_fields()
     nominal = part.by_index(topics.NOMINAL, fields.contour_of)
     corrected = part.by_index(topics.CORRECTED, fields.contour_of)
     corrections = part.by_index(topics.CORRECTION, fields.correction_of)
@@ -119,10 +119,16 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
         sim_time=_process_time(before, after, results),
         wall_time=(_end_time(messages, scans if last else [], start) - start) / NANO,
         faults=_faults(after),
-        notes=notes + _of_version(job.software) + tuple(f"not in the bag: {what}" for what in missing),
+        notes=(
+            *messages.bag.notes,
+            *notes,
+            *_of_version(job.software),
+            *(f"not in the bag: {what}" for what in missing),
+        ),
         events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if time >= part.start),
         scans=_between(scans[: len(scans) - len(final)], results),
         sheet=_sheet(job),
+        base_folder=getattr(job, "base_folder", ""),
     )
 
 
@@ -224,14 +230,11 @@ def _last(items: Iterator[tuple[int, Any]]) -> tuple[int, Any] | None:
 
 
 class _Messages:
-    """The messages of an open bag by topic; ``one_by_one``: the file has no index, each topic is scanned for."""
+    """The messages of an open bag by topic."""
 
-    def __init__(self, reader: Reader, path: Path, *, one_by_one: bool) -> None:
-        self._reader = reader
-        self._path = path
-        self._one_by_one = one_by_one
-        self._types = _types_of(reader.connections)
-        self._namespace = self._find_namespace()
+    def __init__(self, bag: OpenBag) -> None:
+        self.bag = bag
+        self._namespace = namespace_of(bag)
         self._read: dict[str, list[tuple[int, Any]]] = {}
 
     def of(self, topic: Topic) -> Iterator[tuple[int, Any]]:
@@ -242,109 +245,54 @@ class _Messages:
 
     def _load(self, topic: Topic) -> Iterator[tuple[int, Any]]:
         name = f"{self._namespace}/{topic.name}"
-        for connection in self._reader.connections:
+        for connection in self.bag.connections:
             if connection.topic != name:
                 continue
             if connection.msgtype != topic.type:
-                raise _incomplete(self._path, f"{topic.name} is of type {connection.msgtype}, expected {topic.type}")
-            for _, time, data in self._reader.messages([connection]):
-                yield time, self._types.deserialize_cdr(data, connection.msgtype)
+                what = f"{topic.name} is of type {connection.msgtype}, expected {topic.type}"
+                raise _incomplete(self.bag.path, what)
+            yield from self.bag.messages([connection])
 
     def missing_fields(self) -> tuple[str, ...]:
         """Notes on fields that messages of an older version do not have; raises IsfError when one is needed."""
         notes = []
         for topic, (names, kind) in _FIELDS.items():
             name = f"{self._namespace}/{topic.name}"
-            known = next((c.msgtype for c in self._reader.connections if c.topic == name), None)
+            known = next((c.msgtype for c in self.bag.connections if c.topic == name), None)
             if known != topic.type:
                 continue
-            there = {field for field, _ in self._types.fielddefs[known][1]}
+            there = {field for field, _ in self.bag.types.fielddefs[known][1]}
             needed = {item.name for item in dataclass_fields(kind) if item.default is item.default_factory is MISSING}
             lacking = [field for field in names if field not in there]
             if any(field in needed for field in lacking):
                 what = f"{topic.name} has no {', '.join(lacking)}"
-                raise _incomplete(self._path, f"was recorded with another version of the software: {what}")
+                raise _incomplete(self.bag.path, f"was recorded with another version of the software: {what}")
             if lacking:
                 notes.append(
                     f"recorded with an older version of the software: {topic.name} without {', '.join(lacking)}"
                 )
         return tuple(notes)
 
-    def _find_namespace(self) -> str:
-        """Namespace of the cell, from the topic that carries the job; the first one when there are several."""
-        ending = f"/{topics.JOB.name}"
-        names = [item.topic for item in self._reader.connections if item.topic.endswith(ending)]
-        if not names:
-            known = sorted({item.topic for item in self._reader.connections})
-            listed = ", ".join(known[:6]) + (" ..." if len(known) > 6 else "")
-            raise _incomplete(
-                self._path,
-                f"is not a bag of a forming cell: no topic {topics.JOB.name} (needed with {topics.NOMINAL.name} and "
-                f"{topics.RESULT.name}); it holds {listed or 'nothing'}",
-            )
-        return names[0].removesuffix(ending)
 
+def namespace_of(bag: OpenBag) -> str:
+    """Namespace of the cell, from the topic that carries the job; the first one when there are several.
 
-def _types_of(connections: list[Connection]) -> Typestore:
-    """Types by the definitions inside the bag; those it lacks are taken from the installed messages."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for connection in connections:
-        text = connection.msgdef.data
-        if connection.msgdef.format == MessageDefinitionFormat.NONE or not text:
-            continue
-        parse = get_types_from_idl if connection.msgdef.format == MessageDefinitionFormat.IDL else None
-        types = parse(text) if parse else get_types_from_msg(text, connection.msgtype)
-        store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
-    if any(connection.msgtype not in store.fielddefs for connection in connections):
-        known = cell_types().fielddefs
-        store.register({name: known[name] for name in known if name not in store.fielddefs})
-    return store
-
-
-def _open(path: Path, stack: ExitStack) -> tuple[Reader, tuple[str, ...]]:
-    """Open reader and notes on what had to be done for it."""
-    if not path.exists():
-        raise _unreadable(path, "no such bag", advice="check the path; it is relative to here")
-    if path.is_file() or (path / "metadata.yaml").is_file():
-        first: Path = path
-    else:
-        files = sorted(path.glob("*.mcap"))
-        if not files:
-            raise _unreadable(path, "holds no bag: neither metadata.yaml nor an .mcap file")
-        first = files[0]
-    try:
-        reader = Reader(first)
-        reader.open()
-    except Exception as error:  # as above: whatever a damaged file causes
-        storage = first if first.is_file() else next(iter(sorted(first.glob("*.mcap"))), None)
-        if storage is None or storage.suffix != ".mcap":
-            raise _unreadable(path, f"cannot be read: {error}") from error
-        return _open_repaired(path, storage, stack), (
-            "the recorder was ended by force; the bag is read as far as it goes",
+    Raises
+    ------
+    IsfError : BAG_INCOMPLETE, not a bag of a cell
+    """
+    ending = f"/{topics.JOB.name}"
+    names = [item.topic for item in bag.connections if item.topic.endswith(ending)]
+    if not names:
+        known = sorted({item.topic for item in bag.connections})
+        listed = ", ".join(known[:6]) + (" ..." if len(known) > 6 else "")
+        raise _incomplete(
+            bag.path,
+            f"is not a bag of a forming cell: no topic {topics.JOB.name} (needed with {topics.NOMINAL.name} and "
+            f"{topics.RESULT.name}); it holds {listed or 'nothing'}",
         )
-    stack.callback(reader.close)
-    return reader, ()
-
-
-def _open_repaired(path: Path, storage: Path, stack: ExitStack) -> Reader:
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="isf_bag_")))
-    repaired = folder / storage.name
-    try:
-        if not bag_file.repair(storage, repaired):
-            raise _unreadable(path, f"{storage.name} is not an MCAP file or is empty")
-        reader = Reader(repaired)
-        reader.open()
-    except IsfError:
-        raise
-    except Exception as error:
-        raise _unreadable(path, f"cannot be read: {error}") from error
-    stack.callback(reader.close)
-    return reader
-
-
-def _unreadable(path: Path, what: str, advice: str = "") -> IsfError:
-    return IsfError(ErrorCode.BAG_UNREADABLE, what, where=str(path), advice=advice or _RECORD_WITH)
+    return names[0].removesuffix(ending)
 
 
 def _incomplete(path: Path, what: str) -> IsfError:
-    return IsfError(ErrorCode.BAG_INCOMPLETE, what, where=str(path), advice=_RECORD_WITH)
+    return IsfError(ErrorCode.BAG_INCOMPLETE, what, where=str(path), advice=RECORD_WITH)

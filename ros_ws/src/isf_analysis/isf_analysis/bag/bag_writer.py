@@ -119,6 +119,7 @@ def _job(record: PartRecord) -> Any:
         lockstep=bool(record.lockstep),
         software=record.software,
         sheet=str(record.sheet.get("model", "")),
+        base_folder=record.base_folder,
     )
 
 

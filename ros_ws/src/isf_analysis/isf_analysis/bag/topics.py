@@ -40,6 +40,7 @@ CORRECTION = Topic("contour/correction", "isf_msgs/msg/ContourCorrection", "EVEN
 RESULT = Topic("contour/result", "isf_msgs/msg/ContourResult", "EVENT")
 LIFT = Topic("tool_lift", "sensor_msgs/msg/PointCloud2", "LATCHED")
 EVENT = Topic("machine/event", "isf_msgs/msg/MachineEvent", "EVENT")
+ARMED = Topic("force_ctrl/armed", "isf_msgs/msg/ForceCtrlArmed", "LATCHED")
 MACHINE_STATE = Topic("machine/state", "isf_msgs/msg/MachineState", "STREAM")
 
 CELL = (
@@ -62,6 +63,7 @@ CELL = (
     CORRECTED,
     CORRECTION,
     RESULT,
+    ARMED,
     Topic("force_ctrl/state", "isf_msgs/msg/ForceCtrlState", "STREAM"),
     Topic("holder/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
     MACHINE_STATE,

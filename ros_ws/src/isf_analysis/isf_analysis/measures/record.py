@@ -40,6 +40,7 @@ class PartRecord:
     events : what happened to sheet or machine, oldest first; empty too when the machine tells none
     notes : remarks for people on how complete the record is
     sheet : ``model`` of the simulated sheet, and what it cost where it was formed in this process; empty: not known
+    base_folder : that relative paths in the job refer to; empty: not known
     """
 
     job_name: str
@@ -69,6 +70,7 @@ class PartRecord:
     events: tuple[Event, ...] = ()
     scans: tuple[ContourScan, ...] = ()
     sheet: Mapping[str, object] = field(default_factory=dict)
+    base_folder: str = ""
 
     @property
     def planned(self) -> int:

@@ -23,8 +23,6 @@ LATENESS = 100_000_000
 REACH = 2
 """Cells next to measured ones that are filled from them, so that sparse points leave no holes."""
 
-_KINDS = {7: "f4", 8: "f8"}  # sensor_msgs/PointField
-
 
 def final_scans(
     scans: Sequence[tuple[int, Any]], nominal: Sequence[int], results: Sequence[int], formed: float = math.inf
@@ -95,23 +93,10 @@ def points_of(message: Any) -> Array:
     ------
     IsfError : BAG_INCOMPLETE when the cloud is not of points
     """
-    described = {field.name: field for field in message.fields}
-    if any(name not in described or described[name].datatype not in _KINDS for name in "xyz"):
-        raise _unusable(f"the scan has no floating-point x, y, z; it has {', '.join(sorted(described)) or 'nothing'}")
-    order = ">" if message.is_bigendian else "<"
-    kind = np.dtype(
-        {
-            "names": list("xyz"),
-            "formats": [order + _KINDS[described[name].datatype] for name in "xyz"],
-            "offsets": [described[name].offset for name in "xyz"],
-            "itemsize": message.point_step,
-        }
-    )
-    data = bytes(message.data)
-    if len(data) % kind.itemsize or len(data) != message.width * message.height * message.point_step:
-        raise _unusable(f"the scan is cut off: {len(data)} bytes for {message.width} x {message.height} points")
-    table = np.frombuffer(data, dtype=kind)
-    points = np.column_stack([table[name].astype(np.float64) for name in "xyz"])
+    try:
+        points = fields.cloud_columns(message)
+    except ValueError as error:
+        raise _unusable(f"the scan cannot be used: {error}") from error
     return np.asarray(points[np.isfinite(points).all(axis=1)])
 
 

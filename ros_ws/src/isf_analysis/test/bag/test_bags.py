@@ -110,7 +110,7 @@ def test_the_bag_explains_its_types_itself(bag: Path, monkeypatch: pytest.Monkey
     def not_installed() -> None:
         raise AssertionError("the installed messages must not be needed")
 
-    monkeypatch.setattr("isf_analysis.bag.bag_reader.cell_types", not_installed)
+    monkeypatch.setattr("isf_analysis.bag.open_bag.cell_types", not_installed)
     assert read_bag(bag).job_name == PART.job_name
 
 

@@ -14,7 +14,6 @@ from isf_springback.estimators.learning import Learned, learn_part
 from isf_springback.loop_path import forming_radius
 
 from isf_cell.commands import terminal
-from isf_cell.commands.run_folder import bag_of
 
 
 def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bool) -> None:
@@ -28,7 +27,7 @@ def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bo
     """
     known = learning.load(output) if output.exists() else None
     for run in runs:
-        known = learn_record(read_bag(bag_of(run)), base or Path.cwd(), known)
+        known = learn_record(read_bag(run), base or Path.cwd(), known)
         mean, largest = 1e3 * known.history[-1]
         terminal.say(
             f"{run}: part {known.parts} of {known.job}, error of wall and floor {mean:.2f} mm mean, {largest:.2f} mm "

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.bag.open_bag import bag_of
 from isf_analysis.report.page import write_report
 from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
@@ -15,7 +16,7 @@ from isf_core.events import torn
 
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import ReportedError
-from isf_cell.commands.run_folder import bag_of, make_folder
+from isf_cell.commands.run_folder import make_folder
 
 
 def first_failure(results: Iterable[ContourResult]) -> IsfError | None:

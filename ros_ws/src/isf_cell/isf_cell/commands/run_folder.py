@@ -51,11 +51,6 @@ def make_folder(folder: Path) -> Path:
     return folder.resolve()
 
 
-def bag_of(run: Path) -> Path:
-    """Bag of a run: ``run/bag`` when there is one, else ``run`` itself."""
-    return run / "bag" if (run / "bag").exists() else run
-
-
 def _unused(folder: Path) -> Path:
     candidate, number = folder, 1
     while candidate.exists():

@@ -388,6 +388,7 @@ class GraphCell:
             control_rate=float(job.control.rate),
             lockstep=self._settings.lockstep,
             software=__version__,
+            base_folder=str(goal.job_file.base),
         )
 
 

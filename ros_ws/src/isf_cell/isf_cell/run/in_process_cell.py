@@ -5,7 +5,7 @@ SI units, frame ``sheet``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -55,7 +55,8 @@ def run_ticks(
 class InProcessCell:
     """A cell of :mod:`isf_cell.run.cell`, and what happened in it.
 
-    ``part_plan``: the plan to form, ``machine``: the one to form it on; None: made anew.
+    ``part_plan``: the plan to form, ``machine``: the one to form it on; None: made anew. ``control``: parameters of
+    force control (ControlConfig) by name, in place of the job's and the defaults.
 
     Attributes
     ----------
@@ -67,8 +68,14 @@ class InProcessCell:
     machine: SimulatedMachine
     sample: MachineSample
 
-    def __init__(self, part_plan: Plan | None = None, machine: SimulatedMachine | None = None) -> None:
+    def __init__(
+        self,
+        part_plan: Plan | None = None,
+        machine: SimulatedMachine | None = None,
+        control: Mapping[str, object] | None = None,
+    ) -> None:
         self.part_plan = part_plan
+        self._control = dict(control or {})
         self._given = machine
         self.nominal: list[Contour] = []
         self.corrected: list[Contour] = []
@@ -104,7 +111,8 @@ class InProcessCell:
         job_file, sample = goal.job_file, self.sample
         self._corrector = make_corrector(goal.method, job_file)
         self._corrector.set_target(self.part_plan.target)
-        self._controller = ForceController(ControlConfig.from_job(job_file, support_force=goal.options.support_force))
+        config = ControlConfig.from_job(job_file, support_force=goal.options.support_force)
+        self._controller = ForceController(replace(config, **self._control))  # type: ignore[arg-type]
         tips = sample.tip_1.tolist(), sample.tip_2.tolist()
         self._controller.arm(planned.plan_id, goal.first_index, planned.count, *tips)
         self._sensor = goal.options.scans_with_sensor(job_file)

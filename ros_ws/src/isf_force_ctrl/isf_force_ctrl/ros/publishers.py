@@ -14,10 +14,12 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from isf_core.contour import ContourResult
 from isf_msgs import msg as isf
+from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
 from isf_ros.lifecycle import CellNode
 from rclpy.publisher import Publisher
 
+from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import ControlState, Targets, Vector
 
 RESTING = 10
@@ -42,6 +44,7 @@ class ForceCtrlPublishers:
         self._holder = self._publisher(PoseStamped, "holder/target", qos.STREAM_SOURCE)
         self._states = self._publisher(isf.ForceCtrlState, "force_ctrl/state", qos.STREAM_SOURCE)
         self._results = self._publisher(isf.ContourResult, "contour/result", qos.EVENT)
+        self._armed = self._publisher(isf.ForceCtrlArmed, "force_ctrl/armed", qos.LATCHED)
         self._messages = (conversion.make_pose(), conversion.make_pose())
         self._holder_message = conversion.make_pose()
         self.with_holder = False
@@ -49,6 +52,17 @@ class ForceCtrlPublishers:
         self.has_targets = False
         self.last_publish = 0.0
         """s, monotonic time of the last targets."""
+
+    def armed(self, request: Arm.Request, tip_1: Vector, tip_2: Vector, config: ControlConfig) -> None:
+        """What was armed, with the tools at ``tip_1``, ``tip_2`` m: a bag can be replayed with it."""
+        message = isf.ForceCtrlArmed(plan_id=request.plan_id, first_index=request.first_index, count=request.count)
+        message.header.frame_id = conversion.FRAME
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        for point, tip in ((message.tip_1, tip_1), (message.tip_2, tip_2)):
+            point.x, point.y, point.z = tip
+        message.support_force = request.support_force
+        message.settings = config.to_json()
+        self._armed.publish(message)
 
     def start(self, tip_1: Vector, tip_2: Vector, rate: float) -> None:
         """Targets follow, ``rate`` per second; the tools are at ``tip_1``, ``tip_2`` m."""

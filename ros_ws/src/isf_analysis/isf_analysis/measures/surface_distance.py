@@ -1,0 +1,268 @@
+"""Signed distance of points from a triangulated surface, the rigid motion that fits them best, and their statistics.
+
+The distance is that of the nearest point of the surface, not along z. It is positive above a surface that can be seen
+from above everywhere, as that of a formed sheet; of any other on the side that the normal of the nearest facet points
+to. Points beside the surface, nearest to its open border, tell nothing of it and are left out. Lengths in m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array, Indices, Mask
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+from trimesh.triangles import closest_point, points_to_barycentric
+
+CHUNK = 20_000
+"""Points at a time."""
+
+LARGE = 0.97
+"""Share of the facets, smallest first, that are looked up by their centres; the others are tried one by one."""
+
+TOUCH = 1e-6
+"""Of a facet, from an edge or a corner of it, in shares of its size; and m off the border's normal plane."""
+
+BANDS = (0.1e-3, 0.2e-3, 0.3e-3)
+"""m, tolerances of which the share of points within is told."""
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Of N points.
+
+    Attributes
+    ----------
+    signed : (N,) m ; closest : (N, 3) m, nearest points of the surface ; facet : (N,) that they lie on
+    beside : (N,) bool, nearest to the open border and not over it
+    """
+
+    signed: Array
+    closest: Array
+    facet: Indices
+    beside: Mask
+
+
+class Surface:
+    """A triangle mesh that distances are measured to.
+
+    ``vertices`` (V, 3) m, ``faces`` (F, 3); facets without an area do not count.
+
+    Attributes
+    ----------
+    normals : (F, 3) unit, upwards where most of them are
+    height_field : True when all of them are
+    """
+
+    def __init__(self, vertices: Array, faces: Indices) -> None:
+        corners = vertices[faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        size = np.linalg.norm(normal, axis=1)
+        kept = size > 0.0
+        self.vertices, self.faces, self.corners = vertices, faces[kept], corners[kept]
+        self.area = 0.5 * size[kept]
+        normals = normal[kept] / size[kept][:, None]
+        up = np.sum(self.area * normals[:, 2])
+        self.normals = -normals if up < 0.0 else normals
+        self.height_field = bool((self.normals[:, 2] > 0.0).all())
+        self.centres = self.corners.mean(axis=1)
+        radius = np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1)
+        limit = float(np.quantile(radius, LARGE)) * (1 + 1e-9)
+        self._small, self._large = np.flatnonzero(radius <= limit), np.flatnonzero(radius > limit)
+        self._radius, self._limit = radius, limit
+        self._tree = cKDTree(self.centres[self._small])
+        self._open_edge, self._open_corner = _border(self.faces)
+
+    @staticmethod
+    def of_height_map(shape: HeightMap) -> Surface:
+        """Two facets per cell; none where a height is unknown."""
+        ny, nx = shape.z.shape
+        number = np.arange(ny * nx).reshape(ny, nx)
+        a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]))
+        faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+        points = shape.points()
+        known = np.isfinite(points[:, 2])
+        return Surface(np.nan_to_num(points), faces[known[faces].all(axis=1)])
+
+    def distances(self, points: Array) -> Distances:
+        """Of ``points`` (N, 3) m, all finite."""
+        facets = np.empty(len(points), dtype=np.int64)
+        closest = np.empty((len(points), 3))
+        for begin in range(0, len(points), CHUNK):
+            part = slice(begin, begin + CHUNK)
+            facets[part], closest[part] = self._nearest(points[part])
+        away = points - closest
+        size = np.linalg.norm(away, axis=1)
+        side = away[:, 2] if self.height_field else np.sum(away * self.normals[facets], axis=1)
+        signed = np.where(side < 0.0, -size, size)
+        return Distances(signed, closest, facets, self._beside(away, closest, facets))
+
+    # -- inside ----------------------------------------------------------------------------------
+
+    def _nearest(self, points: Array) -> tuple[Indices, Array]:
+        """Facet and nearest point: a first guess, then all facets that may be nearer than it."""
+        guess = self._small[self._tree.query(points)[1]]
+        closest = _on_facets(self.corners[guess], points)
+        best, facet = np.linalg.norm(points - closest, axis=1), guess.copy()
+        near = self._tree.query_ball_point(points, best + self._limit, return_sorted=False)
+        counts = np.array([len(item) for item in near])
+        owner = np.repeat(np.arange(len(points)), counts)
+        candidate = self._small[np.concatenate([np.asarray(item, dtype=np.int64) for item in near])]
+        apart = np.linalg.norm(points[owner] - self.centres[candidate], axis=1)
+        may = apart - self._radius[candidate] < best[owner]
+        self._improve(points, owner[may], candidate[may], best, facet, closest)
+        for number in self._large.tolist():
+            low, high = self.corners[number].min(axis=0), self.corners[number].max(axis=0)
+            outside = np.maximum(np.maximum(low - points, points - high), 0.0)
+            owner = np.flatnonzero(np.einsum("ij,ij->i", outside, outside) < best**2)
+            self._improve(points, owner, np.full(len(owner), number), best, facet, closest)
+        return facet, closest
+
+    def _improve(
+        self, points: Array, owner: Indices, candidate: Indices, best: Array, facet: Indices, closest: Array
+    ) -> None:
+        """Take for points ``owner`` the facets ``candidate`` that are nearer than the ``best`` known."""
+        if not len(owner):
+            return
+        place = _on_facets(self.corners[candidate], points[owner])
+        distance = np.linalg.norm(points[owner] - place, axis=1)
+        order = np.lexsort((distance, owner))
+        _, first = np.unique(owner[order], return_index=True)
+        chosen = order[first]
+        chosen = chosen[distance[chosen] < best[owner[chosen]]]
+        winner = owner[chosen]
+        best[winner], facet[winner], closest[winner] = distance[chosen], candidate[chosen], place[chosen]
+
+    def _beside(self, away: Array, closest: Array, facets: Indices) -> Mask:
+        share = points_to_barycentric(self.corners[facets], closest)
+        zero = share < TOUCH
+        corner = zero.sum(axis=1) >= 2
+        at = np.argmax(share, axis=1)
+        on_border = np.where(
+            corner,
+            self._open_corner[self.faces[facets, at]],
+            (zero & self._open_edge[facets]).any(axis=1),
+        )
+        normal = self.normals[facets]
+        sideways = away - np.sum(away * normal, axis=1)[:, None] * normal
+        return np.asarray(on_border & (np.linalg.norm(sideways, axis=1) > TOUCH))
+
+
+def _on_facets(corners: Array, points: Array) -> Array:
+    """(N, 3) m, nearest point of each facet (N, 3, 3) to each point (N, 3)."""
+    # trimesh counts what is smaller than fixed numbers as zero: of facets in m that is up to 0.1 mm, in um nothing
+    return np.asarray(closest_point(_MICRO * corners, _MICRO * points) / _MICRO)
+
+
+_MICRO = 1e6
+
+
+def _border(faces: Indices) -> tuple[Mask, Mask]:
+    """(F, 3) edges opposite to each corner that no other facet has, and (V,) corners on such edges."""
+    edges = np.sort(np.stack([faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 1]]], axis=1).reshape(-1, 2), axis=1)
+    _, number, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    alone = count[number.ravel()] == 1
+    corner = np.zeros(int(faces.max(initial=-1)) + 1, dtype=bool)
+    corner[edges[alone]] = True
+    return alone.reshape(-1, 3), corner
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Rigid motion x -> R x + t: ``rotation`` (3, 3), ``shift`` (3,) m."""
+
+    rotation: Array
+    shift: Array
+
+    def of(self, points: Array) -> Array:
+        """(N, 3) m, ``points`` moved."""
+        return np.asarray(points @ self.rotation.T + self.shift)
+
+    @property
+    def angle(self) -> float:
+        """rad, of the rotation."""
+        return float(Rotation.from_matrix(self.rotation).magnitude())
+
+
+NO_MOTION = Motion(np.eye(3), np.zeros(3))
+
+_FIT_POINTS = 4000
+_FIT_STEPS = 30
+_FIT_TRIM = 3.0
+
+
+def best_fit(points: Array, surface: Surface) -> Motion:
+    """Motion of ``points`` (N, 3) m that brings them nearest to ``surface``: least squares of the distances.
+
+    Iterated closest points with distances to the tangent plane (Chen 1992); points beside the surface, or more than
+    three robust standard deviations off, do not count.
+    """
+    chosen = points[np.linspace(0, len(points) - 1, min(len(points), _FIT_POINTS)).astype(np.int64)]
+    motion = NO_MOTION
+    for _ in range(_FIT_STEPS):
+        moved = motion.of(chosen)
+        found = surface.distances(moved)
+        normal = surface.normals[found.facet]
+        error = np.sum((moved - found.closest) * normal, axis=1)
+        spread = 1.4826 * float(np.median(np.abs(error - np.median(error)))) + 1e-9
+        used = ~found.beside & (np.abs(error - np.median(error)) <= _FIT_TRIM * spread)
+        if used.sum() < 6:
+            break
+        about = moved[used].mean(axis=0)
+        matrix = np.hstack([np.cross(moved[used] - about, normal[used]), normal[used]])
+        step = np.linalg.lstsq(matrix, -error[used], rcond=None)[0]
+        rotation = Rotation.from_rotvec(step[:3]).as_matrix()
+        motion = Motion(rotation @ motion.rotation, rotation @ (motion.shift - about) + about + step[3:])
+        if np.linalg.norm(step[:3]) < 1e-9 and np.linalg.norm(step[3:]) < 1e-9:
+            break
+    return motion
+
+
+@dataclass(frozen=True)
+class DistanceStatistics:
+    """Of signed distances, m; shares of the area that the points stand for.
+
+    Attributes
+    ----------
+    points : number of points that count ; beside : share of the area that lies beside the surface
+    mean, mean_abs, rms, p95_abs, max_abs : of the distance ; worst : (3,) m, place of the largest
+    within : share within each tolerance, by m
+    """
+
+    points: int
+    beside: float
+    mean: float
+    mean_abs: float
+    rms: float
+    p95_abs: float
+    max_abs: float
+    worst: tuple[float, float, float]
+    within: dict[float, float]
+
+
+def statistics(
+    points: Array, found: Distances, weight: Array, bands: Sequence[float] = BANDS
+) -> DistanceStatistics | None:
+    """Of ``points`` (N, 3) m, which stand for areas ``weight`` (N,); None when all lie beside the surface."""
+    counts = ~found.beside
+    if not counts.any() or weight[counts].sum() <= 0.0:
+        return None
+    distance, share = found.signed[counts], weight[counts] / weight[counts].sum()
+    size = np.abs(distance)
+    order = np.argsort(size)
+    p95 = size[order][min(int(np.searchsorted(np.cumsum(share[order]), 0.95)), len(size) - 1)]
+    x, y, z = points[counts][int(np.argmax(size))].tolist()
+    return DistanceStatistics(
+        points=int(counts.sum()),
+        beside=float(weight[~counts].sum() / weight.sum()),
+        mean=float(share @ distance),
+        mean_abs=float(share @ size),
+        rms=float(np.sqrt(share @ distance**2)),
+        p95_abs=float(p95),
+        max_abs=float(size.max()),
+        worst=(x, y, z),
+        within={float(band): 1.0 - float(share[size > band].sum()) for band in bands},
+    )

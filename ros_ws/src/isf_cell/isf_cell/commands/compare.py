@@ -1,0 +1,262 @@
+"""``isf compare``: how far one shape is from another; of CAD, scan, run or bag."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.figures import distance_figures, style
+from isf_analysis.measures.surface_distance import NO_MOTION, Distances, Motion, Surface, best_fit, statistics
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import METRES, load_job
+from isf_core.types import Array
+from isf_planner.part import mesh_checks, meshes
+from scipy.spatial import Delaunay
+
+from isf_cell.commands import terminal
+from isf_cell.commands.run_folder import make_run_folder
+
+SAMPLES = 50_000
+"""Points taken of a mesh, evenly over its area."""
+
+LONGEST = 6.0
+"""Edges of facets between the points of a cloud, in median edges; longer ones span a hole."""
+
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape in m: ``points`` (N, 3) that stand for equal areas, and its ``surface``; ``kind`` for people."""
+
+    kind: str
+    points: Array
+    surface: Surface
+
+
+def compare_shapes(
+    first: Path,
+    second: Path,
+    unit: str | None,
+    align: str,
+    tolerances: Sequence[float],
+    output: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Distance of the points of ``first`` from the surface of ``second``; ``tolerances`` mm, ``align`` clamp or fit.
+
+    Raises IsfError of either file; FILE_FIELD for values that make no sense; SCAN_INCOMPLETE: nothing in common.
+    """
+    if align not in ("clamp", "fit"):
+        raise IsfError(ErrorCode.FILE_FIELD, f"no alignment '{align}'", where="--align", advice="clamp or fit")
+    if not tolerances or not all(0.0 < value < 1e3 for value in tolerances):
+        raise IsfError(ErrorCode.FILE_FIELD, "a tolerance is a length in mm", where="--tolerance", advice="such as 0.3")
+    measured, wanted = load_shape(first, unit), load_shape(second, unit)
+    motion = best_fit(measured.points, wanted.surface) if align == "fit" else NO_MOTION
+    points = motion.of(measured.points)
+    found = wanted.surface.distances(points)
+    numbers = statistics(points, found, np.ones(len(points)), [value / MM for value in tolerances])
+    if numbers is None:
+        raise IsfError(
+            ErrorCode.SCAN_INCOMPLETE,
+            "no point of the first shape lies over the second one",
+            where=f"{first}, {second}",
+            advice="check that both are in the same frame and unit; --align fit moves the first one",
+        )
+    folder = make_run_folder(output, f"compare-{first.stem or 'shape'}")
+    data = {
+        "first": {"path": str(first), "kind": measured.kind},
+        "second": {"path": str(second), "kind": wanted.kind},
+        "align": align,
+        "moved": _moved(motion),
+        "points": numbers.points,
+        "beside_fraction": numbers.beside,
+        "mean_mm": MM * numbers.mean,
+        "mean_abs_mm": MM * numbers.mean_abs,
+        "rms_mm": MM * numbers.rms,
+        "p95_abs_mm": MM * numbers.p95_abs,
+        "max_abs_mm": MM * numbers.max_abs,
+        "worst_mm": [MM * value for value in numbers.worst],
+        "within_fraction": {f"{MM * band:g}": share for band, share in numbers.within.items()},
+        "picture": str(folder / "compare.png"),
+        "table": str(folder / "distances.csv"),
+    }
+    with style.applied():
+        title = f"{first.name} against {second.name}"
+        figure = distance_figures.compared(points[~found.beside], found.signed[~found.beside], tolerances, title)
+        Path(str(data["picture"])).write_bytes(style.png(figure))
+    _write_points(Path(str(data["table"])), points, found)
+    if as_json:
+        terminal.print_json(data)
+    _show(data)
+
+
+def load_shape(path: Path, unit: str | None) -> Shape:
+    """The scan of a run or bag, the CAD of a job at its place, a mesh or STEP file, or a cloud of points.
+
+    ``unit`` of meshes and PLY clouds; clouds in NPZ and CSV are in m, as ``isf bag tables`` writes them.
+
+    Raises
+    ------
+    IsfError : what cannot be read or holds no shape
+    """
+    kind = path.suffix.lower().lstrip(".")
+    if path.is_dir() or kind in ("mcap", "db3"):
+        return _of_bag(path)
+    if kind in ("yaml", "yml"):
+        return _of_job(path)
+    if kind in ("npz", "csv"):
+        return _of_points(_table_points(path, kind), "cloud of points", path)
+    if kind == "ply" and path.is_file() and not _has_facets(path):
+        return _of_points(_ply_points(path, unit), "cloud of points", path)
+    if kind not in meshes.KNOWN:
+        known = ", ".join(("a run or bag", "a job (.yaml)", ".npz", ".csv", *(f".{name}" for name in meshes.KNOWN)))
+        raise IsfError(ErrorCode.MESH_UNREADABLE, "is no shape", where=str(path), advice=f"known: {known}")
+    mesh = meshes.load_mesh(path, unit)
+    return _of_mesh("mesh", mesh.vertices, mesh.faces)
+
+
+def _of_bag(path: Path) -> Shape:
+    scan = read_bag(path).scan
+    if scan is None:
+        raise IsfError(
+            ErrorCode.BAG_INCOMPLETE,
+            "holds no scan of the finished part",
+            where=str(path),
+            advice="record the topic scan; the executive has the part measured at its end",
+        )
+    points = scan.points()
+    return Shape("scan of a run", points[np.isfinite(points).all(axis=1)], Surface.of_height_map(scan))
+
+
+def _of_job(path: Path) -> Shape:
+    job_file = load_job(path)
+    part = job_file.job.part
+    mesh = mesh_checks.oriented(meshes.load_mesh(job_file.mesh, part.unit), part.up, part.turn, part.scale)
+    placed = mesh_checks.check_and_place(mesh, job_file.rig.clamp.size, job_file.job.tool_1.radius, place=part.place)
+    return _of_mesh("CAD of a job", placed.mesh.vertices, placed.mesh.faces)
+
+
+def _of_mesh(kind: str, vertices: Array, faces: Any) -> Shape:
+    surface = Surface(vertices, np.asarray(faces, dtype=np.int64))
+    return Shape(kind, evenly(surface, SAMPLES), surface)
+
+
+def evenly(surface: Surface, count: int) -> Array:
+    """(count, 3) m, points evenly over the area of ``surface``; always the same."""
+    rng = np.random.default_rng(0)
+    along = np.cumsum(surface.area)
+    facet = np.searchsorted(along, (np.arange(count) + 0.5) / count * along[-1])
+    a, b = rng.random(count), rng.random(count)
+    folded = a + b > 1.0
+    a, b = np.where(folded, 1.0 - a, a)[:, None], np.where(folded, 1.0 - b, b)[:, None]
+    first, second, third = surface.corners[facet].transpose(1, 0, 2)
+    return np.asarray(first + a * (second - first) + b * (third - first))
+
+
+def _of_points(points: Array, kind: str, path: Path) -> Shape:
+    """A cloud: its surface is a height field through all points."""
+    points = points[np.isfinite(points).all(axis=1)]
+    _, single = np.unique(points[:, :2], axis=0, return_index=True)
+    if len(single) < 4 or np.linalg.matrix_rank(points[single, :2] - points[single, :2].mean(axis=0)) < 2:
+        raise IsfError(
+            ErrorCode.SCAN_INCOMPLETE, f"has {len(points)} points", where=str(path), advice="three in a plane at least"
+        )
+    points = points[np.sort(single)]
+    faces = Delaunay(points[:, :2]).simplices.astype(np.int64)
+    edges = points[faces, :2] - points[np.roll(faces, 1, axis=1), :2]
+    longest = np.linalg.norm(edges, axis=2).max(axis=1)
+    return Shape(kind, points, Surface(points, faces[longest <= LONGEST * np.median(longest)]))
+
+
+def _table_points(path: Path, kind: str) -> Array:
+    try:
+        if kind == "npz":
+            with np.load(path, allow_pickle=False) as data:
+                if "points" in data:
+                    return np.asarray(data["points"], dtype=np.float64).reshape(-1, 3)
+                return np.column_stack([np.asarray(data[axis], dtype=np.float64) for axis in "xyz"])
+        with path.open(encoding="utf-8", newline="") as stream:
+            names = next(csv.reader(stream), [])
+            columns = [names.index(axis) for axis in "xyz"]
+            return np.loadtxt(stream, delimiter=",", usecols=columns, ndmin=2)
+    except FileNotFoundError as error:
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from error
+    except Exception as error:  # not an archive, no such column, not numbers
+        raise IsfError(
+            ErrorCode.FILE_SYNTAX,
+            f"holds no points: {error}",
+            where=str(path),
+            advice="x, y and z in m, as isf bag tables writes the topic scan; or points (N, 3)",
+        ) from error
+
+
+def _has_facets(path: Path) -> bool:
+    head = path.read_bytes()[:4000].split(b"end_header")[0]
+    return any(line.split()[:2] == [b"element", b"face"] and line.split()[2] != b"0" for line in head.splitlines())
+
+
+def _ply_points(path: Path, unit: str | None) -> Array:
+    if unit not in METRES:
+        raise IsfError(
+            ErrorCode.MESH_UNIT_UNKNOWN, "PLY files carry no unit", where=str(path), advice="--unit mm (or m, cm, in)"
+        )
+    try:
+        loaded: Any = trimesh.load(io.BytesIO(path.read_bytes()), file_type="ply")
+        return np.asarray(loaded.vertices, dtype=np.float64) * METRES[unit]
+    except Exception as error:  # a damaged file shows in as many ways as there are bytes
+        raise IsfError(
+            ErrorCode.MESH_UNREADABLE, f"cannot be read: {error}", where=str(path), advice="export the cloud again"
+        ) from error
+
+
+def _moved(motion: Motion) -> dict[str, Any] | None:
+    if motion is NO_MOTION:
+        return None
+    return {
+        "rotation": motion.rotation.tolist(),
+        "angle_deg": float(np.degrees(motion.angle)),
+        "shift_mm": (MM * motion.shift).tolist(),
+    }
+
+
+def _write_points(path: Path, points: Array, found: Distances) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["x_mm", "y_mm", "z_mm", "distance_mm", "beside"])
+        rows = np.column_stack([MM * points, MM * found.signed]).round(6).tolist()
+        writer.writerows([*row, int(beside)] for row, beside in zip(rows, found.beside.tolist(), strict=True))
+
+
+def _show(data: dict[str, Any]) -> None:
+    table = terminal.table_of("", "", "distance")
+    for label, key in (
+        ("mean distance", "mean_mm"),
+        ("mean size", "mean_abs_mm"),
+        ("rms", "rms_mm"),
+        ("95 % within", "p95_abs_mm"),
+        ("largest", "max_abs_mm"),
+    ):
+        table.add_row(label, f"{data[key]:.3f} mm")
+    for band, share in data["within_fraction"].items():
+        table.add_row(f"within {band} mm", f"{100 * share:.1f} %")
+    table.add_row("beside, left out", f"{100 * data['beside_fraction']:.1f} %")
+    terminal.say(
+        f"{data['first']['kind']} {data['first']['path']}, distance from {data['second']['kind']} "
+        f"{data['second']['path']} (positive above it)"
+    )
+    terminal.console.print(table)
+    x, y, z = data["worst_mm"]
+    terminal.say(f"largest at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+    if data["moved"]:
+        shift = ", ".join(f"{value:.3f}" for value in data["moved"]["shift_mm"])
+        terminal.say(f"moved by ({shift}) mm and turned by {data['moved']['angle_deg']:.3f} deg to fit best")
+    terminal.say(f"picture {data['picture']}\ntable   {data['table']}")

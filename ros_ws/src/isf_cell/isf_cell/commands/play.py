@@ -1,0 +1,73 @@
+"""``isf play``: a bag into the ROS graph."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import isf_analysis
+import numpy as np
+from isf_analysis.bag.playback import begin_of_contour
+from isf_core.errors import ErrorCode, IsfError
+
+from isf_cell.commands import terminal
+from isf_cell.processes.executables import checked_remap
+
+
+@dataclass(frozen=True)
+class PlayOptions:
+    """Options of the command: see there; ``contour`` counts from 1."""
+
+    rate: float
+    contour: int | None
+    topics: Sequence[str]
+    remap: Sequence[str]
+    clock: float
+    paused: bool
+    delay: float
+
+
+def play_bag(path: Path, options: PlayOptions, *, as_json: bool) -> None:
+    """Play the bag or run at ``path``; raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, FILE_NOT_FOUND."""
+    if not (math.isfinite(options.rate) and options.rate > 0.0):
+        raise IsfError(ErrorCode.FILE_FIELD, "a rate is positive", where="--rate", advice="1 is as it was recorded")
+    with isf_analysis.open(path) as bag:
+        remap = dict(checked_remap(item).split(":=") for item in options.remap)
+        try:
+            names = [bag[topic].name for topic in options.topics] or [
+                name for name, table in bag.items() if table.messages
+            ]
+            renamed = {bag[old].name: new if new.startswith("/") else f"/{new}" for old, new in remap.items()}
+        except KeyError as error:
+            raise IsfError(
+                ErrorCode.FILE_FIELD, str(error.args[0]), where="--topic, --remap", advice="isf bag info lists them"
+            ) from error
+        begin = begin_of_contour(bag.raw, options.contour - 1) if options.contour else 0
+        connections = [connection for name in names for connection in bag.connections[name]]
+        from isf_cell.run.player import Player, Playing  # late: ROS is not needed to refuse
+
+        playing = Playing(options.rate, begin, renamed, options.delay, options.clock, options.paused)
+        player = Player(bag.raw, connections, playing)
+        try:
+            terminal.say(f"playing {len(names)} topics at rate {options.rate:g}; Ctrl-C ends")
+            played = player.play(lambda count, since: terminal.say(f"  {count} messages, {since:.0f} s"))
+        finally:
+            player.close()
+        notes = list(bag.notes)
+    late = 1e3 * np.array(played.late or [0.0])
+    data = {
+        "messages": played.messages,
+        "seconds": played.seconds,
+        "late_ms": {"median": float(np.median(late)), "p99": float(np.quantile(late, 0.99)), "max": float(late.max())},
+        "notes": notes,
+    }
+    if as_json:
+        terminal.print_json(data)
+    terminal.say(
+        f"played {played.messages} messages in {played.seconds:.1f} s; published {np.median(late):.2f} ms late "
+        f"(99 % below {np.quantile(late, 0.99):.2f} ms)"
+    )
+    for note in notes:
+        terminal.warn(note)

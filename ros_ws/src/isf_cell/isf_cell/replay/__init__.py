@@ -1,0 +1,1 @@
+"""A recorded part fed to the controllers again: what they decide with the same or with other parameters."""

@@ -1,0 +1,280 @@
+"""A whole replay: what was recorded, what was decided again, and what the part would have become; as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_analysis.measures import deviation
+from isf_analysis.measures.force_metrics import force_metrics
+from isf_analysis.measures.record import PartRecord
+from isf_core.contour import ContourCorrection
+from isf_core.errors import IsfError
+from isf_core.types import Array
+
+from isf_cell.replay.correction_replay import replay_corrections
+from isf_cell.replay.differences import Difference, difference
+from isf_cell.replay.force_replay import ForceReplay, replay_force
+from isf_cell.replay.recorded_run import Armed, RecordedRun, Ticks
+from isf_cell.replay.replant import form_again, recorded_config
+from isf_cell.replay.what_if import WhatIf
+from isf_cell.run.part_step import PartStep
+
+LOCKSTEP = "bit for bit"
+BY_CLOCK = "by time of receipt"
+BY_PLANT = "bit for bit, the part formed again"
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Outcome; what could not be done is None.
+
+    Attributes
+    ----------
+    force : answers of force control ; corrections : of the springback method ; again : the part formed again
+    notes : for people
+    """
+
+    run: RecordedRun
+    what_if: WhatIf
+    force: ForceReplay | None
+    corrections: tuple[ContourCorrection, ...] | None
+    again: PartRecord | None
+    notes: tuple[str, ...]
+
+    @property
+    def how(self) -> str:
+        """How decisions were compared; empty: not at all."""
+        if self.force is not None and self.run.ticks is not None:
+            return LOCKSTEP if self.run.ticks.exact else BY_CLOCK
+        return BY_PLANT if self.again is not None else ""
+
+    @property
+    def identical(self) -> bool | None:
+        """True when every decision is the recorded one; None where that cannot be known."""
+        if self.how in ("", BY_CLOCK):
+            return None
+        parts = [part for part in (self.results(), self.corrected()) if part is not None]
+        same = all(part.identical for part in parts)
+        if self.how == LOCKSTEP:
+            distance = self.target_distance()
+            return bool(same and self.force and not self.force.unfed and not self.missing and not distance.any())
+        return same and self._same_shape()
+
+    @property
+    def missing(self) -> int:
+        """Recorded targets that were not replayed, since their wrenches are not in the bag."""
+        return self.run.ticks.missing if self.run.ticks is not None else 0
+
+    def target_distance(self) -> Array:
+        """(n,) m, of the farther tool, between every target that was answered and the recorded one."""
+        ticks, force = self.run.ticks, self.force
+        if ticks is None or force is None or not len(force.tick):
+            return np.empty(0)
+        away = (force.target - ticks.target[force.tick]).reshape(-1, 2, 3)
+        return np.asarray(np.linalg.norm(away, axis=2).max(axis=1))
+
+    def results(self) -> Difference | None:
+        """Of the results of contours."""
+        if self.force is not None:
+            return difference(self.run.part.results, self.force.results)
+        return difference(self.run.part.results, self.again.results) if self.again is not None else None
+
+    def corrected(self) -> Difference | None:
+        """Of the corrections."""
+        found = self.corrections
+        if found is None and self.force is None and self.again is not None:
+            found = self.again.corrections
+        return difference(self.run.part.corrections, found) if found is not None else None
+
+    def moved(self) -> Array:
+        """(C, 3), contour, and largest distance, m, of forming and support tip from the recorded targets at the same
+        points of it; NaN without a support tool."""
+        before = {result.index: result for result in self.run.part.results}
+        rows = []
+        for result in self.force.results if self.force is not None else ():
+            recorded = before[result.index]
+            pairs = (
+                (recorded.forming_target, result.forming_target),
+                (recorded.support_target, result.support_target),
+            )
+            rows.append([float(result.index), *(_farthest(one, other) for one, other in pairs)])
+        return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+    def _same_shape(self) -> bool:
+        one, other = self.run.part.scan, self.again.scan if self.again is not None else None
+        if one is None or other is None:
+            return one is other
+        return bool(np.array_equal(one.z, other.z, equal_nan=True))
+
+    def numbers(self) -> dict[str, Any]:
+        """For ``--json``; lengths in mm or um, forces in N."""
+        part, distance = self.run.part, self.target_distance()
+        data: dict[str, Any] = {
+            "bag": str(self.run.path),
+            "job": part.job_name,
+            "what_if": dict(self.what_if.given),
+            "identical": self.identical,
+            "compared": {"how": self.how, "contours": len(part.results)},
+            "targets": None,
+            "moved": None,
+            "results": _of_difference(self.results()),
+            "corrections": _of_difference(self.corrected()),
+            "prediction": None,
+            "notes": list(self.notes),
+        }
+        if self.force is not None:
+            differing = distance > 0.0
+            first = int(self.force.contour[np.argmax(differing)]) if differing.any() else None
+            data["targets"] = {
+                "compared": len(distance),
+                "differing": int(differing.sum()),
+                "not_replayed": self.force.unfed + self.missing,
+                "largest_um": 1e6 * float(distance.max(initial=0.0)),
+                "rms_um": 1e6 * float(np.sqrt(np.mean(distance**2))) if len(distance) else None,
+                "first_contour": first,
+            }
+            away = 1e6 * self.moved()
+            data["moved"] = {
+                "forming_tip_largest_um": _largest(away[:, 1]),
+                "support_tip_largest_um": _largest(away[:, 2]),
+                "contours": len(away),
+            }
+        if self.corrections is not None:
+            data["corrections"]["largest_mm"] = 1e3 * largest_change(part.corrections, self.corrections)
+        if self.again is not None and (self.what_if or self.force is not None):
+            data["prediction"] = {"recorded": part_numbers(part), "what_if": part_numbers(self.again)}
+        return data
+
+
+def replay(
+    run: RecordedRun,
+    what_if: WhatIf,
+    *,
+    base: Path | None = None,
+    replant: bool | None = None,
+    phase: Callable[[str], None] = lambda _: None,
+    formed: Callable[[PartStep], None] | None = None,
+) -> Replay:
+    """Replay ``run`` with the changes ``what_if``.
+
+    ``replant`` : form the part again on the simulated machine; None: where it is simulated, its sheet is the fast one,
+    and there is a change to try or nothing else to compare. ``base`` : folder that the job's paths refer to.
+
+    Raises
+    ------
+    IsfError : the job, its rig or its material cannot be used; a change is refused
+    """
+    part = run.part
+    notes = list(part.notes)
+    fast = run.simulated and part.sheet.get("model", "fast") == "fast"
+    wanted = fast and (bool(what_if) or run.ticks is None) if replant is None else replant
+    if replant is None and not wanted and run.simulated and what_if:
+        notes.append("the part was not formed again: its elasto-plastic sheet takes minutes; --replant does it")
+    job_file = run.job_file(base, what_if.job_text(part.job_text))
+    config = what_if.control(recorded_config(run, base, job_file))
+
+    def count(what: str) -> Callable[[int, int], None]:
+        return lambda done, of: phase(f"{what}: contour {done} of {of}")
+
+    force = None
+    if what_if.changes_set_point:
+        notes.append(
+            "with another set-point the recorded forces are an error that never goes away: what force control would do "
+            "with them says nothing"
+        )
+    elif run.ticks is not None and part.corrected:
+        armed = run.armed or _armed(run.ticks, part, config)
+        if run.armed is None:
+            notes.append("recorded without force_ctrl/armed: parameters of force control are those of the job")
+        phase("force control")
+        force = replay_force(run.ticks, armed, part.corrected, part.results, job_file, config, count("force control"))
+        notes += force.notes
+        if not run.ticks.exact:
+            notes.append(
+                "formed by the clock: which wrench a tick used is not recorded, so nothing is the same bit by bit"
+            )
+    corrections = None
+    if run.ticks is not None and part.corrections:
+        phase("springback")
+        method = what_if.method or part.correction
+        corrections = replay_corrections(run, job_file, method, count("springback"))
+    again = None
+    if wanted:
+        phase("forming the part again")
+        again = form_again(run, what_if, base, progress=formed)
+    return Replay(run, what_if, force, corrections, again, tuple(dict.fromkeys(notes)))
+
+
+def _armed(ticks: Ticks, part: PartRecord, config: Any) -> Armed:
+    """Of a bag that does not tell: the tools where the machine reported them first."""
+    tips = []
+    for tool in (1, 2):
+        of_tool = ticks.pose[ticks.pose[:, 0] == tool]
+        sign = 1.0 if tool == 1 else -1.0
+        tips.append(tuple(of_tool[0, 1:].tolist()) if len(of_tool) else (0.0, 0.0, sign * config.park_height))
+    first = part.nominal[0].index if part.nominal else 0
+    return Armed(config, first, part.planned, tips[0], tips[1], None)
+
+
+def part_numbers(part: PartRecord) -> dict[str, Any]:
+    """Force and shape of a part."""
+    force = force_metrics(part.results, part.control_rate)
+    data: dict[str, Any] = {
+        "contours": part.formed,
+        "force_error_rms_N": force.rms_error if force else None,
+        "force_error_max_N": force.max_abs_error if force else None,
+        "within_10N_fraction": force.within_band if force else None,
+        "contact_fraction": force.contact_fraction if force else None,
+        "forming_time_s": part.results[-1].end - part.results[0].start if part.results else None,
+        "backoffs": sum(result.backoffs for result in part.results),
+        "events": len(part.events),
+        "error_mean_mm": None,
+        "error_max_mm": None,
+        "within_0_3mm_fraction": None,
+    }
+    if part.scan is not None and part.target is not None:
+        try:
+            shape = deviation.compare(part.scan, part.target)
+        except IsfError:  # nothing in common, or nothing formed
+            return data
+        data["error_mean_mm"] = 1e3 * shape.whole.mean_abs
+        data["error_max_mm"] = 1e3 * shape.whole.max_abs
+        data["within_0_3mm_fraction"] = shape.within()
+    return data
+
+
+def largest_change(recorded: tuple[ContourCorrection, ...], again: tuple[ContourCorrection, ...]) -> float:
+    """m, by which a correction differs most from the recorded one."""
+    before = {item.index: item for item in recorded}
+    sizes = [
+        float(np.linalg.norm(item.offset - before[item.index].offset, axis=1).max(initial=0.0))
+        for item in again
+        if item.index in before and item.offset.shape == before[item.index].offset.shape
+    ]
+    return max(sizes, default=0.0)
+
+
+def _farthest(one: Array, other: Array) -> float:
+    if one.shape != other.shape or not len(one):
+        return float("nan")
+    return _largest(np.linalg.norm(one - other, axis=1))
+
+
+def _largest(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.max()) if len(known) else float("nan")
+
+
+def _of_difference(found: Difference | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "compared": found.compared,
+        "differing_fields": found.differing,
+        "first_contour": found.first,
+        "in_one_alone": found.missing,
+    }

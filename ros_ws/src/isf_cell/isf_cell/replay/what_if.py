@@ -1,0 +1,166 @@
+"""Other parameters for a recorded part, named as in the job and among the parameters of force control.
+
+``control.compliance_compensation=0.5``, ``springback.gain=0.8``: a field of the job, with its unit.
+``force.loop_gain=36`` (``force_ctrl.loop_gain`` as well): a parameter of force control, SI; ``force.integral_gain=80``:
+the gain of its integrator K_i in um/(N s), in the terms of Ren 2018, 2.3.3, which is the loop gain over the contact
+stiffness. What the plan is made from cannot be changed: the contours are those that were recorded.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import yaml
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import SpringbackSpec
+from isf_force_ctrl.control_config import ControlConfig
+
+OF_JOB = (
+    "control.compliance_compensation",
+    "control.components",
+    "control.support_compensation",
+    "control.support_force",
+    "control.tangential_force",
+    "control.vertical_force",
+    *(f"springback.{name}" for name in SpringbackSpec.model_fields if not name.startswith(("scan_", "lift_"))),
+)
+"""Fields of the job that do not change the plan, nor what is measured between contours."""
+
+SET_POINTS = (
+    "control.components",
+    "control.support_force",
+    "control.tangential_force",
+    "control.vertical_force",
+)
+"""Those among them that are, or decide, the force to be held."""
+
+_NOT_FREE = ("rate", "travel", "support_force", "runs_on", "park_height", "aside", "ball_reach")
+"""Parameters of force control that are not the controller's to choose."""
+
+OF_FORCE = tuple(item.name for item in fields(ControlConfig) if item.name not in _NOT_FREE)
+INTEGRAL_GAIN = "integral_gain"
+MICRO = 1e-6
+
+
+@dataclass(frozen=True)
+class WhatIf:
+    """Changes of a run.
+
+    Attributes
+    ----------
+    given : values by name, as they were given
+    of_job : values by field of the job (``springback.gain``)
+    of_force : values by parameter of force control
+    """
+
+    given: Mapping[str, str]
+    of_job: Mapping[str, Any]
+    of_force: Mapping[str, Any]
+
+    def __bool__(self) -> bool:
+        return bool(self.given)
+
+    @property
+    def method(self) -> str | None:
+        """Springback method, None: as recorded."""
+        return self.of_job.get("springback.method")
+
+    @property
+    def changes_set_point(self) -> bool:
+        """True when the force that is to be held is another one."""
+        return any(name in self.of_job for name in SET_POINTS)
+
+    def job_text(self, text: str) -> str:
+        """The job ``text`` (YAML) with the changes of its fields."""
+        if not self.of_job:
+            return text
+        data = yaml.safe_load(text)
+        for name, value in self.of_job.items():
+            *sections, field = name.split(".")
+            place = data
+            for section in sections:
+                place = place.setdefault(section, {})
+            place[field] = value
+        return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+
+    def control(self, config: ControlConfig) -> ControlConfig:
+        """``config`` with the changes of force control; raises IsfError UNSTABLE_GAIN, FILE_FIELD."""
+        values = dict(self.of_force)
+        if INTEGRAL_GAIN in values:
+            values["loop_gain"] = values.pop(INTEGRAL_GAIN) * MICRO * config.contact_stiffness
+        changed = replace(config, **values)
+        changed.check()
+        return changed
+
+
+def parse(changes: Sequence[str]) -> WhatIf:
+    """Of texts "NAME=VALUE".
+
+    Raises
+    ------
+    IsfError : FILE_FIELD, no such name, or no value
+    """
+    given: dict[str, str] = {}
+    of_job: dict[str, Any] = {}
+    of_force: dict[str, Any] = {}
+    for change in changes:
+        name, sign, text = (part.strip() for part in change.partition("="))
+        if not sign or not text:
+            raise _refused(f"'{change}' is not NAME=VALUE", "such as force.integral_gain=80")
+        given[name] = text
+        section, _, field = name.partition(".")
+        if section in ("force", "force_ctrl"):
+            of_force[_parameter(field, name)] = _number(field, text)
+        elif name == "control.support_force" and text == "auto":
+            raise _refused(f"{name}: the plan chooses by wall angle", "a force, such as 120 N")
+        elif _of_job(name):
+            of_job[name] = yaml.safe_load(text)
+        else:
+            known = [*OF_JOB, *(f"force.{item}" for item in (*OF_FORCE, INTEGRAL_GAIN))]
+            near = difflib.get_close_matches(name, known, n=2)
+            advice = (
+                f"did you mean {' or '.join(near)}?"
+                if near
+                else "fields of the job's control and springback, force.NAME"
+            )
+            what = (
+                "the plan, or what was measured, would be another one" if section in _SECTIONS else "no such parameter"
+            )
+            raise _refused(f"{name}: {what}", advice)
+    return WhatIf(given, of_job, of_force)
+
+
+_SECTIONS = ("part", "sheet", "tool_1", "tool_2", "path", "adsif", "control", "springback", "rig", "process", "die")
+
+
+def _of_job(name: str) -> bool:
+    """A field that may be changed, or one inside of it (``springback.mpc.horizon``)."""
+    return any(name == known or name.startswith(f"{known}.") for known in OF_JOB)
+
+
+def _parameter(field: str, name: str) -> str:
+    if field in (*OF_FORCE, INTEGRAL_GAIN):
+        return field
+    near = difflib.get_close_matches(field, (*OF_FORCE, INTEGRAL_GAIN), n=2, cutoff=0.5)
+    raise _refused(f"{name}: force control has no such parameter", f"did you mean {' or '.join(near)}?" if near else "")
+
+
+def _number(field: str, text: str) -> Any:
+    """Value of the type that the parameter has."""
+    kind = type(getattr(ControlConfig, field, 0.0))
+    value = yaml.safe_load(text)
+    try:
+        if kind is bool:
+            if not isinstance(value, bool):
+                raise ValueError(text)
+            return value
+        return tuple(map(float, value)) if isinstance(value, list) else float(value)
+    except (TypeError, ValueError) as error:
+        raise _refused(f"force.{field}: '{text}' is not a number in SI units", "such as force.loop_gain=36") from error
+
+
+def _refused(what: str, advice: str) -> IsfError:
+    return IsfError(ErrorCode.FILE_FIELD, what, where="--what-if", advice=advice)

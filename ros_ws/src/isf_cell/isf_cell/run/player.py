@@ -1,0 +1,248 @@
+"""A bag played into the ROS graph: its messages as they were recorded, at their times, at any rate.
+
+Messages are published as the bytes they were received as; nothing is taken apart. Publishers have the quality of
+service that was recorded, so that latched topics are latched again. While it plays, ``player/pause``
+(std_srvs/SetBool) holds it and ``player/step`` (std_srvs/Trigger) plays one more message.
+"""
+
+from __future__ import annotations
+
+import importlib
+import queue
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import rclpy
+from isf_analysis.bag import playback
+from isf_analysis.bag.open_bag import OpenBag
+from isf_analysis.bag.playback import Recorded
+from isf_core.errors import ErrorCode, IsfError
+from isf_ros import stamps
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rosbags.interfaces import Connection, QosDurability, QosReliability
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool, Trigger
+
+CLOCK = "/clock"
+DEPTH = 1000
+"""Messages of a reliable topic that are kept until they are acknowledged."""
+
+AHEAD = 20_000
+"""Messages that are read before they are due."""
+
+SWITCH = 2e-4
+"""s after which the reading thread lets the playing one go on."""
+
+LOOK = 0.02
+"""s between two looks at whether a pause has ended."""
+
+
+@dataclass
+class Playing:
+    """What is to be played.
+
+    Attributes
+    ----------
+    rate : of time; 2: twice as fast
+    begin : ns since 1970, messages before are left out but for the last one of latched topics
+    remap : topic to the name that it is published by
+    delay : s before the first message, for subscribers to find the publishers
+    clock : Hz of ``/clock`` with the time of the recording; 0: none but a recorded one
+    paused : at the first message
+    """
+
+    rate: float = 1.0
+    begin: int = 0
+    remap: Mapping[str, str] = field(default_factory=dict)
+    delay: float = 1.0
+    clock: float = 0.0
+    paused: bool = False
+
+
+@dataclass
+class Played:
+    """What was played: ``messages``, ``seconds`` of wall time, and how late each was published, s."""
+
+    messages: int = 0
+    seconds: float = 0.0
+    late: list[float] = field(default_factory=list)
+
+
+class Player:
+    """A node that plays; :meth:`close` it."""
+
+    def __init__(self, bag: OpenBag, connections: Sequence[Connection], playing: Playing) -> None:
+        """Raises IsfError FILE_NOT_FOUND for message types that are not installed."""
+        self._bag, self._connections, self._playing = bag, list(connections), playing
+        kinds = {connection.msgtype: _message_class(connection.msgtype) for connection in connections}
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("player")
+        self._publishers = {
+            connection.id: self._node.create_publisher(
+                kinds[connection.msgtype], playing.remap.get(connection.topic, connection.topic), _profile(connection)
+            )
+            for connection in connections
+        }
+        recorded = any(connection.topic == CLOCK for connection in connections)
+        self._clock = self._node.create_publisher(Clock, CLOCK, 10) if playing.clock and not recorded else None
+        self._steps = 0
+        self._paused = playing.paused
+        self._held = 0.0
+        self._node.create_service(SetBool, "player/pause", self._on_pause)
+        self._node.create_service(Trigger, "player/step", self._on_step)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._executor.spin, name="player services", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._thread.join()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def play(self, progress: Callable[[int, float], None] = lambda *_: None) -> Played:
+        """Play to the end; ``progress`` is told messages and s of the recording once a second."""
+        playing, played = self._playing, Played()
+        for message in playback.latched_before(self._bag, self._connections, playing.begin):
+            self._publishers[message.connection.id].publish(message.data)
+            played.messages += 1
+        messages = _read_ahead(playback.in_order(self._bag, self._connections, playing.begin))
+        time.sleep(playing.delay)  # subscribers find publishers in their own time
+        begun, first, told, ticked = time.monotonic(), None, 0.0, -1
+        for message in messages:
+            first = message.time if first is None else first
+            since = (message.time - first) * 1e-9
+            self._wait_for_step()
+            due = begun + self._held + since / playing.rate
+            ticked = self._tick(first, due, since, ticked)
+            left = due - time.monotonic()
+            if left > 0.0:
+                time.sleep(left)
+            self._publishers[message.connection.id].publish(message.data)
+            played.late.append(time.monotonic() - due)
+            played.messages += 1
+            if time.monotonic() - told > 1.0:
+                told = time.monotonic()
+                progress(played.messages, since)
+        played.seconds = time.monotonic() - begun
+        self._wait_for_acknowledgement()
+        return played
+
+    def _tick(self, first: int, due: float, since: float, ticked: int) -> int:
+        """Publish the clock up to ``since`` s of the recording, which is ``due`` then; the number of the last tick."""
+        if self._clock is None:
+            return ticked
+        period = 1.0 / self._playing.clock
+        while (ticked + 1) * period <= since * (1 + 1e-12):
+            ticked += 1
+            left = due - (since - ticked * period) / self._playing.rate - time.monotonic()
+            if left > 0.0:
+                time.sleep(left)
+            self._clock.publish(Clock(clock=stamps.to_stamp(first + round(ticked * period * stamps.NANO))))
+        return ticked
+
+    def _wait_for_step(self) -> None:
+        if not self._paused:
+            return
+        since = time.monotonic()
+        while self._paused and not self._steps:
+            time.sleep(LOOK)  # held by an operator
+        if self._steps:
+            self._steps -= 1
+        self._held += time.monotonic() - since
+
+    def _wait_for_acknowledgement(self) -> None:
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=2.0))
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._paused = bool(request.data)
+        response.success = True
+        response.message = "paused" if request.data else "playing"
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._paused
+        response.message = "" if self._paused else "not paused"
+        if self._paused:
+            self._steps += 1
+        return response
+
+
+def _read_ahead(messages: Iterator[Recorded]) -> Iterator[Recorded]:
+    """The same ``messages``, read by a thread of their own up to :data:`AHEAD` before they are due: taking a chunk of a
+    bag apart takes longer than two messages are apart."""
+    waiting: queue.Queue[Recorded | Exception | None] = queue.Queue(AHEAD)
+    ended = threading.Event()
+
+    def put(item: Recorded | Exception | None) -> None:
+        while not ended.is_set():
+            try:
+                waiting.put(item, timeout=0.5)
+                return
+            except queue.Full:
+                continue
+
+    def read() -> None:
+        try:
+            for message in messages:
+                if ended.is_set():
+                    return
+                put(message)
+            put(None)
+        except Exception as error:  # raised where it is waited for
+            put(error)
+
+    def given() -> Iterator[Recorded]:
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH)
+        try:
+            while (item := waiting.get()) is not None:
+                if isinstance(item, Exception):
+                    raise item
+                yield item
+        finally:
+            ended.set()
+            reader.join()
+            sys.setswitchinterval(interval)
+
+    reader = threading.Thread(target=read, name="bag reader", daemon=True)
+    reader.start()
+    return given()
+
+
+def _message_class(name: str) -> Any:
+    package, folder, kind = name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{folder}"), kind)
+    except (ImportError, AttributeError) as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_FOUND,
+            f"the messages of {name} are not installed",
+            where=name,
+            advice="install the package, or choose other topics: --topic NAME",
+        ) from error
+
+
+def _profile(connection: Connection) -> QoSProfile:
+    """As the topic was offered; depths of streams are raised, since a player may be ahead of its subscribers."""
+    offered = getattr(connection.ext, "offered_qos_profiles", [])
+    latched = any(profile.durability == QosDurability.TRANSIENT_LOCAL for profile in offered)
+    best_effort = bool(offered) and all(profile.reliability == QosReliability.BEST_EFFORT for profile in offered)
+    depth = max((profile.depth for profile in offered), default=10)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=max(1, depth) if latched or best_effort else DEPTH,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )

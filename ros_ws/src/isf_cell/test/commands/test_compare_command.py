@@ -1,0 +1,100 @@
+"""``isf compare`` of what a user has: runs, CAD, jobs, clouds; and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from isf_analysis.bag.bag_writer import write_bag
+from isf_cell.commands.compare import compare_shapes, load_shape
+from isf_core.errors import ErrorCode, IsfError
+from synthetic_part import make_part
+
+PARTS = Path(__file__).resolve().parents[5] / "examples" / "parts"
+JOBS = PARTS.parent / "jobs"
+PART = make_part(contours=2, spacing=5e-3, points=12)
+LIFT = 0.25e-3
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two runs, the scan of the second one a quarter of a millimetre higher."""
+    folder = tmp_path_factory.mktemp("runs")
+    assert PART.scan is not None
+    write_bag(PART, folder / "first")
+    write_bag(replace(PART, scan=replace(PART.scan, z=PART.scan.z + LIFT)), folder / "second")
+    return folder
+
+
+def compared(capsys: pytest.CaptureFixture[str], *arguments: Any) -> dict[str, Any]:
+    first, second, unit, align, output = arguments
+    compare_shapes(first, second, unit, align, (0.1, 0.3), output, as_json=True)
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def test_two_runs(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = compared(capsys, runs / "second", runs / "first", None, "clamp", tmp_path / "out")
+    assert 0.6 * 1e3 * LIFT < data["mean_mm"] <= 1e3 * LIFT  # along the normal: less on the wall
+    assert data["max_abs_mm"] == pytest.approx(1e3 * LIFT, rel=0.02)
+    assert data["within_fraction"]["0.3"] == 1.0
+    assert (tmp_path / "out" / "compare.png").stat().st_size > 20_000
+    assert len((tmp_path / "out" / "distances.csv").read_text().splitlines()) == 1 + 51 * 51
+    fitted = compared(capsys, runs / "second", runs / "first", None, "fit", tmp_path / "fit")
+    assert fitted["max_abs_mm"] < 0.01
+    assert fitted["moved"]["shift_mm"][2] == pytest.approx(-1e3 * LIFT, abs=0.005)
+
+
+def test_clouds_as_the_tables_of_a_bag_have_them(runs: Path, tmp_path: Path) -> None:
+    assert PART.scan is not None
+    points = PART.scan.points()
+    np.savez(tmp_path / "scan.npz", **dict(zip("xyz", points.T, strict=True)))
+    rows = "\n".join(",".join(map(repr, [0, *point])) for point in points.tolist())
+    (tmp_path / "scan.csv").write_text(f"received,x,y,z\n{rows}\n")
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n" + "".join(f"property float {a}\n" for a in "xyz")
+    body = "\n".join(" ".join(f"{1e3 * value:.6f}" for value in point) for point in points.tolist())
+    (tmp_path / "scan.ply").write_text(f"{head}end_header\n{body}\n")
+    wanted = load_shape(runs / "first", None)
+    for name in ("scan.npz", "scan.csv", "scan.ply"):
+        cloud = load_shape(tmp_path / name, "mm")
+        np.testing.assert_allclose(cloud.points, wanted.points, atol=1e-9)
+        assert np.abs(wanted.surface.distances(cloud.points).signed).max() < 1e-8
+        assert np.abs(cloud.surface.distances(wanted.points[::50]).signed).max() < 1e-8
+
+
+def test_cad_and_the_job_that_places_it_are_the_same_shape() -> None:
+    cad, placed = load_shape(PARTS / "mini_cone.stl", "mm"), load_shape(JOBS / "mini_cone.yaml", None)
+    assert np.abs(placed.surface.distances(cad.points[::25]).signed).max() < 5e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "code"),
+    [
+        ("scan.npz", b"no archive", ErrorCode.FILE_SYNTAX),
+        ("scan.csv", b"a,b\n1,2\n", ErrorCode.FILE_SYNTAX),
+        ("flat.csv", b"x,y,z\n0,0,0\n1,1,1\n", ErrorCode.SCAN_INCOMPLETE),
+        ("shape.txt", b"?", ErrorCode.MESH_UNREADABLE),
+        ("cad.stl", b"", ErrorCode.MESH_EMPTY),
+        ("cloud.ply", b"ply\nend_header\n", ErrorCode.MESH_UNREADABLE),
+    ],
+)
+def test_what_is_no_shape_is_refused_with_a_code(name: str, content: bytes, code: ErrorCode, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(IsfError) as caught:
+        load_shape(tmp_path / name, "mm")
+    assert caught.value.code == code
+    assert caught.value.advice
+
+
+def test_what_makes_no_sense_is_refused(runs: Path, tmp_path: Path) -> None:
+    first = runs / "first"
+    for align, tolerances in (("best", (0.1,)), ("clamp", (-1.0,)), ("clamp", (float("nan"),))):
+        with pytest.raises(IsfError) as caught:
+            compare_shapes(first, first, None, align, tolerances, tmp_path / "out", as_json=False)
+        assert caught.value.code == ErrorCode.FILE_FIELD
+    with pytest.raises(IsfError) as caught:
+        load_shape(PARTS / "mini_cone.stl", None)
+    assert caught.value.code == ErrorCode.MESH_UNIT_UNKNOWN

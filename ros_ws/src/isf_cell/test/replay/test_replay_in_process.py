@@ -1,0 +1,109 @@
+"""Parts formed in process and replayed: formed again to the last bit, or with other parameters.
+
+Bags of the node graph, with every target: tests/graph/test_whole_part.py and test_measurements_in_graph.py.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_analysis.bag.bag_writer import write_bag
+from isf_analysis.measures.force_metrics import force_metrics
+from isf_analysis.measures.record import PartRecord
+from isf_cell import in_process
+from isf_cell.commands.replay import replay_run
+from isf_cell.options import RunOptions
+from isf_cell.replay.outcome import replay
+from isf_cell.replay.recorded_run import read_run
+from isf_cell.replay.what_if import parse
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
+from quick_cone import CONTOURS, FOLDER, quick_cone
+
+GAIN = "force.loop_gain=10"
+
+
+@pytest.fixture(scope="module")
+def job() -> JobFile:
+    return quick_cone("method: fused\n  scan_every: 2")
+
+
+@pytest.fixture(scope="module")
+def part(job: JobFile) -> PartRecord:
+    return in_process.form(job, RunOptions(seed=7, variant=21))
+
+
+@pytest.fixture(scope="module")
+def run(part: PartRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    write_bag(part, folder / "bag")
+    return folder
+
+
+def test_a_simulated_part_is_formed_again_to_the_last_bit(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    replay_run(run, [], None, None, None, as_json=True)
+    data = json.loads(capsys.readouterr().out)
+    assert data["identical"] is True
+    assert data["results"] == {"compared": CONTOURS, "differing_fields": {}, "first_contour": None, "in_one_alone": 0}
+    assert data["corrections"]["differing_fields"] == {}
+
+
+def test_a_record_that_was_changed_is_not_identical(part: PartRecord, tmp_path: Path) -> None:
+    """One number of one contour, in the last bit."""
+    offset = part.corrections[1].offset.copy()
+    offset[5, 2] = np.nextafter(offset[5, 2], 1.0)
+    corrections = (part.corrections[0], replace(part.corrections[1], offset=offset), *part.corrections[2:])
+    write_bag(replace(part, corrections=corrections), tmp_path / "bag")
+    found = replay(read_run(tmp_path), parse([]))
+    assert found.identical is False
+    numbers = found.numbers()
+    assert numbers["corrections"]["first_contour"] == 1
+    assert set(numbers["corrections"]["differing_fields"]) == {"offset"}
+    assert 0.0 < numbers["corrections"]["differing_fields"]["offset"] < 1e-15
+
+
+def test_what_a_gain_would_do_is_what_it_does(
+    run: Path, job: JobFile, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The force of the prediction against really forming with that gain: within 15 %, and here the same number."""
+    replay_run(run, [GAIN], tmp_path / "out", None, None, as_json=True)
+    data = json.loads(capsys.readouterr().out)
+    formed = force_metrics(
+        in_process.form(job, RunOptions(seed=7, variant=21), control={"loop_gain": 10.0}).results, 100.0
+    )
+    assert formed is not None
+    predicted, recorded = (data["prediction"][which]["force_error_rms_N"] for which in ("what_if", "recorded"))
+    assert predicted == pytest.approx(formed.rms_error, rel=1e-9)
+    assert predicted > 1.1 * recorded  # a slower loop holds the force worse
+    assert (tmp_path / "out" / "replay.png").stat().st_size > 20_000
+    assert json.loads((tmp_path / "out" / "replay.json").read_text())["what_if"] == {"force.loop_gain": "10"}
+    assert len((tmp_path / "out" / "contours.csv").read_text().splitlines()) == CONTOURS + 1
+
+
+def test_a_real_part_is_not_formed_again(part: PartRecord, tmp_path: Path) -> None:
+    write_bag(replace(part, variant=-1, sheet={}), tmp_path / "bag")
+    found = replay(read_run(tmp_path), parse([GAIN]))
+    assert found.again is None
+    assert found.identical is None
+    with pytest.raises(IsfError, match="real machine") as caught:
+        replay(read_run(tmp_path), parse([GAIN]), replant=True)
+    assert caught.value.code == ErrorCode.FILE_FIELD
+
+
+def test_a_job_whose_files_are_elsewhere_needs_their_folder(part: PartRecord, tmp_path: Path) -> None:
+    text = part.job_text.replace("rig: ren2018", "rig: own_rig.yaml")
+    assert text != part.job_text
+    write_bag(replace(part, job_text=text, base_folder="/nowhere"), tmp_path / "bag")
+    with pytest.raises(IsfError, match="--base DIR") as caught:
+        read_run(tmp_path).job_file()
+    assert caught.value.code == ErrorCode.FILE_NOT_FOUND
+    (tmp_path / "own_rig.yaml").write_text("based_on: ren2018\nname: own_rig\n")
+    assert read_run(tmp_path).job_file(tmp_path).rig.name == "own_rig"
+
+
+def test_the_folder_of_the_job_is_recorded(run: Path) -> None:
+    assert Path(read_run(run).part.base_folder) == FOLDER

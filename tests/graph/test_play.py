@@ -1,0 +1,128 @@
+"""``isf play`` in a process of its own, heard over real DDS: the messages that were recorded, latched ones first."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import forked_process
+import pytest
+import rclpy
+from isf_analysis.bag import playback
+from isf_analysis.bag.bag_writer import write_bag
+from isf_analysis.bag.open_bag import open_bag
+from isf_cell.commands.exit_codes import Exit
+from isf_cell.commands.play import PlayOptions, play_bag
+from isf_core.errors import ErrorCode, IsfError
+from isf_msgs.msg import Contour, ContourResult, JobInfo
+from isf_ros import qos
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool, Trigger
+from synthetic_part import make_part
+
+CONTOURS = 4
+PART = replace(make_part(contours=CONTOURS, spacing=10e-3, points=12), wall_time=1.5)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bag(PART, tmp_path_factory.mktemp("played") / "bag", end=1_000_000_000_000)
+
+
+def test_messages_come_in_the_order_of_receipt(bag: Path) -> None:
+    with open_bag(bag) as found:
+        played = list(playback.in_order(found, found.connections))
+        assert [item.time for item in played] == sorted(item.time for item in played)
+        assert len(played) == found.reader.message_count
+        begin = playback.begin_of_contour(found, 2)
+        assert all(item.time >= begin for item in playback.in_order(found, found.connections, begin))
+        before = {item.connection.topic for item in playback.latched_before(found, found.connections, begin)}
+        assert before == {"/part/info", "/part/target", "/contour/nominal", "/contour/corrected"}
+        with pytest.raises(IsfError, match=r"contours 1 to 4") as caught:
+            playback.begin_of_contour(found, 9)
+        assert caught.value.code == ErrorCode.BAG_INCOMPLETE
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"rate": 0.0}, ErrorCode.FILE_FIELD),
+        ({"topics": ("nothing",)}, ErrorCode.FILE_FIELD),
+        ({"remap": ("a=b",)}, ErrorCode.FILE_FIELD),
+        ({"contour": 99}, ErrorCode.BAG_INCOMPLETE),
+    ],
+)
+def test_what_cannot_be_played_is_refused(changes: dict[str, Any], code: ErrorCode, bag: Path) -> None:
+    with pytest.raises(IsfError) as caught:
+        play_bag(bag, replace(PlayOptions(1.0, None, (), (), 0.0, False, 0.0), **changes), as_json=False)
+    assert caught.value.code == code
+
+
+@pytest.mark.graph
+def test_a_bag_is_heard_as_it_was_recorded(bag: Path) -> None:
+    """From the third contour, paused, one step, then the rest; results under another name; the clock besides."""
+    command = [sys.executable, "-m", "isf_cell.cli", "play", str(bag), "--from", "3", "--paused", "--rate", "2"]
+    command += ["-r", "contour/result:=again/result", "--clock", "50", "--delay", "0", "--json"]
+    rclpy.init()
+    node = rclpy.create_node("listener")
+    heard: dict[str, list[bytes]] = {name: [] for name in ("info", "nominal", "result", "clock")}
+    kinds = {
+        "info": (JobInfo, "/part/info", qos.LATCHED),
+        "nominal": (Contour, "/contour/nominal", qos.LATCHED),
+        "result": (ContourResult, "/again/result", qos.EVENT),
+        "clock": (Clock, "/clock", qos.SENSOR),
+    }
+    for name, (kind, topic, profile) in kinds.items():
+        node.create_subscription(kind, topic, heard[name].append, profile, raw=True)
+    pause, step = node.create_client(SetBool, "player/pause"), node.create_client(Trigger, "player/step")
+    process = forked_process.start(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def until(condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + 120
+        while not condition():
+            rclpy.spin_once(node, timeout_sec=0.1)
+            assert time.monotonic() < deadline, {name: len(items) for name, items in heard.items()}
+            assert process.poll() in (None, 0), process.communicate(10)
+
+    def last_index(name: str) -> int:
+        return int(deserialize_message(heard[name][-1], kinds[name][0]).index) if heard[name] else -1
+
+    try:
+        until(
+            lambda: pause.service_is_ready() and step.service_is_ready() and node.count_publishers("/again/result") > 0
+        )
+        until(lambda: bool(heard["info"] and heard["nominal"]))  # latched before the third contour, while it waits
+        assert deserialize_message(heard["nominal"][0], Contour).index == 1
+        assert not heard["result"]
+        stepped = step.call_async(Trigger.Request())
+        until(stepped.done)
+        assert stepped.result().success
+        going = pause.call_async(SetBool.Request(data=False))
+        until(going.done)
+        until(lambda: all(last_index(name) == CONTOURS - 1 for name in ("nominal", "result")))
+        out, err = process.communicate(60)
+    finally:
+        process.kill()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    assert process.poll() == Exit.OK, err
+    assert json.loads(out)["messages"] > 8
+    for name, (kind, topic, _) in kinds.items():
+        if name != "clock":  # the middleware pads what it sends: messages are compared, and the last ones all came
+            recorded = [deserialize_message(item, kind) for item in _recorded(bag, topic.replace("again", "contour"))]
+            again = [deserialize_message(item, kind) for item in heard[name]]
+            assert again[-1] == recorded[-1]
+            assert all(message in recorded for message in again)
+    assert heard["clock"]
+
+
+def _recorded(bag: Path, topic: str) -> list[bytes]:
+    with open_bag(bag) as found:
+        return [item.data for item in playback.in_order(found, found.connections) if item.connection.topic == topic]
