@@ -32,8 +32,6 @@ from isf_analysis.measures.events import event_of_message
 from isf_analysis.measures.record import PartRecord
 
 NANO = 1_000_000_000
-STAMP_TOLERANCE = 1e-6
-"""s by which the stamp of a scan may lie before the end of the contour it was made after: rounding of stamps."""
 _RECORD_WITH = "record the run with the cell's recorder: ./isf record, ./isf form"
 
 _FIELDS = {
@@ -47,21 +45,22 @@ _FIELDS = {
 Item = TypeVar("Item", Contour, ContourCorrection, ContourResult)
 
 
-def read_bag(path: Path | str) -> PartRecord:
-    """Record of the (last) part in the bag folder or MCAP file ``path``.
+def read_bag(path: Path | str, namespace: str | None = None) -> PartRecord:
+    """Record of the (last) part in the bag folder or MCAP file ``path``; of the cell ``namespace``, None: the only one.
 
     A bag whose recorder was killed is read as far as it was written; ``notes`` of the record tells so.
 
     Raises
     ------
     IsfError : BAG_UNREADABLE (no such bag, damaged beyond reading),
-        BAG_INCOMPLETE (not a bag of a cell, or nothing was formed; names what is missing)
+        BAG_INCOMPLETE (not a bag of a cell, or nothing was formed; names what is missing),
+        FILE_FIELD (it holds several cells, or none of that name)
     """
     path = Path(path)
     with ExitStack() as stack:
         reader, notes = _open(path, stack)
         try:
-            return _read_part(_Messages(reader, path, one_by_one=bool(notes)), path, notes)
+            return _read_part(_Messages(reader, path, namespace, one_by_one=bool(notes)), path, notes)
         except IsfError:
             raise
         except Exception as error:  # a damaged file shows in as many ways as there are bytes
@@ -86,8 +85,8 @@ def _read_part(messages: _Messages, path: Path, notes: tuple[str, ...]) -> PartR
     target_message = _last(messages.of(topics.TARGET))
     target = None if target_message is None else fields.height_map_of(target_message[1])
     scans = [item for item in messages.of(topics.SCAN) if item[0] >= start]
-    formed = max((result.end for result in results), default=math.inf) - STAMP_TOLERANCE
-    final = scan_cloud.final_scans(scans, part.times(topics.NOMINAL), part.times(topics.RESULT), formed)
+    formed = max((result.end for result in results), default=math.inf)
+    final = scan_cloud.final_scans(scans, formed, part.unfinished_since(results), part.last_news())
     last = final[-1:]
     missing = ([] if target else [topics.TARGET.name]) + ([] if last else [_no_scan(len(scans))])
     missing += _gaps(nominal, results)
@@ -143,9 +142,20 @@ class _Part:
         }
         return tuple(found[index] for index in sorted(found))
 
-    def times(self, topic: Topic) -> list[int]:
-        """Receive times (ns since 1970) of the messages of this plan."""
-        return [time for time, item in self.messages.of(topic) if item.plan_id == self.plan_id and time >= self.start]
+    def unfinished_since(self, results: tuple[ContourResult, ...]) -> int:
+        """Receive time (ns since 1970) of the first contour after the last of the ``results``; 0 when there is none."""
+        last = max((result.index for result in results), default=-1)
+        times = [
+            time
+            for time, item in self.messages.of(topics.NOMINAL)
+            if item.plan_id == self.plan_id and time >= self.start and item.index > last
+        ]
+        return min(times, default=0)
+
+    def last_news(self) -> int:
+        """Receive time (ns since 1970) of the last contour or result; 0 when there is none."""
+        news = (item for topic in (topics.NOMINAL, topics.RESULT) for item in self.messages.of(topic))
+        return max((time for time, item in news if item.plan_id == self.plan_id and time >= self.start), default=0)
 
 
 def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -> tuple[ContourScan, ...]:
@@ -153,7 +163,7 @@ def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -
     found: dict[int, ContourScan] = {}
     for _, message in scans:
         time = scan_cloud.stamp_of(message)
-        formed = [result.index for result in results if result.end <= time + STAMP_TOLERANCE]
+        formed = [result.index for result in results if result.end <= time + scan_cloud.SCAN_TOLERANCE]
         if formed:
             found[formed[-1]] = kept_scan(formed[-1], time, scan_cloud.points_of(message))
     return tuple(found[index] for index in sorted(found))
@@ -226,12 +236,12 @@ def _last(items: Iterator[tuple[int, Any]]) -> tuple[int, Any] | None:
 class _Messages:
     """The messages of an open bag by topic; ``one_by_one``: the file has no index, each topic is scanned for."""
 
-    def __init__(self, reader: Reader, path: Path, *, one_by_one: bool) -> None:
+    def __init__(self, reader: Reader, path: Path, namespace: str | None, *, one_by_one: bool) -> None:
         self._reader = reader
         self._path = path
         self._one_by_one = one_by_one
         self._types = _types_of(reader.connections)
-        self._namespace = self._find_namespace()
+        self._namespace = self._find_namespace(namespace)
         self._read: dict[str, list[tuple[int, Any]]] = {}
 
     def of(self, topic: Topic) -> Iterator[tuple[int, Any]]:
@@ -270,11 +280,12 @@ class _Messages:
                 )
         return tuple(notes)
 
-    def _find_namespace(self) -> str:
-        """Namespace of the cell, from the topic that carries the job; the first one when there are several."""
+    def _find_namespace(self, wanted: str | None) -> str:
+        """Namespace of the cell, from the topic that carries the job."""
         ending = f"/{topics.JOB.name}"
-        names = [item.topic for item in self._reader.connections if item.topic.endswith(ending)]
-        if not names:
+        names = {item.topic for item in self._reader.connections if item.topic.endswith(ending)}
+        cells = sorted(name.removesuffix(ending) for name in names)
+        if not cells:
             known = sorted({item.topic for item in self._reader.connections})
             listed = ", ".join(known[:6]) + (" ..." if len(known) > 6 else "")
             raise _incomplete(
@@ -282,7 +293,25 @@ class _Messages:
                 f"is not a bag of a forming cell: no topic {topics.JOB.name} (needed with {topics.NOMINAL.name} and "
                 f"{topics.RESULT.name}); it holds {listed or 'nothing'}",
             )
-        return names[0].removesuffix(ending)
+        listed = ", ".join(cell or "/" for cell in cells)
+        if wanted is not None:
+            asked = "/" + wanted.strip("/") if wanted.strip("/") else ""
+            if asked not in cells:
+                raise IsfError(
+                    ErrorCode.FILE_FIELD,
+                    f"holds no cell '{wanted}'",
+                    where=str(self._path),
+                    advice=f"it holds {listed}",
+                )
+            return asked
+        if len(cells) > 1:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                f"holds {len(cells)} cells: {listed}",
+                where=str(self._path),
+                advice=f"choose one: --namespace {cells[-1]}",
+            )
+        return cells[0]
 
 
 def _types_of(connections: list[Connection]) -> Typestore:
