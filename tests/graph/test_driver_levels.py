@@ -219,7 +219,7 @@ def test_with_scans(cell: Cell) -> None:
 
 
 def test_with_lifecycle_a_second_of_silence_and_its_end_in_mid_part(cell: Cell) -> None:
-    """A process that stands still is waited for; one that has ended is noticed, by the process that it tells."""
+    """A driver that stands still is waited for; one that has ended is noticed."""
     stopped: list[str] = []
 
     def stand_still(feedback: Any) -> None:
