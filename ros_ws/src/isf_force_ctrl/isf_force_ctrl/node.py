@@ -79,6 +79,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._pair = self._receiver.pair
         blind = p.wrench_timeout or PAUSE_AFTER
         self._ready = Readiness(self._timeout, blind, self._receiver.frames)
+        self._grace = self._timeout if p.lockstep else min(self._timeout, PAUSE_AFTER)
         self._delayed, self._patient_until, self._look = False, 0.0, RegularLook(0.5 * self._timeout)
         self._ticks = self._late_before = self._pauses = 0
         self._paused_until = 0.0
@@ -257,8 +258,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
                 controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost), ticking=True)
-            late = self._receiver.late_for() > PAUSE_AFTER
-            self._pause(controller, unknown=not waiting and (late or bool(self._ready.silent(PAUSE_AFTER))))
+            self._pause(controller, "" if waiting else self._unknown())
             blind = self._settings.output == "twist" and not waiting and controller.fault is None
             if blind and (text := self._ready.pose_lost_text()):
                 controller.fail(ErrorCode.POSE_LOST, text, ticking=True)
@@ -270,19 +270,27 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         finally:
             self._lock.release()
 
-    def _pause(self, controller: ForceController, *, unknown: bool) -> None:
+    def _unknown(self) -> str:
+        """Why the forces of this moment are not known; empty: they are."""
+        if silent := self._ready.silent(PAUSE_AFTER):
+            return "nothing on " + " and ".join(f"tool_{k}/wrench" for k in silent) + f" for {PAUSE_AFTER:g} s"
+        late = self._receiver.late_for(self._ready.needed) > PAUSE_AFTER
+        return "the wrenches come too late" if late else ""
+
+    def _pause(self, controller: ForceController, unknown: str) -> None:
         """A driver that is slow, on a busy computer, is waited for: the tools stand while nothing is known, and for
-        PAUSE_AFTER more, so that they are where they should be."""
+        PAUSE_AFTER more, so that they are where they should be. A measurement, which moves by the force, ends."""
         now = time.monotonic()
         if unknown:
             self._paused_until = now + PAUSE_AFTER
+        if unknown and controller.measuring and controller.fault is None:
+            controller.fail(ErrorCode.WRENCH_LOST, unknown, ticking=True)
         paused = now < self._paused_until
         if paused == controller.paused:
             return
         controller.paused = paused
         self._pauses += paused
-        what = "no wrenches in time: the tools stand" if paused else "the wrenches are back: the tools go on"
-        self.get_logger().warning(what)
+        self.get_logger().warning(f"{unknown}: the tools stand" if paused else "the wrenches are back: the tools go on")
 
     def _after_tick(self, controller: ForceController, stamp: int) -> None:
         self._latency.targets()
@@ -355,7 +363,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         try:
             yield
         finally:
-            self._patient_until = time.monotonic() + self._timeout
+            self._patient_until = time.monotonic() + self._grace
             self._delayed = False
             self._attended.not_served()
 

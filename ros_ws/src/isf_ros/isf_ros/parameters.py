@@ -75,12 +75,13 @@ def declare(node: Node, kind: type[Parameters]) -> None:
     """
     for item in fields(kind):  # type: ignore[arg-type]
         described = descriptor(item)
+        default = list(item.default) if isinstance(item.default, tuple) else item.default
         try:
             try:
-                node.declare_parameter(item.name, item.default, described)
+                node.declare_parameter(item.name, default, described)
             except InvalidParameterValueException:
                 described.floating_point_range, described.integer_range = [], []
-                node.declare_parameter(item.name, item.default, described)
+                node.declare_parameter(item.name, default, described)
         except ParameterException as error:
             raise IsfError(
                 ErrorCode.FILE_FIELD, str(error), where=f"parameter {item.name}", advice=f"e.g. {item.default}"

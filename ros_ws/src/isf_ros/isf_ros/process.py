@@ -19,8 +19,8 @@ from isf_ros.lifecycle import CellNode
 
 EXIT_OK, EXIT_ERROR = 0, 2
 
-HAND_OVER = 4.0
-"""s, longest time for which a node that ends waits for its subscribers."""
+HAND_OVER = 2.0
+"""s, longest time for which a node that ends waits for its subscribers: launch ends it by force after 5 s."""
 
 MAX_FAILURES = 100
 """Failures of the executor one after the other after which its process cannot serve and ends."""

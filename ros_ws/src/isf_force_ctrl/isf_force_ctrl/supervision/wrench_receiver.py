@@ -60,9 +60,9 @@ class WrenchReceiver:
         self.pair.add(tool, stamp, wrench)
         return True, None
 
-    def late_for(self) -> float:
-        """s for which nothing but late wrenches has come from one of the tools."""
-        return max(watch.late_for() for watch in self._watches)
+    def late_for(self, tools: Sequence[int]) -> float:
+        """s for which nothing but late wrenches has come from one of ``tools`` (1, 2)."""
+        return max(self._watches[tool - 1].late_for() for tool in tools)
 
     def values(self) -> dict[str, object]:
         """For ``/diagnostics``: messages since the node was configured."""
