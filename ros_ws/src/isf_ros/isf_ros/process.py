@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import signal
 import sys
 import time
@@ -61,6 +63,7 @@ def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *
 
     SIGINT and SIGTERM end the loop between two callbacks, so that a node closes while it can still communicate.
     """
+    atexit.register(gc.freeze)  # else the interpreter looks through all that was imported before it ends: a second
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: signals.append(received))
