@@ -218,8 +218,8 @@ def test_with_scans(cell: Cell) -> None:
         assert -5e-3 < z.min() < -4e-3  # formed 5 mm deep, and sprung back
 
 
-def test_with_lifecycle_a_second_of_silence_and_its_end_in_mid_part(cell: Cell) -> None:
-    """A driver that stands still is waited for; one that has ended is noticed."""
+def test_with_lifecycle_and_a_second_of_silence_in_mid_part(cell: Cell) -> None:
+    """A driver that stands still is waited for."""
     stopped: list[str] = []
 
     def stand_still(feedback: Any) -> None:
@@ -234,6 +234,3 @@ def test_with_lifecycle_a_second_of_silence_and_its_end_in_mid_part(cell: Cell) 
         assert stopped
         assert lines(cell) == []
         assert cell.wait(lambda: len(cell.scans) == 1)
-        ended = cell.form(during=lambda m: process.kill() if m.phase == "forming" else None)
-        assert ended.code == ErrorCode.NODE_DIED
-        assert "'machine'" in ended.message

@@ -40,7 +40,11 @@ from isf_cell.run.part_step import PartStep
 class ExecutiveParameters:
     """Parameters of the executive."""
 
-    lockstep: bool = parameter(True, "the machine is simulated and runs in lockstep (recorded in part/info)")
+    lockstep: bool = parameter(
+        True,
+        "the machine is the simulated one in lockstep, and offers everything; false: by the clock, what the machine or "
+        "driver offers is found out before a part",
+    )
     service_timeout: float = parameter(
         20.0, "longest wait for an answer of another node", unit="s", minimum=0.1, maximum=3600.0
     )
