@@ -39,7 +39,7 @@ TARGETS_LOST = 0.25
 """s without targets after which tools that were moving are told to stand still."""
 STATE_PERIOD, HEALTH_PERIOD, POSE_PERIOD = 0.1, 0.5, 0.02
 """s between two messages on machine/state, /diagnostics, tool_k/pose."""
-STOP_REQUESTED, NOT_TARED, TOOL_LOADED = 1406, 1410, 1405
+STOP_REQUESTED, TOOL_LOADED = 1406, 1405
 """Codes of docs/reference/error_codes.md."""
 
 
