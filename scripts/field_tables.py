@@ -1,7 +1,9 @@
-"""Tables of fields and parameters in the manual, made from the sources: ``./isf python scripts/field_tables.py``.
+"""Tables of fields and parameters in the manual, and parameter files: ``./isf python scripts/field_tables.py``.
 
-A page asks for a table by a pair of comments, ``<!-- fields: module.Class -->`` and ``<!-- end -->``; what stands
-between them is replaced. ``--check`` writes nothing and ends with 1 where a page is not in step.
+All are made from the sources. A page asks for a table by a pair of comments, ``<!-- fields: module.Class -->`` and
+``<!-- end -->``; what stands between them is replaced. The tables of docs/reference/nodes.md give a file for each node,
+``config/NODE.yaml`` of its package, with every parameter at its default. ``--check`` writes nothing and ends with 1
+where something is not in step.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+import yaml
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
@@ -115,6 +118,17 @@ def default_text(value: Any, kind: str) -> str:
     return f"`{value}`"
 
 
+def range_text(item: Any) -> str:
+    """Range or choices of a node's parameter."""
+    said = item.metadata
+    if said["choices"]:
+        return ", ".join(f"`{name}`" for name in said["choices"])
+    lowest, highest = (None if math.isinf(said[end]) else f"{said[end]:.10g}" for end in ("minimum", "maximum"))
+    if lowest is None and highest is None:
+        return "-"
+    return f"{lowest or ''} .. {highest or ''}".strip()
+
+
 def table(name: str) -> str:
     """Markdown table of the fields of a model of files, or of the parameters of a node."""
     module, _, attribute = name.rpartition(".")
@@ -129,16 +143,58 @@ def table(name: str) -> str:
                 f"| `{field}` | {words} | {default_text(info.default, words)} | {_cell(texts.get(field, ''))} |"
             )
     else:
-        lines += ["| parameter | default | meaning |", "|---|---|---|"]
+        lines += ["| parameter | default | unit | range | set | meaning |", "|---|---|---|---|---|---|"]
         for item in dataclasses.fields(kind):
-            lines.append(
-                f"| `{item.name}` | {default_text(item.default, '')} | {_cell(item.metadata['description'])} |"
-            )
+            said = item.metadata
+            cells = [
+                f"`{item.name}`",
+                default_text(item.default, ""),
+                said["unit"] or "-",
+                range_text(item),
+                "at the start" if said["read_only"] else "any time",
+                _cell(said["description"]),
+            ]
+            lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
 def _cell(text: str) -> str:
     return re.sub(r"``([^`]*)``", r"`\1`", text).replace("|", "\\|")
+
+
+NODE = re.compile(r"^### (\w+)\n\n<!-- fields: (([\w]+)[\w.]*) -->", re.MULTILINE)
+
+
+def parameter_files() -> dict[Path, str]:
+    """File of each node of docs/reference/nodes.md, and what has to stand in it."""
+    page = (DOCS / "reference" / "nodes.md").read_text(encoding="utf-8")
+    sources = DOCS.parent / "ros_ws" / "src"
+    return {
+        sources / package / "config" / f"{node}.yaml": parameter_file(node, package, name)
+        for node, name, package in NODE.findall(page)
+    }
+
+
+def parameter_file(node: str, package: str, name: str) -> str:
+    """Every parameter of a node at its default, for ``--params-file``."""
+    module, _, attribute = name.rpartition(".")
+    kind = getattr(importlib.import_module(module), attribute)
+    lines = [
+        f"# Every parameter of node {node} at its default, made by scripts/field_tables.py. Copy it, change the copy:",
+        f"# ros2 run {package} {node} --ros-args --params-file my_{node}.yaml",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for item in dataclasses.fields(kind):
+        said = item.metadata
+        facts = [said["unit"], range_text(item), "" if said["read_only"] else "any time"]
+        facts = "; ".join(fact.replace("`", "") for fact in facts if fact not in ("", "-"))
+        lines += [
+            f"    # {line}" for line in textwrap.wrap(said["description"] + (f" ({facts})" if facts else ""), 112)
+        ]
+        value = list(item.default) if isinstance(item.default, tuple) else item.default
+        lines += textwrap.indent(yaml.safe_dump({item.name: value}), "    ").splitlines()
+    return "\n".join(lines) + "\n"
 
 
 def filled(text: str) -> str:
@@ -147,8 +203,14 @@ def filled(text: str) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Write the tables, or only compare; returns the exit code."""
+    """Write the tables and files, or only compare; returns the exit code."""
     late = []
+    for path, text in parameter_files().items():
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            late.append(path)
+            if "--check" not in arguments:
+                path.parent.mkdir(exist_ok=True)
+                path.write_text(text, encoding="utf-8")
     for path in sorted(DOCS.rglob("*.md")):
         text = path.read_text(encoding="utf-8")
         new = filled(text)

@@ -66,7 +66,7 @@ fi
 # A cell stays on its own computer unless it is told otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
 # Nodes end at once, and a lost message is soon sent again: see the file.
-export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$ISF_ROOT/scripts/setup/fastdds.xml}"
+export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$ISF_ROOT/ros_ws/src/isf_cell/config/fastdds.xml}"
 export ROS_LOG_DIR="${ROS_LOG_DIR:-$ISF_ROOT/.isf/log/ros}"
 
 # Matrices of the cell are small: more BLAS threads only take time from the control loop.

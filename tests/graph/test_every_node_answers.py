@@ -15,6 +15,7 @@ from isf_msgs.srv import Arm, Reset
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from quick_cone import quick_cone
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -117,7 +118,12 @@ def parameters_answer(cell: Cell, name: str) -> None:
     assert ParameterType.PARAMETER_NOT_SET not in types
     described = cell.call(DescribeParameters, f"{name}/describe_parameters", names=listed).descriptors
     assert [item.name for item in described] == listed
-    read_only = [Parameter("autostart", value=True).to_parameter_msg()]
+    # its own dump, as "ros2 param load" sets it: read-only ones too, to what they are
+    dumped = [ParameterMessage(name=key, value=value) for key, value in zip(listed, values, strict=True)]
+    loaded = cell.call(SetParameters, f"{name}/set_parameters", parameters=dumped).results
+    assert [(key, item.reason) for key, item in zip(listed, loaded, strict=True) if not item.successful] == []
+    other = not values[listed.index("autostart")].bool_value
+    read_only = [Parameter("autostart", value=other).to_parameter_msg()]
     (refused,) = cell.call(SetParameters, f"{name}/set_parameters", parameters=read_only).results
     assert (refused.successful, "read-only" in refused.reason) == (False, True)
     both = [*read_only, Parameter("no_such_parameter", value=1).to_parameter_msg()]

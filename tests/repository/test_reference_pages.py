@@ -24,6 +24,14 @@ def test_tables_of_fields_are_in_step(path: Path) -> None:
     assert TABLES["filled"](text) == text, "run ./isf python scripts/field_tables.py"
 
 
+def test_parameter_files_are_in_step() -> None:
+    files = TABLES["parameter_files"]()
+    assert len(files) == 7
+    for path, text in files.items():
+        assert path.read_text(encoding="utf-8") == text, "run ./isf python scripts/field_tables.py"
+        assert 'glob("config/*.yaml")' in (path.parents[1] / "setup.py").read_text(encoding="utf-8")
+
+
 def test_every_field_and_parameter_says_what_it_means() -> None:
     for name in ("job", "rigs_and_materials", "nodes"):
         text = (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8")

@@ -12,8 +12,9 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
+        ("bin", ["bin/isf"]),
         (f"share/{package_name}/launch", glob("launch/*.launch.py")),
-        (f"share/{package_name}/config", glob("config/*.yaml")),
+        (f"share/{package_name}/config", [*glob("config/*.yaml"), *glob("config/*.xml")]),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},

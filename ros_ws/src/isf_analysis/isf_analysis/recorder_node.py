@@ -55,7 +55,9 @@ class RecorderParameters:
         "", "folder of the bag; must not exist; empty: recording-DATE-TIME here; the next of this process: NAME-2"
     )
     topics: tuple[str, ...] = parameter(tuple(topic.name for topic in CELL), "topics to record, as in topics.CELL")
-    compression: str = parameter("none", "none or zstd (a fifth of the size, more processor time)")
+    compression: str = parameter(
+        "none", "none or zstd (a fifth of the size, more processor time)", choices=("none", "zstd")
+    )
 
 
 class _Polled(CallbackGroup):
@@ -86,6 +88,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._lost: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
         self._not_delivered: set[str] = set()
+        self._not_installed: list[str] = []
         self.failure: IsfError | None = None
         """What first kept it from recording all that came."""
 
@@ -96,7 +99,9 @@ class RecorderNode(CellNode[RecorderParameters]):
 
     def configure(self) -> None:
         values = self.values()
-        self._topics = [_topic(name) for name in values.topics]
+        wanted = [_topic(name) for name in values.topics]
+        self._topics = [topic for topic in wanted if _message_class(topic.type) is not None]
+        self._not_installed = [topic.name for topic in wanted if topic not in self._topics]
         output = Path(values.output or time.strftime("recording-%Y%m%d-%H%M%S")).absolute()
         if output != self._first:
             check_free(output)
@@ -146,6 +151,8 @@ class RecorderNode(CellNode[RecorderParameters]):
             "lost": sum(self._lost.values()),
             "silent": ", ".join(silent),
         }
+        if self._not_installed:
+            values["not_installed"] = ", ".join(self._not_installed)
         if recording is not None:
             values["written"] = recording.written
             values["longest_queue"] = recording.longest_queue
@@ -247,8 +254,12 @@ def _topic(name: str) -> Topic:
 
 
 def _message_class(name: str) -> Any:
+    """None where the package of the message is not installed, as tf2_msgs may be."""
     package, folder, kind = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{folder}"), kind)
+    try:
+        return getattr(importlib.import_module(f"{package}.{folder}"), kind)
+    except ModuleNotFoundError:
+        return None
 
 
 def _profile(topic: Topic) -> QoSProfile:

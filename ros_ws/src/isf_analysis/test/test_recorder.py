@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -133,10 +134,11 @@ def test_raw_readings_are_kept_whatever_their_names_and_delivery(tmp_path: Path,
             """Topics without a message, "" until the recorder has told of any (before it records it names none)."""
             wrench.publish(wrench_bytes(3))
             cells.publish(named)
+            observer.get_logger().info("a word for the record")
             reported = [item.value for status in observer.heard for item in status.values if item.key == "silent"]
             return next((text for text in reversed(reported) if text), "")
 
-        both = {"tool_1/raw", "tool_2/raw_cells"}
+        both = {"tool_1/raw", "tool_2/raw_cells", "/rosout"}
         assert spin_until(observer, lambda: (reported := silent()) != "" and not both & set(reported.split(", ")))
         end(process, signal.SIGINT)
     found = messages(bag)
@@ -144,6 +146,11 @@ def test_raw_readings_are_kept_whatever_their_names_and_delivery(tmp_path: Path,
     last = cell_types().deserialize_cdr(found["/tool_2/raw_cells"][-1][1], "sensor_msgs/msg/JointState")
     assert (last.name, last.effort.tolist()) == (["u1", "u2"], [0.25, -0.5])
     assert "/tool_2/raw" not in found  # nobody published there
+    said = [cell_types().deserialize_cdr(data, "rcl_interfaces/msg/Log") for _, data in found["/rosout"]]
+    assert "a word for the record" in [log.msg for log in said]
+    told = [item.value for status in observer.heard for item in status.values if item.key == "not_installed"]
+    assert bool(told) == (find_spec("tf2_msgs") is None)
+    assert set(told) <= {"/tf, /tf_static"}
 
 
 def test_wrenches_published_best_effort_are_recorded_and_reported(tmp_path: Path, observer: Node) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
 from isf_analysis.measures.events import event_of_message
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
@@ -30,6 +31,7 @@ from isf_cell.run.cell import PartGoal
 from isf_cell.run.graph_cell import MANAGED, GraphCell, GraphSettings
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
+from isf_cell.run.machine_client import MACHINE
 from isf_cell.run.part_run import PartRun
 from isf_cell.run.part_step import PartStep
 
@@ -38,11 +40,24 @@ from isf_cell.run.part_step import PartStep
 class ExecutiveParameters:
     """Parameters of the executive."""
 
-    lockstep: bool = parameter(True, "the machine is simulated and runs in lockstep (recorded in part/info)")
-    service_timeout: float = parameter(20.0, "s, longest wait for an answer of another node")
-    plan_timeout: float = parameter(600.0, "s, longest planning")
-    contour_timeout: float = parameter(1800.0, "s of wall time, longest contour")
-    silence_timeout: float = parameter(5.0, "s without diagnostics after which a node counts as dead")
+    lockstep: bool = parameter(
+        True,
+        "the machine is the simulated one in lockstep, and offers everything; false: by the clock, what the machine or "
+        "driver offers is found out before a part",
+    )
+    service_timeout: float = parameter(
+        20.0, "longest wait for an answer of another node", unit="s", minimum=0.1, maximum=3600.0
+    )
+    plan_timeout: float = parameter(600.0, "longest planning", unit="s", minimum=0.1, maximum=86_400.0)
+    contour_timeout: float = parameter(1800.0, "longest contour, wall time", unit="s", minimum=0.1, maximum=864_000.0)
+    silence_timeout: float = parameter(
+        5.0,
+        "time without a sign of life after which a node counts as dead, unless its process is seen to run (20 s) or to "
+        "have ended (at once)",
+        unit="s",
+        minimum=0.5,
+        maximum=600.0,
+    )
     checkpoint: str = parameter("", "file written after every contour; empty: none")
 
 
@@ -74,6 +89,8 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self.create_subscription(ContourCorrection, "contour/correction", self._on_correction, qos.EVENT)
         self.create_subscription(MachineState, "machine/state", self._on_machine_state, qos.STREAM)
         self.create_subscription(MachineEvent, "machine/event", self._on_event, qos.EVENT)
+        if not values.lockstep:  # a driver may publish nothing else that tells that it lives
+            self.create_subscription(PoseStamped, "tool_1/pose", self._on_pose, qos.SENSOR)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
         self.create_service(SetBool, "executive/pause", self._on_pause)
         self.create_action_server(
@@ -187,8 +204,12 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             self._cell.on_correction(correction_from_message(message))
 
     def _on_machine_state(self, message: MachineState) -> None:
+        self._monitor.stream(MACHINE)
         if self._cell:
             self._cell.on_machine_state(message)
+
+    def _on_pose(self, _: PoseStamped) -> None:
+        self._monitor.stream(MACHINE)
 
     def _on_event(self, message: MachineEvent) -> None:
         if self._cell:
@@ -198,8 +219,9 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         own = self.get_namespace().rstrip("/") + "/"
         for status in message.status:
             if status.name.startswith(own):
-                state = next((item.value for item in status.values if item.key == "state"), "")
-                self._monitor.hear(status.name.removeprefix(own), status.message, state)
+                values = {item.key: item.value for item in status.values}
+                name = status.name.removeprefix(own)
+                self._monitor.hear(name, status.message, values.get("state", ""), values.get("process", ""))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data

@@ -12,9 +12,6 @@ from isf_core.simulated_sheet import DEFAULT_SHEET, SheetKind, is_structural
 UNCORRECTED = "none"
 """Springback method of a part that is not corrected."""
 
-LARGEST_NUMBER = 2**31 - 1
-"""Largest variant and seed: what the messages of the node graph carry."""
-
 
 @dataclass(frozen=True)
 class RunOptions:

@@ -63,7 +63,9 @@ MODULES: dict[str, dict[str, type]] = {
     "launch.actions": {
         "DeclareLaunchArgument": _kind("DeclareLaunchArgument", {"default_value", "description", "choices"}),
         "ExecuteProcess": _kind("ExecuteProcess", {"cmd", "output", "name", "condition"}, {"cmd"}),
+        "LogInfo": _kind("LogInfo", {"msg"}, {"msg"}),
         "OpaqueFunction": _kind("OpaqueFunction", {"function", "args", "kwargs"}, {"function"}),
+        "SetEnvironmentVariable": _kind("SetEnvironmentVariable"),
     },
     "launch.conditions": {"IfCondition": _kind("IfCondition")},
     "launch.substitutions": {
@@ -143,15 +145,39 @@ def test_every_launch_argument_is_declared_described_and_used(entities: list[Rec
 
 
 def test_named_config_file_exists_and_is_installed(entities: list[Recorded]) -> None:
-    joined = next(item for item in _inside(entities) if type(item).__name__ == "PathJoinSubstitution")
-    share, *parts = joined.args[0]
-    assert share.args == ("isf_cell",)
-    assert (CELL / Path(*parts)).is_file()
-    assert "config/*.yaml" in (CELL / "setup.py").read_text(encoding="utf-8")
+    joined = [item for item in _inside(entities) if type(item).__name__ == "PathJoinSubstitution"]
+    assert joined
+    for item in joined:
+        share, *parts = item.args[0]
+        assert share.args == ("isf_cell",)
+        path = CELL / Path(*parts)
+        assert path.is_file()
+        assert f"config/*{path.suffix}" in (CELL / "setup.py").read_text(encoding="utf-8")
 
 
-def test_without_a_job_nothing_is_requested(launch_file: dict[str, Any]) -> None:
-    assert launch_file["request_part"]({"job": "", "namespace": ""}) == []
+def test_without_a_job_nothing_is_requested_and_said_so(launch_file: dict[str, Any]) -> None:
+    (said,) = launch_file["request_part"]({"job": "", "namespace": ""})
+    assert type(said).__name__ == "LogInfo"
+    assert "job:=" in said.keywords["msg"]
+
+
+def test_a_job_that_is_no_file_is_named_with_what_to_give(launch_file: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match=r"job:=none\.yaml is no file .* give the path of a job file"):
+        launch_file["request_part"]({"job": "none.yaml", "namespace": ""})
+
+
+def test_fast_dds_asks_often_unless_the_user_has_a_profile(
+    launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    (variable,) = launch_file["middleware"]()
+    assert variable.args[0] == "FASTRTPS_DEFAULT_PROFILES_FILE"
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")
+    assert launch_file["middleware"]() == []
+
+
+def test_every_cell_has_its_own_clock(entities: list[Recorded]) -> None:
+    assert all(node.keywords["remappings"] == [("/clock", "clock")] for node in _nodes(entities))
 
 
 @pytest.mark.parametrize(("namespace", "action"), [("", "/form_part"), ("/cell_1", "/cell_1/form_part")])

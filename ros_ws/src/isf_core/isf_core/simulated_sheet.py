@@ -14,6 +14,9 @@ SHEET_KINDS: tuple[SheetKind, ...] = get_args(SheetKind)
 
 DEFAULT_SHEET: SheetKind = "fast"
 
+LARGEST_NUMBER = 2**31 - 1
+"""Largest variant and seed: what the messages of the node graph carry."""
+
 STRUCTURAL_VARIANTS = tuple(range(21, 41))
 """Numbers of the open variants of the simulated plant that differ from the nominal one in structure."""
 

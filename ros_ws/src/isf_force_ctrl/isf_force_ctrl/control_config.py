@@ -42,6 +42,7 @@ class ControlConfig:
     compensation : factor 0..1 on the compliance compensation of the forming tool
     support_compensation : the same of the support tool, on contours without force control
     support_force : N, replaces the set-points of force-controlled contours; None: as in the contours
+    set_point : N, what force-controlled contours are ramped to instead, also in mid-contour; None: their own
     loop_gain : 1/s, K_i K_c (24 in Ren 2018, 2.3.3)
     filter_cutoff : Hz (40, 2.3.4)
     error_clamp : N (128 um at 2 um/N, Appendix B)
@@ -145,6 +146,7 @@ class ControlConfig:
     component_limit: float = 1.024e-3
     ball_reach: float = 0.0
     aside: tuple[float, float] = (0.0, 0.0)
+    set_point: float | None = None
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
@@ -202,7 +204,15 @@ class ControlConfig:
             raise ValueError(f"parameters of force control: {error}") from error
 
     def check(self) -> None:
-        """Raise IsfError UNSTABLE_GAIN when a loop would not be stable on this rig, FILE_FIELD for limits of drift."""
+        """Raise IsfError UNSTABLE_GAIN when a loop would not be stable on this rig, FILE_FIELD for values that do not
+        go together."""
+        if self.set_point is not None and self.set_point < self.contact_threshold:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                f"with {self.set_point:g} N nothing counts as contact (contact_threshold {self.contact_threshold:g} N)",
+                where="parameter set_point",
+                advice="a larger one; -1 leaves it to the contours",
+            )
         if not self.drift_limit <= self.drift_stop:
             raise IsfError(
                 ErrorCode.FILE_FIELD,

@@ -10,6 +10,7 @@ import math
 from collections import deque
 
 import numpy as np
+from isf_core.types import Array
 
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Flag, Mode, Targets
@@ -51,6 +52,20 @@ class ControlLaws:
         self.normal_force = self.filtered = 0.0
         self.flags = 0
 
+    def retune(self, config: ControlConfig) -> None:
+        """Other gains, set-point, limits and filters at the same rate; every offset goes on from where it is."""
+        self._config = config
+        for loop in self._loops:
+            loop.retune(config.contact_force())
+            loop.set_gain(self._monitor.scale * config.loop_gain / self.contact_stiffness)
+        for index, compliance in enumerate(self._compliances):
+            compliance.retune(config.compliance(index + 1))
+        for components in self._components:
+            components.retune(config)
+        self._filter.retune(config.coefficients())
+        self._estimate.retune(config.coefficients())
+        self._ramp = config.set_point_rate / config.rate
+
     # -- roles ---------------------------------------------------------------------------------
 
     def assign(self, forming_tool: int, *, forced: bool) -> None:
@@ -62,6 +77,13 @@ class ControlLaws:
             self._used_compliance[self._support] = True
         if forced:
             self._used_loop[self._support] = True
+
+    def wanted(self, mode: Mode, row: Row) -> float:
+        """N, set-point of ``row``, or the one that was set in its place: while engaging no larger than that of the row,
+        which spares the spot that is squeezed standing."""
+        if self._config.set_point is None:
+            return row[8]
+        return min(row[8], self._config.set_point) if mode is Mode.ENGAGE else self._config.set_point
 
     def engage(self) -> None:
         """The set-point begins at the present force."""
@@ -112,7 +134,7 @@ class ControlLaws:
         flags = 0
         if mode in TRACKING:
             before = self.set_point
-            self.set_point += min(max(row[8] - before, -self._ramp), self._ramp)
+            self.set_point += min(max(self.wanted(mode, row) - before, -self._ramp), self._ramp)
             self.error = self.set_point - self.normal_force
             self._tune(loop, moving=self.set_point != before)
             loop.control(self.error, self._config.learning * (row[11] - last_row[11]))
@@ -212,6 +234,12 @@ class ForceComponents:
         self.offset = (0.0, 0.0, 0.0)
         """m, present offset."""
 
+    def retune(self, config: ControlConfig) -> None:
+        """As :meth:`ControlLaws.retune`; the gains follow set-point and path in every tick."""
+        self._config = config
+        for loop in self._loops:
+            loop.retune(config.component_force())
+
     @property
     def flags(self) -> int:
         """Limits that were active in the last tick, a sum of Flag."""
@@ -308,6 +336,10 @@ class StiffnessEstimate:
         self._ticks = ticks
         self.value = nominal
         """N/m, present estimate."""
+
+    def retune(self, coefficients: Array) -> None:
+        """Another filter, that of the force."""
+        self._fir.retune(coefficients)
 
     def step(self, offset: float, force: float, *, moving: bool) -> float:
         """Estimate after one tick with ``offset`` (m, towards the forming tool) and filtered normal ``force`` (N).

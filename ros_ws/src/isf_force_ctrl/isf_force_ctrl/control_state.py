@@ -38,6 +38,8 @@ class Flag(IntFlag):
     OSCILLATION = 32
     DRIFT = 64
     """A load cell read more than ``drift_limit`` when its tool was off the sheet last."""
+    PAUSED = 128
+    """By the clock: no wrenches in time, the tools stand until they come again."""
 
 
 SATURATED = 15

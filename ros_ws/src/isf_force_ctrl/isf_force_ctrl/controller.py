@@ -55,6 +55,9 @@ class ForceController:
         self.config = config
         self.fault: tuple[ErrorCode, str] | None = None
         """Why the controller is in HOLD; None when it is not."""
+        self.paused = False
+        """Set from outside while the wrenches are not to be believed: the tools are brought to a stand, the offsets are
+        held, and both go on when it is taken back. Measurements go on."""
         self._mode = Mode.IDLE
         self._playback = Playback(RESTING, config.acceleration, config.rate)
         self._log: ContourLog | None = None
@@ -97,6 +100,7 @@ class ForceController:
         row = [*tips[0].tolist(), *tips[1].tolist(), *RESTING[6:]]
         self._playback = Playback(row, config.acceleration, config.rate)
         self._log = self._result = self.fault = None
+        self.paused = False
         self._index = first_index
         self._previous: tuple[np.ndarray, np.ndarray] | None = None
         self._lift_normal = np.array([0.0, 0.0, 1.0])
@@ -106,6 +110,7 @@ class ForceController:
         self._stopping: tuple[ErrorCode, str] | None = None
         self._lift_after_stop = self._idle_after = False
         self._ticks, self._last_tick = 0, -1
+        self._used: tuple[Sequence[float], Sequence[float]] = ((), ())
         self._targets = Targets((tips[0, 0], tips[0, 1], tips[0, 2]), (tips[1, 0], tips[1, 1], tips[1, 2]))
         self._mode = Mode.ARMED
 
@@ -153,6 +158,16 @@ class ForceController:
         self._clear = False
         self._formed = contour
         self._play(segments)
+
+    def retune(self, config: ControlConfig) -> None:
+        """Go on with other gains, set-point, limits and filters; rate, rig and job are as before. In mid-contour too:
+        offsets go on from where they are, the set-point is ramped."""
+        self.config = config
+        self.drift.retune(config)
+        if self._mode is not Mode.IDLE:
+            self._laws.retune(config)
+            self._watch.retune(config)
+            self._engagement.retune(config)
 
     def measure(self, make: Callable[[AtRest], M], *, on_sheet: bool = False) -> M:
         """Begin the measurement made by ``make``; targets follow from the next ticks on.
@@ -296,7 +311,9 @@ class ForceController:
             support_offset=laws.support_offset(self._playback.row),
             contact_stiffness=laws.contact_stiffness,
             feed=self._playback.feed,
-            flags=laws.flags | (int(Flag.DRIFT) if self.drift.warning else 0),
+            flags=laws.flags
+            | (int(Flag.DRIFT) if self.drift.warning else 0)
+            | (int(Flag.PAUSED) if self.paused else 0),
         )
 
     # -- one tick ------------------------------------------------------------------------------
@@ -317,18 +334,31 @@ class ForceController:
         self._last_tick = tick
         self._ticks += 1
         forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
-        found = self._watch.check(wrench_1, wrench_2, self._tools.forming, self._mode, self._laws.normal_force)
-        found = found or self.drift.check(self._playback.row, self._tools, self._mode, forces)
-        if found and self.fault is None:
-            self._stop(*found)
-        blind = self.fault is not None
+        if self.paused:
+            self.drift.restart()
+        else:
+            found = self._watch.check(wrench_1, wrench_2, self._tools.forming, self._mode, self._laws.normal_force)
+            fresh = (wrench_1 is not self._used[0], wrench_2 is not self._used[1])
+            found = found or self.drift.check(self._playback.row, self._tools, self._mode, forces, fresh)
+            if found and self.fault is None:
+                self._stop(*found)
+        self._used = (wrench_1, wrench_2)
+        blind = self.paused or self.fault is not None
         laws, row = self._laws, self._playback.row
         if not blind:
             laws.sense(row, forces)
         if self._log is not None:
             targets = self._targets
             self._log.add(
-                (time, self._mode, laws.flags, laws.set_point, laws.normal_force, row[9], laws.offset),
+                (
+                    time,
+                    Mode.HOLD if self.paused else self._mode,
+                    laws.flags,
+                    laws.set_point,
+                    laws.normal_force,
+                    row[9],
+                    laws.offset,
+                ),
                 laws.forming_offset,
                 forces,
                 (*targets.tip_1, *targets.tip_2),
@@ -337,6 +367,7 @@ class ForceController:
         self._advance()
         if not self._playback.moving:
             mode = self._mode
+        mode = Mode.HOLD if self.paused else mode
         self._targets = laws.step(mode, self._playback.row, row, None if blind else forces)
         return self._targets
 
@@ -352,7 +383,9 @@ class ForceController:
         if playback.segment.waits:
             if stopping:
                 self._hold()
-            elif self._engagement.over(playback.segment.rows[0][8], self._laws.set_point, self._laws.filtered):
+            elif not self.paused and self._engagement.over(
+                self._laws.wanted(self._mode, playback.segment.rows[0]), self._laws.set_point, self._laws.filtered
+            ):
                 self._leave()
             return
         ended = playback.advance(self._wanted_pace())
@@ -368,6 +401,8 @@ class ForceController:
     def _wanted_pace(self) -> float:
         if self._stopping is not None:
             return 1.0 if self._playback.segment.mode is Mode.HOLD else 0.0
+        if self.paused:
+            return 0.0
         if self._mode is not Mode.CONTROL:
             return 1.0
         return pace(self.config, self._laws.set_point - self._laws.filtered)
@@ -577,6 +612,10 @@ class Engagement:
     def __init__(self, config: ControlConfig) -> None:
         self._config = config
         self._waited = self._settled = 0
+
+    def retune(self, config: ControlConfig) -> None:
+        """Other times and errors."""
+        self._config = config
 
     def restart(self) -> None:
         """A new segment begins."""

@@ -29,6 +29,8 @@ from isf_ros.executive_watch import ExecutiveWatch
 from isf_ros.lifecycle import CellNode
 from isf_ros.thread_priority import RealTimeSettings
 from isf_ros.watchdog import RegularLook
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from isf_force_ctrl.control_state import Mode
@@ -47,8 +49,12 @@ from isf_force_ctrl.supervision.wrench_receiver import Fault, Reading, WrenchRec
 HEARTBEAT = 0.2
 """s of wall time after which the last targets are repeated."""
 
-LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
-"""s without a wrench after which a contour ends, unless the parameter wrench_timeout says otherwise."""
+LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 20.0, 3.0
+"""s without a wrench after which a contour ends, unless the parameter wrench_timeout says otherwise. In lockstep time
+stands still meanwhile; by the clock the tools stand after PAUSE_AFTER and go on when the wrenches do."""
+
+PAUSE_AFTER = 0.25
+"""s by the clock without a wrench, or with nothing but late ones, after which the tools are brought to a stand."""
 
 
 class ForceCtrlNode(CellNode[ForceCtrlParameters]):
@@ -61,6 +67,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._lock = threading.RLock()
         self._latency = LatencyMeter()
         self._refused = 0
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self.guard(self._use_parameters, "parameters"))
 
     # -- lifecycle -----------------------------------------------------------------------------
 
@@ -69,9 +77,12 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
         self._receiver = WrenchReceiver(p.wrench_frame, math.inf if p.lockstep else p.wrench_delay, self._timeout)
         self._pair = self._receiver.pair
-        self._ready = Readiness(self._timeout, self._receiver.frames)
+        blind = p.wrench_timeout or PAUSE_AFTER
+        self._ready = Readiness(self._timeout, blind, self._receiver.frames)
+        self._grace = self._timeout if p.lockstep else min(self._timeout, PAUSE_AFTER)
         self._delayed, self._patient_until, self._look = False, 0.0, RegularLook(0.5 * self._timeout)
-        self._ticks = self._late_before = 0
+        self._ticks = self._late_before = self._pauses = 0
+        self._paused_until = 0.0
         self._awaited: int | None = None
         self._last_mode = Mode.IDLE
 
@@ -128,6 +139,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             "mode": "IDLE",
             "refused_contours": self._refused,
             "late_ticks": self._late_ticks(),
+            "pauses": self._pauses if self.is_configured else 0,
         }
         if controller is not None:
             values |= {"mode": controller.mode.name, "contour": controller.state().index, "ticks": controller.ticks}
@@ -136,6 +148,29 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         values |= self._latency.values()
         values |= self._loop.values() if self._loop is not None else {}
         return values
+
+    # -- parameters ----------------------------------------------------------------------------
+
+    def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """All that is set together is valid together, on the job that is armed."""
+        try:
+            settings = self.values({change.name: change.value for change in changes})
+            if (armed := self._armed_job()) is not None:
+                control_config(armed[1], settings)
+        except IsfError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _use_parameters(self, changes: list[Parameter]) -> None:
+        """From the next tick on."""
+        if not self.is_configured:
+            return
+        self._settings = settings = self.values()
+        if (armed := self._armed_job()) is not None:
+            config = control_config(armed[1], settings)
+            with self._lock:
+                armed[0].retune(config)
+            self.get_logger().info("set: " + ", ".join(f"{change.name} {change.value}" for change in changes))
 
     # -- wrenches, hot path --------------------------------------------------------------------
 
@@ -223,6 +258,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
                 controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost), ticking=True)
+            self._pause(controller, "" if waiting else self._unknown())
             blind = self._settings.output == "twist" and not waiting and controller.fault is None
             if blind and (text := self._ready.pose_lost_text()):
                 controller.fail(ErrorCode.POSE_LOST, text, ticking=True)
@@ -233,6 +269,28 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._after_tick(controller, now)
         finally:
             self._lock.release()
+
+    def _unknown(self) -> str:
+        """Why the forces of this moment are not known; empty: they are."""
+        if silent := self._ready.silent(PAUSE_AFTER):
+            return "nothing on " + " and ".join(f"tool_{k}/wrench" for k in silent) + f" for {PAUSE_AFTER:g} s"
+        late = self._receiver.late_for(self._ready.needed) > PAUSE_AFTER
+        return "the wrenches come too late" if late else ""
+
+    def _pause(self, controller: ForceController, unknown: str) -> None:
+        """A driver that is slow, on a busy computer, is waited for: the tools stand while nothing is known, and for
+        PAUSE_AFTER more, so that they are where they should be. A measurement, which moves by the force, ends."""
+        now = time.monotonic()
+        if unknown:
+            self._paused_until = now + PAUSE_AFTER
+        if unknown and controller.measuring and controller.fault is None:
+            controller.fail(ErrorCode.WRENCH_LOST, unknown, ticking=True)
+        paused = now < self._paused_until
+        if paused == controller.paused:
+            return
+        controller.paused = paused
+        self._pauses += paused
+        self.get_logger().warning(f"{unknown}: the tools stand" if paused else "the wrenches are back: the tools go on")
 
     def _after_tick(self, controller: ForceController, stamp: int) -> None:
         self._latency.targets()
@@ -305,7 +363,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         try:
             yield
         finally:
-            self._patient_until = time.monotonic() + self._timeout
+            self._patient_until = time.monotonic() + self._grace
             self._delayed = False
             self._attended.not_served()
 
@@ -381,7 +439,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             override, where="support_force", advice="send NaN, or use a job of process DSIF with a support tool"
         )
         self._ready.needed = tools_with_load_cell(job_file.job)
-        self._ready.check()
+        self._ready.check(tared=self._settings.wrenches_tared)
         controller = ForceController(control_config(job_file, self._settings))
         park = controller.config.park_height
         tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))

@@ -165,7 +165,7 @@ class LoadCellParameters:
     pose_base: str = parameter(conversion.FRAME, "frame in whose axes the orientation is given: sheet, or one like it")
     tare_readings: int = parameter(250, "number of newest readings averaged as the zero", minimum=1, maximum=100_000)
     timeout: float = parameter(
-        0.5, "s without a reading, or a pose, after which this is reported", minimum=0.01, maximum=60.0
+        0.5, "time without a reading, or a pose, after which this is reported", unit="s", minimum=0.01, maximum=60.0
     )
     best_effort: bool = parameter(False, "the driver publishes its readings best effort")
 

@@ -274,7 +274,7 @@ def test_a_cell_that_turns_needs_its_pose(bench: Bench, tmp_path: Path) -> None:
         ("tool:=1", ("1003 FILE_FIELD", "no load cell is named")),
         ("tool:=3", ("1003 FILE_FIELD", "parameter tool", "1 or 2: whose weight")),
         ("tare_readings:=0", ("1003 FILE_FIELD", "parameter tare_readings")),
-        ("timeout:=-1.0", ("1003 FILE_FIELD", "parameter timeout", "0.01 to 60 (s without")),
+        ("timeout:=-1.0", ("1003 FILE_FIELD", "parameter timeout", "0.01 to 60 s (time without")),
         ("timeout:=.nan", ("1003 FILE_FIELD", "parameter timeout")),
     ],
 )

@@ -32,8 +32,12 @@ from isf_planner.planning import Plan, plan
 class PlannerParameters:
     """Parameters of the node ``planner``."""
 
-    plans_kept: int = parameter(8, "plans that get_contour can still serve; the oldest is dropped first")
-    path_poses: int = parameter(2000, "largest number of poses in tool_1/path and tool_2/path")
+    plans_kept: int = parameter(
+        8, "plans that get_contour can still serve; the oldest is dropped first", minimum=1, maximum=1000
+    )
+    path_poses: int = parameter(
+        2000, "largest number of poses in tool_1/path and tool_2/path", minimum=1, maximum=1_000_000
+    )
 
 
 class PlannerNode(CellNode[PlannerParameters]):
@@ -93,7 +97,7 @@ class PlannerNode(CellNode[PlannerParameters]):
     def _keep(self, made: Plan) -> None:
         self._plans[made.plan_id] = made
         self._plans.move_to_end(made.plan_id)
-        while len(self._plans) > max(self._settings.plans_kept, 1):
+        while len(self._plans) > self._settings.plans_kept:
             self._plans.popitem(last=False)
 
     def _on_get_contour(self, request: GetContour.Request, response: GetContour.Response) -> GetContour.Response:

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from isf_ros.busy_heartbeat import LONGEST_BUSY
+from isf_ros.process_identity import running
 from isf_ros.watchdog import ReceiveWatchdog
 
 EXECUTIVE = "executive"
@@ -17,26 +19,33 @@ EXECUTIVE = "executive"
 class ExecutiveWatch:
     """Follows the executive in the namespace of ``node``, once it was heard busy, until :meth:`release`.
 
-    It is gone when it was not heard busy for ``patience`` s of wall time: its process ended, or has been in one
-    callback for longer than LONGEST_BUSY of :mod:`isf_ros.busy_heartbeat`, it was started anew, or its part is over.
-    How long the cell works on a contour plays no part.
+    It is gone when it was not heard busy for ``patience`` s of wall time: its process ended, it was started anew, or
+    its part is over. A process that is seen running on this computer may be silent for LONGEST_BUSY of
+    :mod:`isf_ros.busy_heartbeat`: it is slow. How long the cell works on a contour plays no part.
     """
 
-    def __init__(self, node: Node, patience: float, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        node: Node,
+        patience: float,
+        clock: Callable[[], float] = time.monotonic,
+        runs: Callable[[str], bool | None] = running,
+    ) -> None:
         self._name = node.get_namespace().rstrip("/") + "/" + EXECUTIVE
         self._watchdog = ReceiveWatchdog(patience, clock)
-        self._process, self._left = "", False
+        self._runs = runs
+        self._process, self._identity, self._left = "", "", False
 
     def on_diagnostics(self, message: DiagnosticArray) -> None:
         """Callback for ``/diagnostics``."""
         for status in message.status:
             if status.name == self._name:
                 values = {item.key: item.value for item in status.values}
-                self._heard(values.get("pid", ""), busy=values.get("busy") == "True")
+                self._heard(values.get("pid", ""), values.get("process", ""), busy=values.get("busy") == "True")
 
     def release(self) -> None:
         """Nothing is expected until an executive is heard busy."""
-        self._process, self._left = "", False
+        self._process, self._identity, self._left = "", "", False
         self._watchdog.clear()
 
     def not_served(self) -> None:
@@ -51,13 +60,17 @@ class ExecutiveWatch:
 
     def gone(self) -> str:
         """What to say of an executive that was followed and is gone; empty: it is there, or there was none."""
-        if not self._watchdog.expired():
+        if not self._watchdog.expired() or self._is_slow():
             return ""
         what = "has left the part" if self._left else "has given no sign of life"
         return f"the executive (process {self._process}) {what} for {self._watchdog.timeout:g} s"
 
-    def _heard(self, process: str, *, busy: bool) -> None:
+    def _is_slow(self) -> bool:
+        silent = self._watchdog.age() <= LONGEST_BUSY and not self._left
+        return silent and bool(self._identity) and self._runs(self._identity) is True
+
+    def _heard(self, process: str, identity: str, *, busy: bool) -> None:
         if busy and self._process in ("", process):
-            self._process = process
+            self._process, self._identity = process, identity
             self._watchdog.feed()
         self._left = not busy or process != self._process

@@ -27,12 +27,14 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 
 from isf_ros import answers, parameters
 from isf_ros.answers import sent_until_taken
 from isf_ros.busy_heartbeat import BusyHeartbeat
 from isf_ros.guard import guarded, refuse
+from isf_ros.process_identity import identity
 from isf_ros.qos_match import best_effort, names_known, nothing_comes, nothing_goes, profile_of, taken_best_effort
 
 HEARTBEAT_PERIOD = 0.5
@@ -60,6 +62,7 @@ OVERRIDES = (
     "on_deactivate",
     "on_error",
     "on_shutdown",
+    "set_parameters_atomically",
 )
 """What CellNode overrides of rclpy's node; nothing else of it may be hidden by a name of ours."""
 
@@ -93,13 +96,14 @@ class CellNode(LifecycleNode, Generic[P]):
         self._text = "ok"
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._heartbeat = self.create_timer(HEARTBEAT_PERIOD, self.publish_health, clock=self.steady_clock)
-        self._health: dict[str, object] = {"state": self._state_label, "pid": os.getpid()}
+        self._process = {"pid": os.getpid(), "process": identity()}
+        self._health: dict[str, object] = {"state": self._state_label, **self._process}
         self._busy_heartbeat = BusyHeartbeat(self._publish_busy, HEARTBEAT_PERIOD)
         self._autostart = self.create_timer(0.0, self._bring_up, clock=self.steady_clock)
 
-    def values(self) -> P:
-        """The present parameters."""
-        return parameters.read(self, self._parameters_type)
+    def values(self, changes: dict[str, Any] | None = None) -> P:
+        """The present parameters, or with ``changes`` of some; raises IsfError FILE_FIELD."""
+        return parameters.read(self, self._parameters_type, changes)
 
     # -- for nodes to override ---------------------------------------------------------------
 
@@ -270,6 +274,19 @@ class CellNode(LifecycleNode, Generic[P]):
         )
         return self._noted(ActionServer.destroy, server)
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As rclpy's, but a read-only parameter may be set to what it is: then a node takes what ``ros2 param dump``
+        has written of it."""
+        changes = [item for item in parameter_list if not self._is_fixed_so(item)]
+        if not changes:
+            return SetParametersResult(successful=True)
+        return super().set_parameters_atomically(changes)
+
+    def _is_fixed_so(self, item: Parameter) -> bool:
+        if not self.has_parameter(item.name) or not self.describe_parameter(item.name).read_only:
+            return False
+        return bool(self.get_parameter(item.name).get_parameter_value() == item.get_parameter_value())
+
     def add_on_set_parameters_callback(self, callback: Callable[..., SetParametersResult]) -> None:
         def failed(error: Exception, *_: Any) -> SetParametersResult:
             found = self.fault(error, "setting a parameter")
@@ -409,7 +426,7 @@ class CellNode(LifecycleNode, Generic[P]):
 
     def publish_health(self) -> None:
         """The regular sign of life, and at every change of what it says."""
-        values = {"state": self._state_label, "pid": os.getpid(), **self.health_values()}
+        values = {"state": self._state_label, **self._process, **self.health_values()}
         if self._apart:
             values["qos_incompatible"] = ", ".join(sorted(self._apart))
         if self._fault_count:

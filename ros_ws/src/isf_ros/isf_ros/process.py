@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import signal
 import sys
 import time
@@ -19,8 +21,8 @@ from isf_ros.lifecycle import CellNode
 
 EXIT_OK, EXIT_ERROR = 0, 2
 
-HAND_OVER = 4.0
-"""s, longest time for which a node that ends waits for its subscribers."""
+HAND_OVER = 2.0
+"""s, longest time for which a node that ends waits for its subscribers: launch ends it by force after 5 s."""
 
 MAX_FAILURES = 100
 """Failures of the executor one after the other after which its process cannot serve and ends."""
@@ -61,6 +63,7 @@ def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *
 
     SIGINT and SIGTERM end the loop between two callbacks, so that a node closes while it can still communicate.
     """
+    atexit.register(gc.freeze)  # else the interpreter looks through all that was imported before it ends: a second
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: signals.append(received))

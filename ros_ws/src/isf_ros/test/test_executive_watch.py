@@ -56,3 +56,18 @@ def test_it_is_gone_when_nobody_is_busy_with_the_part(process: int | None, busy:
     watch.release()
     time[0] = 99.0
     assert watch.gone() == ""
+
+
+@pytest.mark.parametrize(("runs", "silence"), [(True, 20.1), (False, 5.1), (None, 5.1)])
+def test_a_silent_executive_whose_process_is_seen_running_is_slow(
+    runs: bool | None, silence: float, node: Node
+) -> None:
+    time = [0.0]
+    watch = ExecutiveWatch(node, 5.0, clock=lambda: time[0], runs=lambda _: runs)
+    told = reports(7, busy=True)
+    told.status[0].values = [*told.status[0].values, KeyValue(key="process", value="7:1@here")]
+    watch.on_diagnostics(told)
+    time[0] = silence - 0.2
+    assert watch.gone() == ""
+    time[0] = silence
+    assert "has given no sign of life" in watch.gone()

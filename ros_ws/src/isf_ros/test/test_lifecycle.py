@@ -16,6 +16,7 @@ import forked_process
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from isf_ros.process_identity import running
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -82,7 +83,9 @@ def test_a_node_waits_unconfigured_and_ends_in_order(observer: Node, tmp_path: P
     with sample(closing_note=note) as process:
         assert spin_until(observer, lambda: len(heard) >= 2)
         assert heard[-1].name == "/sample"
-        assert values(heard[-1]) == {"state": "unconfigured", "pid": str(process.pid), "gain": "1.5"}
+        told = values(heard[-1])
+        assert running(told.pop("process")) is True
+        assert told == {"state": "unconfigured", "pid": str(process.pid), "gain": "1.5"}
         os.killpg(process.pid, signal.SIGTERM)
         assert process.wait(LIMIT) == 0
     assert note.read_text() == "closed"

@@ -22,7 +22,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.own_folder import path_below
 from isf_core.geometry.height_map import HeightMap
-from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
+from isf_core.simulated_sheet import DEFAULT_SHEET, LARGEST_NUMBER, SHEET_KINDS, sheet_kind
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
 from isf_ros import conversion, process, qos, stamps
@@ -47,14 +47,22 @@ class MachineParameters:
 
     lockstep: bool = parameter(True, "one tick per pair of targets; false: ticks by the wall clock")
     job: str = parameter("", "job file whose blank is clamped at the start; empty: by machine/reset")
-    variant: int = parameter(0, "plant for that blank: 0 nominal, others seeded variants, 101-120 sealed")
-    world: int = parameter(0, "the same by its former name, where variant is 0")
-    seed: int = parameter(0, "seed of noise and of the off-nominal plant")
+    variant: int = parameter(
+        0, "plant for that blank: 0 nominal, others seeded variants, 101-120 sealed", minimum=0, maximum=LARGEST_NUMBER
+    )
+    world: int = parameter(0, "the same by its former name, where variant is 0", minimum=0, maximum=LARGEST_NUMBER)
+    seed: int = parameter(0, "seed of noise and of the off-nominal plant", minimum=0, maximum=LARGEST_NUMBER)
     sheet: str = parameter(
-        DEFAULT_SHEET, "sheet of that blank: fast (seconds), shell_coarse, shell or shell_fine (minutes)"
+        DEFAULT_SHEET,
+        "sheet of that blank: fast (seconds), shell_coarse, shell or shell_fine (minutes)",
+        choices=SHEET_KINDS,
     )
     target_timeout: float = parameter(
-        0.0, "s without targets before contact is released; 0: 5 lockstep, 0.25 real time"
+        0.0,
+        "time without targets before contact is released; 0: 20 s in lockstep, 2 s else",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
     )
     real_time_priority: int = parameter(
         0, "SCHED_FIFO priority requested while ticking by the clock; 0: none", minimum=0, maximum=MAXIMUM_PRIORITY
@@ -63,7 +71,9 @@ class MachineParameters:
         "machine_states",
         "folder below which machine/save writes and machine/load reads; relative to the working directory",
     )
-    pose_decimation: int = parameter(0, "ticks per pose, clock and state message; 0: 50 messages per second")
+    pose_decimation: int = parameter(
+        0, "ticks per pose, clock and state message; 0: 50 messages per second", minimum=0, maximum=100_000
+    )
 
 
 HEARTBEAT_PERIOD = 0.2
@@ -78,8 +88,9 @@ EXECUTIVE_SILENCE = 10.0
 Twice the patience of force_ctrl, which lifts them along their path; this is for a force_ctrl that does not."""
 REST = 1.0
 """s of wall time without a tick after which a machine in lockstep is at rest."""
-LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 5.0, 0.25
-"""s of wall time without targets after which a loaded or moving machine stops."""
+LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 20.0, 2.0
+"""s of wall time without targets after which a loaded or moving machine makes a protective stop. It stands from the
+first tick without targets on: so long a controller on a busy computer may be silent and still go on."""
 
 
 class MachineNode(CellNode[MachineParameters]):

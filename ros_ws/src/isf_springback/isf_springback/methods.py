@@ -51,13 +51,19 @@ def check_method(name: str, job_file: JobFile) -> None:
     check_name(name)
     if refusal := correction_refusal(job_file.job.process, name):
         raise IsfError(ErrorCode.FILE_FIELD, refusal, where="springback method", advice="form it with the method none")
-    if getattr(_load(name), "needs_scans", False) and job_file.job.springback.scan_every == 0:
+    if needs_scans(name) and job_file.job.springback.scan_every == 0:
         raise IsfError(
             ErrorCode.FILE_FIELD,
             f"the method {name} corrects from scans, and the job makes none",
             where="springback.scan_every",
             advice="write 'scan_every: 1' in the section springback, or choose another method",
         )
+
+
+def needs_scans(name: str) -> bool:
+    """True when method ``name`` corrects from scans alone; raises IsfError METHOD_UNKNOWN."""
+    check_name(name)
+    return bool(getattr(_load(name), "needs_scans", False))
 
 
 def make_corrector(name: str, job_file: JobFile) -> Corrector:

@@ -59,7 +59,11 @@ class SpringbackParameters:
         "", "folder that relative material and rig paths of the job in part/info refer to", read_only=False
     )
     result_timeout: float = parameter(
-        5.0, "s of wall time to wait for the job, the result, the tool lift and the scan before a contour"
+        5.0,
+        "wall time to wait for the job, the result, the tool lift and the scan before a contour",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
     )
 
 

@@ -27,8 +27,6 @@ from isf_analysis.measures.events import event_of_message
 from isf_analysis.measures.record import PartRecord
 
 NANO = 1_000_000_000
-STAMP_TOLERANCE = 1e-6
-"""s by which the stamp of a scan may lie before the end of the contour it was made after: rounding of stamps."""
 
 _FIELDS = {
     topics.NOMINAL: (fields.CONTOUR, Contour),
@@ -41,24 +39,25 @@ _FIELDS = {
 Item = TypeVar("Item", Contour, ContourCorrection, ContourResult)
 
 
-def read_bag(path: Path | str) -> PartRecord:
-    """Record of the (last) part in the bag folder or MCAP file ``path``.
+def read_bag(path: Path | str, namespace: str | None = None) -> PartRecord:
+    """Record of the (last) part in the bag folder or MCAP file ``path``; of the cell ``namespace``, None: the only one.
 
     A bag whose recorder was killed is read as far as it was written; ``notes`` of the record tells so.
 
     Raises
     ------
     IsfError : BAG_UNREADABLE (no such bag, damaged beyond reading),
-        BAG_INCOMPLETE (not a bag of a cell, or nothing was formed; names what is missing)
+        BAG_INCOMPLETE (not a bag of a cell, or nothing was formed; names what is missing),
+        FILE_FIELD (it holds several cells, or none of that name)
     """
     with open_bag(path) as bag:
-        return part_of(bag)
+        return part_of(bag, namespace)
 
 
-def part_of(bag: OpenBag) -> PartRecord:
+def part_of(bag: OpenBag, namespace: str | None = None) -> PartRecord:
     """As :func:`read_bag`, of a bag that is open."""
     try:
-        return _read_part(_Messages(bag), bag.path)
+        return _read_part(_Messages(bag, namespace), bag.path)
     except IsfError as error:
         if not bag.notes:
             raise
@@ -86,8 +85,8 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
     target_message = _last(messages.of(topics.TARGET))
     target = None if target_message is None else fields.height_map_of(target_message[1])
     scans = [item for item in messages.of(topics.SCAN) if item[0] >= start]
-    formed = max((result.end for result in results), default=math.inf) - STAMP_TOLERANCE
-    final = scan_cloud.final_scans(scans, part.times(topics.NOMINAL), part.times(topics.RESULT), formed)
+    formed = max((result.end for result in results), default=math.inf)
+    final = scan_cloud.final_scans(scans, formed, part.unfinished_since(results), part.last_news())
     last = final[-1:]
     missing = ([] if target else [topics.TARGET.name]) + ([] if last else [_no_scan(len(scans))])
     missing += _gaps(nominal, results)
@@ -149,9 +148,20 @@ class _Part:
         }
         return tuple(found[index] for index in sorted(found))
 
-    def times(self, topic: Topic) -> list[int]:
-        """Receive times (ns since 1970) of the messages of this plan."""
-        return [time for time, item in self.messages.of(topic) if item.plan_id == self.plan_id and time >= self.start]
+    def unfinished_since(self, results: tuple[ContourResult, ...]) -> int:
+        """Receive time (ns since 1970) of the first contour after the last of the ``results``; 0 when there is none."""
+        last = max((result.index for result in results), default=-1)
+        times = [
+            time
+            for time, item in self.messages.of(topics.NOMINAL)
+            if item.plan_id == self.plan_id and time >= self.start and item.index > last
+        ]
+        return min(times, default=0)
+
+    def last_news(self) -> int:
+        """Receive time (ns since 1970) of the last contour or result; 0 when there is none."""
+        news = (item for topic in (topics.NOMINAL, topics.RESULT) for item in self.messages.of(topic))
+        return max((time for time, item in news if item.plan_id == self.plan_id and time >= self.start), default=0)
 
 
 def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -> tuple[ContourScan, ...]:
@@ -159,7 +169,7 @@ def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -
     found: dict[int, ContourScan] = {}
     for _, message in scans:
         time = scan_cloud.stamp_of(message)
-        formed = [result.index for result in results if result.end <= time + STAMP_TOLERANCE]
+        formed = [result.index for result in results if result.end <= time + scan_cloud.SCAN_TOLERANCE]
         if formed:
             found[formed[-1]] = kept_scan(formed[-1], time, scan_cloud.points_of(message))
     return tuple(found[index] for index in sorted(found))
@@ -232,9 +242,9 @@ def _last(items: Iterator[tuple[int, Any]]) -> tuple[int, Any] | None:
 class _Messages:
     """The messages of an open bag by topic."""
 
-    def __init__(self, bag: OpenBag) -> None:
+    def __init__(self, bag: OpenBag, namespace: str | None) -> None:
         self.bag = bag
-        self._namespace = namespace_of(bag)
+        self._namespace = namespace_of(bag, namespace)
         self._read: dict[str, list[tuple[int, Any]]] = {}
 
     def of(self, topic: Topic) -> Iterator[tuple[int, Any]]:
@@ -274,16 +284,16 @@ class _Messages:
         return tuple(notes)
 
 
-def namespace_of(bag: OpenBag) -> str:
-    """Namespace of the cell, from the topic that carries the job; the first one when there are several.
+def namespace_of(bag: OpenBag, wanted: str | None = None) -> str:
+    """Namespace of the cell ``wanted``, or of the only one, from the topic that carries the job.
 
     Raises
     ------
-    IsfError : BAG_INCOMPLETE, not a bag of a cell
+    IsfError : BAG_INCOMPLETE, not a bag of a cell; FILE_FIELD, it holds several cells, or none of that name
     """
     ending = f"/{topics.JOB.name}"
-    names = [item.topic for item in bag.connections if item.topic.endswith(ending)]
-    if not names:
+    cells = sorted({item.topic.removesuffix(ending) for item in bag.connections if item.topic.endswith(ending)})
+    if not cells:
         known = sorted({item.topic for item in bag.connections})
         listed = ", ".join(known[:6]) + (" ..." if len(known) > 6 else "")
         raise _incomplete(
@@ -291,7 +301,22 @@ def namespace_of(bag: OpenBag) -> str:
             f"is not a bag of a forming cell: no topic {topics.JOB.name} (needed with {topics.NOMINAL.name} and "
             f"{topics.RESULT.name}); it holds {listed or 'nothing'}",
         )
-    return names[0].removesuffix(ending)
+    listed = ", ".join(cell or "/" for cell in cells)
+    if wanted is not None:
+        asked = "/" + wanted.strip("/") if wanted.strip("/") else ""
+        if asked not in cells:
+            raise IsfError(
+                ErrorCode.FILE_FIELD, f"holds no cell '{wanted}'", where=str(bag.path), advice=f"it holds {listed}"
+            )
+        return asked
+    if len(cells) > 1:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"holds {len(cells)} cells: {listed}",
+            where=str(bag.path),
+            advice=f"choose one: --namespace {cells[-1]}",
+        )
+    return cells[0]
 
 
 def _incomplete(path: Path, what: str) -> IsfError:

@@ -72,9 +72,14 @@ CELL = (
     LIFT,
     Topic("/clock", "rosgraph_msgs/msg/Clock", "SENSOR"),
     Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT"),
+    Topic("/rosout", "rcl_interfaces/msg/Log", "DEFAULT"),
+    Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", "DEFAULT"),
+    Topic("/tf", "tf2_msgs/msg/TFMessage", "DEFAULT"),
+    Topic("/tf_static", "tf2_msgs/msg/TFMessage", "LATCHED"),
 )
 """All topics of a cell, which the recorder takes unless told otherwise. Those that nobody publishes stay empty: raw
-readings come where nodes ``load_cell`` turn them into wrenches, by whatever delivery their driver has."""
+readings come where nodes ``load_cell`` turn them into wrenches, by whatever delivery their driver has. /tf is recorded
+where tf2_msgs is installed."""
 
 
 PACKAGE = "isf_msgs"

@@ -17,25 +17,30 @@ from isf_ros import fields
 from numpy.typing import NDArray
 from scipy import ndimage
 
-LATENESS = 100_000_000
-"""ns by which a recorder may receive the last result after the scan that was asked for because of it."""
+SCAN_TOLERANCE = 1e-6
+"""s by which the stamp of a scan may lie before the end of the contour it was made after: rounding of stamps."""
 
 REACH = 2
 """Cells next to measured ones that are filled from them, so that sparse points leave no holes."""
 
 
-def final_scans(
-    scans: Sequence[tuple[int, Any]], nominal: Sequence[int], results: Sequence[int], formed: float = math.inf
-) -> list[Any]:
+def final_scans(scans: Sequence[tuple[int, Any]], formed: float, begun: int = 0, ended: int = 0) -> list[Any]:
     """The scans after which nothing was formed; a scan between contours is not of the finished part.
 
-    ``scans`` are (receive time ns, message); ``nominal`` and ``results`` are receive times of contours and results;
-    ``formed`` is the time at which the last contour was formed, s by the clock of stamps: a scan stamped later is final
-    however late a busy recorder received the result.
+    ``scans`` are (receive time ns, message). Stamps decide, for a busy recorder may receive a scan before the result
+    that it was asked for because of: ``formed`` is the time at which the last contour ended, s by the clock of stamps.
+    Where a contour was begun and its end is not known, or nothing tells when one ended (``formed`` infinite), a scan
+    counts that came after ``begun``, the receive time (ns) of that contour. One without a stamp counts when it came
+    after ``ended``, the receive time (ns) of the last contour or result.
     """
-    begun = max(nominal, default=0)
-    ended = max([begun, *(time - LATENESS for time in results)])
-    return [message for time, message in scans if time >= ended or (time >= begun and stamp_of(message) >= formed)]
+
+    def final(time: int, message: Any) -> bool:
+        stamp = stamp_of(message)
+        if stamp == 0.0:
+            return time >= ended
+        return time >= begun and (math.isinf(formed) or stamp >= formed - SCAN_TOLERANCE)
+
+    return [message for time, message in scans if final(time, message)]
 
 
 def stamp_of(message: Any) -> float:

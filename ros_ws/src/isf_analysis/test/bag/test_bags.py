@@ -299,6 +299,20 @@ def test_a_part_of_another_version_is_noted(tmp_path: Path) -> None:
     assert not any("version" in note for note in read_bag(write_bag(PART, tmp_path / "same")).notes)
 
 
+def test_a_bag_of_two_cells_asks_which(bag: Path, tmp_path: Path) -> None:
+    other = write_bag(replace(PART, job_name="other"), tmp_path / "other")
+    cells = [copy_bag(item, tmp_path / f"cell_{k}", prefix=f"/cell_{k}") for k, item in enumerate((bag, other), 1)]
+    both = copy_bag(cells, tmp_path / "both")
+    error = error_of(both)
+    assert error.code == ErrorCode.FILE_FIELD
+    assert "2 cells: /cell_1, /cell_2" in error.message
+    assert "--namespace" in error.advice
+    assert_same(PART, read_bag(both, "cell_1"))
+    assert read_bag(both, "/cell_2/").job_name == "other"
+    with pytest.raises(IsfError, match="no cell 'cell_3'"):
+        read_bag(both, "cell_3")
+
+
 def test_raw_readings_in_a_bag_disturb_nobody(bag: Path, tmp_path: Path) -> None:
     with Writer(tmp_path / "raw", version=9, storage_plugin=StoragePlugin.MCAP) as writer, Reader(bag) as reader:
         added = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=cell_types()) for c in reader.connections}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,15 +16,31 @@ def scan(stamp: float) -> Any:
     return SimpleNamespace(header=SimpleNamespace(stamp=SimpleNamespace(sec=int(stamp), nanosec=0)))
 
 
-@pytest.mark.parametrize("late", [0.0, 0.05, 3.0])
-def test_a_result_that_is_received_late_does_not_take_the_scan_away(late: float) -> None:
-    """The last contour is formed at 50 s; its result is received ``late`` s after the scan."""
+@pytest.mark.parametrize("late", [-3.0, 0.0, 3.0])
+def test_the_order_of_receipt_does_not_matter(late: float) -> None:
+    """The last contour is formed at 50 s; the scan after it is received early or late."""
     between, last = scan(40.0), scan(51.0)
-    received = [(100 * SECOND, between), (120 * SECOND, last)]
-    nominal, results = [90 * SECOND, 110 * SECOND], [95 * SECOND, int((120 + late) * SECOND)]
-    assert final_scans(received, nominal, results, 50.0) == [last]
+    assert final_scans([(100 * SECOND, between), (int((120 + late) * SECOND), last)], 50.0) == [last]
 
 
-def test_a_scan_before_the_last_contour_is_not_final() -> None:
-    received = [(100 * SECOND, scan(40.0)), (115 * SECOND, scan(45.0))]
-    assert final_scans(received, [110 * SECOND], [120 * SECOND], 50.0) == []
+def test_a_scan_before_the_last_contour_is_not_final_however_late_it_is_received() -> None:
+    assert final_scans([(100 * SECOND, scan(40.0)), (1150 * SECOND, scan(45.0))], 50.0) == []
+
+
+def test_a_scan_in_lockstep_has_the_stamp_of_the_end_of_the_contour() -> None:
+    last = scan(50.0)
+    assert final_scans([(1, last)], 50.0) == [last]
+
+
+def test_without_the_end_of_the_last_contour_the_time_of_receipt_decides() -> None:
+    """A contour was begun at 110 s and no result of it came."""
+    before, after = scan(52.0), scan(60.0)
+    received = [(100 * SECOND, before), (115 * SECOND, after)]
+    assert final_scans(received, 50.0, 110 * SECOND) == [after]
+    assert final_scans(received, math.inf, 110 * SECOND) == [after]
+
+
+def test_a_scan_without_a_stamp_is_judged_by_its_receipt() -> None:
+    early, late = scan(0.0), scan(0.0)
+    received = [(100 * SECOND, early), (115 * SECOND, late)]
+    assert final_scans(received, 50.0, ended=110 * SECOND) == [late]

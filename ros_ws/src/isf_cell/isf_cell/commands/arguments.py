@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 from isf_core.errors import ErrorCode, IsfError
-
-from isf_cell.options import LARGEST_NUMBER
+from isf_core.simulated_sheet import LARGEST_NUMBER
 
 Job = Annotated[Path, typer.Argument(help="job file (YAML)", metavar="JOB", show_default=False)]
 Variant = Annotated[

@@ -25,6 +25,7 @@ EXECUTABLES = (
     ("isf_springback", "springback"),
     ("isf_force_ctrl", "force_ctrl"),
     ("isf_load_cell", "load_cell"),
+    ("isf_driver_example", "driver"),
     ("isf_cell", "executive"),
     ("isf_cell", "isf"),
     ("isf_analysis", "recorder"),

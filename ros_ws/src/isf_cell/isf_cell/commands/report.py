@@ -35,17 +35,19 @@ def finish(
     as_json: bool,
     bag: Path | None = None,
     counts: Mapping[str, Any] | None = None,
+    namespace: str | None = None,
 ) -> None:
     """Report the run in ``folder`` (its ``bag`` by default); raises ``failure`` after reporting it.
 
     A run of which its own bag does not hold the end has the failure BAG_INCOMPLETE.
 
-    ``counts`` replaces numbers that the bag cannot know, such as the wall time.
+    ``namespace`` is the cell of a bag that holds several. ``counts`` replaces numbers that the bag cannot know, such as
+    the wall time.
     """
     own = bag is None
     bag = bag or folder / "bag"
     try:
-        record = read_bag(bag)
+        record = read_bag(bag, namespace)
     except IsfError:
         if failure:  # the reason why there is nothing to report
             raise failure from None
@@ -72,11 +74,13 @@ def finish(
         raise ReportedError(failure)
 
 
-def report_bag(bag: Path, reference: Path | None, output: Path | None, *, as_json: bool) -> None:
-    """Report of ``bag`` (or of the run folder with it), beside it unless ``output`` is given.
+def report_bag(
+    bag: Path, reference: Path | None, output: Path | None, *, namespace: str | None = None, as_json: bool
+) -> None:
+    """Report of ``bag`` (or of the run folder with it), of its cell ``namespace``; beside it, or in ``output``.
 
-    Raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_NOT_WRITABLE.
+    Raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, FILE_NOT_WRITABLE.
     """
     bag = bag_of(bag).resolve()
     folder = make_folder(output or bag.parent)
-    finish(folder, reference and bag_of(reference), failure=None, as_json=as_json, bag=bag)
+    finish(folder, reference and bag_of(reference), failure=None, as_json=as_json, bag=bag, namespace=namespace)

@@ -30,9 +30,10 @@ from std_srvs.srv import Trigger
 from isf_cell.run.cell import FormedContour, Operator, PartGoal, PlannedPart
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
+from isf_cell.run.machine_client import MACHINE, MachineClient
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
-MANAGED = ("machine", "planner", "springback", "force_ctrl")
+MANAGED = (MACHINE, "planner", "springback", "force_ctrl")
 """Nodes brought up in this order, down in reverse."""
 
 COMMANDS = (
@@ -53,6 +54,10 @@ _NOT_HEARD_YET = (ErrorCode.WRENCH_LOST, ErrorCode.POSE_LOST, ErrorCode.NO_TARE)
 
 _END_THE_PART = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
 """Failures of a lift or a scan that the part does not go on after."""
+
+
+REAL_MACHINE = -1
+"""Variant of what is not simulated."""
 
 
 class Publishers(Protocol):
@@ -105,7 +110,9 @@ class GraphCell:
         self._news = threading.Condition()
         self._results: dict[int, ContourResult] = {}
         self._corrections: dict[int, ContourCorrection] = {}
-        self._machine: MachineState | None = None
+        self._machine = MachineClient(client, lockstep=settings.lockstep, report=operator.phase)
+        self._managed: tuple[str, ...] = MANAGED
+        self._state: MachineState | None = None
         self._events: list[Event] = []
         self._at_start = TickCounts()
         self._plan_id = ""
@@ -131,14 +138,14 @@ class GraphCell:
 
     def on_machine_state(self, state: MachineState) -> None:
         """The machine told its state."""
-        self._machine = state
+        self._state = state
 
     # -- the cell (worker thread) --------------------------------------------------------------
 
     @property
     def counts(self) -> TickCounts:
         """Of the machine since the part began."""
-        state, begin = self._machine, self._at_start
+        state, begin = self._state, self._at_start
         if state is None:
             return TickCounts()
         return TickCounts(
@@ -148,41 +155,41 @@ class GraphCell:
         )
 
     def bring_up(self) -> None:
-        """As in the protocol."""
-        self._monitor.forget_states()
+        """As in the protocol; finds out what the machine offers."""
+        self._monitor.forget()
         self._client.prepare(COMMANDS)
         self._client.prepare((ChangeState, f"{name}/change_state") for name in MANAGED)
-        for name in MANAGED:
+        managed = self._machine.find(self._watch_operator)
+        self._managed = MANAGED if managed else MANAGED[1:]
+        for name in self._managed:
             # a node may compile or load for long and be silent meanwhile; its answer is a sign of life
             self._client.bring_up(name, self._watch_operator)
             self._monitor.hear(name, "")
+        self._machine.look(self._watch_operator, lifecycle=managed)
 
     def reset(self, goal: PartGoal) -> None:
         """As in the protocol."""
-        request = Reset.Request(
-            new_blank=goal.first_index == 0,
-            job_text=goal.job_file.text,
-            base_folder=str(goal.job_file.base),
-            world=goal.options.variant,
-            seed=goal.options.seed,
-            sheet=goal.options.sheet,
-        )
-        self._machine, self._events = None, []
-        timeout = 6 * self._settings.service_timeout
-        self._client.checked_call(Reset, "machine/reset", request, self._watch_nodes, timeout=timeout)
+        self._machine.check(goal.method, goal.job_file)
+        self._state, self._events = None, []
+        self._machine.reset(goal, self._watch_nodes, timeout=6 * self._settings.service_timeout)
 
     def tare(self) -> None:
         """As in the protocol."""
-        self._client.checked_call(Tare, "machine/tare", Tare.Request(), self._watch_nodes)
+        machine = self._machine
+        machine.tare(self._watch_nodes)
+        if not machine.offer.state:
+            self._at_start = TickCounts()
+            return
         self._client.wait_until(
-            lambda: self._machine is not None and not self._machine.fault_codes and self._machine.tared,
+            lambda: (
+                (state := self._state) is not None and not state.fault_codes and (state.tared or not machine.tells_tare)
+            ),
             self._watch_nodes,
-            "the machine does not report its state",
+            "the machine does not report that it is tared and without a fault",
             ErrorCode.SERVICE_TIMEOUT,
         )
-        state = self._machine
-        assert state is not None  # waited for
-        self._at_start = TickCounts(state.tick, state.late_ticks, state.targets_lost)
+        if (state := self._state) is not None:
+            self._at_start = TickCounts(state.tick, state.late_ticks, state.targets_lost)
 
     def plan(self, goal: PartGoal) -> PlannedPart:
         """As in the protocol."""
@@ -258,7 +265,7 @@ class GraphCell:
             except IsfError as error:
                 self._go_on_after(error, f"the tools were not moved aside after {after}")
         try:
-            self._client.checked_call(Scan, "machine/scan", Scan.Request(clamped=True, sensor=self._sensor), self.check)
+            self._machine.scan(self.check, sensor=self._sensor)
         except IsfError as error:
             self._go_on_after(error, f"no scan after {after}")
 
@@ -268,7 +275,7 @@ class GraphCell:
         self._watch_nodes()
         self._watch_operator()
         self._watch_states()
-        state = self._machine
+        state = self._state
         if state is not None and state.fault_codes:
             raise IsfError(ErrorCode(state.fault_codes[0]), state.fault_messages[0], where="machine")
         for correction in list(self._corrections.values()):
@@ -295,21 +302,19 @@ class GraphCell:
 
     def stop(self, error: IsfError) -> None:
         """Each step may fail without stopping the next; only time limits count, the part has failed already."""
-        if error.code in (ErrorCode.CANCELLED, ErrorCode.SHEET_TORN):
+        if error.code in (ErrorCode.CANCELLED, ErrorCode.SHEET_TORN) or not self._machine.offer.stop:
             self._attempt(lambda: self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), _no_watch))
             release = Arm.Request(plan_id="")
             self._attempt(lambda: self._client.call(Arm, "force_ctrl/arm", release, _no_watch, timeout=60.0))
-        elif "machine" not in self._monitor.silent():  # else nobody would answer
-            reason = f"part ended with {error.code.name}"
-            self._attempt(lambda: self._client.call(Stop, "machine/stop", Stop.Request(reason=reason), _no_watch))
+        elif MACHINE not in self._monitor.dead():  # else nobody would answer
+            self._attempt(lambda: self._machine.stop(f"part ended with {error.code.name}", _no_watch))
 
     def finish(self) -> None:
         """As in the protocol."""
-        dead = set(self._monitor.silent())
-        if self._plan_id and "machine" not in dead:
-            scan = Scan.Request(clamped=True)
-            self._attempt(lambda: self._client.checked_call(Scan, "machine/scan", scan, _no_watch))
-        for name in reversed(MANAGED):
+        dead = set(self._monitor.dead())
+        if self._plan_id and MACHINE not in dead:
+            self._attempt(lambda: self._machine.scan(_no_watch, sensor=False))
+        for name in reversed(self._managed):
             if name not in dead and self._monitor.heard(name):
                 self._attempt(lambda name=name: self._client.bring_down(name, _no_watch))  # type: ignore[misc]
 
@@ -358,7 +363,7 @@ class GraphCell:
     def _watch_nodes(self) -> None:
         if self._look.late():
             self._monitor.not_served()
-        for name in self._monitor.silent():
+        for name in self._monitor.dead():
             words = self._monitor.last_words(name)
             last = f"; its last output:  {words}" if words not in ("", "ok") else ""
             raise IsfError(
@@ -374,7 +379,7 @@ class GraphCell:
             self._operator.phase(f"while ending the part: {error}")
 
     def _info(self, goal: PartGoal, planned: PlannedPart) -> JobInfo:
-        job, options = goal.job_file.job, goal.options
+        job, options, offer = goal.job_file.job, goal.options, self._machine.offer
         return JobInfo(
             job_name=job.name,
             job_text=goal.job_file.text,
@@ -382,9 +387,9 @@ class GraphCell:
             process=job.process,
             correction=goal.method,
             support_force=float(options.set_point(goal.job_file)),
-            world=options.variant,
+            world=options.variant if offer.simulated else REAL_MACHINE,
             seed=options.seed,
-            sheet=options.sheet,
+            sheet=options.sheet if offer.simulated else "",
             control_rate=float(job.control.rate),
             lockstep=self._settings.lockstep,
             software=__version__,

@@ -15,9 +15,10 @@ from isf_ros.lifecycle import failure
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
 ASK_AGAIN = 2.0
@@ -51,6 +52,14 @@ class GraphClient:
         discovered yet, and what changes something must not be asked for twice."""
         for kind, name in services:
             self._service(kind, name)
+
+    def offers(self, kind: Any, name: str) -> bool:
+        """True when somebody is known to serve the service ``name``."""
+        return bool(self._service(kind, name).service_is_ready())
+
+    def publishers(self, topic: str) -> int:
+        """How many are known to publish ``topic``."""
+        return int(self._node.count_publishers(self._node.resolve_topic_name(topic)))
 
     def call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
         """Response of a service; raises IsfError NODE_MISSING (no server) or SERVICE_TIMEOUT."""
@@ -105,6 +114,11 @@ class GraphClient:
         if not response.results[0].successful:
             raise IsfError(ErrorCode.METHOD_UNKNOWN, response.results[0].reason)
 
+    def get_parameter(self, node_name: str, name: str, watch: Watch) -> Any:
+        """Value of a parameter of another node; None when it has none of that name."""
+        response = self.ask(GetParameters, f"{node_name}/get_parameters", GetParameters.Request(names=[name]), watch)
+        return parameter_value_to_python(response.values[0]) if response.values else None
+
     def state_of(self, node_name: str, watch: Watch) -> int:
         """Lifecycle state id of a node."""
         return int(self.ask(GetState, f"{node_name}/get_state", GetState.Request(), watch).current_state.id)
@@ -122,16 +136,29 @@ class GraphClient:
             self._transition(node_name, Transition.TRANSITION_DEACTIVATE, "deactivate", watch)
 
     def wait_until(
-        self, condition: Callable[[], bool], watch: Watch, what: str, code: ErrorCode, *, timeout: float | None = None
+        self,
+        condition: Callable[[], bool],
+        watch: Watch,
+        what: str,
+        code: ErrorCode,
+        *,
+        timeout: float | None = None,
+        advice: str = "see isf doctor and the log of the node",
     ) -> None:
-        """Wait for a condition; raises IsfError ``code`` with ``what`` after the timeout."""
-        deadline = time.monotonic() + (timeout or self._timeout)
+        """Wait for a condition; raises IsfError ``code`` with ``what`` and ``advice`` after the timeout."""
+        if not self.within(timeout or self._timeout, condition, watch):
+            raise IsfError(code, what, advice=advice)
+
+    def within(self, seconds: float, condition: Callable[[], bool], watch: Watch) -> bool:
+        """True as soon as the condition holds, False when it did not within ``seconds``."""
+        deadline = time.monotonic() + seconds
         pause = threading.Event()
         while not condition():
             watch()
             if time.monotonic() > deadline:
-                raise IsfError(code, what, advice="see isf doctor and the log of the node")
+                return False
             pause.wait(POLL)
+        return True
 
     def _service(self, kind: Any, name: str) -> Any:
         return self._clients.get(name) or self._clients.setdefault(name, self._node.create_client(kind, name))

@@ -60,6 +60,16 @@ class ContactForceLoop:
     )
 
     def __init__(self, settings: ContactForceSettings) -> None:
+        self._fir = Fir(settings.coefficients)
+        self.retune(settings)
+        self._error = 0.0
+        self.offset = 0.0
+        """m, present offset along the horizontal normal, positive towards the forming tool."""
+        self.flags = 0
+        """Limits that were active in the last tick, a sum of :class:`Flag`."""
+
+    def retune(self, settings: ContactForceSettings) -> None:
+        """Other settings at the same rate; the offset, an integral, goes on from where it is."""
         self._clamp = settings.error_clamp
         self._slew = settings.error_slew / settings.rate
         self._dead = settings.dead_zone
@@ -67,12 +77,7 @@ class ContactForceLoop:
         self._rate = settings.rate
         self._gain = settings.integral_gain / settings.rate
         self._ramp_back = 1.0 / (settings.integral_gain * settings.ramp_back_time)
-        self._fir = Fir(settings.coefficients)
-        self._error = 0.0
-        self.offset = 0.0
-        """m, present offset along the horizontal normal, positive towards the forming tool."""
-        self.flags = 0
-        """Limits that were active in the last tick, a sum of :class:`Flag`."""
+        self._fir.retune(settings.coefficients)
 
     def set_gain(self, integral_gain: float) -> None:
         """New K_i (m/(N s)); the offset goes on from where it is."""
@@ -163,16 +168,22 @@ class ComplianceCompensation:
     )
 
     def __init__(self, settings: ComplianceSettings) -> None:
-        self._gain_x, self._gain_y = settings.gain
-        self._slew = settings.offset_slew / settings.rate
-        self._limit = settings.offset_limit
         self._fir_x, self._fir_y = Fir(settings.coefficients), Fir(settings.coefficients)
-        self._share = 1.0 / (1.0 + settings.smoothing_time * settings.rate)
+        self.retune(settings)
         self._slow_along = self._slow_across = 0.0
         self._raw_x = self._raw_y = 0.0
         self.x = self.y = 0.0
         """m, present offset."""
         self.flags = 0
+
+    def retune(self, settings: ComplianceSettings) -> None:
+        """Other settings at the same rate; the offset goes on from where it is, no faster than its slew."""
+        self._gain_x, self._gain_y = settings.gain
+        self._slew = settings.offset_slew / settings.rate
+        self._limit = settings.offset_limit
+        self._share = 1.0 / (1.0 + settings.smoothing_time * settings.rate)
+        self._fir_x.retune(settings.coefficients)
+        self._fir_y.retune(settings.coefficients)
 
     def step(self, force_x: float, force_y: float, normal_x: float = 1.0, normal_y: float = 0.0) -> None:
         """Take in the force of the sheet on the tool (N) of one tick; ``normal`` is the unit vector it turns with."""
@@ -242,6 +253,11 @@ class Fir:
         """Filtered value after taking in ``value``."""
         self._history.appendleft(value)
         return float(sum(map(mul, self._coefficients, self._history)))
+
+    def retune(self, coefficients: NDArray[np.float64]) -> None:
+        """Other coefficients, as many as before. What came before is kept: two symmetric filters of one length delay
+        alike, so a steady or a steadily rising signal goes through the change without a step."""
+        self._coefficients = [float(c) for c in coefficients]
 
     def reset(self, value: float) -> None:
         """Forget the past as if the input had always been ``value``."""

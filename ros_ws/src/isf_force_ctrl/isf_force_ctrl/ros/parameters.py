@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from isf_core.files.job import LARGEST_SUPPORT_FORCE
 from isf_ros.parameters import parameter
 from isf_ros.thread_priority import MAXIMUM_PRIORITY
 
 from isf_force_ctrl.control_config import ControlConfig
+
+OF_THE_JOB = -1.0
+"""Value of ``set_point`` that leaves it to the contours: a number, which every tool can write (NaN is none in YAML)."""
 
 
 @dataclass(frozen=True)
@@ -16,18 +20,30 @@ class ForceCtrlParameters:
 
     lockstep: bool = parameter(True, "one tick per pair of wrenches; false: by the wall clock")
     wrench_timeout: float = parameter(
-        0.0, "s without a wrench after which a contour ends; 0: 5 s in lockstep, 0.25 s else", minimum=0.0, maximum=60.0
+        0.0,
+        "time without a wrench after which a contour ends; 0: 20 s in lockstep, 3 s else",
+        unit="s",
+        minimum=0.0,
+        maximum=60.0,
+    )
+    wrenches_tared: bool = parameter(
+        False, "the wrenches come tared: machine/tare and machine/state are not needed to arm", read_only=False
     )
     contour_wait: float = parameter(
         10.0,
-        "s of wall time in contact without a next contour after which the tools are lifted, where no executive has the "
-        "part formed",
+        "wall time in contact without a next contour after which the tools are lifted, where no executive has the part "
+        "formed",
+        unit="s",
         minimum=0.5,
         maximum=3600.0,
     )
     wrench_frame: str = parameter("sheet", "frame_id that wrenches must have")
     wrench_delay: float = parameter(
-        0.03, "s, in real time: longest delay of wrenches beyond that of the first ones", minimum=1e-3, maximum=10.0
+        0.03,
+        "by the clock: longest delay of wrenches beyond that of the first ones",
+        unit="s",
+        minimum=1e-3,
+        maximum=10.0,
     )
     real_time_priority: int = parameter(
         60, "SCHED_FIFO priority requested while ticking by the clock; 0: none", minimum=0, maximum=MAXIMUM_PRIORITY
@@ -39,46 +55,110 @@ class ForceCtrlParameters:
         choices=("pose", "twist"),
     )
     state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick", minimum=1, maximum=100_000)
-    loop_gain: float = parameter(ControlConfig.loop_gain, "1/s, K_i K_c of the force loop", minimum=0.1, maximum=500.0)
+    set_point: float = parameter(
+        OF_THE_JOB,
+        "support force instead of that of the contours under force control; -1: as in the contours",
+        unit="N",
+        read_only=False,
+        minimum=OF_THE_JOB,
+        maximum=LARGEST_SUPPORT_FORCE,
+    )
+    loop_gain: float = parameter(
+        ControlConfig.loop_gain, "K_i K_c of the force loop", unit="1/s", read_only=False, minimum=0.1, maximum=500.0
+    )
     dead_zone: float = parameter(
-        ControlConfig.dead_zone, "N, force error that is left alone", minimum=0.0, maximum=100.0
+        ControlConfig.dead_zone,
+        "force error that is left alone",
+        unit="N",
+        read_only=False,
+        minimum=0.0,
+        maximum=100.0,
     )
     filter_cutoff: float = parameter(
-        ControlConfig.filter_cutoff, "Hz, low-pass on force error and forming force", minimum=1.0, maximum=1000.0
+        ControlConfig.filter_cutoff,
+        "low-pass on force error and forming force",
+        unit="Hz",
+        read_only=False,
+        minimum=1.0,
+        maximum=1000.0,
     )
     error_clamp: float = parameter(
-        ControlConfig.error_clamp, "N, largest force error that acts", minimum=1.0, maximum=1000.0
+        ControlConfig.error_clamp,
+        "largest force error that acts",
+        unit="N",
+        read_only=False,
+        minimum=1.0,
+        maximum=1000.0,
     )
     set_point_rate: float = parameter(
-        ControlConfig.set_point_rate, "N/s, ramp of the set-point while engaging", minimum=1.0, maximum=1e5
+        ControlConfig.set_point_rate,
+        "ramp of the set-point",
+        unit="N/s",
+        read_only=False,
+        minimum=1.0,
+        maximum=1e5,
     )
     learning: float = parameter(
-        ControlConfig.learning, "0..1, share of the previous contour's offsets fed forward", minimum=0.0, maximum=1.0
+        ControlConfig.learning,
+        "share of the previous contour's offsets fed forward",
+        unit="1",
+        minimum=0.0,
+        maximum=1.0,
     )
     feed_error: float = parameter(
-        ControlConfig.feed_error, "N, force error from which the feed is reduced", minimum=0.1
+        ControlConfig.feed_error,
+        "force error from which the feed is reduced",
+        unit="N",
+        read_only=False,
+        minimum=0.1,
     )
     feed_floor: float = parameter(
-        ControlConfig.feed_floor, "0..1, smallest fraction of the feed", minimum=0.01, maximum=1.0
+        ControlConfig.feed_floor,
+        "smallest fraction of the feed",
+        unit="1",
+        read_only=False,
+        minimum=0.01,
+        maximum=1.0,
     )
-    seam_speed: float = parameter(ControlConfig.seam_speed, "m/s, feed at both ends of a closed contour", minimum=1e-4)
+    seam_speed: float = parameter(
+        ControlConfig.seam_speed, "feed at both ends of a closed contour", unit="m/s", minimum=1e-4
+    )
     adapt_stiffness: bool = parameter(ControlConfig.adapt_stiffness, "estimate the contact stiffness on line")
     oscillation_swing: float = parameter(
-        ControlConfig.oscillation_swing, "N, swing that counts as oscillation", minimum=0.1
+        ControlConfig.oscillation_swing, "swing that counts as oscillation", unit="N", minimum=0.1
     )
     compliance_time: float = parameter(
-        ControlConfig.compliance_time, "s, time constant of the compliance compensation", minimum=0.0, maximum=10.0
+        ControlConfig.compliance_time,
+        "time constant of the compliance compensation",
+        unit="s",
+        read_only=False,
+        minimum=0.0,
+        maximum=10.0,
     )
     contact_threshold: float = parameter(
-        ControlConfig.contact_threshold, "N, support force that counts as contact", minimum=0.1, maximum=1000.0
+        ControlConfig.contact_threshold,
+        "support force that counts as contact",
+        unit="N",
+        read_only=False,
+        minimum=0.1,
+        maximum=1000.0,
     )
     drift_limit: float = parameter(
         ControlConfig.drift_limit,
-        "N, reading of a tool off the sheet above which a warning is given",
+        "reading of a tool off the sheet above which a warning is given",
+        unit="N",
+        read_only=False,
         minimum=0.1,
         maximum=1e5,
     )
     drift_stop: float = parameter(
-        ControlConfig.drift_stop, "N, the same, above which no contact is made", minimum=0.1, maximum=1e5
+        ControlConfig.drift_stop,
+        "the same, above which no contact is made",
+        unit="N",
+        read_only=False,
+        minimum=0.1,
+        maximum=1e5,
     )
-    acceleration: float = parameter(ControlConfig.acceleration, "m/s^2 of a tool tip", minimum=1e-3, maximum=20.0)
+    acceleration: float = parameter(
+        ControlConfig.acceleration, "of a tool tip", unit="m/s^2", minimum=1e-3, maximum=20.0
+    )

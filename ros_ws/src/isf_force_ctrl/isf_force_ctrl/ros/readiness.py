@@ -13,7 +13,7 @@ from isf_ros.watchdog import ReceiveWatchdog
 
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Vector
-from isf_force_ctrl.ros.parameters import ForceCtrlParameters
+from isf_force_ctrl.ros.parameters import OF_THE_JOB, ForceCtrlParameters
 from isf_force_ctrl.supervision.wrench_receiver import WrenchFrames
 
 FRESH = 1.0
@@ -23,9 +23,9 @@ FRESH = 1.0
 class Readiness:
     """Ages of wrenches and poses, state of the machine, and whose wrench is ``needed`` (1, 2)."""
 
-    def __init__(self, timeout: float, frames: WrenchFrames) -> None:
-        """``timeout`` s without a wrench after which it counts as lost."""
-        self.timeout, self._frames = timeout, frames
+    def __init__(self, timeout: float, pose_timeout: float, frames: WrenchFrames) -> None:
+        """``timeout``, ``pose_timeout`` s without a wrench, a pose after which they count as lost."""
+        self.timeout, self.pose_timeout, self._frames = timeout, pose_timeout, frames
         self.needed: list[int] = [1, 2]
         self._machine: tuple[float, isf.MachineState] | None = None
         self._watchdogs = (ReceiveWatchdog(timeout), ReceiveWatchdog(timeout))
@@ -45,7 +45,11 @@ class Readiness:
 
     def lost(self) -> list[int]:
         """Needed tools whose wrench has stopped coming."""
-        return [k for k in self.needed if self._watchdogs[k - 1].age() > self.timeout]
+        return self.silent(self.timeout)
+
+    def silent(self, seconds: float) -> list[int]:
+        """Needed tools without a wrench for ``seconds``."""
+        return [k for k in self.needed if self._watchdogs[k - 1].age() > seconds]
 
     def lost_text(self, tools: Sequence[int]) -> str:
         """What to say of the ``tools`` that are lost."""
@@ -55,12 +59,13 @@ class Readiness:
     def pose_lost_text(self) -> str:
         """What to say of needed tools whose pose has stopped coming; empty: none. Twists need the poses."""
         now, poses = time.monotonic(), self._poses
-        lost = [k for k in self.needed if (pose := poses[k - 1]) is None or now - pose[0] > self.timeout]
+        lost = [k for k in self.needed if (pose := poses[k - 1]) is None or now - pose[0] > self.pose_timeout]
         names = " and ".join(f"tool_{k}/pose" for k in lost)
-        return f"nothing on {names} for {self.timeout:g} s: twists would drift away from the path" if lost else ""
+        return f"nothing on {names} for {self.pose_timeout:g} s: twists would drift away from the path" if lost else ""
 
-    def check(self) -> None:
-        """Raise IsfError WRENCH_LOST, POSE_LOST, WRENCH_FRAME or NO_TARE when the tools must not move.
+    def check(self, *, tared: bool = False) -> None:
+        """Raise IsfError WRENCH_LOST, POSE_LOST, WRENCH_FRAME or NO_TARE when the tools must not move; ``tared``: the
+        wrenches come tared, and nobody has to say so.
 
         What a driver told that is gone or was started anew does not count: its tare ended with it, and its tools may
         stand anywhere.
@@ -81,11 +86,14 @@ class Readiness:
                 advice="the driver has to publish its poses, 5 a second or more",
             )
         self._frames.check(self.needed)
+        if tared:
+            return
         if self._machine is None or now - self._machine[0] > FRESH:
             raise IsfError(
                 ErrorCode.NO_TARE,
                 f"nothing on machine/state in the last {FRESH:g} s: whether the load cells are tared is not known",
-                advice="the driver has to publish its state, 5 times a second or more; call machine/tare",
+                advice="the driver has to publish its state, 5 times a second or more, and machine/tare be called; or "
+                "set wrenches_tared where the wrenches come tared",
             )
         if not self._machine[1].tared:
             raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="call machine/tare")
@@ -116,6 +124,7 @@ def control_config(job_file: JobFile, parameters: ForceCtrlParameters) -> Contro
     """Configuration of the job with the node's parameters; raises IsfError for values that cannot be."""
     names = {item.name for item in fields(ControlConfig)}
     tuned = {item.name: getattr(parameters, item.name) for item in fields(ForceCtrlParameters) if item.name in names}
+    tuned["set_point"] = None if parameters.set_point == OF_THE_JOB else parameters.set_point
     config = replace(ControlConfig.from_job(job_file), **tuned, runs_on=parameters.lockstep)
     config.check()
     return config

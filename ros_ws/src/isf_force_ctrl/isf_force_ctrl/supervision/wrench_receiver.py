@@ -60,6 +60,10 @@ class WrenchReceiver:
         self.pair.add(tool, stamp, wrench)
         return True, None
 
+    def late_for(self, tools: Sequence[int]) -> float:
+        """s for which nothing but late wrenches has come from one of ``tools`` (1, 2)."""
+        return max(self._watches[tool - 1].late_for() for tool in tools)
+
     def values(self) -> dict[str, object]:
         """For ``/diagnostics``: messages since the node was configured."""
         return {
@@ -85,7 +89,7 @@ class StampWatch:
     """
 
     def __init__(self, tool: int, most_delay: float, late_for: float) -> None:
-        self._name, self._most, self._late_for = f"tool_{tool}/wrench", most_delay, late_for
+        self._name, self._most, self._longest_late = f"tool_{tool}/wrench", most_delay, late_for
         self.old = self.late = 0
         """Wrenches with a stamp before the newest one; wrenches that came too late."""
         self.restart()
@@ -96,6 +100,10 @@ class StampWatch:
         self._received = self._fastest = 0.0
         self._late_since: float | None = None
         self._gone_on = False
+
+    def late_for(self) -> float:
+        """s from the first to the newest of the late wrenches that came without one in time between them."""
+        return 0.0 if self._late_since is None else self._received - self._late_since
 
     def time_may_have_gone_on(self) -> None:
         """The next stamp may be later by any time; an earlier one is a jump as ever."""
@@ -137,7 +145,7 @@ class StampWatch:
         self.late += 1
         if self._late_since is None:
             self._late_since = now
-        if now - self._late_since < self._late_for:
+        if now - self._late_since < self._longest_late:
             return None
         return ErrorCode.WRENCH_LATE, (
             f"{self._name} comes {1e3 * over:.0f} ms later than the first ones, {1e3 * self._most:.0f} ms are allowed "

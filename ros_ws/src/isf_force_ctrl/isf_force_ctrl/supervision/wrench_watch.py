@@ -48,6 +48,10 @@ class WrenchWatch:
         self._used: list[Sequence[float]] = [_NOTHING, _NOTHING]
         self._same, self._against = [0, 0], [0, 0]
 
+    def retune(self, config: ControlConfig) -> None:
+        """Another threshold of what counts as loaded."""
+        self._loaded = config.contact_threshold
+
     def check(
         self, wrench_1: Sequence[float], wrench_2: Sequence[float], forming: int, mode: Mode, normal_force: float
     ) -> tuple[ErrorCode, str] | None:
@@ -164,9 +168,20 @@ class DriftWatch:
         self.warning: IsfError | None = None
         """Of the last look at each tool, the larger drift that is beyond the limit; None when none is."""
 
-    def check(self, row: Row, tools: Tools, mode: Mode, forces: Sequence[float]) -> tuple[ErrorCode, str] | None:
+    def retune(self, config: ControlConfig) -> None:
+        """Other limits, from the next look on."""
+        self._limit, self._stop = config.drift_limit, config.drift_stop
+
+    def restart(self) -> None:
+        """The tools may not have followed: begin the looks anew."""
+        self._counts = [0, 0]
+
+    def check(
+        self, row: Row, tools: Tools, mode: Mode, forces: Sequence[float], fresh: tuple[bool, bool] = (True, True)
+    ) -> tuple[ErrorCode, str] | None:
         """Take in the ``forces`` (6,) N on tool 1 and tool 2 of one tick, with the tips of ``row``.
 
+        A tool whose forces are not ``fresh`` but those of the tick before is not looked at: they are of another place.
         Returns code and text when the drift is too large to go on to the sheet, None otherwise.
         """
         if row[2] < self._height and -row[5] < self._height:
@@ -176,6 +191,8 @@ class DriftWatch:
         for index, height in ((0, row[2]), (1, -row[5])):
             if height < self._height or not tools.moves(index + 1):
                 self._counts[index] = 0
+                continue
+            if not fresh[index]:
                 continue
             count, sums = self._counts[index], self._sums[index]
             for axis in range(3):

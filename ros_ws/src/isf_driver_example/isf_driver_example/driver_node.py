@@ -1,0 +1,244 @@
+"""Node ``machine``: stands in for the simulated machine; your hardware is in ``hardware.py``.
+
+How much of the contract it offers is the parameter ``level``: 1 streams, 2 also tare, stop and state, 3 also scans, 4
+also lifecycle, reset and diagnostics. A driver may stop at any of them.
+
+    ros2 run isf_driver_example driver --ros-args -p level:=2
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_msgs.msg import MachineState
+from isf_msgs.srv import Reset, Scan, Stop, Tare
+from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2, PointField
+
+from isf_driver_example.hardware import Hardware
+
+STREAMS, SERVICES, SCANNER, MANAGED = 1, 2, 3, 4
+"""Levels: each offers what those before it do."""
+
+STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+TARGETS_LOST = 0.25
+"""s without targets after which tools that were moving are told to stand still."""
+STATE_PERIOD, HEALTH_PERIOD, POSE_PERIOD = 0.1, 0.5, 0.02
+"""s between two messages on machine/state, /diagnostics, tool_k/pose."""
+STOP_REQUESTED, TOOL_LOADED = 1406, 1405
+"""Codes of docs/reference/error_codes.md."""
+
+
+class Driver:
+    """Topics and services of a ``level`` on ``node``; the hardware moves from :meth:`start` to :meth:`stop`."""
+
+    def __init__(self, node: Node, level: int) -> None:
+        self._node, self._level = node, level
+        self._rate = float(node.get_parameter("rate").value)
+        self._hardware = Hardware(1.0 / self._rate)
+        self._tared = False
+        self._tick, self._heard, self._following = 0, 0.0, False
+        self._timers: list[Any] = []
+        self._wrenches = [node.create_publisher(WrenchStamped, f"tool_{k}/wrench", STREAM) for k in (1, 2)]
+        self._poses = [node.create_publisher(PoseStamped, f"tool_{k}/pose", SENSOR) for k in (1, 2)]
+        for k in (1, 2):
+            node.create_subscription(PoseStamped, f"tool_{k}/target", lambda m, k=k: self._on_target(k, m), STREAM)
+        if level >= SERVICES:
+            self._state = node.create_publisher(MachineState, "machine/state", STREAM)
+            node.create_service(Tare, "machine/tare", self._on_tare)
+            node.create_service(Stop, "machine/stop", self._on_stop)
+        else:
+            self._hardware.tare()  # nobody can ask for it: what it streams has to be tared
+        if level >= SCANNER:
+            self._scan = node.create_publisher(PointCloud2, "scan", LATCHED)
+            node.create_service(Scan, "machine/scan", self._on_scan)
+        if level >= MANAGED:
+            node.create_service(Reset, "machine/reset", self._on_reset)
+
+    def start(self) -> None:
+        """Begin to move and to measure."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        periods = {1.0 / self._rate: self._on_cycle}
+        if self._level >= SERVICES:
+            periods[STATE_PERIOD] = self._publish_state
+        self._timers = [self._node.create_timer(period, work, clock=steady) for period, work in periods.items()]
+
+    def stop(self) -> None:
+        """Stand still."""
+        for timer in self._timers:
+            self._node.destroy_timer(timer)
+        self._timers = []
+
+    # -- streams ---------------------------------------------------------------------------------
+
+    def _on_target(self, tool: int, message: PoseStamped) -> None:
+        at = message.pose.position
+        if message.header.frame_id == "sheet" and np.isfinite([at.x, at.y, at.z]).all():
+            self._hardware.move(tool, (at.x, at.y, at.z))
+            self._heard, self._following = time.monotonic(), True
+
+    def _on_cycle(self) -> None:
+        if self._following and time.monotonic() - self._heard > TARGETS_LOST:
+            self._following = False
+            for tool, (x, y, z) in enumerate(self._hardware.tips, start=1):
+                self._hardware.move(tool, (float(x), float(y), float(z)))
+        forces = self._hardware.cycle()
+        self._tick += 1
+        stamp = self._node.get_clock().now().to_msg()
+        with_poses = self._tick % max(1, round(POSE_PERIOD * self._rate)) == 0
+        for k in (0, 1):
+            wrench = WrenchStamped()
+            wrench.header.frame_id, wrench.header.stamp = "sheet", stamp
+            force = wrench.wrench.force
+            force.x, force.y, force.z = map(float, forces[k])
+            self._wrenches[k].publish(wrench)
+            if with_poses:
+                pose = PoseStamped()
+                pose.header.frame_id, pose.header.stamp = "sheet", stamp
+                at, pose.pose.orientation.w = pose.pose.position, 1.0
+                at.x, at.y, at.z = map(float, self._hardware.tips[k])
+                self._poses[k].publish(pose)
+
+    # -- level 2 ---------------------------------------------------------------------------------
+
+    def _publish_state(self) -> None:
+        stopped = self._hardware.stopped
+        mode = MachineState.FOLLOWING if self._following else MachineState.IDLE
+        state = MachineState(mode=MachineState.PROTECTIVE_STOP if stopped else mode, tick=self._tick, tared=self._tared)
+        if stopped:
+            state.fault_codes, state.fault_messages = [STOP_REQUESTED], [stopped]
+        state.header.frame_id, state.header.stamp = "sheet", self._node.get_clock().now().to_msg()
+        self._state.publish(state)
+
+    def _on_tare(self, _: Tare.Request, response: Tare.Response) -> Tare.Response:
+        refused = self._hardware.tare()
+        self._tared = not refused
+        response.code, response.message = (TOOL_LOADED, refused) if refused else (0, "")
+        self._publish_state()
+        return response
+
+    def _on_stop(self, request: Stop.Request, response: Stop.Response) -> Stop.Response:
+        self._hardware.stop(request.reason or "stop was requested")
+        self._publish_state()
+        return response
+
+    # -- level 3 ---------------------------------------------------------------------------------
+
+    def _on_scan(self, _: Scan.Request, response: Scan.Response) -> Scan.Response:
+        points = np.ascontiguousarray(self._hardware.scan(), dtype="<f4")
+        cloud = PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points), is_dense=True)
+        cloud.header.frame_id, cloud.header.stamp = "sheet", self._node.get_clock().now().to_msg()
+        cloud.fields = [
+            PointField(name=name, offset=4 * n, datatype=PointField.FLOAT32, count=1) for n, name in enumerate("xyz")
+        ]
+        cloud.data = points.tobytes()
+        self._scan.publish(cloud)  # before the answer: who asked goes on when it comes
+        response.points = len(points)
+        return response
+
+    # -- level 4 ---------------------------------------------------------------------------------
+
+    def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        self._hardware.reset()
+        if request.new_blank:
+            self._hardware.clamp_fresh_blank()
+        self._tared = False
+        return response
+
+
+class ManagedDriver(LifecycleNode):
+    """Level 4: the executive brings it up and down, and hears from ``/diagnostics`` that it lives."""
+
+    def __init__(self) -> None:
+        super().__init__("machine")
+        self._driver: Driver | None = None
+        self._label = "unconfigured"
+        self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_timer(HEALTH_PERIOD, self._publish_health, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._driver = self._driver or Driver(self, MANAGED)
+        return self._now("inactive")
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        super().on_activate(state)
+        if self._driver is not None:
+            self._driver.start()
+        return self._now("active")
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        super().on_deactivate(state)
+        if self._driver is not None:
+            self._driver.stop()
+        return self._now("inactive")
+
+    def _now(self, label: str) -> TransitionCallbackReturn:
+        self._label = label
+        self._publish_health()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _publish_health(self) -> None:
+        status = DiagnosticStatus(level=DiagnosticStatus.OK, name=self.get_fully_qualified_name(), message="ok")
+        status.values = [
+            KeyValue(key="state", value=self._label),
+            KeyValue(key="pid", value=str(os.getpid())),
+        ]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._health.publish(message)
+
+
+def _declare(node: Node) -> int:
+    """Declare the parameters; returns the level."""
+    levels = IntegerRange(from_value=STREAMS, to_value=MANAGED, step=1)
+    level = node.declare_parameter(
+        "level", MANAGED, ParameterDescriptor(description="1 to 4", read_only=True, integer_range=[levels])
+    )
+    node.declare_parameter(
+        "rate", 500.0, ParameterDescriptor(description="Hz, that of the job's control.rate", read_only=True)
+    )
+    return int(level.value)
+
+
+def _asked_level() -> int:
+    """A node is managed from its start on, or never; so its parameters are read before it is made."""
+    node = Node("machine", enable_rosout=False, start_parameter_services=False)
+    try:
+        return _declare(node)
+    finally:
+        node.destroy_node()
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run isf_driver_example driver``."""
+    rclpy.init(args=args)
+    level = _asked_level()
+    node: Node = ManagedDriver() if level == MANAGED else Node("machine")
+    _declare(node)
+    if level < MANAGED:
+        Driver(node, level).start()
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

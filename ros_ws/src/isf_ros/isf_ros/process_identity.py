@@ -1,0 +1,48 @@
+"""Whether the process of a node still runs, seen from another process on the same computer; free of ROS.
+
+Silence does not tell a process that ended from one that waits for a busy processor; the system does, at once.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+_PROCESSES = Path("/proc")
+
+
+def identity() -> str:
+    """Of this process: ``PID:START@COMPUTER``; empty where the system does not tell.
+
+    START tells a process from a later one with the same number; COMPUTER is the running system and the container.
+    """
+    found = _stat(os.getpid())
+    return f"{os.getpid()}:{found[1]}@{_computer()}" if found and _computer() else ""
+
+
+def running(process: str) -> bool | None:
+    """True when the process of that :func:`identity` runs, False when it has ended; None when it cannot be seen."""
+    number, _, computer = process.partition("@")
+    pid, _, start = number.partition(":")
+    if not (pid.isdecimal() and start) or computer != _computer():
+        return None
+    found = _stat(int(pid))
+    return found is not None and found[0] not in "ZX" and found[1] == start
+
+
+def _stat(pid: int) -> tuple[str, str] | None:
+    """State and start time (in ticks of the system) of a process; None when there is none."""
+    try:
+        text = (_PROCESSES / str(pid) / "stat").read_text(errors="replace")
+    except OSError:
+        return None
+    fields = text.rpartition(")")[2].split()  # the name before it may hold anything
+    return fields[0], fields[19]
+
+
+def _computer() -> str:
+    try:
+        boot = (_PROCESSES / "sys/kernel/random/boot_id").read_text().strip()
+        return f"{boot[:8]}-{(_PROCESSES / 'self/ns/pid').readlink().name}"
+    except OSError:
+        return ""
