@@ -107,11 +107,11 @@ def _job_of(part: Path, unit: str | None) -> JobFile:
             advice="add --unit mm (or cm, m, in), or write a job file",
         )
     mesh = json.dumps(str(part.resolve()), ensure_ascii=False)  # a JSON string is a YAML string, whatever is in it
-    text = _MESH_JOB.format(name=_job_name(part.stem), mesh=mesh, unit=f", unit: {unit}" if unit else "")
+    text = _MESH_JOB.format(name=job_name(part.stem), mesh=mesh, unit=f", unit: {unit}" if unit else "")
     return JobFile(text, part.resolve().parent, str(part))
 
 
-def _job_name(stem: str) -> str:
+def job_name(stem: str) -> str:
     """A job name from a file's: letters without their accents, else "_"; "part" when nothing is left."""
     plain = unicodedata.normalize("NFKD", stem)
     kept = "".join(
