@@ -31,10 +31,14 @@ def main() -> None:
     one_by_one = best(lambda: [hexapod.forward(*one) for one in zip(lengths[:200], near, leaning, strict=False)])
     before = best(lambda: [by_differences(hexapod, *one) for one in zip(lengths[:200], near, leaning, strict=False)])
     forward = best(lambda: hexapod.forward(lengths, near, leaning)) / POSES
+    pairs = list(zip(tips[:500], tilts[:500], strict=True))
+    pairs = [pair for pair in pairs if hexapod.reachable(*pair)]
+    single = best(lambda: [hexapod.positions(*pair) for pair in pairs]) / len(pairs)
     print(
         json.dumps(
             {
                 "inverse_us": round(1e6 * best(lambda: hexapod.strokes(tips, tilts)) / POSES, 2),
+                "inverse_single_us": round(1e6 * single, 1),
                 "reachable_us": round(1e6 * best(lambda: hexapod.reachable(tips, tilts)) / POSES, 2),
                 "forward_us": round(1e6 * forward, 2),
                 "forward_single_us": round(1e6 * one_by_one / 200, 1),

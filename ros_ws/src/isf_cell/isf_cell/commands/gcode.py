@@ -21,9 +21,10 @@ from isf_planner.view.program_figure import draw_program
 from isf_cell import in_process
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import ReportedError
-from isf_cell.commands.plan import job_name
+from isf_cell.commands.plan import job_name, reach
 from isf_cell.commands.report import finish, first_failure
 from isf_cell.commands.run_folder import run_folder
+from isf_cell.commands.simulate import ctrl_c_stops_between_contours, stopped
 from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.run.part_step import PartStep
 
@@ -94,6 +95,8 @@ def run_program(
         if plan is not None and given is None:
             trimesh.Trimesh(*plan.mesh, process=False).export(folder / "part.stl")
             (folder / "job.yaml").write_text(job_file.text, encoding="utf-8")
+        if plan is not None:
+            data |= reach(plan, job_file.rig, folder)
         failure = _failure(program, findings)
         _show(program, findings, data)
         if plan is None or failure is not None or not simulate:
@@ -106,15 +109,18 @@ def run_program(
 
 
 def _simulate(job_file: JobFile, plan: Plan, folder: Path, data: dict[str, Any], *, as_json: bool) -> None:
-    """Form ``plan`` as it stands, without correction, and report it."""
-    with terminal.part_progress(f"{job_file.job.name} (program, in process)") as progress:
+    """Form ``plan`` as it stands, without correction, and report it; Ctrl-C ends it after the present contour."""
+    title = f"{job_file.job.name} (program, in process)"
+    with terminal.part_progress(title) as progress, ctrl_c_stops_between_contours() as request:
 
         def formed(step: PartStep) -> None:
+            request.contour_formed()
             progress.contour(step)
 
-        record = in_process.form(job_file, RunOptions(correction=UNCORRECTED), part_plan=plan, progress=formed)
+        options = RunOptions(correction=UNCORRECTED)
+        record = in_process.form(job_file, options, part_plan=plan, progress=formed, cancelled=lambda: request.wanted)
         write_bag(record, folder / "bag")
-    failure = torn(record.events) or first_failure(record.results)
+    failure = torn(record.events) or first_failure(record.results) or stopped(record)
     formed_too = {"contours_formed": len(record.results), "sheet": dict(record.sheet)}
     try:
         finish(folder, None, failure=failure, as_json=as_json, counts=data | formed_too)
@@ -236,3 +242,5 @@ def _show(program: Program, findings: list[Finding], data: dict[str, Any]) -> No
         terminal.warn(text)
     if "picture" in data:
         terminal.say(f"picture {data['picture']}")
+    if "reach" in data:
+        terminal.say(f"reach   {data['reach']['picture']}")

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
+from isf_core.files.rig import Rig
 from isf_planner import Plan, exports, plan
 from isf_planner.part import meshes
 from isf_planner.paths import support_tool
 from isf_planner.view import plan_view
 from isf_planner.view.plan_figure import draw_plan
+from isf_planner.view.reach_figure import axes_use, draw_reach, hexapod_of
 
 from isf_cell.commands import terminal
 from isf_cell.commands.run_folder import make_run_folder
@@ -57,6 +59,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": list(result.warnings)}
     data |= {"files": [str(path) for path in _write(result, wanted)]}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
+    data |= (reached := reach(result, job_file.rig, folder))
     if as_json:
         terminal.print_json(data)
     terminal.console.print(
@@ -69,8 +72,26 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     for warning in result.warnings:
         terminal.warn(warning)
     terminal.say(f"picture {picture}\ntable   {table}")
+    if reached:
+        terminal.say(f"reach   {reached['reach']['picture']}")
     for path in data["files"]:
         terminal.say(f"file    {path}")
+
+
+def reach(plan: Plan, rig: Rig, folder: Path) -> dict[str, Any]:
+    """Picture and numbers of what a hexapod's cylinders do, for ``--json``; nothing for a gantry."""
+    hexapod = hexapod_of(rig)
+    if hexapod is None:
+        return {}
+    use = axes_use(hexapod, plan.contours)
+    return {
+        "reach": {
+            "picture": str(draw_reach(hexapod, plan.contours, rig, folder / "reach.png")),
+            "stroke_left_mm": 1e3 * use.margin,
+            "largest_joint_angle_deg": float(np.degrees(use.joint_angle)),
+            "largest_cylinder_force_N": use.force,
+        }
+    }
 
 
 def _convert(path: Path, wanted: Wanted, *, as_json: bool) -> None:

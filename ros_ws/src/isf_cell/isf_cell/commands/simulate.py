@@ -43,7 +43,7 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
                 record = _form(job_file, options, progress)
                 write_bag(record, bag)
                 counts = {"sheet": dict(record.sheet)}
-                failure = torn(record.events) or first_failure(record.results) or _stopped(record)
+                failure = torn(record.events) or first_failure(record.results) or stopped(record)
                 if reference and failure and failure.code == ErrorCode.CANCELLED:
                     reference = None  # ended with the stack
                 if reference:
@@ -65,7 +65,8 @@ def _form(job_file: JobFile, options: RunOptions, progress: terminal.PartProgres
         return in_process.form(job_file, options, progress=formed, cancelled=lambda: request.wanted)
 
 
-def _stopped(record: PartRecord) -> IsfError | None:
+def stopped(record: PartRecord) -> IsfError | None:
+    """CANCELLED when ``record`` ends before its last contour, else None."""
     count = record.nominal[-1].count if record.nominal else 0
     if len(record.results) == count:
         return None

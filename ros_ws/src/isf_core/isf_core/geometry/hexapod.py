@@ -150,9 +150,13 @@ class Hexapod:
         IsfError : TARGET_OUT_OF_WORKSPACE with what stands in the way
         """
         tilt = np.asarray(tilt, dtype=np.float64)
-        place = self.place_of(tip, tilt)
-        strokes = self.lengths(place, tilt) - self.shortest
-        if np.abs(place[:2]).max() > self.reach or np.abs(tilt).max() > self.tilt_limit:
+        turned = rotation(tilt)
+        place = np.asarray(tip) + self.sheet + self.tool_length * turned[:, 2]
+        legs = self.platform @ turned[:, :2].T + place  # asked at every control tick: no more calls than needed
+        legs[:, :2] -= self.base
+        lengths = np.sqrt(np.einsum("ij,ij->i", legs, legs))
+        strokes = lengths - self.shortest
+        if max(abs(place[0]), abs(place[1])) > self.reach or max(abs(tilt[0]), abs(tilt[1])) > self.tilt_limit:
             raise IsfError(
                 ErrorCode.TARGET_OUT_OF_WORKSPACE, "the platform would leave its reach or tilt", where="kinematics"
             )
@@ -165,8 +169,9 @@ class Hexapod:
                 where="kinematics",
                 advice="move the part or the table",
             )
-        bent = self.joint_angles(place, tilt)
-        if bent.max() > self.joint_limit:
+        straight = -np.cos(self.joint_limit) * lengths
+        if (legs[:, 2] > straight).any() or (legs @ turned[:, 2] > straight).any():
+            bent = self.joint_angles(place, tilt)
             worst = int(np.argmax(bent))
             raise IsfError(
                 ErrorCode.TARGET_OUT_OF_WORKSPACE,

@@ -37,6 +37,7 @@ RAPID = math.inf
 
 _COMMENT = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"([A-Z])\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
+_CHUNK = re.compile(r"\S+")
 _AXES = "XYZUVW"
 _NO_EFFECT_G = {"40", "61", "64", "80", "94"}
 _NO_EFFECT_M = {"0", "1", "3", "4", "5", "6", "7", "8", "9"}
@@ -253,9 +254,10 @@ class _Reader:
                 continue
             match = _WORD.match(plain, at)
             if match is None:
-                chunk = plain[at:].split(None, 1)[0]
-                self._not_known(chunk)
-                at += len(chunk)
+                chunk = _CHUNK.match(plain, at)
+                assert chunk is not None  # no space stands here
+                self._not_known(plain[at : min(at + 40, chunk.end())])
+                at = chunk.end()
                 continue
             words.append((match[1], match[2]))
             at = match.end()
@@ -464,7 +466,7 @@ class _Reader:
     def _not_known(self, word: str) -> None:
         self.unknown_count += 1
         if len(self.unknown) < MOST_REPORTED:
-            self.unknown.append(Unknown(self.line, word[:40], self.text))
+            self.unknown.append(Unknown(self.line, word, self.text))
 
     def _find(self, code: ErrorCode, what: str, advice: str = "") -> None:
         self.finding_count += 1

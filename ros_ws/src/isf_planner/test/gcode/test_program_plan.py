@@ -10,6 +10,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import load_rig
 from isf_planner import exports, plan
+from isf_planner.checks import part_checks
 from isf_planner.exports.programs import path_points
 from isf_planner.gcode.program_plan import (
     check_program,
@@ -19,6 +20,7 @@ from isf_planner.gcode.program_plan import (
     surface_normals,
 )
 from isf_planner.gcode.reader import read_program
+from isf_planner.view.reach_figure import axes_use, draw_reach, hexapod_of
 
 JOBS = Path(__file__).resolve().parents[5] / "examples" / "jobs"
 ROUNDING = 0.5e-7 * 1.001
@@ -139,7 +141,7 @@ def test_a_spiral_is_cut_into_turns_that_join() -> None:
 
 def test_a_seam_overlap_stays_in_the_path() -> None:
     """Torrao 2013, 7.1.2: a loop that runs on past its start; the piece belongs to the next contour."""
-    program = read_program(rings(4, "G91 G3 X-0.5 Y2 R25\nG90"))
+    program = read_program(rings(4, "G91 G3 X-.5 Y2 R25\nG90"))
     made = program_plan(program, sheet_job())
     forming = np.unique(np.vstack([contour.forming_tip for contour in made.contours]), axis=0)
     engaged = np.unique(program.tips[np.isfinite(program.speed) & (program.tips[:, 2] < -0.9e-3), :3], axis=0)
@@ -190,6 +192,34 @@ def test_a_lower_tool_that_forms_is_refused_with_its_line(tmp_path: Path) -> Non
     with pytest.raises(IsfError, match="the lower tool forms here") as caught:
         program_plan(read_program(file.read_text()), job_file)
     assert caught.value.code == ErrorCode.PROCESS_NOT_SUPPORTED
+
+
+def test_cylinders_of_a_part_before_it_is_formed(tmp_path: Path) -> None:
+    """Strokes are those of the poses one by one; the cylinders' vertical forces carry the axial force."""
+    job_file = sheet_job()
+    made = program_plan(read_program(rings(5)), job_file)
+    hexapod = hexapod_of(job_file.rig)
+    assert hexapod is not None
+    use = axes_use(hexapod, made.contours)
+    assert use.strokes[0] == pytest.approx(hexapod.positions(made.contours[0].forming_tip[0]), abs=1e-12)
+    assert use.margin == pytest.approx(min(use.strokes.min(), 0.4 - use.strokes.max()))
+    largest = max(float(contour.predicted_force.max()) for contour in made.contours)
+    assert largest / 6.0 < use.force < largest
+    assert use.joint_angle < np.radians(20.0)
+    assert draw_reach(hexapod, made.contours, job_file.rig, tmp_path / "reach.png").stat().st_size > 20_000
+    with pytest.raises(IsfError) as caught:
+        draw_reach(hexapod, made.contours, job_file.rig, tmp_path / "no" / "reach.png")
+    assert caught.value.code == ErrorCode.FILE_NOT_WRITABLE
+    assert hexapod_of(load_rig("ren2018")) is None
+
+
+def test_a_plan_is_refused_where_the_cylinders_end() -> None:
+    """A table 200 mm lower than it is: before only the machine told, in mid-part."""
+    made = program_plan(read_program(rings(3)), sheet_job())
+    deep = [contour.shifted(np.tile([0.0, 0.0, -0.2], (len(contour), 1))) for contour in made.contours]
+    with pytest.raises(IsfError, match=r"cylinder \d would have a stroke of") as caught:
+        part_checks.check_axes(deep, load_rig("torrao2013"))
+    assert caught.value.code == ErrorCode.PART_DOES_NOT_FIT
 
 
 def test_a_backing_plate_in_the_way_is_told_as_for_every_plan() -> None:
