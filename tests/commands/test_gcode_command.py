@@ -41,7 +41,8 @@ def test_a_program_is_read_and_formed_in_simulation(tmp_path: Path) -> None:
     assert (data["contours"], data["rig"], data["work_systems"]) == (4, "torrao2013", ["G54"])
     assert data["points"] > 4 * 75
     run = tmp_path / "run"
-    assert 150 < data["reach"]["stroke_left_mm"] < 200
+    assert data["machine"]["kinematics"] == "hexapod_spif_a"
+    assert 150 < data["machine"]["stroke_left_mm"] < 200
     made = ("program.png", "reach.png", "report.html", "part.stl", "job.yaml")
     assert all((run / name).is_file() for name in made)
     assert "radius: " in (run / "job.yaml").read_text()

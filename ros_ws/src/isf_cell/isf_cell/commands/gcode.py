@@ -242,5 +242,5 @@ def _show(program: Program, findings: list[Finding], data: dict[str, Any]) -> No
         terminal.warn(text)
     if "picture" in data:
         terminal.say(f"picture {data['picture']}")
-    if "reach" in data:
-        terminal.say(f"reach   {data['reach']['picture']}")
+    if "picture" in data.get("machine", {}):
+        terminal.say(f"reach   {data['machine']['picture']}")

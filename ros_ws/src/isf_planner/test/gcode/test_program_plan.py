@@ -42,6 +42,8 @@ SLOW = {
     "ren_pyramid",
     "adsif_cone",
     "spif_cone",
+    "tpif_cone",
+    "torrao_cone_45",
 }
 NAMES = [
     pytest.param(path.stem, marks=pytest.mark.slow) if path.stem in SLOW else path.stem
