@@ -7,6 +7,7 @@ the machine allows no roll). Every function takes any number of poses at once in
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -160,7 +161,8 @@ class Hexapod:
             raise IsfError(
                 ErrorCode.TARGET_OUT_OF_WORKSPACE, "the platform would leave its reach or tilt", where="kinematics"
             )
-        if strokes.min() < -_STEPS or strokes.max() > self.stroke + _STEPS:
+        each = strokes.tolist()
+        if min(each) < -_STEPS or max(each) > self.stroke + _STEPS:
             worst = int(np.argmax(np.maximum(-strokes, strokes - self.stroke)))
             raise IsfError(
                 ErrorCode.TARGET_OUT_OF_WORKSPACE,
@@ -169,8 +171,8 @@ class Hexapod:
                 where="kinematics",
                 advice="move the part or the table",
             )
-        straight = -np.cos(self.joint_limit) * lengths
-        if (legs[:, 2] > straight).any() or (legs @ turned[:, 2] > straight).any():
+        bent_by = np.maximum(legs[:, 2], legs @ turned[:, 2]) + math.cos(self.joint_limit) * lengths
+        if max(bent_by.tolist()) > 0.0:
             bent = self.joint_angles(place, tilt)
             worst = int(np.argmax(bent))
             raise IsfError(
