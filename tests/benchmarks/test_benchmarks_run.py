@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SMALLEST = [
     ("mpc", "", r"\| fused\(analytic\): scan, then correction of one contour \| \d+ \+ \d+ \|"),
     ("force_ctrl_tick", "--ticks 500 --repeats 1", r"\| 500 \| 1 \| [\d.]+ \|"),
+    ("kinematics", "", r'"iterations": [1-3],'),
     ("plant_speed", "--step 4 --repeat 1 --ticks 100", r"100 ticks in real time: median \d+ us"),
     ("both_loops", "--jobs mini_cone --corrections none --factors 0 --worlds 0", r"\| mini_cone \| none \| 120 N \|"),
     ("force_control", "--jobs mini_cone --contours 3", r"\| mini_cone, 3 contours \| 120 \| 0 \|"),

@@ -88,6 +88,32 @@ def plan(
 
 
 @app.command()
+def gcode(
+    file: Annotated[Path, typer.Argument(help="program (G-code)", metavar="FILE")],
+    job: Annotated[
+        Path | None, typer.Option("--job", help="sheet, tools and rig of this job; its part is not used", metavar="JOB")
+    ] = None,
+    rig: Annotated[str | None, typer.Option(help="rig without a job  [default: ren2018]", metavar="NAME")] = None,
+    material: Annotated[str, typer.Option(help="of the sheet without a job")] = "AA5754-O",
+    thickness: Annotated[str, typer.Option(help="of the sheet without a job")] = "1 mm",
+    radius: Annotated[str, typer.Option(help="of the tools without a job")] = "5 mm",
+    set_up: Annotated[
+        Path | None, typer.Option("--set-up", help="work offsets and tool library (YAML)", metavar="FILE")
+    ] = None,
+    step: Annotated[float, typer.Option(help="largest distance between points, mm", min=0.05, max=5.0)] = 1.0,
+    feed: Annotated[float, typer.Option(help="mm/s until the program gives F", min=0.1, max=1000.0)] = 30.0,
+    simulate: Annotated[bool, typer.Option("--simulate", help="form it on the simulated machine")] = False,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Read a program: what is not understood or out of reach, by line; picture; optionally form it in simulation."""
+    from isf_cell.commands.gcode import Sheet, run_program
+
+    sheet = Sheet(rig, material, thickness, radius)
+    run_program(file, job, sheet, set_up, output, step=step, feed=feed, simulate=simulate, as_json=json)
+
+
+@app.command()
 def part(
     name: Annotated[str | None, typer.Argument(help="part of the library; none: list them", metavar="NAME")] = None,
     values: Annotated[

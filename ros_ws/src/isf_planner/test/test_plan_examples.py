@@ -15,7 +15,7 @@ from planner_parts import EXAMPLES
 from scipy.spatial import cKDTree
 
 NAMES = (
-    *("ren_cone", "ren_pyramid", "spif_cone", "mini_cone"),
+    *("ren_cone", "ren_pyramid", "spif_cone", "mini_cone", "torrao_cone_45"),
     *("adsif_cone", "tpif_cone", "tpif_cone_die", "two_features", "free_form", "ren_funnel"),
 )
 

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import json
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
+from isf_core.files.rig import Rig
 from isf_planner import Plan, exports, plan
 from isf_planner.part import meshes
 from isf_planner.paths import support_tool
 from isf_planner.view import plan_view
 from isf_planner.view.plan_figure import draw_plan
+from isf_planner.view.reach_figure import axes_use, draw_reach, hexapod_of
 
 from isf_cell.commands import terminal
 from isf_cell.commands.run_folder import make_run_folder
@@ -57,6 +61,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": list(result.warnings)}
     data |= {"files": [str(path) for path in _write(result, wanted)]}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
+    data |= reach(result, job_file.rig, folder)
     if as_json:
         terminal.print_json(data)
     terminal.console.print(
@@ -69,8 +74,33 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     for warning in result.warnings:
         terminal.warn(warning)
     terminal.say(f"picture {picture}\ntable   {table}")
+    if "picture" in data["machine"]:
+        terminal.say(f"reach   {data['machine']['picture']}")
     for path in data["files"]:
         terminal.say(f"file    {path}")
+
+
+def machine_use(rig: Rig, contours: Sequence[Contour]) -> dict[str, Any]:
+    """Kinematics of the rig for ``--json`` and, of a hexapod, what the planned ``contours`` ask of its cylinders."""
+    data: dict[str, Any] = {"kinematics": rig.kinematics}
+    hexapod = hexapod_of(rig)
+    if hexapod is not None and contours:
+        use = axes_use(hexapod, contours)
+        data |= {
+            "stroke_left_mm": 1e3 * use.margin,
+            "largest_joint_angle_deg": float(np.degrees(use.joint_angle)),
+            "largest_cylinder_force_N": use.force,
+        }
+    return data
+
+
+def reach(plan: Plan, rig: Rig, folder: Path) -> dict[str, Any]:
+    """The machine's use for ``--json``, and of a hexapod the picture of its reach."""
+    data = {"machine": machine_use(rig, plan.contours)}
+    hexapod = hexapod_of(rig)
+    if hexapod is not None:
+        data["machine"]["picture"] = str(draw_reach(hexapod, plan.contours, rig, folder / "reach.png"))
+    return data
 
 
 def _convert(path: Path, wanted: Wanted, *, as_json: bool) -> None:
@@ -107,11 +137,11 @@ def _job_of(part: Path, unit: str | None) -> JobFile:
             advice="add --unit mm (or cm, m, in), or write a job file",
         )
     mesh = json.dumps(str(part.resolve()), ensure_ascii=False)  # a JSON string is a YAML string, whatever is in it
-    text = _MESH_JOB.format(name=_job_name(part.stem), mesh=mesh, unit=f", unit: {unit}" if unit else "")
+    text = _MESH_JOB.format(name=job_name(part.stem), mesh=mesh, unit=f", unit: {unit}" if unit else "")
     return JobFile(text, part.resolve().parent, str(part))
 
 
-def _job_name(stem: str) -> str:
+def job_name(stem: str) -> str:
     """A job name from a file's: letters without their accents, else "_"; "part" when nothing is left."""
     plain = unicodedata.normalize("NFKD", stem)
     kept = "".join(

@@ -17,6 +17,7 @@ from isf_core.files.job import JobFile, load_job
 
 from isf_cell import in_process
 from isf_cell.commands import terminal
+from isf_cell.commands.plan import machine_use
 from isf_cell.commands.report import finish, first_failure
 from isf_cell.commands.run_folder import run_folder
 from isf_cell.options import UNCORRECTED, RunOptions
@@ -42,8 +43,8 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
                 progress = stack.enter_context(terminal.part_progress(title))
                 record = _form(job_file, options, progress)
                 write_bag(record, bag)
-                counts = {"sheet": dict(record.sheet)}
-                failure = torn(record.events) or first_failure(record.results) or _stopped(record)
+                counts = {"sheet": dict(record.sheet), "machine": machine_use(job_file.rig, record.nominal)}
+                failure = torn(record.events) or first_failure(record.results) or stopped(record)
                 if reference and failure and failure.code == ErrorCode.CANCELLED:
                     reference = None  # ended with the stack
                 if reference:
@@ -65,7 +66,8 @@ def _form(job_file: JobFile, options: RunOptions, progress: terminal.PartProgres
         return in_process.form(job_file, options, progress=formed, cancelled=lambda: request.wanted)
 
 
-def _stopped(record: PartRecord) -> IsfError | None:
+def stopped(record: PartRecord) -> IsfError | None:
+    """CANCELLED when ``record`` ends before its last contour, else None."""
     count = record.nominal[-1].count if record.nominal else 0
     if len(record.results) == count:
         return None

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.geometry.kinematics import Gantry, make_kinematics, spif_a
+from isf_core.geometry.hexapod import spif_a
+from isf_core.geometry.kinematics import Gantry, make_kinematics
 
 
 @pytest.mark.parametrize(

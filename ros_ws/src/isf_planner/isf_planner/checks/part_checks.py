@@ -15,6 +15,7 @@ from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, ToolSpec
 from isf_core.files.rig import Rig
+from isf_core.geometry.kinematics import make_kinematics
 from isf_core.types import Array, Indices
 
 from isf_planner.checks.mesh_slicing import MeshLoop, slice_mesh
@@ -125,6 +126,34 @@ def check_travel(contours: tuple[Contour, ...], rig: Rig) -> None:
                     where=f"{contour_label(contour.index)} at {place_text(tips[worst])}",
                     advice="shrink the part, or correct limits.travel of the rig",
                 )
+
+
+def check_axes(contours: Sequence[Contour], rig: Rig) -> None:
+    """The rig's axes (cylinders, joints) make every pose of the tools; IsfError PART_DOES_NOT_FIT otherwise."""
+    for contour in contours:
+        for tool, tips in (
+            (contour.forming_tool, contour.forming_tip),
+            (3 - contour.forming_tool, contour.support_tip),
+        ):
+            kinematics = make_kinematics(rig.kinematics)[tool - 1]
+            within = kinematics.reachable(tips) if len(tips) else np.ones(0, dtype=bool)
+            if not within.all():
+                tip = tips[int(np.argmin(within))]
+                raise IsfError(
+                    ErrorCode.PART_DOES_NOT_FIT,
+                    axis_reason(rig, tip, tool),
+                    where=f"{contour_label(contour.index)} at {place_text(tip)}",
+                    advice="move the part, or the table of the machine",
+                )
+
+
+def axis_reason(rig: Rig, tip: Array, tool: int = 1) -> str:
+    """Why the axes of ``tool`` (1 or 2) cannot make the ``tip`` (3,) m; empty when they can."""
+    try:
+        make_kinematics(rig.kinematics)[tool - 1].positions(tip)
+    except IsfError as error:
+        return error.what
+    return ""
 
 
 def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:

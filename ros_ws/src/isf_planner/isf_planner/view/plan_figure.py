@@ -32,7 +32,7 @@ ANGLE_MAP = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.87, 256))
 """Without the light end, which thin lines on white do not show."""
 MM = 1e3
 
-_STYLE: dict[str, Any] = {
+STYLE: dict[str, Any] = {
     "font.size": 10,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -56,7 +56,7 @@ _SECTION_LABEL = {
 
 def draw_plan(plan: Plan, job_file: JobFile, path: Path) -> Path:
     """Write the picture of a plan as PNG to ``path`` and return it; IsfError FILE_NOT_WRITABLE."""
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         try:
             make_figure(plan, job_file).savefig(path, dpi=130, metadata={"Software": "isf_planner"})
         except OSError as error:
@@ -67,7 +67,7 @@ def draw_plan(plan: Plan, job_file: JobFile, path: Path) -> Path:
 
 def make_figure(plan: Plan, job_file: JobFile) -> Figure:
     """The picture of a plan: from above, section, curves over depth."""
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(12.0, 7.2), layout="constrained")
         FigureCanvasAgg(figure)
         grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.05), height_ratios=(1.0, 0.9))

@@ -1,0 +1,84 @@
+"""Time per pose of the hexapod's inverse and forward kinematics, and what the analytic Jacobian gains.
+
+    ./isf python benchmarks/kinematics.py
+
+Bounds: inverse 20 us, forward (from 1 mm and 0.5 deg away) 60 us per pose. Ratio: Newton's method with a Jacobian by
+central differences, one pose after the other, over the method in use, on the same poses and from the same start.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+
+import numpy as np
+from isf_core.geometry.hexapod import Hexapod, spif_a
+from isf_core.types import Array
+
+POSES = 2000
+
+
+def main() -> None:
+    """Print one JSON object."""
+    hexapod = spif_a()
+    rng = np.random.default_rng(1)
+    tips, tilts = rng.uniform(-0.09, 0.09, (POSES, 3)), rng.uniform(-0.25, 0.25, (POSES, 2))
+    place = hexapod.place_of(tips, tilts)
+    lengths = hexapod.lengths(place, tilts)
+    near, leaning = place + rng.uniform(-1e-3, 1e-3, place.shape), tilts + rng.uniform(-8.7e-3, 8.7e-3, tilts.shape)
+    found = hexapod.forward(lengths, near, leaning)
+    one_by_one = best(lambda: [hexapod.forward(*one) for one in zip(lengths[:200], near, leaning, strict=False)])
+    before = best(lambda: [by_differences(hexapod, *one) for one in zip(lengths[:200], near, leaning, strict=False)])
+    forward = best(lambda: hexapod.forward(lengths, near, leaning)) / POSES
+    pairs = list(zip(tips[:500], tilts[:500], strict=True))
+    pairs = [pair for pair in pairs if hexapod.reachable(*pair)]
+    single = best(lambda: [hexapod.positions(*pair) for pair in pairs]) / len(pairs)
+    print(
+        json.dumps(
+            {
+                "inverse_us": round(1e6 * best(lambda: hexapod.strokes(tips, tilts)) / POSES, 2),
+                "inverse_single_us": round(1e6 * single, 1),
+                "reachable_us": round(1e6 * best(lambda: hexapod.reachable(tips, tilts)) / POSES, 2),
+                "forward_us": round(1e6 * forward, 2),
+                "forward_single_us": round(1e6 * one_by_one / 200, 1),
+                "forward_by_differences_us": round(1e6 * before / 200, 1),
+                "ratio": round(before / 200 / forward, 1),
+                "iterations": found.iterations,
+                "largest_error_nm": round(1e9 * float(np.abs(found.place - place).max()), 4),
+            }
+        )
+    )
+
+
+def best(call: Callable[[], object], repeats: int = 7) -> float:
+    """s, of the fastest of ``repeats`` calls."""
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - started)
+    return min(times)
+
+
+def by_differences(hexapod: Hexapod, lengths: Array, place: Array, tilt: Array) -> Array:
+    """(5,) pose by Newton's method without a Jacobian of its own."""
+    pose = np.concatenate([place, tilt])
+    for _ in range(30):
+        missing = lengths - hexapod.lengths(pose[:3], pose[3:])
+        if np.abs(missing).max() < 1e-12:
+            break
+        steps = 1e-6 * np.eye(5)
+        slopes = np.column_stack(
+            [
+                hexapod.lengths((pose + step)[:3], (pose + step)[3:])
+                - hexapod.lengths((pose - step)[:3], (pose - step)[3:])
+                for step in steps
+            ]
+        )
+        pose = pose + np.linalg.lstsq(slopes / 2e-6, missing, rcond=None)[0]
+    return pose
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,246 @@
+"""``isf gcode``: a program read, checked as a plan is, drawn, and formed on the simulated machine."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import trimesh
+from isf_analysis.bag.bag_writer import write_bag
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import torn
+from isf_core.files.job import JobFile, load_job
+from isf_planner import Plan
+from isf_planner.gcode.program_plan import check_program, check_work_offsets, lines_of, program_plan
+from isf_planner.gcode.reader import LARGEST_TEXT, Finding, Program, read_program
+from isf_planner.gcode.set_up import SetUp, load_set_up
+from isf_planner.view.program_figure import draw_program
+
+from isf_cell import in_process
+from isf_cell.commands import terminal
+from isf_cell.commands.exit_codes import ReportedError
+from isf_cell.commands.plan import job_name, reach
+from isf_cell.commands.report import finish, first_failure
+from isf_cell.commands.run_folder import run_folder
+from isf_cell.commands.simulate import ctrl_c_stops_between_contours, stopped
+from isf_cell.options import UNCORRECTED, RunOptions
+from isf_cell.run.part_step import PartStep
+
+_PROGRAM_JOB = """\
+# made by isf gcode for a program without a job: sheet and tools as given there
+name: {name}
+part: {{mesh: part.stl, unit: m}}
+process: {process}
+rig: {rig}
+sheet: {{material: {material}, thickness: {thickness}}}
+tool_1: {{radius: {radius}}}
+{lower}path: {{incremental_depth: 0.5 mm, point_spacing: {step}, feed: {feed}}}
+control: {{support_force: 0 N}}
+springback: {{method: none}}
+"""
+
+SHOWN = 10
+"""Findings that are shown at the terminal; all are in the JSON object."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What a program does not tell, as texts with units; used where no job is given."""
+
+    rig: str | None = None
+    material: str = "AA5754-O"
+    thickness: str = "1 mm"
+    radius: str = "5 mm"
+
+
+def run_program(
+    file: Path,
+    job: Path | None,
+    sheet: Sheet,
+    set_up: Path | None,
+    output: Path | None,
+    *,
+    step: float,
+    feed: float,
+    simulate: bool,
+    as_json: bool,
+) -> None:
+    """Read, check and draw the program in ``file``; ``step`` mm and ``feed`` mm/s. Nothing but files is written to.
+
+    Raises
+    ------
+    IsfError : the first finding, after all are reported; what reading and forming raise
+    """
+    if job is not None and sheet.rig is not None:
+        raise IsfError(
+            ErrorCode.FILE_FIELD, "a job names its own rig", where="--rig", advice="leave out --rig, or --job"
+        )
+    text = _text(file)
+    values = load_set_up(set_up) if set_up else SetUp()
+    given = load_job(job) if job else None
+    with run_folder(output, job_name(file.stem)) as folder:
+        with terminal.console.status("reading"):
+            program = read_program(text, values, name=file.name, step=1e-3 * step, feed=1e-3 * feed)
+            job_file = given or _job_of(program, file, sheet, values, folder, step, feed)
+        findings = list(program.findings)
+        offsets = {system: values.offset(system) for system in program.systems}
+        findings += check_work_offsets(program, job_file.rig, offsets) + check_program(program, job_file.rig)
+        plan, refused = _plan(program, job_file) if not findings and not program.unknown else (None, None)
+        findings += [refused] if refused else []
+        data = _numbers(program, findings, job_file, plan)
+        if len(program):
+            data["picture"] = str(draw_program(program, findings, job_file.rig, folder / "program.png"))
+        if plan is not None and given is None:
+            trimesh.Trimesh(*plan.mesh, process=False).export(folder / "part.stl")
+            (folder / "job.yaml").write_text(job_file.text, encoding="utf-8")
+        if plan is not None:
+            data |= reach(plan, job_file.rig, folder)
+        failure = _failure(program, findings)
+        _show(program, findings, data)
+        if plan is None or failure is not None or not simulate:
+            if as_json:
+                terminal.print_json(data)
+            if failure is not None:
+                raise ReportedError(failure)
+            return
+        _simulate(job_file, plan, folder, data, as_json=as_json)
+
+
+def _simulate(job_file: JobFile, plan: Plan, folder: Path, data: dict[str, Any], *, as_json: bool) -> None:
+    """Form ``plan`` as it stands, without correction, and report it; Ctrl-C ends it after the present contour."""
+    title = f"{job_file.job.name} (program, in process)"
+    with terminal.part_progress(title) as progress, ctrl_c_stops_between_contours() as request:
+
+        def formed(step: PartStep) -> None:
+            request.contour_formed()
+            progress.contour(step)
+
+        options = RunOptions(correction=UNCORRECTED)
+        record = in_process.form(job_file, options, part_plan=plan, progress=formed, cancelled=lambda: request.wanted)
+        write_bag(record, folder / "bag")
+    failure = torn(record.events) or first_failure(record.results) or stopped(record)
+    formed_too = {"contours_formed": len(record.results), "sheet": dict(record.sheet)}
+    try:
+        finish(folder, None, failure=failure, as_json=as_json, counts=data | formed_too)
+    except ReportedError:
+        raise
+    except IsfError as error:  # formed, but so shallow that there is nothing to compare
+        if failure is not None or error.code != ErrorCode.BAG_INCOMPLETE:
+            raise
+        terminal.warn(f"formed, without a report: {error.what}")
+        if as_json:
+            terminal.print_json(data | formed_too)
+
+
+def _text(file: Path) -> str:
+    try:
+        if file.stat().st_size > LARGEST_TEXT:
+            raise IsfError(ErrorCode.PROGRAM_UNREADABLE, "is too long", where=str(file), advice="split the program")
+        return file.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(file), advice="check the path"
+        ) from error
+
+
+def _job_of(
+    program: Program, file: Path, sheet: Sheet, set_up: SetUp, folder: Path, step: float, feed: float
+) -> JobFile:
+    tool = set_up.tools.get(program.tool) if program.tool is not None else None
+    radius = f"{1e3 * tool.radius:.6g} mm" if tool is not None and tool.radius is not None else sheet.radius
+    text = _PROGRAM_JOB.format(
+        name=job_name(file.stem),
+        process="DSIF" if program.two_tools else "SPIF",
+        rig=json.dumps(_rig_path(sheet.rig or "ren2018")),
+        material=json.dumps(sheet.material),
+        thickness=json.dumps(sheet.thickness),
+        radius=json.dumps(radius),
+        lower=f"tool_2: {{radius: {json.dumps(radius)}}}\n" if program.two_tools else "",
+        step=f"{step:.6g} mm",
+        feed=f"{feed:.6g} mm/s",
+    )
+    return JobFile(text, folder, str(file))
+
+
+def _rig_path(rig: str) -> str:
+    """A file relative to here, made absolute; a name as it is."""
+    path = Path(rig)
+    return str(path.resolve()) if path.suffix in (".yaml", ".yml") else rig
+
+
+def _plan(program: Program, job_file: JobFile) -> tuple[Plan | None, Finding | None]:
+    """The plan, or why there is none; a fault of the sheet or the rig's limits belongs to the whole program."""
+    try:
+        return program_plan(program, job_file), None
+    except IsfError as error:
+        return None, Finding(0, error)
+
+
+def _failure(program: Program, findings: list[Finding]) -> IsfError | None:
+    if program.unknown:
+        first = program.unknown[0]
+        return IsfError(
+            ErrorCode.PROGRAM_WORD_UNKNOWN,
+            f"{program.unknown_count} word(s) are not understood, the first is {first.word}",
+            where=f"{program.name}:{first.line}",
+            advice="nothing of such a program is formed; see the list of words in the manual",
+        )
+    return findings[0].error if findings else None
+
+
+def _numbers(program: Program, findings: list[Finding], job_file: JobFile, plan: Plan | None) -> dict[str, Any]:
+    rapid = job_file.rig.limits.speed
+    data: dict[str, Any] = {
+        "program": program.name,
+        "feasible": not findings and not program.unknown,
+        "unknown_words": [{"line": one.line, "word": one.word, "text": one.text} for one in program.unknown],
+        "findings": [
+            {
+                "line": one.line,
+                "code": one.error.code.value,
+                "name": one.error.code.name,
+                "message": one.error.message,
+            }
+            for one in findings
+        ],
+        "points": len(program),
+        "path_m": program.path_length,
+        "time_s": program.time(rapid) if len(program) else 0.0,
+        "two_tools": program.two_tools,
+        "work_systems": [f"G{system}" for system in sorted(program.systems)],
+        "remarks": list(program.remarks),
+        "rig": job_file.rig.name,
+        "contours": 0,
+        "warnings": [],
+    }
+    if plan is not None:
+        data |= {
+            "contours": len(plan.contours),
+            "contour_lines": list(lines_of(program, plan).values()),
+            "forming_path_m": plan.path_length,
+            "depth_mm": -1e3 * min(float(contour.forming_tip[:, 2].min()) for contour in plan.contours),
+            "warnings": list(plan.warnings),
+        }
+    return data
+
+
+def _show(program: Program, findings: list[Finding], data: dict[str, Any]) -> None:
+    terminal.say(
+        f"{data['points']} points, {data['contours']} contours, path {data['path_m']:.2f} m, "
+        f"{data['time_s'] / 60:.1f} min on {data['rig']}: "
+        + ("every point can be formed" if data["feasible"] else "the program cannot be formed")
+    )
+    for word in program.unknown[:SHOWN]:
+        terminal.warn(f"{program.name}:{word.line}: {word.word} is not understood in '{word.text}'")
+    for finding in findings[:SHOWN]:
+        terminal.warn(str(finding.error))
+    if (more := len(program.unknown) + len(findings) - 2 * SHOWN) > 0:
+        terminal.warn(f"up to {more} more; --json lists them")
+    for text in (*data["remarks"], *data["warnings"]):
+        terminal.warn(text)
+    if "picture" in data:
+        terminal.say(f"picture {data['picture']}")
+    if "picture" in data.get("machine", {}):
+        terminal.say(f"reach   {data['machine']['picture']}")

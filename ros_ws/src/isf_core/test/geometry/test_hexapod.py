@@ -1,0 +1,226 @@
+"""The hexapod against its source's plates, matrices and numbers, and against mechanics that share no code with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.hexapod import CableSensors, rotation, spif_a
+from isf_core.types import Array
+from scipy.spatial.transform import Rotation
+
+HEXAPOD = spif_a()
+HOME = np.array([0.0, 0.0, -1.1172872])
+
+PUBLISHED = {
+    (0, 0, -911.8830, 0, 0, 0): [942.0] * 6,
+    (0, 0, -1117.2872, 0, 0, 0): [1142.0] * 6,
+    (0, 0, -1321.0339, 0, 0, 0): [1342.0] * 6,
+    (0, 0, -1000, 0, 0, 0): [1027.5375] * 6,
+    (100, 0, -1100, 0, 0, 0): [1149.7919, 1149.7919, 1115.3829, 1123.1205, 1123.1205, 1115.3829],
+    (0, 100, -1100, 0, 0, 0): [1125.0926, 1133.9459, 1113.9270, 1109.4293, 1149.2751, 1144.9163],
+    (200, -150, -1100, 0, 0, 0): [1198.2109, 1185.6262, 1147.7477, 1169.1731, 1109.9396, 1101.0562],
+    (500, 0, -1000, 0, 0, 0): [1239.6667, 1239.6667, 1071.0098, 1110.7045, 1110.7045, 1071.0098],
+    (0, 500, -1000, 0, 0, 0): [1120.6397, 1164.4026, 1063.4065, 1039.6313, 1237.2685, 1216.8950],
+    (0, 0, -1100, 10, 0, 0): [1150.4751, 1099.5386, 1087.4797, 1112.5938, 1138.0549, 1163.8401],
+    (0, 0, -1100, 0, 10, 0): [1096.2625, 1096.2625, 1117.6490, 1162.0858, 1162.0858, 1117.6490],
+    (0, 0, -1100, 0, 0, 10): [1132.8965, 1119.5435, 1132.8965, 1119.5435, 1132.8965, 1119.5435],
+    (50, -30, -1150, 5, -8, 0): [1223.2373, 1194.7890, 1160.4272, 1142.5645, 1143.3840, 1189.1602],
+    (50, -30, -1150, 15, -20, 0): [1284.6204, 1205.3742, 1137.2849, 1089.4206, 1112.2499, 1232.0730],
+    (0, 0, -1100, 30, 0, 0): [1197.8533, 1051.1197, 1021.0038, 1090.5788, 1163.7707, 1239.9390],
+    (0, 0, -1100, 0, 30, 0): [1045.9752, 1045.9752, 1103.1148, 1233.1817, 1233.1817, 1103.1148],
+}
+"""mm and deg to mm: inverse kinematics of the plates of Torrao 2013, 4.2."""
+
+
+def poses(count: int, seed: int = 3) -> tuple[Array, Array]:
+    """``count`` reachable platform places and tilts."""
+    rng = np.random.default_rng(seed)
+    tips = rng.uniform([-0.11, -0.11, -0.09], [0.11, 0.11, 0.05], (4 * count, 3))
+    tilts = rng.uniform(-0.3, 0.3, (4 * count, 2))
+    chosen = np.nonzero(HEXAPOD.reachable(tips, tilts))[0][:count]
+    assert len(chosen) == count
+    return HEXAPOD.place_of(tips[chosen], tilts[chosen]), tilts[chosen]
+
+
+def test_plates_are_the_published_hexagons() -> None:
+    """Joints to 1e-3 mm and edges 600/200 and 300/150 mm."""
+    assert 1e3 * HEXAPOD.base[2] == pytest.approx([115.470, 400.0], abs=1e-3)
+    assert 1e3 * HEXAPOD.base[0] == pytest.approx([-404.145, -100.0], abs=1e-3)
+    assert 1e3 * HEXAPOD.platform[3] == pytest.approx([216.506, 75.0], abs=1e-3)
+    for corners, edges in ((HEXAPOD.base, (200, 600)), (HEXAPOD.platform, (150, 300))):
+        found = 1e3 * np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
+        assert sorted(found) == pytest.approx(sorted([*edges] * 3), abs=1e-3)
+    assert 1e3 * np.linalg.norm(HEXAPOD.base, axis=1) == pytest.approx([416.333] * 6, abs=1e-3)
+
+
+def test_all_published_poses_at_once() -> None:
+    known = np.array(list(PUBLISHED), dtype=float)
+    found = HEXAPOD.lengths(1e-3 * known[:, :3], np.radians(known[:, 3:]))
+    assert 1e3 * found == pytest.approx(np.array(list(PUBLISHED.values())), abs=1e-3)
+
+
+def test_tip_chain_of_the_source() -> None:
+    """Torrao 2013, 4.3: table 1600 mm below the base, work zero 200 mm over it, tool of 100 mm."""
+    hexapod = type(HEXAPOD)(HEXAPOD.base, HEXAPOD.platform, sheet=(0.0, 0.0, -1.4))
+    tips = 1e-3 * np.array([[0, 0, 0], [10, 20, -5], [10, 20, -5], [-90, 90, -30], [60, 0, -20.0]])
+    tilts = np.radians([[0, 0], [0, 0], [5, -8], [0, 0], [-15, 20.0]])
+    strokes = [
+        [48.5944] * 6,
+        [55.0161, 57.0201, 48.5791, 48.4438, 57.4893, 55.6206],
+        [86.7622, 58.9018, 59.5929, 33.6020, 37.4782, 89.5825],
+        [60.7602, 69.6957, 84.2437, 72.1931, 111.3697, 114.4924],
+        [94.5858, 158.7853, 122.9944, 184.2297, 195.8701, 58.1756],
+    ]
+    assert 1e3 * hexapod.strokes(tips, tilts) == pytest.approx(np.array(strokes), abs=1e-3)
+
+
+def test_rotation_is_that_of_another_library() -> None:
+    """scipy's extrinsic x, y, z, and the element of eq. 4.22 that a wrong order would change."""
+    angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
+    assert rotation(angles) == pytest.approx(Rotation.from_euler("xyz", angles).as_matrix(), abs=1e-12)
+    assert rotation(angles[:, :2]) == pytest.approx(rotation(angles * [1, 1, 0]), abs=1e-15)
+    assert np.abs(np.linalg.det(rotation(angles)) - 1.0).max() < 1e-12
+
+
+def test_jacobian_at_home_is_the_printed_row() -> None:
+    jacobian = HEXAPOD.jacobian(HOME, np.zeros(2))
+    scale = np.array([1, 1, 1, 1e3, 1e3, 1e3])
+    assert jacobian[0] * scale == pytest.approx([0.2022, -0.0438, -0.9784, 146.754, -169.457, 37.917], abs=1e-3)
+    assert np.linalg.det(jacobian) * 1e9 == pytest.approx(-2.757e6, rel=1e-3)
+    assert np.abs(jacobian).max(axis=0)[:3] == pytest.approx([0.2022, 0.1970, 0.9784], abs=1e-4)
+
+
+def test_pose_jacobian_against_differences() -> None:
+    """Central differences of the lengths over all six freedoms, roll included."""
+    place, tilt = poses(40)
+    pose = np.column_stack([place, tilt, np.linspace(-0.2, 0.2, 40)])
+    found = HEXAPOD.pose_jacobian(pose[:, :3], pose[:, 3:])
+    for k in range(6):
+        step = np.eye(6)[k] * 1e-6
+        ahead, behind = pose + step, pose - step
+        slope = (HEXAPOD.lengths(ahead[:, :3], ahead[:, 3:]) - HEXAPOD.lengths(behind[:, :3], behind[:, 3:])) / 2e-6
+        assert found[:, :, k] == pytest.approx(slope, abs=1e-8)
+
+
+def test_work_of_the_cylinders_is_that_of_the_force_on_the_tip() -> None:
+    """Virtual work, by finite motions of the tip: no Jacobian takes part in the powers."""
+    place, tilt = poses(60)
+    tip = HEXAPOD.tip_of(place, tilt)
+    rng = np.random.default_rng(5)
+    force = rng.normal(0.0, 3e3, (60, 3))
+    push = HEXAPOD.leg_forces(force, tip, tilt)
+    velocity, rate = rng.normal(0.0, 0.05, (60, 3)), rng.normal(0.0, 0.2, (60, 2))
+    h = 1e-5
+    ahead = HEXAPOD.strokes(tip + h * velocity, tilt + h * rate)
+    behind = HEXAPOD.strokes(tip - h * velocity, tilt - h * rate)
+    of_cylinders = (push * (ahead - behind) / (2.0 * h)).sum(axis=1)
+    of_sheet = (force * velocity).sum(axis=1)  # tilting about the tip does no work there
+    assert np.abs(of_cylinders + of_sheet).max() < 1e-6 * np.abs(push).max()
+
+
+def test_equilibrium_of_the_platform_under_leg_forces() -> None:
+    """Sum of forces and of moments about the base's origin, from joints and tip as points in space."""
+    place, tilt = poses(20)
+    tip, force = HEXAPOD.tip_of(place, tilt), np.array([6500.0, -2000.0, 13000.0])
+    push = HEXAPOD.leg_forces(force, tip, tilt)
+    legs = HEXAPOD.legs(place, tilt)
+    along = push[..., None] * legs / np.linalg.norm(legs, axis=-1, keepdims=True)
+    joints = np.column_stack([HEXAPOD.base, np.zeros(6)])
+    assert np.abs(along.sum(axis=1) + force).max() < 1e-7
+    moment = np.cross(joints, along).sum(axis=1) + np.cross(tip + np.array(HEXAPOD.sheet), force)
+    assert np.abs(moment).max() < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("force", "pushes"),
+    [
+        ((0, 0, 13000), [2214.6] * 6),
+        ((6500, 0, 13000), [-7477, -7477, 11151, 2969, 2969, 11151]),
+        ((0, 6500, 13000), [6939, -2509, 8246, 12970, -8540, -3816]),
+    ],
+)
+def test_printed_cylinder_forces(force: tuple[float, float, float], pushes: list[float]) -> None:
+    tip = HEXAPOD.tip_of(HOME, np.zeros(2))
+    assert HEXAPOD.leg_forces(np.array(force), tip, np.zeros(2)) == pytest.approx(pushes, abs=0.6)
+
+
+def test_forward_from_the_middle_of_the_stroke() -> None:
+    """Two thousand reachable poses: all found, in at most 6 steps."""
+    place, tilt = poses(2000)
+    found = HEXAPOD.forward(HEXAPOD.lengths(place, tilt))
+    assert found.converged.all()
+    assert found.iterations <= 6
+    assert np.abs(found.place - place).max() < 1e-9
+    assert np.abs(found.tilt - tilt).max() < 1e-9
+
+
+def test_forward_from_the_last_pose_takes_three_steps() -> None:
+    """1 mm and 0.5 deg away in every coordinate."""
+    place, tilt = poses(500, seed=8)
+    rng = np.random.default_rng(2)
+    near = place + rng.uniform(-1e-3, 1e-3, place.shape)
+    leaning = tilt + np.radians(rng.uniform(-0.5, 0.5, tilt.shape))
+    found = HEXAPOD.forward(HEXAPOD.lengths(place, tilt), near, leaning)
+    assert found.converged.all()
+    assert found.iterations <= 3
+    assert np.abs(found.place - place).max() < 1e-9
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(0.0, 2.0), min_size=6, max_size=6))
+def test_forward_of_any_lengths_ends(lengths: list[float]) -> None:
+    """A pose with these lengths, or not converged; never an exception and never a wrong pose."""
+    found = HEXAPOD.forward(np.array(lengths))
+    if found.converged:
+        assert HEXAPOD.lengths(found.place, found.tilt) == pytest.approx(lengths, abs=1e-6)
+
+
+def test_a_joint_that_bends_too_far_is_told() -> None:
+    """A tool tilted about its tip in the middle: strokes allow 30 deg, the joints do not at every height."""
+    tilt = np.array([np.radians(29.0), 0.0])
+    assert HEXAPOD.joint_angles(HEXAPOD.place_of(np.zeros(3), tilt), tilt).max() > np.radians(45.0)
+    with pytest.raises(IsfError, match=r"joint of cylinder .* would bend by") as caught:
+        HEXAPOD.positions(np.zeros(3), tilt)
+    assert caught.value.code == ErrorCode.TARGET_OUT_OF_WORKSPACE
+    assert not HEXAPOD.reachable(np.zeros((1, 3)), tilt)[0]
+
+
+def test_reachable_agrees_with_the_gate_of_single_poses() -> None:
+    rng = np.random.default_rng(4)
+    tips, tilts = rng.uniform(-0.5, 0.5, (150, 3)), rng.uniform(-0.6, 0.6, (150, 2))
+    tips[:, 2] = rng.uniform(-0.25, 0.25, 150)
+    tilts[::2] = 0.0
+    free = []
+    for tip, tilt in zip(tips, tilts, strict=True):
+        try:
+            HEXAPOD.positions(tip, tilt)
+            free.append(True)
+        except IsfError:
+            free.append(False)
+    assert HEXAPOD.reachable(tips, tilts).tolist() == free
+    assert 20 < sum(free) < 130
+
+
+def test_stroke_of_the_centre_line_is_the_published_travel() -> None:
+    """409.15 mm between fully retracted and fully extended."""
+    z = np.linspace(-1.5, -0.7, 80001)
+    place = np.column_stack([np.zeros_like(z), np.zeros_like(z), z])
+    free = HEXAPOD.reachable(HEXAPOD.tip_of(place, np.zeros(2)), np.zeros(2))
+    assert 1e3 * np.ptp(z[free]) == pytest.approx(409.15, abs=0.05)
+
+
+def test_three_cables_tell_a_cylinder_that_is_off() -> None:
+    cables = CableSensors(a=0.3, b=0.1, c=0.35, origin=(-0.1, -0.15, 0.0))
+    place, tilt = poses(30)
+    lengths = cables.lengths(place)
+    assert cables.place(lengths) == pytest.approx(place, abs=1e-9)
+    right = HEXAPOD.forward(HEXAPOD.lengths(place, tilt), cables.place(lengths))
+    assert cables.disagreement(right.place, lengths).max() < 1e-9
+    off = HEXAPOD.lengths(place, tilt)
+    off[:, 2] += 1e-3
+    wrong = HEXAPOD.forward(off)
+    assert cables.disagreement(wrong.place, lengths).min() > 0.1e-3
+    assert np.isnan(cables.place(np.array([0.1, 1.0, 1.0]))).any()

@@ -1,0 +1,338 @@
+"""A program as a plan: its engaged moves become contours, checked as those of the planner are.
+
+Normals and wall angles come from the paths themselves: the tips of a ball lie on a surface parallel to the sheet, so a
+triangulation of the tips, without the triangles that span the floor inside one loop, has the sheet's normals.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from isf_core.contour import Contour, Process, contour_label
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile, ToolSpec
+from isf_core.files.rig import Rig
+from isf_core.geometry.height_map import HeightMap
+from isf_core.geometry.kinematics import make_kinematics
+from isf_core.types import Array, Indices
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import Delaunay, QhullError
+
+from isf_planner.checks import part_checks
+from isf_planner.gcode.reader import RAPID, Finding, Program
+from isf_planner.part.mesh_checks import place_text
+from isf_planner.planning import Plan, finish
+
+CLOSED = 1e-6
+"""m between a point and the first one of its contour, at which the loop is closed."""
+ON_SHEET = 1e-6
+"""m over the sheet up to which a tip is engaged."""
+MOST_STARTS = 4
+"""Points of a contour at which its loop may close."""
+LOOK_AHEAD = 20
+"""Points after a full turn within which a loop may still close."""
+MAP_PITCH = 1e-3
+"""m, of the target."""
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Points ``index`` of the program that make one contour."""
+
+    index: Indices
+    closed: bool
+    lifted: bool
+
+
+def check_program(program: Program, rig: Rig) -> tuple[Finding, ...]:
+    """Points and work offsets out of the rig's travel or out of reach of its axes, the first of each line."""
+    travel = np.asarray(rig.limits.travel)
+    findings = []
+    for tips, tool in ((program.tips[:, :3], "upper"), (program.tips[:, 3:], "lower")):
+        if tool == "lower" and not program.two_tools:
+            continue
+        outside = (np.abs(tips) > travel + 1e-9).any(axis=1)
+        for k in _first_of_lines(program.line, outside):
+            text = " x ".join(f"{1e3 * value:.0f}" for value in travel)
+            findings.append(
+                _finding(program, k, f"the {tool} tool leaves the travel of the rig (+-{text} mm)", tips[k])
+            )
+        within = make_kinematics(rig.kinematics)[0 if tool == "upper" else 1].reachable(tips)
+        number = 1 if tool == "upper" else 2
+        for k in _first_of_lines(program.line, ~within & ~outside):
+            findings.append(_finding(program, k, part_checks.axis_reason(rig, tips[k], number), tips[k]))
+    return tuple(sorted(findings, key=lambda finding: finding.line))
+
+
+def check_work_offsets(
+    program: Program, rig: Rig, offsets: dict[int, tuple[float, float, float]]
+) -> tuple[Finding, ...]:
+    """Work coordinate systems in use whose origin lies out of the rig's travel, at the first line that uses them."""
+    findings = []
+    for system, line in program.systems.items():
+        origin = np.asarray(offsets[system])
+        if (np.abs(origin) > np.asarray(rig.limits.travel)).any():
+            what = f"the origin of G{system} at {place_text(origin)} is out of the travel of the rig"
+            advice = f"correct work_offsets.G{system} of the set-up"
+            where = f"{program.name}:{line}"
+            findings.append(Finding(line, IsfError(ErrorCode.PROGRAM_OUT_OF_REACH, what, where=where, advice=advice)))
+    return tuple(findings)
+
+
+def _first_of_lines(line: Indices, bad: NDArray[np.bool_]) -> list[int]:
+    index = np.nonzero(bad)[0]
+    _, first = np.unique(line[index], return_index=True)
+    return [int(k) for k in index[first][:1000]]
+
+
+def _finding(program: Program, k: int, what: str, tip: Array) -> Finding:
+    line = int(program.line[k])
+    error = IsfError(
+        ErrorCode.PROGRAM_OUT_OF_REACH,
+        what,
+        where=f"{program.name}:{line} at {place_text(tip)}",
+        advice="move the work offset, or correct the program",
+    )
+    return Finding(line, error)
+
+
+def program_plan(program: Program, job_file: JobFile) -> Plan:
+    """Plan of ``program`` for sheet, tools and rig of ``job_file``; its part is not used.
+
+    The upper tool forms. Two tools make a DSIF plan with position control: a program holds no forces. The target is the
+    surface of the contacts, flat inside the last loops and 0 outside the first.
+
+    Raises
+    ------
+    IsfError : PROGRAM_UNREADABLE when no move presses into the sheet; PROCESS_NOT_SUPPORTED for a program with other
+        tools than the job; PART_DOES_NOT_FIT as for every plan
+    """
+    job, rig = job_file.job, job_file.rig
+    if program.two_tools and job.tool_2 is None:
+        raise IsfError(
+            ErrorCode.PROCESS_NOT_SUPPORTED,
+            "the program moves a lower tool (U, V, W), the job has none",
+            where=program.name,
+            advice="give a job with tool_2",
+        )
+    below = program.two_tools & np.isfinite(program.speed) & (program.tips[:, [2, 5]] > ON_SHEET).all(axis=1)
+    if below.any():
+        raise IsfError(
+            ErrorCode.PROCESS_NOT_SUPPORTED,
+            "the lower tool forms here, over the sheet plane",
+            where=f"{program.name}:{program.line[int(np.argmax(below))]}",
+            advice="a program forms with the upper tool; plan a part formed from both sides from its surface",
+        )
+    pieces = _pieces(program)
+    if not pieces:
+        raise IsfError(
+            ErrorCode.PROGRAM_UNREADABLE,
+            "no move with feed goes below the sheet (z = 0)",
+            where=program.name,
+            advice="check unit and work offset; the sheet lies at z = 0 of frame sheet",
+        )
+    tips = np.concatenate([program.tips[piece.index, :3] for piece in pieces])
+    owner = np.repeat(np.arange(len(pieces)), [len(piece.index) for piece in pieces])
+    group = _features(tips, owner)[owner]
+    normal = np.empty_like(tips)
+    for one in np.unique(group):
+        normal[group == one] = surface_normals(tips[group == one], owner[group == one])
+    contact = contact_points(tips, normal, job.tool_1)
+    angle = np.arccos(np.clip(normal[:, 2], -1.0, 1.0))
+    digest = hashlib.sha256(program.tips.tobytes() + job_file.text.encode()).hexdigest()[:8]
+    contours, at = [], 0
+    for number, piece in enumerate(pieces):
+        here = slice(at, at + len(piece.index))
+        at += len(piece.index)
+        speed = program.speed[piece.index]
+        speed = np.where(np.isfinite(speed), speed, job.path.feed)
+        contours.append(
+            Contour(
+                plan_id=f"{job.name}-{digest}",
+                index=number,
+                count=len(pieces),
+                process=Process.DSIF if program.two_tools else Process.SPIF,
+                feed=float(speed.max()),
+                contact=contact[here],
+                normal=normal[here],
+                wall_angle=angle[here],
+                thickness=job.sheet.thickness * np.cos(angle[here]),
+                forming_tip=tips[here],
+                support_tip=program.tips[piece.index, 3:] if program.two_tools else np.empty((0, 3)),
+                speed=speed if float(np.ptp(speed)) > 0.0 else np.empty(0),
+                closed=piece.closed,
+                retract=piece.lifted,
+            ).validate()
+        )
+    filled, warnings = finish(tuple(contours), job_file)
+    part_checks.check_travel(filled, rig)
+    part_checks.check_axes(filled, rig)
+    part_checks.check_backing_plate(filled, job)
+    target = _target(contact, group, rig.clamp.size)
+    return Plan(f"{job.name}-{digest}", filled, target, _mesh(target), tuple(dict.fromkeys(warnings)))
+
+
+def lines_of(program: Program, plan: Plan) -> dict[str, tuple[int, int]]:
+    """First and last line of every contour, by the label that people read."""
+    return {
+        contour_label(number): (int(program.line[piece.index[0]]), int(program.line[piece.index[-1]]))
+        for number, piece in enumerate(_pieces(program)[: len(plan.contours)])
+    }
+
+
+def _pieces(program: Program) -> list[_Piece]:
+    """Engaged runs cut into closed loops, or into single turns where nothing closes."""
+    tips = program.tips
+    down = tips[:, 2] <= ON_SHEET
+    rapid = program.speed == RAPID
+    above = np.concatenate([[True], ~down[:-1]])  # the move to a point begins above the sheet
+    level = np.concatenate([[np.inf], np.linalg.norm(np.diff(tips[:, :2], axis=0), axis=1)])
+    engaged = down & ~rapid
+    engaged &= program.given | ~above | (level > CLOSED)  # of a plunge only its end
+    pieces: list[_Piece] = []
+    lifted = True
+    k, n = 0, len(tips)
+    while k < n:
+        if not engaged[k]:
+            lifted = True
+            k += 1
+            continue
+        begin = k
+        while k < n and engaged[k]:
+            k += 1
+        run = np.arange(begin, k)
+        if begin > 0 and rapid[begin - 1] and down[begin - 1]:
+            run = np.concatenate([[begin - 1], run])
+        kept = np.concatenate([[True], np.linalg.norm(np.diff(tips[run], axis=0), axis=1) > 1e-9])
+        for piece in _cut(run[kept], program, lifted):
+            pieces.append(piece)
+            lifted = False
+    return pieces
+
+
+def _cut(run: Indices, program: Program, lifted: bool) -> list[_Piece]:
+    """The contours of one run without lifting, each of three points or more, cut where a loop closes or a turn ends.
+
+    A loop that closes on the first point given is a closed contour, and points on the way to it from the loop before
+    are left out: that way is the controller's. One that closes on a later point (the loop before ran on past its seam)
+    stays open and keeps all its points.
+    """
+    both = program.tips[run].tolist()
+    given = program.given[run].tolist()
+    cuts: list[_Piece] = []
+
+    def cut(index: Indices, *, closed: bool) -> None:
+        cuts.append(_Piece(index, closed, lifted and not cuts))
+
+    start, turned, heading = 0, 0.0, None
+    starts: list[int] = []  # points at which the loop may close
+    for k, here in enumerate(both):
+        closing = next((one for one in starts if k - one >= 3 and math.dist(here, both[one]) <= CLOSED), None)
+        if closing is not None:
+            first = closing == starts[0]
+            cut(run[closing:k] if first else run[start : k + 1], closed=first)
+            start, starts, turned, heading = k + 1, [], 0.0, None
+            continue
+        if (given[k] or k == start) and len(starts) < MOST_STARTS:
+            starts = [k] if starts == [start] and not given[start] else [*starts, k]
+        if k == start:
+            continue
+        dx, dy = here[0] - both[k - 1][0], here[1] - both[k - 1][1]
+        if math.hypot(dx, dy) > CLOSED:
+            now = math.atan2(dy, dx)
+            turned += math.remainder(now - heading, math.tau) if heading is not None else 0.0
+            heading = now
+        if abs(turned) > math.tau and k - start >= 3:
+            ahead = both[k : k + LOOK_AHEAD]
+            if not any(math.dist(place, both[one]) <= CLOSED for place in ahead for one in starts):
+                cut(run[start:k], closed=False)
+                start, starts = k, [k]
+            turned = 0.0
+    left = run[start:]
+    if len(left) >= 3:
+        cut(left, closed=False)
+    elif len(left) and cuts:  # too short for a contour of its own
+        last = cuts.pop()
+        seam = last.index[:1] if last.closed else last.index[:0]
+        cuts.append(_Piece(np.concatenate([last.index, seam, left]), False, last.lifted))
+    return cuts
+
+
+def surface_normals(tips: Array, owner: Indices) -> Array:
+    """(N, 3) unit, upward normals of the surface through ``tips`` (N, 3) m; ``owner`` (N,) is the contour of each.
+
+    Triangles with all corners in one contour span a floor, or cut a corner, and count only where no others are.
+    """
+    upright = np.tile([0.0, 0.0, 1.0], (len(tips), 1))
+    try:
+        mesh = Delaunay(tips[:, :2])
+    except (QhullError, ValueError):
+        return upright  # all on one line, or fewer than three
+    corners = mesh.simplices.astype(np.int64)
+    sides = tips[corners]
+    normal = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    flat = area > 0.0
+    corners, sides, normal = corners[flat], sides[flat], normal[flat] / area[flat, None]
+    normal *= np.where(normal[:, 2:] < 0.0, -1.0, 1.0)
+    between = np.ptp(owner[corners], axis=1) > 0
+    total = np.zeros((2, len(tips), 3))
+    for k in range(3):
+        a, b = sides[:, (k + 1) % 3] - sides[:, k], sides[:, (k + 2) % 3] - sides[:, k]
+        lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+        weight = np.arccos(np.clip((a * b).sum(axis=1) / np.maximum(lengths, 1e-30), -1.0, 1.0))[:, None]
+        np.add.at(total[0], corners[between, k], (weight * normal)[between])
+        np.add.at(total[1], corners[:, k], weight * normal)
+    chosen = np.where((np.linalg.norm(total[0], axis=1) > 1e-9)[:, None], total[0], total[1])
+    size = np.linalg.norm(chosen, axis=1)
+    upright[size > 1e-9] = chosen[size > 1e-9] / size[size > 1e-9, None]
+    upright[mesh.coplanar[:, 0]] = upright[mesh.coplanar[:, 2]]  # over or under another point
+    return upright
+
+
+def contact_points(tips: Array, normal: Array, tool: ToolSpec) -> Array:
+    """(N, 3) m, where an upper tool with its ``tips`` (N, 3) m touches a sheet with the ``normal`` (N, 3)."""
+    ball = tool.ball_radius
+    contact = tips + ball * (np.array([0.0, 0.0, 1.0]) - normal)
+    across = np.linalg.norm(normal[:, :2], axis=1)
+    steep = across > 1e-6
+    contact[steep, :2] -= tool.flat_radius * normal[steep, :2] / across[steep, None]
+    return contact
+
+
+def _features(tips: Array, owner: Indices) -> Indices:
+    """(P,) number of the feature of each of the P contours: contours whose outlines overlap form one."""
+    bounds = np.flatnonzero(np.diff(owner)) + 1
+    hulls = [shapely.MultiPoint(part[:, :2]).convex_hull.buffer(1e-5) for part in np.split(tips, bounds)]
+    tree = shapely.STRtree(hulls)
+    pairs = tree.query(hulls, predicate="intersects")
+    links = coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=(len(hulls), len(hulls)))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def _target(contact: Array, group: Indices, clamp: tuple[float, float]) -> HeightMap:
+    half = [int(np.floor(side / 2 / MAP_PITCH + 1e-9)) for side in clamp]
+    x, y = (MAP_PITCH * np.arange(-n, n + 1, dtype=np.float64) for n in half)
+    gx, gy = np.meshgrid(x, y)
+    z = np.zeros(gx.shape)
+    for one in np.unique(group):
+        part = contact[group == one]
+        with suppress(QhullError, ValueError):  # a line has no inside
+            z = np.minimum(z, LinearNDInterpolator(part[:, :2], part[:, 2], fill_value=0.0)(gx, gy))
+    return HeightMap(x, y, z)
+
+
+def _mesh(surface: HeightMap) -> tuple[Array, NDArray[np.int64]]:
+    """Vertices and triangles of a height map."""
+    rows, columns = surface.z.shape
+    corner = np.arange(rows * columns, dtype=np.int64).reshape(rows, columns)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
+    return surface.points(), np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])

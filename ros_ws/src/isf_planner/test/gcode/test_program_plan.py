@@ -1,0 +1,231 @@
+"""Programs as plans: what our own export writes comes back, and checks tell line and place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile, load_job
+from isf_core.files.rig import load_rig
+from isf_planner import exports, plan
+from isf_planner.checks import part_checks
+from isf_planner.exports.programs import path_points
+from isf_planner.gcode.program_plan import (
+    check_program,
+    check_work_offsets,
+    lines_of,
+    program_plan,
+    surface_normals,
+)
+from isf_planner.gcode.reader import read_program
+from isf_planner.view.reach_figure import axes_use, draw_reach, hexapod_of
+
+JOBS = Path(__file__).resolve().parents[5] / "examples" / "jobs"
+ROUNDING = 0.5e-7 * 1.001
+"""m: the export writes four decimals of a millimetre."""
+
+SLOW = {
+    "ren_cone",
+    "ren_cone_plate",
+    "ren_funnel",
+    "free_form",
+    "lu_asymmetric",
+    "lu_cone",
+    "lu_pyramid",
+    "lu_tpif",
+    "praveen_cone_150",
+    "praveen_cone_250",
+    "praveen_cone_610",
+    "praveen_free_form",
+    "ren_pyramid",
+    "adsif_cone",
+    "spif_cone",
+    "tpif_cone",
+    "torrao_cone_45",
+}
+NAMES = [
+    pytest.param(path.stem, marks=pytest.mark.slow) if path.stem in SLOW else path.stem
+    for path in sorted(JOBS.glob("*.yaml"))
+]
+"""Every job that is shipped; those that take long to plan are left to the slow tests."""
+
+SHEET = """
+name: rings
+part: {mesh: part.stl, unit: mm}
+process: SPIF
+rig: torrao2013
+sheet: {material: AA5754-O, thickness: 1 mm}
+tool_1: {radius: 5 mm}
+path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 20 mm/s}
+"""
+
+
+def sheet_job(text: str = SHEET) -> JobFile:
+    return JobFile(text, Path())
+
+
+def rings(count: int, overlap: str = "") -> str:
+    """A cone of 45 deg in full circles, 1 mm steps, opening radius 30 mm."""
+    lines = ["G90 G21 G54", "G0 Z20", "X30 Y0", "F900"]
+    for k in range(1, count + 1):
+        lines += [f"G1 X{30 - k} Y0 Z{-k}", f"G3 X{30 - k} Y0 I{k - 30}", overlap]
+    return "\n".join([*lines, "G0 Z20", "M30"])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_we_export_is_read_back_to_the_same_tips(name: str, tmp_path: Path) -> None:
+    """One tool, two tools, separate contours, spirals, a die, and parts formed from both sides."""
+    made = plan(load_job(JOBS / f"{name}.yaml"))
+    (file,) = exports.export(made, tmp_path / "part.nc")
+    program = read_program(file.read_text(), step=5e-3)
+    assert not program.unknown
+    assert not program.findings
+    points = path_points(made.contours)
+    found = program.tips[program.given & np.isfinite(program.speed)]
+    written = np.hstack([points.tool_1, points.tool_2])
+    assert len(found) == len(written)
+    there = np.isfinite(written[0])
+    assert program.two_tools == there.all()
+    assert np.abs(found[:, there] - written[:, there]).max() <= ROUNDING
+    assert program.speed[program.given & np.isfinite(program.speed)] == pytest.approx(points.speed, rel=1e-2)
+
+
+def test_contours_of_an_exported_plan_come_back(tmp_path: Path) -> None:
+    """The same loops, closed, with the planner's wall angles and target where loops lie on both sides."""
+    job_file = load_job(JOBS / "spif_cone.yaml")
+    made = plan(job_file)
+    (file,) = exports.export(made, tmp_path / "part.nc")
+    again = program_plan(read_program(file.read_text()), job_file)
+    assert [(len(one), one.closed) for one in again.contours] == [(len(one), one.closed) for one in made.contours]
+    for ours, theirs in zip(made.contours[8:24], again.contours[8:24], strict=True):
+        assert np.abs(ours.forming_tip - theirs.forming_tip).max() <= ROUNDING
+        assert np.degrees(np.abs(ours.wall_angle - theirs.wall_angle)).max() < 1.5
+        assert np.abs(ours.contact - theirs.contact).max() < 0.1e-3
+    assert np.abs(again.target.z - made.target.z).max() < 0.3e-3
+
+
+def test_rings_become_closed_contours_of_the_cone() -> None:
+    """The cone's wall, known without any planner: 45 deg, contacts r (1 - cos 45 deg) over the tips, sine law."""
+    program = read_program(rings(8))
+    made = program_plan(program, sheet_job())
+    assert [contour.closed for contour in made.contours] == [True] * 8
+    assert [contour.retract for contour in made.contours] == [True] + [False] * 7
+    middle = made.contours[4]
+    assert np.degrees(middle.wall_angle) == pytest.approx(np.full(len(middle), 45.0), abs=0.3)
+    assert middle.contact[:, 2] == pytest.approx(-5e-3 + 5e-3 * (1 - np.sqrt(0.5)), abs=20e-6)
+    assert np.hypot(*middle.contact[:, :2].T) == pytest.approx(25e-3 + 5e-3 * np.sqrt(0.5), abs=20e-6)
+    assert middle.thickness == pytest.approx(1e-3 * np.sqrt(0.5), abs=10e-6)
+    assert middle.feed == pytest.approx(15e-3)
+    assert made.target.z.min() == pytest.approx(-8e-3 + 5e-3 * (1 - np.sqrt(0.5)), abs=50e-6)
+    assert lines_of(program, made)["contour 2"] == (8, 9)
+
+
+def test_normals_of_a_plane_and_of_a_line() -> None:
+    rng = np.random.default_rng(2)
+    tips = np.column_stack([rng.uniform(0, 1, (60, 2)), np.zeros(60)])
+    tips[:, 2] = 0.75 * tips[:, 0]
+    assert surface_normals(tips, np.arange(60)) == pytest.approx(np.tile([-0.6, 0.0, 0.8], (60, 1)), abs=1e-9)
+    assert surface_normals(tips[:, :1] * [1.0, 0.0, 0.0], np.arange(60)) == pytest.approx(np.tile([0, 0, 1], (60, 1)))
+
+
+def test_a_spiral_is_cut_into_turns_that_join() -> None:
+    angle = np.linspace(0.0, 10.0 * np.pi, 600)
+    radius = 30.0 - 4.0 * angle / angle[-1]
+    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), -0.2 - 4.0 * angle / angle[-1]])
+    lines = [f"X{x:.4f} Y{y:.4f} Z{z:.4f}" for x, y, z in points]
+    made = program_plan(read_program("G0 Z5\nG0 X30 Y0\nG1 F900 " + "\n".join(lines) + "\nM30", step=5e-3), sheet_job())
+    assert 4 <= len(made.contours) <= 6
+    assert not any(contour.closed for contour in made.contours)
+    assert sum(len(contour) for contour in made.contours) == 600
+
+
+def test_a_seam_overlap_stays_in_the_path() -> None:
+    """Torrao 2013, 7.1.2: a loop that runs on past its start; the piece belongs to the next contour."""
+    program = read_program(rings(4, "G91 G3 X-.5 Y2 R25\nG90"))
+    made = program_plan(program, sheet_job())
+    forming = np.unique(np.vstack([contour.forming_tip for contour in made.contours]), axis=0)
+    engaged = np.unique(program.tips[np.isfinite(program.speed) & (program.tips[:, 2] < -0.9e-3), :3], axis=0)
+    assert len(forming) == len(engaged)
+    assert min(len(contour) for contour in made.contours) >= 3
+
+
+def test_points_and_offsets_out_of_reach_are_told_with_their_lines() -> None:
+    rig = load_rig("torrao2013")
+    text = "G54 G0 Z20\nG1 X0 Y0 Z-1\nG55 X0 Y0\nX130\nX50\nM30"
+    program = read_program(text)
+    found = check_program(program, rig)
+    assert [(finding.line, finding.error.code) for finding in found] == [
+        (4, ErrorCode.PROGRAM_OUT_OF_REACH),
+        (5, ErrorCode.PROGRAM_OUT_OF_REACH),
+    ]
+    assert "program:4 at x = 116" in found[0].error.where
+    (offset,) = check_work_offsets(program, rig, {54: (0.0, 0.0, 0.0), 55: (0.0, 0.2, 0.0)})
+    assert (offset.line, offset.error.code) == (3, ErrorCode.PROGRAM_OUT_OF_REACH)
+    assert "G55" in offset.error.what
+
+
+def test_cylinders_out_of_stroke_are_told_with_their_line() -> None:
+    """A rig whose travel allows more than its cylinders: the hexapod's strokes end before z = 245 mm."""
+    rig = load_rig("torrao2013")
+    wide = rig.model_copy(update={"limits": rig.limits.model_copy(update={"travel": (0.5, 0.5, 0.5)})})
+    (finding,) = check_program(read_program("G0 X0 Y0 Z20\nZ245\nM30"), wide)
+    assert finding.line == 2
+    assert "cylinder" in finding.error.what
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("G0 Z5\nG1 X0 Y0 Z1\nX5\nM30", ErrorCode.PROGRAM_UNREADABLE),
+        ("G0 Z5 W-5\nG1 X0 Y0 Z-1 U0 V0 W-2\nX5 U5\nX6 U6\nM30", ErrorCode.PROCESS_NOT_SUPPORTED),
+    ],
+)
+def test_programs_that_make_no_plan(text: str, code: ErrorCode) -> None:
+    with pytest.raises(IsfError) as caught:
+        program_plan(read_program(text), sheet_job())
+    assert caught.value.code == code
+
+
+def test_a_lower_tool_that_forms_is_refused_with_its_line(tmp_path: Path) -> None:
+    job_file = load_job(JOBS / "two_features.yaml")
+    (file,) = exports.export(plan(job_file), tmp_path / "part.nc")
+    with pytest.raises(IsfError, match="the lower tool forms here") as caught:
+        program_plan(read_program(file.read_text()), job_file)
+    assert caught.value.code == ErrorCode.PROCESS_NOT_SUPPORTED
+
+
+def test_cylinders_of_a_part_before_it_is_formed(tmp_path: Path) -> None:
+    """Strokes are those of the poses one by one; the cylinders' vertical forces carry the axial force."""
+    job_file = sheet_job()
+    made = program_plan(read_program(rings(5)), job_file)
+    hexapod = hexapod_of(job_file.rig)
+    assert hexapod is not None
+    use = axes_use(hexapod, made.contours)
+    assert use.strokes[0] == pytest.approx(hexapod.positions(made.contours[0].forming_tip[0]), abs=1e-12)
+    assert use.margin == pytest.approx(min(use.strokes.min(), 0.4 - use.strokes.max()))
+    largest = max(float(contour.predicted_force.max()) for contour in made.contours)
+    assert largest / 6.0 < use.force < largest
+    assert use.joint_angle < np.radians(20.0)
+    assert draw_reach(hexapod, made.contours, job_file.rig, tmp_path / "reach.png").stat().st_size > 20_000
+    with pytest.raises(IsfError) as caught:
+        draw_reach(hexapod, made.contours, job_file.rig, tmp_path / "no" / "reach.png")
+    assert caught.value.code == ErrorCode.FILE_NOT_WRITABLE
+    assert hexapod_of(load_rig("ren2018")) is None
+
+
+def test_a_plan_is_refused_where_the_cylinders_end() -> None:
+    """A table 200 mm lower than it is: before only the machine told, in mid-part."""
+    made = program_plan(read_program(rings(3)), sheet_job())
+    deep = [contour.shifted(np.tile([0.0, 0.0, -0.2], (len(contour), 1))) for contour in made.contours]
+    with pytest.raises(IsfError, match=r"cylinder \d would have a stroke of") as caught:
+        part_checks.check_axes(deep, load_rig("torrao2013"))
+    assert caught.value.code == ErrorCode.PART_DOES_NOT_FIT
+
+
+def test_a_backing_plate_in_the_way_is_told_as_for_every_plan() -> None:
+    plate = "backing_plate: {shape: circle, size: [50 mm, 50 mm]}\n"
+    with pytest.raises(IsfError, match="into the backing plate") as caught:
+        program_plan(read_program(rings(4)), sheet_job(SHEET + plate))
+    assert caught.value.code == ErrorCode.PART_DOES_NOT_FIT

@@ -1,0 +1,80 @@
+"""``isf gcode``, run as a user runs it (docs/own_cell/programs.md)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import forked_process
+from isf_cell.commands.exit_codes import Exit
+
+SET_UP = """
+work_offsets: {G54: [5 mm, 0 mm, 0 mm], G55: [0 mm, 300 mm, 0 mm]}
+tools: {1: {length: 43 mm, radius: 4 mm}}
+"""
+
+
+def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return forked_process.run([sys.executable, "-m", "isf_cell.cli", *arguments], cwd=cwd)
+
+
+def cone(folder: Path) -> Path:
+    """Four rings, 45 deg, 4 mm deep, of tool 1."""
+    lines = ["%", "G21 G90 G54 T1 M6", "G43 H1 G0 Z20", "X16 Y0", "F3000"]
+    for k in range(1, 5):
+        lines += [f"G1 X{16 - k} Y0 Z{-k}", f"G3 X{16 - k} Y0 I{k - 16} J0"]
+    file = folder / "cone.nc"
+    file.write_text("\n".join([*lines, "G0 Z20", "M30", "%"]))
+    return file
+
+
+def test_a_program_is_read_and_formed_in_simulation(tmp_path: Path) -> None:
+    cone(tmp_path)
+    (tmp_path / "cell.yaml").write_text(SET_UP)
+    options = ("--rig", "torrao2013", "--set-up", "cell.yaml", "--simulate", "--json", "-o", "run")
+    done = isf("gcode", "cone.nc", *options, cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    data = json.loads(done.stdout)
+    assert (data["feasible"], data["unknown_words"], data["findings"]) == (True, [], [])
+    assert (data["contours"], data["rig"], data["work_systems"]) == (4, "torrao2013", ["G54"])
+    assert data["points"] > 4 * 75
+    run = tmp_path / "run"
+    assert data["machine"]["kinematics"] == "hexapod_spif_a"
+    assert 150 < data["machine"]["stroke_left_mm"] < 200
+    made = ("program.png", "reach.png", "report.html", "part.stl", "job.yaml")
+    assert all((run / name).is_file() for name in made)
+    assert "radius: " in (run / "job.yaml").read_text()
+    planned = isf("plan", "run/job.yaml", "--json", "-o", "plan", cwd=tmp_path)
+    assert planned.returncode == Exit.OK, planned.stderr
+
+
+def test_a_program_that_cannot_be_formed_is_told_line_by_line(tmp_path: Path) -> None:
+    file = tmp_path / "bad.txt"
+    (tmp_path / "cell.yaml").write_text(SET_UP)
+    file.write_text("G90 G1 X10 Y0 Z-1\nG81 Q2\nG2 X0 Y15 I-10 J0\nG55 X0 Y0\nM30\n")
+    done = isf("gcode", "bad.txt", "--set-up", "cell.yaml", "--simulate", "--json", "-o", "run", cwd=tmp_path)
+    assert done.returncode == Exit.INPUT
+    data = json.loads(done.stdout)
+    assert not data["feasible"]
+    assert [(word["line"], word["word"]) for word in data["unknown_words"]] == [(2, "G81"), (2, "Q2")]
+    found = [(finding["line"], finding["name"]) for finding in data["findings"]]
+    assert found[:3] == [(3, "PROGRAM_ARC_OPEN"), (4, "PROGRAM_ARC_OPEN"), (4, "PROGRAM_OUT_OF_REACH")]
+    assert not (tmp_path / "run" / "bag").exists()
+    assert "1161 PROGRAM_WORD_UNKNOWN" in done.stderr
+
+
+def test_files_that_are_no_programs(tmp_path: Path) -> None:
+    (tmp_path / "empty.nc").write_bytes(b"\xff\x00\x80 nothing")
+    (tmp_path / "wrong.yaml").write_text("work_offsets: {G58: [0 mm, 0 mm, 0 mm]}\n")
+    cone(tmp_path)
+    for arguments, code in (
+        (("missing.nc",), "FILE_NOT_FOUND"),
+        (("empty.nc",), "PROGRAM_WORD_UNKNOWN"),
+        (("cone.nc", "--set-up", "wrong.yaml"), "FILE_FIELD"),
+        (("cone.nc", "--thickness", "1"), "FILE_UNIT"),
+    ):
+        done = isf("gcode", *arguments, cwd=tmp_path)
+        assert done.returncode == Exit.INPUT, done.stderr
+        assert code in done.stderr
