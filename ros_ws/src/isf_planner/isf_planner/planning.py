@@ -140,14 +140,8 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     IsfError : as :func:`plan`; PART_TOO_SMALL_FOR_TOOL where the new tool does not fit
     """
     base, job = before.base, job_file.job
-    if (
-        base is None
-        or before.stages
-        or job.path.stages
-        or job.path.morph
-        or job.strategy
-        or not replanning.same_contacts(base.job, job)
-    ):
+    staged = before.stages or job.path.stages or job.path.morph
+    if base is None or staged or job.strategy or not replanning.same_contacts(base.job, job):
         return plan(job_file)
     mesh = Mesh(*before.mesh)
     part_checks.check_fit(mesh_checks.PlacedPart(mesh, -float(mesh.vertices[:, 2].min()), ()), job, job_file.rig)

@@ -76,7 +76,7 @@ class FormingProcess(ABC):
             shifts.append(shift)
             warnings += reported
         mesh = loaded.moved(shifts[0])  # the height of an island's floor is known from the others
-        made = stages.preforms(mesh, sides, job_file, step)
+        made = stages.preforms(mesh, [side.forming_tool for side in sides], job_file, step)
         preforms = tuple(_plan_half(half, job_file, step)[0] for half in made.parts)
         return PreparedPart(mesh, tuple(sides), preforms, (*warnings, *made.warnings), stages=made.stages)
 

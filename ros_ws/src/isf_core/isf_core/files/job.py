@@ -175,8 +175,8 @@ class MorphSpec(FileModel):
     """Direction in which that distance is measured: the source leaves it open."""
     method: Literal["diffusion", "laplacian"] = "diffusion"
     """How the part is morphed: diffusion, which gets flatter everywhere, or as published, which overshoots."""
-    chi: float = Field(default=0.02, gt=0.0, le=10.0)
-    """Method laplacian: weight of the old shape."""
+    chi: float = Field(default=3e-4, gt=0.0, le=10.0)
+    """Method laplacian: weight of the old shape, every node anchored; larger ones give more and smaller steps."""
     joint_width: Length | None = Field(default=None, gt=0.5e-3, lt=0.1)
     """How far from the flange a shape is joined to it by a curve; None: the tool radius."""
     joint_share: float = Field(default=1.0 / 3.0, gt=0.0, le=0.5)

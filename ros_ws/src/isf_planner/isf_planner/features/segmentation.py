@@ -20,7 +20,7 @@ one.
 from __future__ import annotations
 
 import heapq
-from collections import Counter
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -197,7 +197,7 @@ def _merged(bend: Indices, rib: Mask, area: Array, smallest: float, narrowest: f
         region = np.where(pieces > 0, pieces - 1 + count, region)
         count += number
     size = np.bincount(region[~rib], area[~rib], minlength=count)
-    around: list[Counter[int]] = [Counter() for _ in range(count)]
+    around: list[defaultdict[int, float]] = [defaultdict(float) for _ in range(count)]
     for a, b, length in _borders(region, np.sqrt(area)):
         if a >= 0:
             around[a][b] += length
@@ -213,12 +213,12 @@ def _merged(bend: Indices, rib: Mask, area: Array, smallest: float, narrowest: f
         known, least = heapq.heappop(waiting)
         if into[least] != least or known != size[least]:
             continue
-        beside = Counter({k: length for k, length in around[least].items() if k >= 0})
+        beside = {k: length for k, length in around[least].items() if k >= 0}
         if not beside:
             if 2.0 * size[least] < narrowest * sum(around[least].values()):
                 into[least] = -1
             continue
-        other = beside.most_common(1)[0][0]
+        other = max(beside, key=lambda k: beside[k])
         into[least] = other
         size[other] += size[least]
         around[other][-1] += around[least][-1]

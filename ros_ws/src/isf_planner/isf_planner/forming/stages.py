@@ -27,11 +27,11 @@ from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_planner.features.segmentation import find_features
-from isf_planner.forming.sides import HalfPart, Side
+from isf_planner.forming.sides import HalfPart
 from isf_planner.morphing.chain import Chain, make_chain, on_finer_grid, steepest
 from isf_planner.morphing.fold_over import NONE, FoldOver, fold_over
 from isf_planner.morphing.rules import rules_of
-from isf_planner.morphing.selection import FIRST_SHARE, Spacing, select
+from isf_planner.morphing.selection import FIRST_SHARE, Spacing, not_reached, select
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.part.meshes import Mesh
 from isf_planner.surface import height_grid, surface_kernels
@@ -95,10 +95,15 @@ class Preforms:
     warnings: tuple[str, ...] = ()
 
 
-def preforms(mesh: Mesh, sides: Sequence[Side], job_file: JobFile, step: Callable[[str, float], None]) -> Preforms:
+def preforms(
+    mesh: Mesh, forming_tools: Sequence[int], job_file: JobFile, step: Callable[[str, float], None]
+) -> Preforms:
     """What the upper tool forms in the stages before the last one, from the whole part ``mesh``, its flange at z = 0.
 
-    ``step`` is told a phase and a share.
+    Parameters
+    ----------
+    forming_tools : tools that form the part, 1 and 2
+    step : told a phase and a share
 
     Raises
     ------
@@ -109,7 +114,7 @@ def preforms(mesh: Mesh, sides: Sequence[Side], job_file: JobFile, step: Callabl
     if not job.path.stages and morph is None:
         return Preforms()
     where = "path.stages" if morph is None else "path.morph"
-    if [side.forming_tool for side in sides] != [1]:
+    if list(forming_tools) != [1]:
         raise IsfError(
             ErrorCode.FEATURES_MIXED,
             "stages are planned only for parts that the upper tool forms alone",
@@ -200,11 +205,6 @@ def _morphed(
     """Shapes between blank and part on the grid of ``part``, the flattest first."""
     step("features of the part", 0.0)
     chain = morph_chain(mesh, job, morph, failure)
-    if chain.lifted > LIFTED:
-        reported.append(
-            f"the morph would pass {chain.lifted * 1e3:.1f} mm below the part at {place_text(chain.place)}: its shapes "
-            "lie on the part there, which is formed to its full depth early"
-        )
     step("shapes before the part", 0.0)
     spacing = Spacing(job.tool_1.ball_radius, first, morph.gap, morph.most_shapes)
     chosen = select(chain, spacing, morph.shapes, keep_limit=morph.fold_over == "enforce")
@@ -213,7 +213,39 @@ def _morphed(
             f"path.morph: the part is no steeper than {np.degrees(first):.0f} deg, which is formed in one pass; "
             "nothing is formed before it"
         )
-    return [on_finer_grid(chain.shape(at), part) for at in chosen.places]
+    lifted, place = max((chain.lifted(at) for at in chosen.places), key=lambda one: one[0], default=(0.0, None))
+    if place is not None and lifted > LIFTED:
+        reported.append(
+            f"the morph would pass {lifted * 1e3:.1f} mm below the part at {place_text(place)}: its shapes lie on the "
+            "part there, which is formed early"
+        )
+    places = list(chosen.places)
+    shapes = [on_finer_grid(chain.shape(at), part) for at in places]
+    if morph.fold_over == "enforce":
+        _insert_missing(chain, part, spacing, places, shapes, morph.shapes or morph.most_shapes)
+    return shapes
+
+
+def _insert_missing(
+    chain: Chain, part: HeightMap, spacing: Spacing, places: list[float], shapes: list[HeightMap], most: int
+) -> None:
+    """Shapes in between where the finer grid of ``part`` shows a step that is too large; changes both lists.
+
+    Raises
+    ------
+    IsfError : MORPH_NOT_REACHED when that makes more than ``most`` shapes
+    """
+    k = 0
+    while k < len(shapes):
+        after = shapes[k + 1] if k + 1 < len(shapes) else part
+        found = fold_over(shapes[k], after, spacing.radius, spacing.first_angle, spacing.measure)
+        if found.ratio <= 1.0:
+            k += 1
+            continue
+        if len(shapes) >= most:
+            raise not_reached(found, len(shapes))
+        places.insert(k + 1, 0.5 * (places[k] + (places[k + 1] if k + 1 < len(places) else 0.0)))
+        shapes.insert(k + 1, on_finer_grid(chain.shape(places[k + 1]), part))
 
 
 def morph_chain(mesh: Mesh, job: Job, morph: MorphSpec, failure: float) -> Chain:

@@ -3,7 +3,7 @@
 Shapes are made from the part on, by the rules of :mod:`isf_planner.morphing.rules`, and formed the other way round: the
 flattest first. Two methods:
 
-* ``diffusion`` (default): shape k is the part diffused over the length l_k, each by a third longer than the one before,
+* ``diffusion`` (default): shape k is the part diffused over the length l_k, each by half longer than the one before,
   times the speed of the feature. Depth and slope fall from shape to shape.
 * ``laplacian``: the published one, least squares with the weight chi, repeated on what came out; the weight of a
   feature falls with its number of steps. It overshoots on the way.
@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
+from scipy import ndimage
 
 from isf_planner.morphing.joint import joined
 from isf_planner.morphing.laplacian import AnchoredLaplacian, diffused, grid_edges, uniform
@@ -27,10 +28,10 @@ from isf_planner.surface import height_grid
 
 Method = Literal["diffusion", "laplacian"]
 
-SHORTEST = 1.5
+SHORTEST = 3.0
 """Shortest length of a diffusion, over the pitch of the grid."""
 
-LONGER = 1.35
+LONGER = 1.5
 """Length of a diffusion over that of the one before."""
 
 FLAT = 0.02
@@ -48,7 +49,6 @@ class Chain:
     ----------
     x, y : (nx,), (ny,) m ; z : (K + 1, ny, nx) m
     rules : what moves, and how far
-    lifted : m, by how much the method would have gone below the part at most, and ``place`` (2,) m where
     joint : width m, and share of the chord that the control lengths have
     """
 
@@ -56,8 +56,6 @@ class Chain:
     y: Array
     z: Array
     rules: MorphRules
-    lifted: float
-    place: Array
     joint: tuple[float, float]
 
     @property
@@ -69,14 +67,20 @@ class Chain:
         """The shape ``at`` 0 (the part) to K (flat), between two shapes in proportion; joined and above the part."""
         if at <= 0.0:
             return HeightMap(self.x, self.y, self.z[0])
+        z = joined(self._between(at), self.rules.fixed, float(self.x[1] - self.x[0]), *self.joint)
+        return HeightMap(self.x, self.y, np.maximum(z, self.z[0]))
+
+    def lifted(self, at: float) -> tuple[float, Array]:
+        """m, by how much the shape ``at`` is lifted onto the part at most, inside its joint; and where (2,) m."""
+        pitch = float(self.x[1] - self.x[0])
+        inside = ndimage.distance_transform_edt(~self.rules.fixed) * pitch > self.joint[0]
+        below = np.where(inside, self.z[0] - self._between(at), 0.0)
+        row, column = np.unravel_index(int(np.argmax(below)), below.shape)
+        return max(0.0, float(below[row, column])), np.array([self.x[column], self.y[row]])
+
+    def _between(self, at: float) -> Array:
         k = min(int(at), self.length - 1)
-        z = (1.0 - (at - k)) * self.z[k] + (at - k) * self.z[k + 1]
-        return HeightMap(self.x, self.y, finished(z, self.z[0], self.rules, self.x[1] - self.x[0], self.joint))
-
-
-def finished(z: Array, part: Array, rules: MorphRules, pitch: float, joint: tuple[float, float]) -> Array:
-    """Heights ``z`` (ny, nx) joined to the flange and lifted onto the ``part`` where they are below it."""
-    return np.maximum(joined(z, rules.fixed, pitch, *joint), part)
+        return np.asarray((1.0 - (at - k)) * self.z[k] + (at - k) * self.z[k + 1])
 
 
 def make_chain(
@@ -84,16 +88,11 @@ def make_chain(
     rules: MorphRules,
     joint: tuple[float, float],
     method: Method = "diffusion",
-    chi: float = 0.02,
+    chi: float = 3e-4,
 ) -> Chain:
     """Chain of the ``part``, whose flange lies at z = 0; ``chi``: weight of the old shape in method laplacian."""
     shapes = _by_diffusion(part, rules) if method == "diffusion" else _by_least_squares(part, rules, chi)
-    raw = np.array(shapes)
-    below = raw - part.z
-    worst = np.unravel_index(int(np.argmin(below)), below.shape)
-    place = np.array([part.x[worst[2]], part.y[worst[1]]])
-    z = np.maximum(raw, part.z)
-    return Chain(part.x, part.y, z, rules, float(max(0.0, -below[worst])), place, joint)
+    return Chain(part.x, part.y, np.array(shapes), rules, joint)
 
 
 def _by_diffusion(part: HeightMap, rules: MorphRules) -> list[Array]:

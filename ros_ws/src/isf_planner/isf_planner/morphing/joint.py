@@ -27,7 +27,7 @@ def control_points(start: Array, start_tangent: Array, end: Array, end_tangent: 
 def curve(points: Array, u: Array) -> Array:
     """(N, M, C) P(u) of curves with the control ``points`` (N, 4, C) at ``u`` (M,) from 0 at A to 1 at D."""
     weight = np.stack([(1 - u) ** 3, 3 * u * (1 - u) ** 2, 3 * u**2 * (1 - u), u**3], axis=1)
-    return np.einsum("mk,nkc->nmc", weight, points)
+    return np.swapaxes(np.tensordot(points, weight, axes=([1], [1])), 1, 2)
 
 
 def joined(z: Array, flange: Mask, pitch: float, width: float, share: float) -> Array:

@@ -29,6 +29,9 @@ from isf_planner.features.surface_features import FeatureMap, Kind, SurfaceFeatu
 FEWEST, MOST = 2, 4
 """Steps of the feature that moves least and of the one that moves most."""
 
+ON_FLANGE = 20e-6
+"""m; what lies no deeper is flange, also where the rim as a feature begins."""
+
 RIB_STRIP = 2
 """Nodes beside a rib that move with it."""
 
@@ -76,7 +79,8 @@ def rules_of(found: FeatureMap, failure_angle: float, radius: float) -> MorphRul
     by_node = steps[found.label]
     strips = np.where(ribs[found.label], by_node, 0)
     by_node = np.maximum(by_node, ndimage.maximum_filter(strips, 2 * RIB_STRIP + 1))
-    return MorphRules(top[found.label], by_node, tuple(int(n) for n in steps))
+    fixed = top[found.label] | (found.heights.z > -ON_FLANGE)
+    return MorphRules(fixed, by_node, tuple(int(n) for n in steps))
 
 
 def _together(features: tuple[SurfaceFeature, ...]) -> list[Indices]:

@@ -1,13 +1,13 @@
 """Which shapes of a chain are formed (Behera 2015, constraints of the process).
 
 The first one is as steep as two thirds of the angle at which the sheet fails in one pass. Each next one goes as far
-towards the part as eq. 1 allows (:mod:`isf_planner.morphing.fold_over`), or, with their number given, all go equally
-far by it. A chain is continuous: between two of its shapes lies any in proportion, so a step is never too coarse.
+towards the part as eq. 1 allows (:mod:`isf_planner.morphing.fold_over`), or, with their number given, each moves the
+sheet down by the same volume. A chain is continuous: between two of its shapes lies any
+in proportion, so a step is never too coarse.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,15 +21,11 @@ from isf_planner.part.mesh_checks import place_text
 FIRST_SHARE = 2.0 / 3.0
 """Wall angle of the first shape over the failure angle (published)."""
 
-NEAREST = 0.02
+NEAREST = 0.03
 """Shapes of a chain; steps are found to this, and shorter ones are none."""
 
-ALLOWED = 0.98
-"""Gap over limit up to which a step is taken when the limit is kept: the finer grid of the plan measures a little
-more."""
-
-LARGEST_RATIO = 20.0
-"""Gap over limit beyond which an even spacing of few shapes is not looked for."""
+ALLOWED = 0.9
+"""Gap over limit up to which steps are taken: on the finer grid of the plan it is a little more."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +89,7 @@ def select(chain: Chain, spacing: Spacing, count: int | None, *, keep_limit: boo
         places = steps.towards_part(first, ALLOWED)
         if len(places) > spacing.most:
             if keep_limit:
-                raise _not_reached(steps.fold_over(places[spacing.most - 1], 0.0), spacing.most)
+                raise not_reached(steps.fold_over(places[spacing.most - 1], 0.0), spacing.most)
             places = steps.evenly(first, spacing.most)
     else:
         places = steps.evenly(first, count)
@@ -101,11 +97,12 @@ def select(chain: Chain, spacing: Spacing, count: int | None, *, keep_limit: boo
     found = (NONE, *(steps.fold_over(a, b) for a, b in zip(places, ends, strict=True)))
     worst = max(found, key=lambda one: one.ratio)
     if keep_limit and worst.ratio > 1.0:
-        raise _not_reached(worst, len(places))
+        raise not_reached(worst, len(places))
     return Selection(tuple(places), found)
 
 
-def _not_reached(worst: FoldOver, count: int) -> IsfError:
+def not_reached(worst: FoldOver, count: int) -> IsfError:
+    """MORPH_NOT_REACHED for a limit that ``count`` shapes do not keep."""
     return IsfError(
         ErrorCode.MORPH_NOT_REACHED,
         f"with {count} shapes the sheet may fold over: the next wall lies {worst.gap * 1e3:.1f} mm away, "
@@ -126,11 +123,10 @@ class _Steps:
         shapes = chain.shape(before), chain.shape(after)
         return fold_over(*shapes, spacing.radius, spacing.first_angle, spacing.measure)
 
-    def towards_part(self, first: float, ratio: float, most: int | None = None) -> list[float]:
-        """Places from ``first`` on, as far as ``ratio`` allows, until the part can follow: ``most`` + 1 at most."""
+    def towards_part(self, first: float, ratio: float) -> list[float]:
+        """Places from ``first`` on, as far as ``ratio`` allows, until the part can follow; one too many at most."""
         places = [first]
-        limit = self.spacing.most if most is None else most
-        while len(places) <= limit and self.fold_over(places[-1], 0.0).ratio > ratio:
+        while len(places) <= self.spacing.most and self.fold_over(places[-1], 0.0).ratio > ratio:
             last = places[-1]
             places.append(_largest(lambda at, last=last: self.fold_over(last, at).ratio <= ratio, 0.0, last))  # type: ignore[misc]
             if last - places[-1] < NEAREST:
@@ -138,21 +134,12 @@ class _Steps:
         return places
 
     def evenly(self, first: float, count: int) -> list[float]:
-        """``count`` places whose steps have the same ratio of gap and limit, the last one to the part included."""
-        low, high = 0.0, LARGEST_RATIO
-        while high - low > 0.02:
-            middle = 0.5 * (low + high)
-            if len(self.towards_part(first, middle, count)) > count:
-                low = middle
-            else:
-                high = middle
-        places = self.towards_part(first, high, count)[:count]
-        # fewer do: the steps left over halve the last ones
-        while len(places) < count:
-            ends = [*places, 0.0]
-            widest = int(np.argmax([a - b for a, b in itertools.pairwise(ends)]))
-            places.insert(widest + 1, 0.5 * (ends[widest] + ends[widest + 1]))
-        return places
+        """``count`` places from ``first`` on, with the same volume between each two, and the last and the part."""
+        volume = -self.chain.z.sum(axis=(1, 2))
+        falling = np.minimum.accumulate(volume)
+        start = float(np.interp(first, np.arange(len(volume)), falling))
+        wanted = start + (falling[0] - start) * np.arange(count) / count
+        return [float(at) for at in np.interp(-wanted, -falling, np.arange(len(volume)))]
 
 
 def _largest(allowed: Callable[[float], bool], low: float, high: float) -> float:

@@ -135,7 +135,6 @@ def _write_png(found: FeatureMap, heading: str, path: Path) -> None:
     from matplotlib.colors import to_rgb
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     figure = Figure(figsize=(13.0, 6.4), layout="constrained")
     FigureCanvasAgg(figure)
@@ -147,7 +146,8 @@ def _write_png(found: FeatureMap, heading: str, path: Path) -> None:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     light = 0.62 + 0.38 * np.clip(normal @ np.array([-0.45, -0.55, 0.7]), 0.0, 1.0)
-    solid.add_collection3d(Poly3DCollection(corners, facecolors=colour[label] * light[:, None], lw=0))
+    drawn = solid.plot_trisurf(*vertices.T, triangles=faces, lw=0, shade=False)
+    drawn.set_facecolors(colour[label] * light[:, None])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     size = high - low
     solid.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
