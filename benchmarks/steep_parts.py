@@ -1,4 +1,4 @@
-"""Features and morphed shapes of a part of 200,000 facets: processor time and memory; sections of the shapes as a picture.
+"""Features and morphed shapes of a part of 200,000 facets: processor time, memory, and a picture of the shapes.
 
 usage: ./isf python benchmarks/steep_parts.py [--facets N] [--picture FILE]
 The part is the pyramid of examples/jobs/behera_80_25.yaml with its facets divided. Times are of one core; run it with
@@ -67,9 +67,7 @@ def main() -> None:
     made = preforms(part, [1], job_file, lambda phase, share: None)
     shapes = time.process_time() - started
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-    print(
-        f"{len(part.faces)} facets: features {features:.1f} s, {len(made.parts)} shapes {shapes:.1f} s of processor time"
-    )
+    print(f"{len(part.faces)} facets; processor time {features:.1f} s for features, {shapes:.1f} s for shapes")
     print(f"largest memory {memory:.0f} MB; {found.counts()}")
     if given.picture:
         draw(made, given.picture)

@@ -214,10 +214,17 @@ def _numbers(error: HeightMap, to_normal: Array, mask: Mask) -> RegionError:
 def _signed(distance: Array) -> SignedStatistics:
     known = distance[np.isfinite(distance)]
     if not len(known):
-        return SignedStatistics(*[float("nan")] * 6)
-    above, below = known[known > 0.0], known[known < 0.0]
-    means = [float(one.mean()) if len(one) else float("nan") for one in (above, below)]
-    return SignedStatistics(*means, float(known.max()), float(known.min()), float(known.mean()), float(known.std()))
+        nan = float("nan")
+        return SignedStatistics(nan, nan, nan, nan, nan, nan)
+    above, below = (float(one.mean()) if len(one) else float("nan") for one in (known[known > 0.0], known[known < 0.0]))
+    return SignedStatistics(
+        mean_positive=above,
+        mean_negative=below,
+        largest=float(known.max()),
+        smallest=float(known.min()),
+        mean=float(known.mean()),
+        deviation=float(known.std()),
+    )
 
 
 def _spacing(axis: Array) -> float:

@@ -18,6 +18,9 @@ from isf_planner.surface import height_grid
 from isf_planner.view import feature_view
 
 RADIUS = 5e-3
+WIDE = 8e-3
+"""m, of a larger tool, which looks at a surface on a coarser grid."""
+
 TWO_SLOPES = {
     "top": 1,
     "floor": 1,
@@ -65,7 +68,7 @@ def pyramid() -> FeatureMap:
 @pytest.mark.parametrize(
     "mesh",
     [
-        sharp_pyramid(60.0, (80.0, 25.0), (25.0, 16.0)),
+        sharp_pyramid(50.0, (80.0, 25.0), (25.0, 16.0)),
         part_mesh(PARTS["ribbed_pyramid"](rib=5e-3, floor=5e-3), 20e-6),
         subdivided(PYRAMID, 3e-3),
         subdivided(PYRAMID, 4e-3, 50e-6),
@@ -142,16 +145,16 @@ def test_bowl_dome_and_trough() -> None:
     axis = np.linspace(-60e-3, 60e-3, 121)
     x, y = np.meshgrid(axis, axis)
     bowl = 50e-3 - np.sqrt(np.maximum((75e-3) ** 2 - x**2 - y**2, (50e-3) ** 2))
-    assert find_features(surface(bowl), RADIUS).counts() == {"top": 1, "freeform_positive": 1, "rim": 1}
+    assert find_features(surface(bowl), WIDE).counts() == {"top": 1, "freeform_positive": 1, "rim": 1}
     # a square pocket with a plane floor, from which a cap of a sphere of 60 mm rises to 9 mm below the flange
     cap = np.sqrt(np.maximum((60e-3) ** 2 - x**2 - y**2, 0.0)) - 69e-3
     pocket = np.maximum(np.where(np.maximum(np.abs(x), np.abs(y)) < 52e-3, -20e-3, 0.0), cap)
-    found = find_features(surface(np.where(np.maximum(np.abs(x), np.abs(y)) < 52e-3, pocket, 0.0)), RADIUS)
+    found = find_features(surface(np.where(np.maximum(np.abs(x), np.abs(y)) < 52e-3, pocket, 0.0)), WIDE)
     assert found.counts()["freeform_negative"] == 1
     # a half pipe along x: its rulings are level, the wall angle changes with depth
     pipe = 40e-3 - np.sqrt(np.maximum((60e-3) ** 2 - y**2, (40e-3) ** 2))
     pipe = np.where(np.abs(x) < 50e-3, pipe, 0.0)
-    (trough,) = [f for f in find_features(surface(pipe), RADIUS).features if f.kind is Kind.RULED_POSITIVE]
+    (trough,) = [f for f in find_features(surface(pipe), WIDE).features if f.kind is Kind.RULED_POSITIVE]
     assert trough.horizontal_rulings
     assert 1.0 / trough.curvature == pytest.approx(60e-3, rel=0.08)
 
