@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from isf_planner.features.segmentation import find_features
 from isf_planner.forming.sides import HalfPart
 from isf_planner.morphing.chain import Chain, make_chain, on_finer_grid, steepest
-from isf_planner.morphing.fold_over import NONE, FoldOver, fold_over
+from isf_planner.morphing.fold_over import FARTHEST, NONE, FoldOver, fold_over
 from isf_planner.morphing.rules import rules_of
 from isf_planner.morphing.selection import FIRST_SHARE, Spacing, not_reached, select
 from isf_planner.part.mesh_checks import place_text
@@ -138,8 +138,9 @@ def preforms(
     worst = max(range(len(found)), key=lambda k: found[k].ratio)
     if found[worst].ratio > 1.0:
         fold = found[worst]
+        least = "at least " if fold.gap >= FARTHEST * radius else ""
         reported.append(
-            f"the sheet may fold over at {place_text(fold.place)}: stage {worst + 1} of {len(stages)} leaves "
+            f"the sheet may fold over at {place_text(fold.place)}: stage {worst + 1} of {len(stages)} leaves {least}"
             f"{fold.gap * 1e3:.1f} mm to the wall of the stage before, {fold.ratio:.1f} times what the tool bridges "
             f"({fold.limit * 1e3:.1f} mm)"
         )
