@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from isf_core.types import Array
-from isf_planner.part_library.catalogue import asymmetric_cone, free_form, funnel, pyramid
+from isf_planner.part_library.catalogue import asymmetric_cone, free_form, funnel, pyramid, ribbed_pyramid
 from isf_planner.part_library.part import Part as LibraryPart
 from isf_planner.part_library.part_mesh import part_mesh
 
@@ -98,6 +98,17 @@ def funnel_65(limit: float, torn: float = 19e-3) -> LibraryPart:
     return funnel(32e-3, float(first), float(last), depth, entry, floor)
 
 
+def two_slopes(half_side: float, upper: tuple[float, float], lower: tuple[float, float]) -> LibraryPart:
+    """A pyramid of Behera 2015, case studies: ``half_side`` mm of its opening, slopes as (deg, mm of depth).
+
+    Angles and depths are published, the opening is not; nor are the radii, chosen for a tool of 5 mm radius.
+    """
+    (upper_angle, upper_depth), (lower_angle, lower_depth) = upper, lower
+    angles, depths = np.radians([upper_angle, lower_angle]), 1e-3 * np.array([upper_depth, lower_depth])
+    slopes = {"upper_angle": angles[0], "upper_depth": depths[0], "lower_angle": angles[1], "lower_depth": depths[1]}
+    return ribbed_pyramid(1e-3 * half_side, **slopes, rib=6e-3, entry=3e-3, transition=6e-3, floor=5e-3)
+
+
 LIBRARY = {
     "ren_funnel": funnel_65(np.radians(66)),
     "lu_pyramid": pyramid(75e-3, 62e-3, np.radians(40), 35e-3, 8e-3, 14e-3),
@@ -106,12 +117,16 @@ LIBRARY = {
     "praveen_cone_250": funnel(125e-3, np.radians(25), np.radians(60), 40e-3, 10e-3, 10e-3),
     "praveen_cone_610": funnel(305e-3, np.radians(25), np.radians(60), 50e-3, 10e-3, 10e-3),
     "free_form": free_form(0.75, np.radians(40), 6e-3, 5e-3),
+    "behera_80_25": two_slopes(75.0, (80.0, 35.0), (25.0, 25.0)),
+    "behera_60_30": two_slopes(100.0, (60.0, 60.0), (30.0, 30.0)),
     "praveen_free_form": first_feature(free_form(1.94, np.radians(45), 40e-3)),
 }
 """Parts of the library in other sizes, m and rad."""
 
 LIBRARY_CHORD = {
     "ren_funnel": 10e-6,
+    "behera_80_25": 10e-6,
+    "behera_60_30": 10e-6,
     "praveen_cone_150": 10e-6,
     "praveen_cone_250": 10e-6,
     "praveen_cone_610": 20e-6,

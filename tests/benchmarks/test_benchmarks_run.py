@@ -18,6 +18,7 @@ SMALLEST = [
     ("plant_speed", "--step 4 --repeat 1 --ticks 100", r"100 ticks in real time: median \d+ us"),
     ("both_loops", "--jobs mini_cone --corrections none --factors 0 --worlds 0", r"\| mini_cone \| none \| 120 N \|"),
     ("force_control", "--jobs mini_cone --contours 3", r"\| mini_cone, 3 contours \| 120 \| 0 \|"),
+    ("steep_parts", "--facets 12000", r"\d+ facets; processor time [\d.]+ s for features, [\d.]+ s for shapes"),
     ("springback", "--jobs mini_cone --methods none --worlds 0", r"\| mini_cone \| none \| 1 \|"),
 ]
 

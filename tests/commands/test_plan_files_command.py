@@ -36,6 +36,30 @@ def test_plan_is_written_shown_and_converted(tmp_path: Path) -> None:
     assert "iso_two_channels" in done.stderr + done.stdout
 
 
+def test_features_and_stages_of_a_steep_part(tmp_path: Path) -> None:
+    """As in docs/methods/steep_parts.md, with a smaller part."""
+    done = isf("part", "cone", "--set", "angle=66 deg", "--set", "depth=12 mm", "-o", "c.stl", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    text = (
+        JOB.read_text(encoding="utf-8")
+        .replace("../parts/mini_cone.stl", "c.stl")
+        .replace("process: DSIF", "process: SPIF")
+    )
+    lines = [line for line in text.splitlines() if not line.strip().startswith(("support_force", "engage_depth"))]
+    text = "\n".join(lines).replace("path:\n", "path:\n  morph: {failure_angle: 60 deg, shapes: 1}\n")
+    (tmp_path / "job.yaml").write_text(text + "\nwall_angle_limit: 70 deg\n", encoding="utf-8")
+    shown = ("--show", "features.html", "--colour", "features")
+    done = isf("plan", "job.yaml", *shown, "-o", "run", "--json", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    found = json.loads(done.stdout)
+    assert found["features"] == {"top": 1, "floor": 1, "ruled_positive": 1, "rim": 1, "rib_bottom": 1}
+    assert [set(stage) for stage in found["stages"]] == [{"depth_mm", "wall_angle_deg", "gap_over_limit"}] * 2
+    assert found["stages"][0]["depth_mm"] < found["stages"][1]["depth_mm"] == pytest.approx(12.0, abs=0.01)
+    assert found["stages"][1]["gap_over_limit"] > 1.0
+    assert any("the sheet may fold over at" in warning for warning in found["warnings"])
+    assert "1 ruled, positive" in (tmp_path / "features.html").read_text(encoding="utf-8")
+
+
 def test_parts_are_listed_and_made(tmp_path: Path) -> None:
     listed = json.loads(isf("part", "--json", cwd=tmp_path).stdout)
     assert listed["cone"]["angle"] == "50 deg"

@@ -76,7 +76,8 @@ def plan(
         list[Path] | None, typer.Option(help="also write a 3D view to FILE: .html or .png", metavar="FILE")
     ] = None,
     colour: Annotated[
-        str, typer.Option(help="quantity that colours the paths in --show: wall_angle, thickness or force")
+        str,
+        typer.Option(help="what --show colours: wall_angle, thickness or force of the paths, or the part's features"),
     ] = "wall_angle",
     output: Output = None,
     json: Json = False,

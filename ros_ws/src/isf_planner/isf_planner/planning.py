@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from isf_planner import replanning
 from isf_planner.checks import part_checks
 from isf_planner.forming.sides import merged
+from isf_planner.forming.stages import Stage
 from isf_planner.loops.sections import LoopTree
 from isf_planner.part import mesh_checks, meshes
 from isf_planner.part.meshes import Mesh
@@ -47,6 +48,7 @@ class Plan:
     target : upper target surface over the clamp on a 1 mm grid, 0 beside the part
     mesh : vertices (V, 3) m in frame ``sheet`` and faces (F, 3) of the placed part
     warnings : what to look at before forming
+    stages : shapes that the stages end with, the part last; none of a part formed in one stage
     tree : loops of the forming tool's tip with normals, curvatures and features, or None for a plan from a file
     base : what :func:`replan` needs for a change of tool, or None
     """
@@ -56,6 +58,7 @@ class Plan:
     target: HeightMap
     mesh: tuple[Array, NDArray[np.int64]]
     warnings: tuple[str, ...]
+    stages: tuple[Stage, ...] = field(default=(), repr=False, compare=False)
     tree: LoopTree | None = field(default=None, repr=False, compare=False)
     base: PlanBase | None = field(default=None, repr=False, compare=False)
 
@@ -123,7 +126,8 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     step("done", 1.0)
     base = PlanBase(job, tuple(planned), part_warnings)
     unique = tuple(dict.fromkeys(warnings))
-    return Plan(plan_id, contours, target, (part.mesh.vertices, part.mesh.faces), unique, merged(planned), base)
+    mesh = part.mesh.vertices, part.mesh.faces
+    return Plan(plan_id, contours, target, mesh, unique, part.stages, merged(planned), base)
 
 
 def replan(before: Plan, job_file: JobFile) -> Plan:
@@ -137,7 +141,8 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     IsfError : as :func:`plan`; PART_TOO_SMALL_FOR_TOOL where the new tool does not fit
     """
     base, job = before.base, job_file.job
-    if base is None or job.path.stages or job.strategy or not replanning.same_contacts(base.job, job):
+    staged = before.stages or job.path.stages or job.path.morph
+    if base is None or staged or job.strategy or not replanning.same_contacts(base.job, job):
         return plan(job_file)
     mesh = Mesh(*before.mesh)
     part_checks.check_fit(mesh_checks.PlacedPart(mesh, -float(mesh.vertices[:, 2].min()), ()), job, job_file.rig)

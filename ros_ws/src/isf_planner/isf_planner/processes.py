@@ -45,6 +45,7 @@ class PreparedPart:
     preforms : the same of the stages before the last one
     warnings : what to look at
     over_die : what is planned over a die, None without one
+    stages : shapes that the stages end with, the part last; none of a part formed in one stage
     """
 
     mesh: Mesh
@@ -52,6 +53,7 @@ class PreparedPart:
     preforms: tuple[Side, ...] = ()
     warnings: tuple[str, ...] = ()
     over_die: tpif_path.TpifPart | None = None
+    stages: tuple[stages.Stage, ...] = ()
 
 
 class FormingProcess(ABC):
@@ -74,8 +76,9 @@ class FormingProcess(ABC):
             shifts.append(shift)
             warnings += reported
         mesh = loaded.moved(shifts[0])  # the height of an island's floor is known from the others
-        preforms = [_plan_half(half, job_file, step)[0] for half in stages.preforms(loaded, sides, job_file.job)]
-        return PreparedPart(mesh, tuple(sides), tuple(preforms), tuple(warnings))
+        made = stages.preforms(mesh, [side.forming_tool for side in sides], job_file, step)
+        preforms = tuple(_plan_half(half, job_file, step)[0] for half in made.parts)
+        return PreparedPart(mesh, tuple(sides), preforms, (*warnings, *made.warnings), stages=made.stages)
 
     @abstractmethod
     def contours(

@@ -66,6 +66,26 @@ class RegionError:
 
 
 @dataclass(frozen=True)
+class SignedStatistics:
+    """Distances along the surface normal, m, of the whole opening: the six numbers of Behera 2015, Table 2.
+
+    Positive is under-formed in a part that opens upwards. NaN where there is no such distance.
+
+    Attributes
+    ----------
+    mean_positive, mean_negative : of the distances of one sign
+    largest, smallest, mean, deviation : of all; the last is their standard deviation
+    """
+
+    mean_positive: float
+    mean_negative: float
+    largest: float
+    smallest: float
+    mean: float
+    deviation: float
+
+
+@dataclass(frozen=True)
 class Deviation:
     """Deviation of one shape.
 
@@ -74,11 +94,13 @@ class Deviation:
     error : height map of e, m, on the grid of the target; NaN where either shape is unknown
     masks : (ny, nx) bool per region of :data:`REGIONS`
     regions : RegionError per region
+    signed : of the whole opening
     """
 
     error: HeightMap
     masks: dict[str, Mask]
     regions: dict[str, RegionError]
+    signed: SignedStatistics
 
     @property
     def whole(self) -> RegionError:
@@ -113,7 +135,7 @@ def compare(measured: HeightMap, target: HeightMap, *, rim_width: float = RIM_WI
     to_normal = 1.0 / np.sqrt(1.0 + slope_x**2 + slope_y**2)
     error_map = HeightMap(target.x, target.y, error)
     regions = {name: _numbers(error_map, to_normal, mask) for name, mask in masks.items()}
-    return Deviation(error_map, masks, regions)
+    return Deviation(error_map, masks, regions, _signed((error * to_normal)[masks["wall_and_base"]]))
 
 
 def regions_of(target: HeightMap, *, rim_width: float = RIM_WIDTH) -> dict[str, Mask]:
@@ -186,6 +208,22 @@ def _numbers(error: HeightMap, to_normal: Array, mask: Mask) -> RegionError:
         worst=(float(error.x[columns[worst]]), float(error.y[rows[worst]]), float(e[worst])),
         max_abs_normal=float(normal.max()) if len(normal) else nan,
         mean_abs_normal=float(normal.mean()) if len(normal) else nan,
+    )
+
+
+def _signed(distance: Array) -> SignedStatistics:
+    known = distance[np.isfinite(distance)]
+    if not len(known):
+        nan = float("nan")
+        return SignedStatistics(nan, nan, nan, nan, nan, nan)
+    above, below = (float(one.mean()) if len(one) else float("nan") for one in (known[known > 0.0], known[known < 0.0]))
+    return SignedStatistics(
+        mean_positive=above,
+        mean_negative=below,
+        largest=float(known.max()),
+        smallest=float(known.min()),
+        mean=float(known.mean()),
+        deviation=float(known.std()),
     )
 
 

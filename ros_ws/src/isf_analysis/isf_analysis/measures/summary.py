@@ -128,7 +128,20 @@ def _deviation(deviation: Deviation) -> dict[str, Any]:
         for name, region in deviation.regions.items()
     }
     whole = regions["wall_and_base"]
-    return {**{key: whole[key] for key in ("max_mm", "mean_abs_mm", "rms_mm", "mean_mm")}, "regions": regions}
+    signed = deviation.signed
+    table2 = {
+        "mean_positive_mm": signed.mean_positive,
+        "mean_negative_mm": signed.mean_negative,
+        "max_mm": signed.largest,
+        "min_mm": signed.smallest,
+        "mean_mm": signed.mean,
+        "std_mm": signed.deviation,
+    }
+    return {
+        **{key: whole[key] for key in ("max_mm", "mean_abs_mm", "rms_mm", "mean_mm")},
+        "table2": {key: _number(MM * value) for key, value in table2.items()},
+        "regions": regions,
+    }
 
 
 def _region(region: RegionError) -> dict[str, Any]:

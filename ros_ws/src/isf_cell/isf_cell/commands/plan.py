@@ -15,9 +15,12 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import Rig
 from isf_planner import Plan, exports, plan
+from isf_planner.features.segmentation import find_features
+from isf_planner.features.surface_features import FeatureMap
 from isf_planner.part import meshes
+from isf_planner.part.meshes import Mesh
 from isf_planner.paths import support_tool
-from isf_planner.view import plan_view
+from isf_planner.view import feature_view, plan_view
 from isf_planner.view.plan_figure import draw_plan
 from isf_planner.view.reach_figure import axes_use, draw_reach, hexapod_of
 
@@ -34,6 +37,10 @@ sheet: {{material: AA5754-O, thickness: 1.0 mm}}
 tool_1: {{radius: 5 mm}}
 path: {{incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}}
 """
+
+
+FEATURES = "features"
+"""What ``--colour`` shows besides the quantities of the paths."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,8 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     table = folder / "contours.csv"
     _write_table(result, table)
     data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": list(result.warnings)}
-    data |= {"files": [str(path) for path in _write(result, wanted)]}
+    found = find_features(Mesh(*result.mesh), job_file.job.tool_1.ball_radius)
+    data |= {"features": found.counts(), "files": [str(path) for path in _write(result, wanted, found)]}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
     data |= reach(result, job_file.rig, folder)
     if as_json:
@@ -69,6 +77,12 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         f"{data['time_s'] / 60:.1f} min at feed; wall angle up to {data['max_wall_angle_deg']:.1f} deg, "
         f"thinnest {data['min_thickness_mm']:.2f} mm"
     )
+    terminal.say(f"features: {feature_view.summary_of(found)}")
+    for number, stage in enumerate(data["stages"], start=1):
+        terminal.say(
+            f"stage {number} of {len(data['stages'])}: {stage['depth_mm']:.1f} mm deep, up to "
+            f"{stage['wall_angle_deg']:.1f} deg, gap to the stage before {stage['gap_over_limit']:.2f} of its limit"
+        )
     if chosen := support_tool.chosen_force(job_file.job, result.contours):
         terminal.say(chosen)
     for warning in result.warnings:
@@ -120,9 +134,18 @@ def _convert(path: Path, wanted: Wanted, *, as_json: bool) -> None:
         terminal.say(f"file    {file}")
 
 
-def _write(result: Plan, wanted: Wanted) -> list[Path]:
+def _write(result: Plan, wanted: Wanted, found: FeatureMap | None = None) -> list[Path]:
+    """Exports and views; a plan file has no ``found`` features, as it does not know the radius of the tool."""
     written = [file for path in wanted.export for file in exports.export(result, path, wanted.form)]
-    return written + [plan_view.show(result, path, wanted.colour) for path in wanted.show]
+    if wanted.colour != FEATURES:
+        return written + [plan_view.show(result, path, wanted.colour) for path in wanted.show]
+    if found is None:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            "a plan file does not hold the features of the part",
+            advice="show them from the job or the mesh: isf plan JOB --show FILE --colour features",
+        )
+    return written + [feature_view.show_features(found, result.plan_id, path) for path in wanted.show]
 
 
 def _job_of(part: Path, unit: str | None) -> JobFile:
@@ -152,6 +175,14 @@ def job_name(stem: str) -> str:
 
 def _numbers(result: Plan) -> dict[str, Any]:
     contours = result.contours
+    stages = [
+        {
+            "depth_mm": 1e3 * stage.depth,
+            "wall_angle_deg": float(np.degrees(stage.wall_angle)),
+            "gap_over_limit": stage.fold_over.ratio,
+        }
+        for stage in result.stages
+    ]
     return {
         "plan_id": result.plan_id,
         "contours": len(contours),
@@ -161,6 +192,7 @@ def _numbers(result: Plan) -> dict[str, Any]:
         "max_wall_angle_deg": float(np.degrees(result.largest_wall_angle)),
         "min_thickness_mm": 1e3 * result.smallest_thickness,
         "depth_mm": float(-1e3 * min(contour.forming_tip[:, 2].min() for contour in contours)),
+        "stages": stages,
     }
 
 

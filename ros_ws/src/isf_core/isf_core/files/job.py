@@ -158,6 +158,39 @@ class DieSpec(FileModel):
     """Unit of the coordinates; never guessed."""
 
 
+class MorphSpec(FileModel):
+    """Shapes that are formed before the part, made by morphing it towards the flat blank (Behera 2015)."""
+
+    failure_angle: Angle | None = Field(default=None, gt=0.3, lt=1.5708)
+    """Wall angle at which the sheet fails in one pass; None: ``max_wall_angle`` of the material."""
+    first_angle: Angle | None = Field(default=None, gt=0.1, lt=1.5708)
+    """Of the first shape; None: two thirds of the failure angle (published)."""
+    shapes: int | None = Field(default=None, ge=1, le=30)
+    """How many shapes before the part; None: as many as the fold-over limit asks for."""
+    most_shapes: int = Field(default=12, ge=1, le=30)
+    """Without ``shapes``: at most so many."""
+    fold_over: Literal["warn", "enforce"] = "warn"
+    """Where the next wall is farther away than the tool bridges (Behera 2015 eq. 1): warn, or refuse the plan."""
+    gap: Literal["horizontal", "normal"] = "horizontal"
+    """Direction in which that distance is measured: the source leaves it open."""
+    method: Literal["diffusion", "laplacian"] = "diffusion"
+    """How the part is morphed: diffusion, which gets flatter everywhere, or as published, which overshoots."""
+    chi: float = Field(default=3e-4, gt=0.0, le=10.0)
+    """Method laplacian: weight of the old shape, every node anchored; larger ones give more and smaller steps."""
+    joint_width: Length | None = Field(default=None, gt=0.5e-3, lt=0.1)
+    """How far from the flange a shape is joined to it by a curve; None: the tool radius."""
+    joint_share: float = Field(default=1.0 / 3.0, gt=0.0, le=0.5)
+    """Lengths of that curve's outer control lines, over the distance of its ends."""
+
+    @model_validator(mode="after")
+    def _nothing_ignored(self) -> MorphSpec:
+        if "chi" in self.model_fields_set and self.method != "laplacian":
+            raise ValueError("chi has no effect without method laplacian")
+        if "most_shapes" in self.model_fields_set and self.shapes is not None:
+            raise ValueError("most_shapes has no effect beside shapes")
+        return self
+
+
 class PathSpec(FileModel):
     """How the surface is turned into contours."""
 
@@ -199,6 +232,8 @@ class PathSpec(FileModel):
     """DSIF: what rises from the floor of a pocket is formed around from above, or from below with the tools swapped."""
     stages: tuple[Angle, ...] = ()
     """SPIF and DSIF: largest wall angles of the preforms formed before the part itself, ascending; none: one stage."""
+    morph: MorphSpec | None = None
+    """SPIF and DSIF: shapes morphed from the part that are formed before it; ``{}``: all defaults; None: one stage."""
     floor_step: Length | None = Field(default=None, gt=0.2e-3, lt=0.1)
     """SPIF and DSIF: distance of the rings in which the tool passes over a flat floor after the wall; None: none."""
     floor_rounds: int = Field(default=3, ge=1, le=10)
@@ -232,6 +267,8 @@ class PathSpec(FileModel):
         angles = (0.0, *self.stages, 0.5 * math.pi)
         if any(later <= earlier for earlier, later in itertools.pairwise(angles)):
             raise ValueError("stages must be ascending wall angles between 0 and 90 deg")
+        if self.stages and self.morph is not None:
+            raise ValueError("stages and morph both say what is formed before the part: use one of them")
         return self
 
     @model_validator(mode="after")
@@ -278,6 +315,8 @@ class PathSpec(FileModel):
             return None
         if self.stages:
             return f"path.stages needs process SPIF or DSIF: {process} forms in one stage"
+        if self.morph is not None:
+            return f"path.morph needs process SPIF or DSIF: {process} forms in one stage"
         if self.floor_step is not None:
             return f"path.floor_step needs process SPIF or DSIF: {process} forms no floor of its own"
         if self.thickness != "sine_law":

@@ -1,25 +1,40 @@
 """Multi-stage forming: preforms with flatter walls, so that material is drawn from where the last stage cannot reach.
 
-A wall steeper than the material bears in one pass is formed in stages, each some degrees steeper than the one before
-(Hirt 2004 in Lu 2016, 2.3.2: 3 or 5 deg per stage). The preform of a stage is the lowest surface above the part that
-is nowhere steeper than the stage's wall angle: it keeps the opening, and reaches the floor where there is room for it.
+A wall steeper than the material bears in one pass is formed in stages. Two kinds of preforms:
+
+* ``path.stages``: one for every wall angle that is given, 3 or 5 deg steeper from stage to stage (Hirt 2004 in Lu 2016,
+  2.3.2): the lowest surface above the part that is nowhere steeper. It keeps the opening, and reaches the floor where
+  there is room for it.
+* ``path.morph``: shapes between the flat blank and the part, which get deeper and steeper at once, so that no floor is
+  formed long before the walls around it (Behera 2015; :mod:`isf_planner.morphing`).
+
+Of every stage it is known how near the sheet comes to folding over after the stage before
+(:mod:`isf_planner.morphing.fold_over`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import Job
+from isf_core.files.job import Job, JobFile, MorphSpec
+from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 from numpy.typing import NDArray
 
-from isf_planner.forming.sides import HalfPart, Side
+from isf_planner.features.segmentation import find_features
+from isf_planner.forming.sides import HalfPart
+from isf_planner.morphing.chain import Chain, make_chain, on_finer_grid, steepest
+from isf_planner.morphing.fold_over import FARTHEST, NONE, FoldOver, fold_over
+from isf_planner.morphing.rules import rules_of
+from isf_planner.morphing.selection import FIRST_SHARE, Spacing, not_reached, select
+from isf_planner.part.mesh_checks import place_text
 from isf_planner.part.meshes import Mesh
-from isf_planner.surface import surface_kernels
+from isf_planner.surface import height_grid, surface_kernels
 
 PITCH_PER_RADIUS = 0.1
 """Pitch of a preform's facets over the tool radius."""
@@ -27,24 +42,110 @@ PITCH_PER_RADIUS = 0.1
 LARGEST_GRID = 600
 """Most facets of a preform along one side."""
 
+MORPH_PITCH = 0.2
+"""Pitch of the grid on which a part is morphed, over the tool radius."""
 
-def preforms(mesh: Mesh, sides: Sequence[Side], job: Job) -> list[HalfPart]:
-    """What the upper tool forms in the stages before the last one, from the whole part ``mesh``.
+LARGEST_MORPH = 200
+"""Most cells of that grid along one side."""
+
+LIFTED = 0.5e-3
+"""m, by how much a morph may have to be lifted onto the part before it is worth a warning."""
+
+STEEP_MARGIN = np.radians(1.0)
+"""rad, a wall of a stage is looked at for folds from this much below the angle of the first stage."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What one stage ends with.
+
+    Attributes
+    ----------
+    heights : the formed surface, m, flange at z = 0
+    fold_over : after the stage before; of the first one nothing folds
+    """
+
+    heights: HeightMap
+    fold_over: FoldOver
+
+    @property
+    def depth(self) -> float:
+        """m, of the deepest point."""
+        return float(-self.heights.z.min())
+
+    @property
+    def wall_angle(self) -> float:
+        """rad, of its steepest walls."""
+        return steepest(self.heights)
+
+
+@dataclass(frozen=True)
+class Preforms:
+    """What is formed before the part.
+
+    Attributes
+    ----------
+    parts : what the upper tool forms, in order
+    stages : of these and of the part itself; none when nothing is formed before it
+    warnings : what to look at
+    """
+
+    parts: tuple[HalfPart, ...] = ()
+    stages: tuple[Stage, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def preforms(
+    mesh: Mesh, forming_tools: Sequence[int], job_file: JobFile, step: Callable[[str, float], None]
+) -> Preforms:
+    """What the upper tool forms in the stages before the last one, from the whole part ``mesh``, its flange at z = 0.
+
+    Parameters
+    ----------
+    forming_tools : tools that form the part, 1 and 2
+    step : told a phase and a share
 
     Raises
     ------
-    IsfError : FEATURES_MIXED when the part also rises above the blank
+    IsfError : FEATURES_MIXED when the part also rises above the blank; PART_TOO_SMALL_FOR_TOOL; MORPH_NOT_REACHED
     """
-    if not job.path.stages:
-        return []
-    if [side.forming_tool for side in sides] != [1]:
+    job = job_file.job
+    morph = job.path.morph
+    if not job.path.stages and morph is None:
+        return Preforms()
+    where = "path.stages" if morph is None else "path.morph"
+    if list(forming_tools) != [1]:
         raise IsfError(
             ErrorCode.FEATURES_MIXED,
             "stages are planned only for parts that the upper tool forms alone",
-            where="path.stages",
-            advice="leave path.stages out, or give the features as parts of their own",
+            where=where,
+            advice=f"leave {where} out, or give the features as parts of their own",
         )
-    return [HalfPart(preform(mesh, angle, job.tool_1.ball_radius), 1) for angle in job.path.stages]
+    radius = job.tool_1.ball_radius
+    part = height_grid.sample(mesh, _pitch(mesh, PITCH_PER_RADIUS * radius, LARGEST_GRID), 0.0)
+    reported: list[str] = []
+    if morph is None:
+        shapes = [preform(part, angle, radius) for angle in job.path.stages]
+        steep = job.path.stages[0] - STEEP_MARGIN
+        measure = MorphSpec().gap
+    else:
+        failure = morph.failure_angle or job_file.material.max_wall_angle
+        steep = morph.first_angle or FIRST_SHARE * failure
+        measure = morph.gap
+        shapes = _morphed(mesh, part, job, morph, failure, steep, step, reported)
+    found = [NONE, *(fold_over(a, b, radius, steep, measure) for a, b in pairwise([*shapes, part]))]
+    stages = tuple(Stage(shape, fold) for shape, fold in zip([*shapes, part], found, strict=True))
+    worst = max(range(len(found)), key=lambda k: found[k].ratio)
+    if found[worst].ratio > 1.0:
+        fold = found[worst]
+        least = "at least " if fold.gap >= FARTHEST * radius else ""
+        reported.append(
+            f"the sheet may fold over at {place_text(fold.place)}: stage {worst + 1} of {len(stages)} leaves {least}"
+            f"{fold.gap * 1e3:.1f} mm to the wall of the stage before, {fold.ratio:.1f} times what the tool bridges "
+            f"({fold.limit * 1e3:.1f} mm)"
+        )
+    halves = tuple(HalfPart(height_grid.as_mesh(shape), 1) for shape in shapes)
+    return Preforms(halves, stages if shapes else (), tuple(reported))
 
 
 def joined(groups: Sequence[Sequence[Contour]]) -> tuple[Contour, ...]:
@@ -58,26 +159,17 @@ def joined(groups: Sequence[Sequence[Contour]]) -> tuple[Contour, ...]:
     return tuple(found)
 
 
-def preform(mesh: Mesh, wall_angle: float, radius: float) -> Mesh:
-    """Lowest surface above ``mesh`` that is nowhere steeper than ``wall_angle`` (rad), for a tool of ``radius`` m.
-
-    A regular mesh over the bounding box of the part (up to one facet larger), opening towards +z like the part.
+def preform(part: HeightMap, wall_angle: float, radius: float) -> HeightMap:
+    """Lowest surface above ``part`` that is nowhere steeper than ``wall_angle`` (rad), for a tool of ``radius`` m.
 
     Raises
     ------
     IsfError : PART_TOO_SMALL_FOR_TOOL when nothing is left to be formed at that angle
     """
-    low, high = mesh.vertices[:, :2].min(axis=0), mesh.vertices[:, :2].max(axis=0)
-    flange = float(mesh.vertices[:, 2].max())
-    pitch = max(PITCH_PER_RADIUS * radius, float((high - low).max()) / LARGEST_GRID)
-    cells = np.ceil((high - low) / pitch).astype(int)
-    origin = 0.5 * (low + high) - 0.5 * pitch * cells  # the middle stays where it is, so that both are placed alike
-    z = np.full((cells[1] + 1, cells[0] + 1), flange)
-    none, covered = np.empty((0, 3)), np.zeros((cells[1] + 1, cells[0] + 1), dtype=np.bool_)
-    surface_kernels.rasterise(
-        mesh.vertices, mesh.faces, none, none, 0.0, origin, pitch, np.inf, z, np.empty((0, 0, 2)), covered
-    )
-    z = surface_kernels.dilate(z, *_cone(np.tan(wall_angle), pitch, flange - float(z.min()), float((high - low).max())))
+    flange = float(part.z.max())
+    size = max(float(np.ptp(part.x)), float(np.ptp(part.y)))
+    cone = _cone(np.tan(wall_angle), height_grid.pitch_of(part), flange - float(part.z.min()), size)
+    z = surface_kernels.dilate(part.z, *cone)
     if flange - z.min() < 0.1 * radius:
         raise IsfError(
             ErrorCode.PART_TOO_SMALL_FOR_TOOL,
@@ -85,7 +177,11 @@ def preform(mesh: Mesh, wall_angle: float, radius: float) -> Mesh:
             where="path.stages",
             advice="leave this stage out, or make it steeper",
         )
-    return _grid_mesh(origin, pitch, z)
+    return HeightMap(part.x, part.y, z)
+
+
+def _pitch(mesh: Mesh, wanted: float, cells: int) -> float:
+    return max(wanted, float(np.ptp(mesh.vertices[:, :2], axis=0).max()) / cells)
 
 
 def _cone(slope: float, pitch: float, height: float, farthest: float) -> tuple[NDArray[np.int64], Array]:
@@ -97,10 +193,68 @@ def _cone(slope: float, pitch: float, height: float, farthest: float) -> tuple[N
     return offsets[falls <= height], falls[falls <= height]
 
 
-def _grid_mesh(origin: Array, pitch: float, z: Array) -> Mesh:
-    x, y = origin[0] + pitch * np.arange(z.shape[1]), origin[1] + pitch * np.arange(z.shape[0])
-    gx, gy = np.meshgrid(x, y)
-    node = np.arange(z.size).reshape(z.shape)
-    a, b, c, d = (corner.ravel() for corner in (node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]))
-    faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    return Mesh(np.column_stack([gx.ravel(), gy.ravel(), z.ravel()]), faces)
+def _morphed(
+    mesh: Mesh,
+    part: HeightMap,
+    job: Job,
+    morph: MorphSpec,
+    failure: float,
+    first: float,
+    step: Callable[[str, float], None],
+    reported: list[str],
+) -> list[HeightMap]:
+    """Shapes between blank and part on the grid of ``part``, the flattest first."""
+    step("features of the part", 0.0)
+    chain = morph_chain(mesh, job, morph, failure)
+    step("shapes before the part", 0.0)
+    spacing = Spacing(job.tool_1.ball_radius, first, morph.gap, morph.most_shapes)
+    chosen = select(chain, spacing, morph.shapes, keep_limit=morph.fold_over == "enforce")
+    if not chosen.places:
+        reported.append(
+            f"path.morph: the part is no steeper than {np.degrees(first):.0f} deg, which is formed in one pass; "
+            "nothing is formed before it"
+        )
+    lifted, place = max((chain.lifted(at) for at in chosen.places), key=lambda one: one[0], default=(0.0, None))
+    if place is not None and lifted > LIFTED:
+        reported.append(
+            f"the morph would pass {lifted * 1e3:.1f} mm below the part at {place_text(place)}: its shapes lie on the "
+            "part there, which is formed early"
+        )
+    places = list(chosen.places)
+    shapes = [on_finer_grid(chain.shape(at), part) for at in places]
+    if morph.fold_over == "enforce":
+        _insert_missing(chain, part, spacing, places, shapes, morph.shapes or morph.most_shapes)
+    return shapes
+
+
+def _insert_missing(
+    chain: Chain, part: HeightMap, spacing: Spacing, places: list[float], shapes: list[HeightMap], most: int
+) -> None:
+    """Shapes in between where the finer grid of ``part`` shows a step that is too large; changes both lists.
+
+    Raises
+    ------
+    IsfError : MORPH_NOT_REACHED when that makes more than ``most`` shapes
+    """
+    k = 0
+    while k < len(shapes):
+        after = shapes[k + 1] if k + 1 < len(shapes) else part
+        found = fold_over(shapes[k], after, spacing.radius, spacing.first_angle, spacing.measure)
+        if found.ratio <= 1.0:
+            k += 1
+            continue
+        if len(shapes) >= most:
+            raise not_reached(found, len(shapes))
+        places.insert(k + 1, 0.5 * (places[k] + (places[k + 1] if k + 1 < len(places) else 0.0)))
+        shapes.insert(k + 1, on_finer_grid(chain.shape(places[k + 1]), part))
+
+
+def morph_chain(mesh: Mesh, job: Job, morph: MorphSpec, failure: float) -> Chain:
+    """Chain of shapes of the part ``mesh``, its flange at z = 0, whose sheet fails at ``failure`` rad."""
+    radius = job.tool_1.ball_radius
+    coarse = height_grid.sample(mesh, _pitch(mesh, MORPH_PITCH * radius, LARGEST_MORPH), 0.0)
+    found = find_features(mesh, radius)
+    label = found.of_points(coarse.points()).reshape(coarse.z.shape)
+    rules = rules_of(replace(found, heights=coarse, label=label), failure, radius)
+    width = radius if morph.joint_width is None else morph.joint_width
+    return make_chain(coarse, rules, (width, morph.joint_share), morph.method, morph.chi)

@@ -94,7 +94,7 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
 
     Raises
     ------
-    IsfError : CONTOUR_LOST when a tip would cut more than 20 um into the target
+    IsfError : CONTOUR_LOST when a tip would cut more than 20 um into the target, along its normal
     """
     radius, spacing = job.tool_1.ball_radius, job.path.point_spacing
     # the loop is settled with more points than it gets in the end, so that its chords follow it also in sharp turns
@@ -102,7 +102,12 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
     points, _, _ = settle(surface, points, level, radius, steps=3)
     points = with_equal_chords(points, spacing, start)
     points, contact, height = settle(surface, points, level, radius, steps=2)
-    cut = height - level
+    cut = _cut(points, contact, height - level, radius)
+    for _ in range(MORE_ROUNDS):  # steep ribs, where the contact jumps from wall to wall
+        if cut.max() <= GOUGE_TOLERANCE:
+            break
+        points, contact, height = settle(surface, points, level, radius, steps=4)
+        cut = _cut(points, contact, height - level, radius)
     if cut.max() > GOUGE_TOLERANCE:
         worst = int(np.argmax(cut))
         place = np.append(points[worst], level)
@@ -117,6 +122,12 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
     normal = target_surface.smooth_along(normal, spacing, width)
     bends = target_surface.principal(surface, points - radius * normal[:, :2], radius)
     return TipLoop(level, points, normal, curvature=bends)
+
+
+def _cut(points: Array, contact: Array, depth: Array, radius: float) -> Array:
+    """(N,) m, along the normal, of balls that cut ``depth`` (N,) m along z: less where the wall is steep."""
+    upright = np.sqrt(np.maximum(1.0 - ((points - contact) ** 2).sum(axis=1) / radius**2, 0.0))
+    return np.asarray(depth * upright)
 
 
 def settle(
@@ -151,6 +162,9 @@ def seen_from_above(loop: TipLoop, base: float = 0.0) -> TipLoop:
     )
     return turned.raised(base)
 
+
+MORE_ROUNDS = 3
+"""How often a loop that cuts is settled anew before it is given up."""
 
 LIFT = 2e-6
 """m, level lines are taken this much above the level of the tip; also the depth of cut this may cause."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from isf_planner.part_library.arc_chain import belt, rounded_polygon
-from isf_planner.part_library.part import Feature, ObliqueCircle, OffsetLine, Part
+from isf_planner.part_library.part import Feature, ObliqueCircle, OffsetLine, Part, RoundedSquare
 from isf_planner.part_library.wall_profile import curved_wall, straight_wall, wall
 
 FLANGE = 8e-3
@@ -64,6 +64,30 @@ def two_slope_pyramid(
     line = rounded_polygon(half_side * np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]), np.full(4, corner))
     profile = wall([upper_angle, lower_angle], [6e-3, 10e-3, 10e-3], [upper_length, lower_length], 0.0)
     return Part("two_slope_pyramid", (Feature(OffsetLine(line), profile),), FLANGE)
+
+
+def ribbed_pyramid(
+    half_side: float = 55e-3,
+    upper_angle: float = np.radians(60),
+    upper_depth: float = 20e-3,
+    lower_angle: float = np.radians(25),
+    lower_depth: float = 12e-3,
+    rib: float = 9e-3,
+    entry: float = 4e-3,
+    transition: float = 8e-3,
+    floor: float = 7e-3,
+) -> Part:
+    """Pyramid of two slopes whose walls are planes to their ribs, which have the radius ``rib`` seen from above.
+
+    ``half_side`` and the depths are those of the planes, extended to where they meet.
+    """
+    angles, radii = [upper_angle, lower_angle], [entry, transition, floor]
+    turns = np.abs(np.diff([0.0, upper_angle, lower_angle, 0.0]))
+    tangent = np.array(radii) * np.tan(turns / 2.0)
+    lengths = np.array([upper_depth / np.sin(upper_angle), lower_depth / np.sin(lower_angle)])
+    straight = lengths - tangent[:-1] - tangent[1:]
+    profile = wall(angles, radii, [float(length) for length in straight], -float(tangent[0]))
+    return Part("ribbed_pyramid", (Feature(RoundedSquare(half_side, rib), profile),), FLANGE)
 
 
 def asymmetric_cone(
@@ -160,6 +184,7 @@ PARTS: dict[str, Callable[..., Part]] = {
         funnel,
         pyramid,
         two_slope_pyramid,
+        ribbed_pyramid,
         asymmetric_cone,
         fish_fin,
         heart,

@@ -81,6 +81,43 @@ class ObliqueCircle:
 
 
 @dataclass(frozen=True)
+class RoundedSquare:
+    """Squares whose corners keep their radius while their sides move inward: plane walls with ribs between them.
+
+    ``half_side`` and ``corner`` (radius) of the line of level 0, m.
+    """
+
+    half_side: float
+    corner: float
+
+    def level(self, points: Array) -> tuple[Array, Array]:
+        sign = np.where(points < 0.0, -1.0, 1.0)
+        x, y = np.abs(points).T
+        longer = np.where((x >= y)[:, None], [1.0, 0.0], [0.0, 1.0])
+        d, gradient = self.half_side - np.maximum(x, y), -longer
+        # in a corner: distance from its centre, which moves along the diagonal, is the radius; the larger root
+        u, v = x - self.half_side + self.corner, y - self.half_side + self.corner
+        half = 0.5 * (u + v)
+        root = np.sqrt(np.maximum(half**2 - 0.5 * (u * u + v * v - self.corner**2), 0.0))
+        corner = -half + root
+        arm = np.column_stack([u + corner, v + corner])
+        inside = (arm > 0.0).all(axis=1)
+        slope = -arm / np.maximum(arm.sum(axis=1), 1e-15)[:, None]
+        return np.where(inside, corner, d), np.where(inside[:, None], slope, gradient) * sign
+
+    def ring(self, d: float, chord: float, span: tuple[float, float]) -> Array:
+        straight, largest = self.half_side - d - self.corner, self.half_side - min(span) - self.corner
+        count = segments(self.corner, 0.5 * np.pi, 0.7 * chord)  # facets of the fillets lie askew
+        turn = 0.5 * np.pi * np.arange(count + 1) / count
+        along = np.linspace(1.0, -1.0, max(2, int(np.ceil(2.0 * largest / STRAIGHT_STEP))) + 1)[1:-1]
+        side = np.column_stack([straight * along, np.full(len(along), straight + self.corner)])
+        arc = straight + self.corner * np.column_stack([np.cos(turn), np.sin(turn)])
+        quarter = np.vstack([arc, side])
+        turns = [np.array([[c, s], [-s, c]]) for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
+        return np.vstack([quarter @ turned for turned in turns])
+
+
+@dataclass(frozen=True)
 class Feature:
     """An opening and its wall.
 

@@ -86,7 +86,7 @@ def show(plan: Plan, path: Path, colour: str = "wall_angle") -> Path:
         raise IsfError(
             ErrorCode.EXPORT_FORMAT_UNKNOWN,
             f"a plan cannot be coloured by '{colour}'",
-            advice=f"known: {', '.join(QUANTITIES)}",
+            advice=f"known: {', '.join(QUANTITIES)}, features",
         )
     writers = {".html": _write_html, ".png": _write_png}
     writer = writers.get(path.suffix.lower())

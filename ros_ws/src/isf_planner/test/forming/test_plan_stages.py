@@ -10,21 +10,23 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_planner import plan
 from isf_planner.forming import stages
 from isf_planner.part_library import PARTS, part_mesh
+from isf_planner.surface import height_grid
 from planner_parts import job_for, write
 
 CONE = PARTS["cone"](radius=24e-3, angle=np.radians(60), depth=9e-3)
 MESH = part_mesh(CONE, 20e-6)
+HEIGHTS = height_grid.sample(MESH, 0.5e-3, 0.0)
 
 
 def heights(angle: float) -> tuple[np.ndarray, np.ndarray]:
     """Preform of the cone: distance from the axis and height of its nodes, m."""
-    vertices = stages.preform(MESH, angle, 5e-3).vertices
+    vertices = stages.preform(HEIGHTS, angle, 5e-3).points()
     return np.hypot(vertices[:, 0], vertices[:, 1]), vertices[:, 2]
 
 
 @pytest.mark.parametrize("degrees", [30.0, 45.0])
 def test_a_preform_is_nowhere_steeper_keeps_the_opening_and_never_undercuts_the_part(degrees: float) -> None:
-    mesh = stages.preform(MESH, np.radians(degrees), 5e-3)
+    mesh = height_grid.as_mesh(stages.preform(HEIGHTS, np.radians(degrees), 5e-3))
     corners = mesh.corners()
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     slope = np.degrees(np.arctan2(np.hypot(normal[:, 0], normal[:, 1]), normal[:, 2]))
@@ -80,5 +82,5 @@ def test_stages_that_do_not_ascend_are_refused(angles: str, tmp_path: Path) -> N
 
 def test_a_stage_that_forms_nothing_is_refused() -> None:
     with pytest.raises(IsfError) as caught:
-        stages.preform(MESH, np.radians(0.5), 5e-3)
+        stages.preform(HEIGHTS, np.radians(0.5), 5e-3)
     assert caught.value.code is ErrorCode.PART_TOO_SMALL_FOR_TOOL

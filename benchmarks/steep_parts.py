@@ -1,0 +1,77 @@
+"""Features and morphed shapes of a part of 200,000 facets: processor time, memory, and a picture of the shapes.
+
+usage: ./isf python benchmarks/steep_parts.py [--facets N] [--picture FILE]
+The part is the pyramid of examples/jobs/behera_80_25.yaml with its facets divided. Times are of one core; run it with
+OMP_NUM_THREADS=1 where numpy's libraries use more.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from isf_core.files.job import load_job
+from isf_planner.features.segmentation import find_features
+from isf_planner.forming.stages import Preforms, preforms
+from isf_planner.part import mesh_checks
+from isf_planner.part.meshes import Mesh, load_mesh
+
+JOB = Path(__file__).resolve().parents[1] / "examples" / "jobs" / "behera_80_25.yaml"
+
+
+def divided(mesh: Mesh, facets: int) -> Mesh:
+    """The mesh with its longest edges halved until it has at least so many facets."""
+    edge = 8e-3
+    while True:
+        vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, edge, max_iter=30)
+        if len(faces) >= facets:
+            fine = trimesh.Trimesh(vertices, faces)
+            return Mesh(np.array(fine.vertices), np.array(fine.faces))
+        edge *= 0.9
+
+
+def draw(made: Preforms, path: Path) -> None:
+    """Section through the middle of every stage."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 4.6), layout="constrained")
+    axes = figure.add_subplot()
+    for number, stage in enumerate(made.stages, start=1):
+        heights = stage.heights
+        name = "part" if number == len(made.stages) else f"shape {number}"
+        label = f"{name}: {stage.depth * 1e3:.0f} mm, {np.degrees(stage.wall_angle):.0f} deg"
+        axes.plot(heights.x * 1e3, heights.z[len(heights.y) // 2] * 1e3, label=label)
+    axes.set(aspect="equal", xlabel="x in mm", ylabel="z in mm")
+    axes.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    """Measure and tell."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--facets", type=int, default=200_000)
+    parser.add_argument("--picture", type=Path)
+    given = parser.parse_args()
+    job_file = load_job(JOB)
+    loaded = load_mesh(job_file.mesh, job_file.job.part.unit)
+    part = divided(mesh_checks.check_and_place(loaded, (0.182, 0.182), 5e-3).mesh, given.facets)
+    radius = job_file.job.tool_1.ball_radius
+    started = time.process_time()
+    found = find_features(part, radius)
+    features = time.process_time() - started
+    started = time.process_time()
+    made = preforms(part, [1], job_file, lambda phase, share: None)
+    shapes = time.process_time() - started
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    print(f"{len(part.faces)} facets; processor time {features:.1f} s for features, {shapes:.1f} s for shapes")
+    print(f"largest memory {memory:.0f} MB; {found.counts()}")
+    if given.picture:
+        draw(made, given.picture)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,154 @@
+"""Which shapes of a chain are formed (Behera 2015, constraints of the process).
+
+The first one is as steep as two thirds of the angle at which the sheet fails in one pass. Each next one goes as far
+towards the part as eq. 1 allows (:mod:`isf_planner.morphing.fold_over`), or, with their number given, each moves the
+sheet down by the same volume. A chain is continuous: between two of its shapes lies any
+in proportion, so a step is never too coarse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+
+from isf_planner.morphing.chain import Chain, steepest
+from isf_planner.morphing.fold_over import NONE, FoldOver, Measure, fold_over
+from isf_planner.part.mesh_checks import place_text
+
+FIRST_SHARE = 2.0 / 3.0
+"""Wall angle of the first shape over the failure angle (published)."""
+
+NEAREST = 0.03
+"""Shapes of a chain; steps are found to this, and shorter ones are none."""
+
+ALLOWED = 0.9
+"""Gap over limit up to which steps are taken: on the finer grid of the plan it is a little more."""
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """How the steps of a chain are measured.
+
+    Attributes
+    ----------
+    radius : m, of the tool ; first_angle : rad, of the first shape ; measure : of the gap
+    most : largest number of shapes before the part
+    """
+
+    radius: float
+    first_angle: float
+    measure: Measure
+    most: int
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Places on the chain, from the flattest shape to the one before the part, and the fold-over of every step.
+
+    ``fold_overs`` has one more: of the part after the last shape.
+    """
+
+    places: tuple[float, ...]
+    fold_overs: tuple[FoldOver, ...]
+
+
+def first_place(chain: Chain, first_angle: float) -> float:
+    """Where the chain is as steep as ``first_angle`` rad; 0 when the part is no steeper."""
+    if steepest(chain.shape(0.0)) <= first_angle:
+        return 0.0
+    low, high = 0.0, float(chain.length)
+    while high - low > NEAREST:
+        middle = 0.5 * (low + high)
+        if steepest(chain.shape(middle)) > first_angle:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def select(chain: Chain, spacing: Spacing, count: int | None, *, keep_limit: bool) -> Selection:
+    """Shapes to be formed before the part; none when one pass forms it.
+
+    Parameters
+    ----------
+    count : number of shapes; None: as many as the limit asks for
+    keep_limit : refuse what does not keep it; else, with ``count`` None, take the most that are allowed
+
+    Raises
+    ------
+    IsfError : MORPH_NOT_REACHED when the limit cannot be kept with the number of shapes
+    """
+    first = first_place(chain, spacing.first_angle)
+    if first <= 0.0:
+        return Selection((), ())
+    steps = _Steps(chain, spacing)
+    if count is None:
+        places = steps.towards_part(first, ALLOWED)
+        if len(places) > spacing.most:
+            if keep_limit:
+                raise not_reached(steps.fold_over(places[spacing.most - 1], 0.0), spacing.most)
+            places = steps.evenly(first, spacing.most)
+    else:
+        places = steps.evenly(first, count)
+    ends = (*places[1:], 0.0)
+    found = (NONE, *(steps.fold_over(a, b) for a, b in zip(places, ends, strict=True)))
+    worst = max(found, key=lambda one: one.ratio)
+    if keep_limit and worst.ratio > 1.0:
+        raise not_reached(worst, len(places))
+    return Selection(tuple(places), found)
+
+
+def not_reached(worst: FoldOver, count: int) -> IsfError:
+    """MORPH_NOT_REACHED for a limit that ``count`` shapes do not keep."""
+    return IsfError(
+        ErrorCode.MORPH_NOT_REACHED,
+        f"with {count} shapes the sheet may fold over: the next wall lies {worst.gap * 1e3:.1f} mm away, "
+        f"{worst.limit * 1e3:.1f} mm are allowed",
+        where=f"shape at {place_text(worst.place)}",
+        advice="allow more shapes (path.morph.shapes or most_shapes), use a larger tool or a flatter wall, or only be "
+        "warned (path.morph.fold_over: warn)",
+    )
+
+
+@dataclass(frozen=True)
+class _Steps:
+    chain: Chain
+    spacing: Spacing
+
+    def fold_over(self, before: float, after: float) -> FoldOver:
+        chain, spacing = self.chain, self.spacing
+        shapes = chain.shape(before), chain.shape(after)
+        return fold_over(*shapes, spacing.radius, spacing.first_angle, spacing.measure)
+
+    def towards_part(self, first: float, ratio: float) -> list[float]:
+        """Places from ``first`` on, as far as ``ratio`` allows, until the part can follow; one too many at most."""
+        places = [first]
+        while len(places) <= self.spacing.most and self.fold_over(places[-1], 0.0).ratio > ratio:
+            last = places[-1]
+            places.append(_largest(lambda at, last=last: self.fold_over(last, at).ratio <= ratio, 0.0, last))  # type: ignore[misc]
+            if last - places[-1] < NEAREST:
+                break
+        return places
+
+    def evenly(self, first: float, count: int) -> list[float]:
+        """``count`` places from ``first`` on, with the same volume between each two, and the last and the part."""
+        volume = -self.chain.z.sum(axis=(1, 2))
+        falling = np.minimum.accumulate(volume)
+        start = float(np.interp(first, np.arange(len(volume)), falling))
+        wanted = start + (falling[0] - start) * np.arange(count) / count
+        return [float(at) for at in np.interp(-wanted, -falling, np.arange(len(volume)))]
+
+
+def _largest(allowed: Callable[[float], bool], low: float, high: float) -> float:
+    """The place farthest from ``high`` (towards ``low``) that is still allowed, found by halving."""
+    good = high
+    while good - low > NEAREST:
+        middle = 0.5 * (low + good)
+        if allowed(middle):
+            good = middle
+        else:
+            low = middle
+    return good

@@ -1,0 +1,168 @@
+"""The features of a part as a picture: coloured by kind, each with its name; HTML to be turned, PNG for documents."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array, Indices
+
+from isf_planner.features.surface_features import FeatureMap, Kind, SurfaceFeature
+from isf_planner.surface import height_grid
+
+MM = 1e3
+COLOURS = {
+    Kind.TOP: "#c9d1d9",
+    Kind.FLOOR: "#8c6d46",
+    Kind.PLANE: "#56B4E9",
+    Kind.RULED_POSITIVE: "#009E73",
+    Kind.RULED_NEGATIVE: "#CC79A7",
+    Kind.FREEFORM_POSITIVE: "#94c973",
+    Kind.FREEFORM_NEGATIVE: "#b48ead",
+    Kind.RIM: "#5b6b7a",
+    Kind.RIB_SEMI_VERTICAL: "#D55E00",
+    Kind.RIB_TRANSITION: "#E69F00",
+    Kind.RIB_BOTTOM: "#F0E442",
+}
+
+LARGEST_GRID = 180
+"""Nodes of the drawn surface along one side."""
+
+
+def show_features(found: FeatureMap, heading: str, path: Path) -> Path:
+    """Write the picture of ``found`` to ``path`` (.html or .png) and return it.
+
+    Raises
+    ------
+    IsfError : EXPORT_FORMAT_UNKNOWN (ending, or plotly is not installed), FILE_NOT_WRITABLE
+    """
+    writers = {".html": _write_html, ".png": _write_png}
+    writer = writers.get(path.suffix.lower())
+    if writer is None:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"'{path.suffix}' is not a format of pictures",
+            where=str(path),
+            advice="use .html or .png",
+        )
+    try:
+        writer(found, heading, path)
+    except OSError as error:
+        what = f"the picture cannot be written: {error.strerror}"
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(path)) from error
+    return path
+
+
+def name_of(feature: SurfaceFeature) -> str:
+    """Of one feature, for people: number from 1, kind, wall angle, depth."""
+    depth = f"{-feature.highest * MM + 0.0:.1f} to {-feature.lowest * MM + 0.0:.1f} mm deep"
+    level = ", level rulings" if feature.horizontal_rulings else ""
+    return f"{feature.number + 1} {feature.kind.title}{level}, {np.degrees(feature.wall_angle):.0f} deg, {depth}"
+
+
+def summary_of(found: FeatureMap) -> str:
+    """Counts in one line, for people."""
+    return ", ".join(f"{count} {Kind(kind).title}" for kind, count in found.counts().items())
+
+
+def _thinned(found: FeatureMap) -> tuple[Array, Indices, Indices]:
+    """Nodes (N, 3) mm and facets (F, 3) of a coarser grid, and the feature (F,) of every facet."""
+    stride = max(1, -(-max(found.label.shape) // LARGEST_GRID))
+    heights = found.heights
+    thin = type(heights)(heights.x[::stride], heights.y[::stride], heights.z[::stride, ::stride])
+    mesh = height_grid.as_mesh(thin)
+    corners = found.label[::stride, ::stride].ravel()[mesh.faces]
+    # of three corners two alike decide; where all differ, the first
+    label = np.where(corners[:, 1] == corners[:, 2], corners[:, 1], corners[:, 0])
+    return mesh.vertices * MM, mesh.faces, label
+
+
+def _write_html(found: FeatureMap, heading: str, path: Path) -> None:
+    try:
+        import plotly.graph_objects as go  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            "views in HTML need the package plotly",
+            where=str(path),
+            advice="pip install plotly, or use a name that ends in .png",
+        ) from error
+    vertices, faces, label = _thinned(found)
+    kinds = np.array([list(Kind).index(feature.kind) for feature in found.features])
+    figure = go.Figure()
+    for number, kind in enumerate(Kind):
+        mine = kinds[label] == number
+        if not mine.any():
+            continue
+        used, local = np.unique(faces[mine], return_inverse=True)
+        owner = np.zeros(len(used), dtype=np.int64)
+        local = local.reshape(-1, 3)
+        owner[local] = label[mine][:, None]
+        figure.add_mesh3d(
+            **dict(zip("xyz", vertices[used].T, strict=True)),
+            **dict(zip("ijk", local.T, strict=True)),
+            color=COLOURS[kind],
+            flatshading=True,
+            lighting={"ambient": 0.75, "diffuse": 0.5, "specular": 0.05},
+            name=f"{found.counts()[kind.value]} {kind.title}",
+            showlegend=True,
+            hovertext=[name_of(found.features[k]) for k in owner],
+            hoverinfo="text",
+        )
+    places = np.array([feature.place for feature in found.features]) * MM
+    figure.add_scatter3d(
+        **dict(zip("xyz", (places + [0.0, 0.0, 0.5]).T, strict=True)),
+        mode="text",
+        text=[str(feature.number + 1) for feature in found.features],
+        hovertext=[name_of(feature) for feature in found.features],
+        hoverinfo="text",
+        textfont={"size": 13, "color": "#1f2933"},
+        name="numbers",
+    )
+    figure.update_layout(
+        title=f"{heading}: {summary_of(found)}",
+        scene={"aspectmode": "data", **{f"{axis}axis": {"title": {"text": f"{axis} in mm"}} for axis in "xyz"}},
+        legend={"x": 0.01, "y": 0.98},
+        margin={"l": 0, "r": 0, "t": 40, "b": 0},
+    )
+    figure.write_html(str(path), include_plotlyjs=True, full_html=True, default_height="97vh")
+
+
+def _write_png(found: FeatureMap, heading: str, path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import to_rgb
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    figure = Figure(figsize=(13.0, 6.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    solid: Any = figure.add_subplot(1, 2, 1, projection="3d")
+    above = figure.add_subplot(1, 2, 2)
+    vertices, faces, label = _thinned(found)
+    colour = np.array([to_rgb(COLOURS[feature.kind]) for feature in found.features])
+    corners = vertices[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    light = 0.62 + 0.38 * np.clip(normal @ np.array([-0.45, -0.55, 0.7]), 0.0, 1.0)
+    drawn = solid.plot_trisurf(*vertices.T, triangles=faces, lw=0, shade=False)
+    drawn.set_facecolors(colour[label] * light[:, None])
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    size = high - low
+    solid.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    solid.set_box_aspect((size[0], size[1], max(size[2], 0.25 * max(size[:2]))), zoom=0.85)
+    solid.set(xlabel="x in mm", ylabel="y in mm", zlabel="z in mm")
+    solid.view_init(elev=48, azim=-60)
+    heights = found.heights
+    extent = (heights.x[0] * MM, heights.x[-1] * MM, heights.y[0] * MM, heights.y[-1] * MM)
+    above.imshow(colour[found.label], origin="lower", extent=extent, interpolation="nearest")
+    for feature in found.features:
+        x, y = feature.place[:2] * MM
+        above.annotate(f"{feature.number + 1}", (x, y), ha="center", va="center", fontsize=8, color="#1f2933")
+    above.set(aspect="equal", xlabel="x in mm", ylabel="y in mm", title="from above")
+    kinds = [kind for kind in Kind if kind.value in found.counts()]
+    patches = [Patch(color=COLOURS[kind], label=f"{found.counts()[kind.value]} {kind.title}") for kind in kinds]
+    above.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9)
+    figure.suptitle(heading, x=0.01, ha="left", fontsize=11)
+    figure.savefig(path, dpi=120, metadata={"Software": "isf_planner"})
