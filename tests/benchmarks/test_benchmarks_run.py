@@ -13,6 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 SMALLEST = [
     ("mpc", "", r"\| fused\(analytic\): scan, then correction of one contour \| \d+ \+ \d+ \|"),
+    ("axial_force", "--cells 5 --radius 14 --depth 4 --step 1", r"\| 5 \| 256 \| \d+ \+- \d+ \| 962 \|"),
     ("force_ctrl_tick", "--ticks 500 --repeats 1", r"\| 500 \| 1 \| [\d.]+ \|"),
     ("kinematics", "", r'"iterations": [1-3],'),
     ("plant_speed", "--step 4 --repeat 1 --ticks 100", r"100 ticks in real time: median \d+ us"),
