@@ -164,6 +164,7 @@ def test_a_destroyed_node_leaves_nothing_behind() -> None:
         timeout=LIMIT,
         check=True,
     )
-    threads = [int(line) for line in done.stdout.split()]
-    assert len(threads) == 4
+    # the middleware writes its own warnings there, too, when other processes of the computer leave it waiting
+    threads = [int(line) for line in done.stdout.splitlines() if line.isdecimal()]
+    assert len(threads) == 4, done.stdout
     assert len(set(threads[1:])) == 1, threads
