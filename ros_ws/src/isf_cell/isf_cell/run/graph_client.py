@@ -67,18 +67,25 @@ class GraphClient:
         return self._await(client.call_async(request), watch, name, timeout)
 
     def ask(self, kind: Any, name: str, request: Any, watch: Watch) -> Any:
-        """As :meth:`call`, for a request that changes nothing when it is made again: one without an answer is."""
+        """As :meth:`call`, for a request that may be made again: one without an answer is, and any answer counts."""
         client = self._ready(kind, name, watch)
+        answered = threading.Event()
+        asked: list[Future] = []
         deadline = time.monotonic() + self._timeout
-        while True:
-            try:
-                return self._await(client.call_async(request), watch, name, min(ASK_AGAIN, self._timeout))
-            except IsfError as error:
-                if error.code != ErrorCode.SERVICE_TIMEOUT:
-                    raise
+        try:
+            while True:
+                asked.append(client.call_async(request))
+                asked[-1].add_done_callback(lambda _: answered.set())
+                again = time.monotonic() + min(ASK_AGAIN, self._timeout)
+                while not answered.wait(POLL) and time.monotonic() <= again:
+                    watch()
+                if answered.is_set():
+                    return next(future for future in asked if future.done()).result()
                 if time.monotonic() > deadline:
-                    text = f"'{name}' did not answer within {self._timeout:g} s"
-                    raise IsfError(ErrorCode.SERVICE_TIMEOUT, text) from None
+                    raise self._silent(name, self._timeout)
+        finally:
+            for future in asked:
+                future.cancel()
 
     def checked_call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
         """As :meth:`call`, and raises the IsfError of a response whose ``code`` is not 0."""
@@ -192,5 +199,9 @@ class GraphClient:
             watch()
             if time.monotonic() > deadline:
                 future.cancel()
-                raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"'{name}' did not answer within {limit:g} s")
+                raise self._silent(name, limit)
         return future.result()
+
+    @staticmethod
+    def _silent(name: str, limit: float) -> IsfError:
+        return IsfError(ErrorCode.SERVICE_TIMEOUT, f"'{name}' did not answer within {limit:g} s")

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
+from isf_ros.lifecycle import failure
 from isf_springback.methods import needs_scans
 from lifecycle_msgs.srv import GetState
 
@@ -157,9 +158,12 @@ class MachineClient:
         self._client.checked_call(Reset, f"{MACHINE}/reset", request, watch, timeout=timeout)
 
     def tare(self, watch: Watch) -> None:
-        """Set the load cells to zero."""
+        """Set the load cells to zero; asked again without an answer, which the middleware may drop right after it has
+        found a driver that nothing was asked before."""
         if self.offer.tare:
-            self._client.checked_call(Tare, f"{MACHINE}/tare", Tare.Request(), watch)
+            response = self._client.ask(Tare, f"{MACHINE}/tare", Tare.Request(), watch)
+            if response.code:
+                raise failure(response.code, response.message)
 
     @property
     def tells_tare(self) -> bool:
