@@ -105,12 +105,18 @@ def test_a_recorded_part_is_decided_again_bit_for_bit(graph_run_folder: Path) ->
     found = replay(run, parse([]))
     numbers = found.numbers()
     assert found.identical is True, json.dumps({name: numbers[name] for name in ("targets", "results", "corrections")})
-    assert numbers["targets"]["compared"] == len(run.ticks.stamp) > 10_000
+    # on a busy computer the recorder may lose a target (and says so), never what the tick was made from
+    known = np.isfinite(run.ticks.target).all(axis=1)
+    assert numbers["targets"]["compared"] == known.sum() > 10_000
     assert numbers["targets"]["not_replayed"] == 0
     assert numbers["corrections"]["compared"] == numbers["results"]["compared"] == run.part.planned
     wrench = run.ticks.wrench.copy()
     wrench[len(wrench) // 2, 0] += 0.005  # N, sideways on the forming tool
     assert replay(replace(run, ticks=replace(run.ticks, wrench=wrench)), parse([])).identical is False
+    lost = np.where(np.arange(len(known))[:, None] % 100, run.ticks.target, np.nan)
+    lossy = replay(replace(run, ticks=replace(run.ticks, target=lost)), parse([]))
+    assert lossy.identical is True
+    assert 0 < lossy.numbers()["targets"]["compared"] < known.sum()
     other = replay(run, parse(["force.loop_gain=36", "springback.gain=0.5"]), replant=False)
     assert other.identical is False
     assert 1.0 < other.numbers()["targets"]["largest_um"] < 500.0

@@ -222,6 +222,8 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
                 values = {item.key: item.value for item in status.values}
                 name = status.name.removeprefix(own)
                 self._monitor.hear(name, status.message, values.get("state", ""), values.get("process", ""))
+                if name == "recorder" and self._cell:
+                    self._cell.on_recorder(values.get("silent", ""))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data

@@ -55,13 +55,13 @@ class Replay:
     @property
     def identical(self) -> bool | None:
         """True when every decision is the recorded one; None where that cannot be known."""
-        if self.how in ("", BY_CLOCK):
+        if self.how in ("", BY_CLOCK) or self.missing:
             return None
         parts = [part for part in (self.results(), self.corrected()) if part is not None]
         same = all(part.identical for part in parts)
         if self.how == LOCKSTEP:
             distance = self.target_distance()
-            return bool(same and self.force and not self.force.unfed and not self.missing and not distance.any())
+            return bool(same and self.force and not self.force.unfed and not distance.any())
         return same and self._same_shape()
 
     @property
@@ -70,12 +70,18 @@ class Replay:
         return self.run.ticks.missing if self.run.ticks is not None else 0
 
     def target_distance(self) -> Array:
-        """(n,) m, of the farther tool, between every target that was answered and the recorded one."""
+        """(n,) m, of the farther tool, between every target that was answered and the recorded one; 0 where that one is
+        not in the bag."""
         ticks, force = self.run.ticks, self.force
         if ticks is None or force is None or not len(force.tick):
             return np.empty(0)
         away = (force.target - ticks.target[force.tick]).reshape(-1, 2, 3)
-        return np.asarray(np.linalg.norm(away, axis=2).max(axis=1))
+        return np.nan_to_num(np.linalg.norm(away, axis=2).max(axis=1))
+
+    def lost_targets(self) -> int:
+        """Ticks that were fed, whose recorded targets are not in the bag."""
+        ticks, force = self.run.ticks, self.force
+        return int(np.isnan(ticks.target[force.tick, 0]).sum()) if ticks is not None and force is not None else 0
 
     def results(self) -> Difference | None:
         """Of the results of contours."""
@@ -130,7 +136,7 @@ class Replay:
             differing = distance > 0.0
             first = int(self.force.contour[np.argmax(differing)]) if differing.any() else None
             data["targets"] = {
-                "compared": len(distance),
+                "compared": len(distance) - self.lost_targets(),
                 "differing": int(differing.sum()),
                 "not_replayed": self.force.unfed + self.missing,
                 "largest_um": 1e6 * float(distance.max(initial=0.0)),
@@ -193,6 +199,11 @@ def replay(
         phase("force control")
         force = replay_force(run.ticks, armed, part.corrected, part.results, job_file, config, count("force control"))
         notes += force.notes
+        if run.ticks.exact and run.ticks.missing:
+            notes.append(
+                f"the wrenches of {run.ticks.missing} ticks are not in the bag: what was decided after them cannot be "
+                "compared bit by bit"
+            )
         if not run.ticks.exact:
             notes.append(
                 "formed by the clock: which wrench a tick used is not recorded, so nothing is the same bit by bit"

@@ -47,13 +47,13 @@ class Armed:
 
 @dataclass(frozen=True)
 class Ticks:
-    """The ticks of force control that were answered with targets.
+    """The ticks that force control answered with targets.
 
     Attributes
     ----------
     stamp : (n,) ns, time of the tick
     wrench : (n, 12) N and N m of tool 1 and tool 2
-    target : (n, 6) m, recorded answer: tips of tool 1 and tool 2
+    target : (n, 6) m, recorded answer: tips of tool 1 and tool 2; NaN where the recorder lost it
     pose_stamp : (m,) ns ; pose : (m, 4), tool (1, 2) and its tip in m as the machine reported it
     exact : False where it is not recorded which wrench a tick used (by the clock)
     missing : recorded targets whose wrenches are not in the bag
@@ -245,6 +245,9 @@ def _ticks(streams: dict[str, _Stream], part: PartRecord) -> Ticks | None:
     inside = answered < len(due)
     number = np.round(pair * (part.control_rate / NANO)).astype(np.int64)
     next_number = np.round(due[np.minimum(answered, len(due) - 1)] * (part.control_rate / NANO)).astype(np.int64)
-    taken = np.flatnonzero(inside & (next_number == number + 1))
+    known = inside & (next_number == number + 1)
+    # time goes on where a tick was answered, also where the answer is not in the bag
+    taken = np.flatnonzero(known | np.isin(number + 1, number))
     wrench = np.hstack([w1.values[of_1[taken]], w2.values[of_2[taken]]])
-    return Ticks(pair[taken], wrench, target[answered[taken]], pose_stamp, pose, True, len(due) - len(taken))
+    answer = np.where(known[taken, None], target[np.minimum(answered[taken], len(due) - 1)], np.nan)
+    return Ticks(pair[taken], wrench, answer, pose_stamp, pose, True, len(due) - int(known.sum()))

@@ -56,6 +56,9 @@ _END_THE_PART = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
 """Failures of a lift or a scan that the part does not go on after."""
 
 
+RECORDED_FIRST = "tool_1/wrench"
+"""Topic of the machine that a recorder has to hear before the first contour."""
+
 REAL_MACHINE = -1
 """Variant of what is not simulated."""
 
@@ -113,6 +116,7 @@ class GraphCell:
         self._machine = MachineClient(client, lockstep=settings.lockstep, report=operator.phase)
         self._managed: tuple[str, ...] = MANAGED
         self._state: MachineState | None = None
+        self._recorder_waits_for: frozenset[str] = frozenset()
         self._events: list[Event] = []
         self._at_start = TickCounts()
         self._plan_id = ""
@@ -139,6 +143,10 @@ class GraphCell:
     def on_machine_state(self, state: MachineState) -> None:
         """The machine told its state."""
         self._state = state
+
+    def on_recorder(self, silent: str) -> None:
+        """The recorder told the topics from which nothing came yet, separated by commas."""
+        self._recorder_waits_for = frozenset(silent.split(", "))
 
     # -- the cell (worker thread) --------------------------------------------------------------
 
@@ -226,11 +234,21 @@ class GraphCell:
         while True:
             response = self._client.call(Arm, "force_ctrl/arm", request, self.check)
             if not response.code:
+                self._wait_for_recorder()
                 return
             error = failure(response.code, response.message)
             if error.code not in _NOT_HEARD_YET or time.monotonic() > deadline:
                 raise error
             pause.wait(0.2)
+
+    def _wait_for_recorder(self) -> None:
+        """A recorder, where there is one, finds the machine late on a busy computer: without the wrenches of the first
+        tick a record could not be replayed."""
+        heard = self._client.within(
+            self._settings.service_timeout, lambda: RECORDED_FIRST not in self._recorder_waits_for, self.check
+        )
+        if not heard:
+            self._operator.phase(f"the recorder has not received {RECORDED_FIRST}: the record lacks the beginning")
 
     def form_contour(self, index: int) -> FormedContour:
         """As in the protocol."""
