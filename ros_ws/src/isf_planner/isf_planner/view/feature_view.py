@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array, Indices
+from matplotlib.figure import Figure
 
 from isf_planner.features.surface_features import FeatureMap, Kind, SurfaceFeature
 from isf_planner.surface import height_grid
+from isf_planner.view.picture_files import write_view
 
 MM = 1e3
 COLOURS = {
@@ -38,21 +39,7 @@ def show_features(found: FeatureMap, heading: str, path: Path) -> Path:
     ------
     IsfError : EXPORT_FORMAT_UNKNOWN (ending, or plotly is not installed), FILE_NOT_WRITABLE
     """
-    writers = {".html": _write_html, ".png": _write_png}
-    writer = writers.get(path.suffix.lower())
-    if writer is None:
-        raise IsfError(
-            ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            f"'{path.suffix}' is not a format of pictures",
-            where=str(path),
-            advice="use .html or .png",
-        )
-    try:
-        writer(found, heading, path)
-    except OSError as error:
-        what = f"the picture cannot be written: {error.strerror}"
-        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(path)) from error
-    return path
+    return write_view(path, lambda figure: _draw_page(figure, found, heading), lambda: _figure(found, heading))
 
 
 def name_of(feature: SurfaceFeature) -> str:
@@ -79,19 +66,10 @@ def _thinned(found: FeatureMap) -> tuple[Array, Indices, Indices]:
     return mesh.vertices * MM, mesh.faces, label
 
 
-def _write_html(found: FeatureMap, heading: str, path: Path) -> None:
-    try:
-        import plotly.graph_objects as go  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise IsfError(
-            ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            "views in HTML need the package plotly",
-            where=str(path),
-            advice="pip install plotly, or use a name that ends in .png",
-        ) from error
+def _draw_page(figure: Any, found: FeatureMap, heading: str) -> str:
+    """Draw on an empty figure of plotly and return its title."""
     vertices, faces, label = _thinned(found)
     kinds = np.array([list(Kind).index(feature.kind) for feature in found.features])
-    figure = go.Figure()
     for number, kind in enumerate(Kind):
         mine = kinds[label] == number
         if not mine.any():
@@ -121,19 +99,12 @@ def _write_html(found: FeatureMap, heading: str, path: Path) -> None:
         textfont={"size": 13, "color": "#1f2933"},
         name="numbers",
     )
-    figure.update_layout(
-        title=f"{heading}: {summary_of(found)}",
-        scene={"aspectmode": "data", **{f"{axis}axis": {"title": {"text": f"{axis} in mm"}} for axis in "xyz"}},
-        legend={"x": 0.01, "y": 0.98},
-        margin={"l": 0, "r": 0, "t": 40, "b": 0},
-    )
-    figure.write_html(str(path), include_plotlyjs=True, full_html=True, default_height="97vh")
+    return f"{heading}: {summary_of(found)}"
 
 
-def _write_png(found: FeatureMap, heading: str, path: Path) -> None:
+def _figure(found: FeatureMap, heading: str) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import to_rgb
-    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
     figure = Figure(figsize=(13.0, 6.4), layout="constrained")
@@ -165,4 +136,4 @@ def _write_png(found: FeatureMap, heading: str, path: Path) -> None:
     patches = [Patch(color=COLOURS[kind], label=f"{found.counts()[kind.value]} {kind.title}") for kind in kinds]
     above.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9)
     figure.suptitle(heading, x=0.01, ha="left", fontsize=11)
-    figure.savefig(path, dpi=120, metadata={"Software": "isf_planner"})
+    return figure

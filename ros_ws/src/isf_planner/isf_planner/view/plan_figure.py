@@ -12,7 +12,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile, ToolSpec
 from isf_core.types import Array
 from matplotlib.axes import Axes
@@ -24,6 +23,7 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.transforms import ScaledTranslation
 
 from isf_planner.planning import Plan
+from isf_planner.view.picture_files import save_png
 from isf_planner.view.plan_view import flange_rise, part_size
 
 INK, MUTED, SHEET = "#1f2933", "#66727f", "#c9d1d9"
@@ -57,12 +57,7 @@ _SECTION_LABEL = {
 def draw_plan(plan: Plan, job_file: JobFile, path: Path) -> Path:
     """Write the picture of a plan as PNG to ``path`` and return it; IsfError FILE_NOT_WRITABLE."""
     with mpl.rc_context(STYLE):
-        try:
-            make_figure(plan, job_file).savefig(path, dpi=130, metadata={"Software": "isf_planner"})
-        except OSError as error:
-            what = f"the picture cannot be written: {error.strerror}"
-            raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(path)) from error
-    return path
+        return save_png(make_figure(plan, job_file), path)
 
 
 def make_figure(plan: Plan, job_file: JobFile) -> Figure:

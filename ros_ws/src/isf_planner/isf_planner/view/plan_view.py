@@ -15,12 +15,14 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.spatial import KDTree
 
 from isf_planner.part.warning_places import warning_places
 from isf_planner.planning import Plan
+from isf_planner.view.picture_files import write_view
 
 MM = 1e3
 WARNING = "#c1121f"
@@ -88,22 +90,9 @@ def show(plan: Plan, path: Path, colour: str = "wall_angle") -> Path:
             f"a plan cannot be coloured by '{colour}'",
             advice=f"known: {', '.join(QUANTITIES)}, features",
         )
-    writers = {".html": _write_html, ".png": _write_png}
-    writer = writers.get(path.suffix.lower())
-    if writer is None:
-        raise IsfError(
-            ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            f"'{path.suffix}' is not a format of pictures",
-            where=str(path),
-            advice="use .html or .png",
-        )
     scene = make_scene(plan, QUANTITIES[colour])
-    try:
-        writer(scene, _heading(plan), path)
-    except OSError as error:
-        what = f"the picture cannot be written: {error.strerror}"
-        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(path)) from error
-    return path
+    heading = _heading(plan)
+    return write_view(path, lambda figure: _draw_page(figure, scene, heading), lambda: _figure(scene, heading))
 
 
 def flange_rise(plan: Plan) -> float:
@@ -167,18 +156,9 @@ def _heading(plan: Plan) -> str:
     return f"{plan.plan_id}: {len(plan.contours)} contours, part {part_size(plan)}, {warned}"
 
 
-def _write_html(scene: Scene, heading: str, path: Path) -> None:
-    try:
-        import plotly.graph_objects as go  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise IsfError(
-            ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            "views in HTML need the package plotly",
-            where=str(path),
-            advice="pip install plotly, or use --show plan.png",
-        ) from error
+def _draw_page(figure: Any, scene: Scene, heading: str) -> str:
+    """Draw on an empty figure of plotly and return its title."""
     limits = {"cmin": float(np.nanmin(scene.values)), "cmax": float(np.nanmax(scene.values))}
-    figure = go.Figure()
     plain = beside_formed(scene.colour)
     figure.add_surface(
         x=scene.x,
@@ -218,13 +198,7 @@ def _write_html(scene: Scene, heading: str, path: Path) -> None:
             hoverinfo="text",
             name="warnings",
         )
-    figure.update_layout(
-        title=heading,
-        scene={"aspectmode": "data", **{f"{axis}axis": {"title": {"text": f"{axis} in mm"}} for axis in "xyz"}},
-        legend={"x": 0.01, "y": 0.98},
-        margin={"l": 0, "r": 0, "t": 40, "b": 0},
-    )
-    figure.write_html(str(path), include_plotlyjs=True, full_html=True, default_height="97vh")
+    return heading
 
 
 def beside_formed(colour: Array) -> NDArray[np.bool_]:
@@ -258,12 +232,11 @@ def _wrapped(text: str, width: int = 60) -> str:
     return "<br>".join(line.strip() for line in lines)
 
 
-def _write_png(scene: Scene, heading: str, path: Path) -> None:
+def _figure(scene: Scene, heading: str) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13.0, 6.2), layout="constrained")
     FigureCanvasAgg(figure)
@@ -300,4 +273,4 @@ def _write_png(scene: Scene, heading: str, path: Path) -> None:
     if scene.warnings:
         lines = [f"{k}  {text}" for k, (_, text) in enumerate(scene.warnings, start=1)]
         figure.supxlabel("\n".join(lines[:4]), x=0.01, ha="left", fontsize=8, color=WARNING, wrap=True)
-    figure.savefig(path, dpi=120, metadata={"Software": "isf_planner"})
+    return figure

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.rig import Rig
 from isf_core.types import Array, Mask
 from matplotlib.axes import Axes
@@ -17,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from isf_planner.gcode.reader import Finding, Program
+from isf_planner.view.picture_files import save_png
 from isf_planner.view.plan_figure import MUTED, STYLE, SUPPORT
 
 MM = 1e3
@@ -51,12 +51,7 @@ def draw_program(program: Program, findings: Sequence[Finding], rig: Rig, path: 
             ha="left",
             fontsize=12,
         )
-        try:
-            figure.savefig(path, dpi=130, metadata={"Software": "isf_planner"})
-        except OSError as error:
-            what = f"the picture cannot be written: {error.strerror}"
-            raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(path)) from error
-    return path
+        return save_png(figure, path)
 
 
 def _draw(axes: Axes, places: Array, depth: Array, rapid: Mask, at_fault: Mask) -> LineCollection:

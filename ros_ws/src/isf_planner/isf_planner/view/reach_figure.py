@@ -9,7 +9,6 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.rig import Rig
 from isf_core.geometry.hexapod import Hexapod
 from isf_core.geometry.kinematics import UPRIGHT, make_kinematics
@@ -20,6 +19,7 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from isf_planner.view.picture_files import save_png
 from isf_planner.view.plan_figure import MUTED, STYLE, SUPPORT
 
 MM = 1e3
@@ -108,12 +108,7 @@ def draw_reach(hexapod: Hexapod, contours: Sequence[Contour], rig: Rig, path: Pa
             ha="left",
             fontsize=12,
         )
-        try:
-            figure.savefig(path, dpi=130, metadata={"Software": "isf_planner"})
-        except OSError as error:
-            what = f"the picture cannot be written: {error.strerror}"
-            raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(path)) from error
-    return path
+        return save_png(figure, path)
 
 
 def _tips(contours: Sequence[Contour]) -> Array:
