@@ -118,7 +118,7 @@ run_all() {
   unset COVERAGE_PROCESS_START
   end_all || code=1
   export COVERAGE_FILE=.isf/coverage.all
-  coverage combine --quiet .isf/coverage.with*
+  python scripts/combine_coverage.py "$COVERAGE_FILE" coverage.with || code=1
   printf 'coverage: '
   coverage report --format=total || code=1 # fails below the share of pyproject.toml
   return "$code"
