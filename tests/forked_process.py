@@ -18,7 +18,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
@@ -248,6 +249,28 @@ def run(
             stream.seek(0)
             texts.append(stream.read())
     return subprocess.CompletedProcess(list(command), code, *texts)
+
+
+@contextmanager
+def node(*command: str, remap: Mapping[str, str] | None = None, **parameters: object) -> Iterator[Process]:
+    """A node as ``ros2 run`` starts it, ``command`` being Python's arguments, until the end of the block.
+
+    A node that has not ended by itself is interrupted then, as Ctrl-C does, and has to end with code 0.
+    """
+    arguments = [sys.executable, *command, "--ros-args"]
+    for name, value in parameters.items():
+        arguments += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
+    for name, new in (remap or {}).items():
+        arguments += ["-r", f"{name}:={new}"]
+    process = start(arguments, start_new_session=True)
+    try:
+        yield process
+    finally:
+        interrupted = process.poll() is None
+        if interrupted:
+            os.killpg(process.pid, signal.SIGINT)
+        code = process.wait(_LIMIT)
+        assert not interrupted or code == 0, f"{command[-1]} ended with code {code}"
 
 
 def node_of_group(

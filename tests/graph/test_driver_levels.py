@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import os
 import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -117,18 +116,8 @@ class Cell:
         return result.result().result
 
 
-@contextmanager
-def driver(level: int) -> Iterator[forked_process.Process]:
-    """A driver of that level, until the end."""
-    options = ["-p", f"level:={level}", "-p", f"rate:={RATE}"]
-    command = [sys.executable, "-m", "isf_driver_example.driver_node", "--ros-args", *options]
-    process = forked_process.start(command, start_new_session=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        process.wait(LIMIT)
+def driver(level: int) -> AbstractContextManager[forked_process.Process]:
+    return forked_process.node("-m", "isf_driver_example.driver_node", level=level, rate=RATE)
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -65,18 +61,6 @@ def test_three_calibrated_cells_read_the_force_again(tmp_path: Path) -> None:
 # -- in a cell -----------------------------------------------------------------------------------
 
 
-@contextmanager
-def started(module: str, *words: str) -> Iterator[None]:
-    command = [sys.executable, "-m", module, "--ros-args", "-p", "autostart:=true", *words]
-    process = forked_process.start(command, start_new_session=True)
-    try:
-        yield
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        process.wait(120)
-
-
 @pytest.mark.graph
 @pytest.mark.slow
 def test_the_simulated_machine_is_controlled_through_two_load_cells(tmp_path: Path) -> None:
@@ -118,15 +102,17 @@ def test_the_simulated_machine_is_controlled_through_two_load_cells(tmp_path: Pa
     results: list[Any] = []
     node.create_subscription(ContourResult, "contour/result", results.append, qos.EVENT)
     publisher = node.create_publisher(Contour, "contour/corrected", qos.LATCHED)
-    raw = [word for k in (1, 2) for word in ("-r", f"tool_{k}/wrench:=tool_{k}/raw")]
+
+    def started(package: str, remap: dict[str, str] | None = None, **parameters: object) -> Any:
+        return forked_process.node("-m", f"{package}.node", remap=remap, autostart=True, **parameters)
 
     def cell(k: int) -> Any:
-        names = ("-r", f"__node:=load_cell_{k}", "-r", f"raw:=tool_{k}/raw", "-r", f"wrench:=tool_{k}/wrench")
-        values = ("-p", "rig:=ren2018", "-p", f"tool:={k}", "-p", "tare_readings:=1")
-        return started("isf_load_cell.node", *names, *values)
+        names = {"__node": f"load_cell_{k}", "raw": f"tool_{k}/raw", "wrench": f"tool_{k}/wrench"}
+        return started("isf_load_cell", names, rig="ren2018", tool=k, tare_readings=1)
 
     try:
-        with started("isf_sim.node", "-p", f"job:={job}", *raw), cell(1), cell(2), started("isf_force_ctrl.node"):
+        raw = {f"tool_{k}/wrench": f"tool_{k}/raw" for k in (1, 2)}
+        with started("isf_sim", raw, job=job), cell(1), cell(2), started("isf_force_ctrl"):
             ask(Tare, "machine/tare", Tare.Request())
             for k in (1, 2):
                 assert wait(lambda k=k: ask(Trigger, f"load_cell_{k}/tare", Trigger.Request()).success)

@@ -6,7 +6,8 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from isf_cell.commands.play import PlayOptions, play_bag
 from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.msg import Contour, ContourResult, JobInfo
 from isf_ros import qos
+from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
@@ -70,8 +72,50 @@ def test_a_bag_is_heard_as_it_was_recorded(bag: Path) -> None:
     """From the third contour, paused, one step, then the rest; results under another name; the clock besides."""
     command = [sys.executable, "-m", "isf_cell.cli", "play", str(bag), "--from", "3", "--paused", "--rate", "2"]
     command += ["-r", "contour/result:=again/result", "--clock", "50", "--delay", "0", "--json"]
+    with listening() as node:
+        _hear(node, bag, command)
+
+
+@pytest.mark.graph
+def test_an_operator_need_not_wait_for_a_message_that_is_due_in_days(bag: Path) -> None:
+    command = [sys.executable, "-m", "isf_cell.cli", "play", str(bag), "--from", "3", "--rate", "1e-6", "--delay", "0"]
+    with listening() as node:
+        heard: list[Any] = []
+        node.create_subscription(ContourResult, "contour/result", heard.append, qos.EVENT)
+        pause, step = node.create_client(SetBool, "player/pause"), node.create_client(Trigger, "player/step")
+        process = forked_process.start(command, stderr=subprocess.PIPE, text=True)
+        try:
+            spin_until(node, lambda: pause.service_is_ready() and step.service_is_ready())
+            asked = pause.call_async(SetBool.Request(data=True))
+            spin_until(node, asked.done)
+            while not heard:
+                asked = step.call_async(Trigger.Request())
+                spin_until(node, asked.done)
+                assert asked.result().success
+        finally:
+            process.kill()
+            process.wait(60)
+
+
+@contextmanager
+def listening() -> Iterator[Node]:
     rclpy.init()
     node = rclpy.create_node("listener")
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def spin_until(node: Node, condition: Callable[[], bool], told: Callable[[], object] = lambda: "") -> None:
+    deadline = time.monotonic() + 120
+    while not condition():
+        rclpy.spin_once(node, timeout_sec=0.1)
+        assert time.monotonic() < deadline, told()
+
+
+def _hear(node: Node, bag: Path, command: list[str]) -> None:
     heard: dict[str, list[bytes]] = {name: [] for name in ("info", "nominal", "result", "clock")}
     kinds = {
         "info": (JobInfo, "/part/info", qos.LATCHED),
@@ -85,11 +129,11 @@ def test_a_bag_is_heard_as_it_was_recorded(bag: Path) -> None:
     process = forked_process.start(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def until(condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 120
-        while not condition():
-            rclpy.spin_once(node, timeout_sec=0.1)
-            assert time.monotonic() < deadline, {name: len(items) for name, items in heard.items()}
+        def found() -> bool:
             assert process.poll() in (None, 0), process.communicate(10)
+            return condition()
+
+        spin_until(node, found, lambda: {name: len(items) for name, items in heard.items()})
 
     def last_index(name: str) -> int:
         return int(deserialize_message(heard[name][-1], kinds[name][0]).index) if heard[name] else -1
@@ -110,8 +154,6 @@ def test_a_bag_is_heard_as_it_was_recorded(bag: Path) -> None:
         out, err = process.communicate(60)
     finally:
         process.kill()
-        node.destroy_node()
-        rclpy.try_shutdown()
     assert process.poll() == Exit.OK, err
     assert json.loads(out)["messages"] > 8
     for name, (kind, topic, _) in kinds.items():

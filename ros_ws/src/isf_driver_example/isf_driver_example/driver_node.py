@@ -52,7 +52,7 @@ class Driver:
         self._hardware = Hardware(1.0 / self._rate)
         self._tared = False
         self._tick, self._heard, self._following = 0, 0.0, False
-        self._timers: list[Any] = []
+        self._running: list[Any] = []
         self._wrenches = [node.create_publisher(WrenchStamped, f"tool_{k}/wrench", STREAM) for k in (1, 2)]
         self._poses = [node.create_publisher(PoseStamped, f"tool_{k}/pose", SENSOR) for k in (1, 2)]
         for k in (1, 2):
@@ -75,13 +75,13 @@ class Driver:
         periods = {1.0 / self._rate: self._on_cycle}
         if self._level >= SERVICES:
             periods[STATE_PERIOD] = self._publish_state
-        self._timers = [self._node.create_timer(period, work, clock=steady) for period, work in periods.items()]
+        self._running = [self._node.create_timer(period, work, clock=steady) for period, work in periods.items()]
 
     def stop(self) -> None:
         """Stand still."""
-        for timer in self._timers:
+        for timer in self._running:
             self._node.destroy_timer(timer)
-        self._timers = []
+        self._running = []
 
     # -- streams ---------------------------------------------------------------------------------
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -56,24 +53,6 @@ QUICK = {"acceleration": 2.0, "seam_speed": 1.0}
 """Parameters with which a small ring takes 2,200 ticks, not 4,900 as with the node's own; 3,400 with FAR_JOB."""
 
 
-@contextmanager
-def started(
-    *command: str, remap: dict[str, str] | None = None, **parameters: object
-) -> Iterator[forked_process.ForkedProcess]:
-    arguments = [sys.executable, *command, "--ros-args"]
-    for name, value in parameters.items():
-        arguments += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
-    for name, new in (remap or {}).items():
-        arguments += ["-r", f"{name}:={new}"]
-    process = forked_process.start(arguments, start_new_session=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        process.wait(LIMIT)
-
-
 def small_ring(index: int = 0, count: int = 1, **changes: object) -> Any:
     return ring(index, count, radius=10e-3, points=60, **changes)
 
@@ -116,10 +95,10 @@ class Cell:
         here = Path(__file__)
         options: dict[str, Any] = machine or {}
         self.job = JOB if parameters.get("lockstep", True) else FAR_JOB
-        self.stack.enter_context(started(str(here.with_name("standin_machine.py")), remap=remap, **options))
+        self.stack.enter_context(forked_process.node(str(here.with_name("standin_machine.py")), remap=remap, **options))
         # as long as a busy computer may hold a process up
         values: dict[str, Any] = {"wrench_timeout": 60.0, **QUICK, **parameters}
-        self.process = self.stack.enter_context(started(*program, autostart=True, remap=remap, **values))
+        self.process = self.stack.enter_context(forked_process.node(*program, autostart=True, remap=remap, **values))
         assert self._arm.wait_for_service(LIMIT)
 
     def wait(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 import rclpy
@@ -21,7 +22,7 @@ from isf_load_cell.node import LoadCellNode
 from isf_load_cell.three_cells import readings_of
 from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
-from node_cell import FAR_JOB, JOB, LIMIT, QUICK, Cell, small_ring, started, watched
+from node_cell import FAR_JOB, JOB, LIMIT, QUICK, Cell, small_ring, watched
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -57,7 +58,7 @@ class Bench:
     def start(self, file: Path | None = None, **parameters: Any) -> None:
         if file is not None:
             parameters["file"] = file
-        self._stack.enter_context(started(*NODE, autostart=True, **{"tare_readings": 10, **parameters}))
+        self._stack.enter_context(forked_process.node(*NODE, autostart=True, **{"tare_readings": 10, **parameters}))
 
     def ready(self, publisher: Any) -> None:
         assert self.wait(lambda: publisher.get_subscription_count() and self.node.count_publishers("wrench"))
@@ -321,14 +322,16 @@ def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tm
     drivers = {names["wrench"]: names["raw"] for names in nodes}
     assert set(drivers) == {"tool_1/wrench", "tool_2/wrench"}
     machine = str(Path(__file__).parents[2] / "isf_force_ctrl" / "test" / "standin_machine.py")
-    bench._stack.enter_context(started(machine, remap=drivers, sign=-1.0, lockstep=lockstep))
+    bench._stack.enter_context(forked_process.node(machine, remap=drivers, sign=-1.0, lockstep=lockstep))
     clients = []
     readings = 1 if lockstep else 250  # in lockstep time stands still before the first contour
     for names in nodes:
-        bench._stack.enter_context(started(*NODE, remap=names, autostart=True, file=file, tare_readings=readings))
+        bench._stack.enter_context(
+            forked_process.node(*NODE, remap=names, autostart=True, file=file, tare_readings=readings)
+        )
         clients.append(bench.node.create_client(Trigger, f"{names['__node']}/tare"))
     bench._stack.enter_context(
-        started("-m", "isf_force_ctrl.node", autostart=True, lockstep=lockstep, wrench_timeout=2.0, **QUICK)
+        forked_process.node("-m", "isf_force_ctrl.node", autostart=True, lockstep=lockstep, wrench_timeout=2.0, **QUICK)
     )
     assert all(client.wait_for_service(LIMIT) for client in clients)
     assert cell._arm.wait_for_service(LIMIT)

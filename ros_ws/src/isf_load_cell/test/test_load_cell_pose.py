@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import forked_process
 import numpy as np
 import pytest
 import rclpy
@@ -18,7 +19,6 @@ from geometry_msgs.msg import PoseStamped, TransformStamped
 from isf_load_cell.node import LoadCellNode
 from isf_ros import qos
 from nav_msgs.msg import Odometry
-from node_cell import started
 from rclpy.lifecycle import TransitionCallbackReturn
 from std_msgs.msg import Float64
 from test_load_cell_node import NODE, Bench, bench, written  # noqa: F401 - bench is a fixture
@@ -66,7 +66,7 @@ def test_the_weight_is_taken_out_by_the_message_of_a_driver(bench: Bench, tmp_pa
     driver = bench.node.create_publisher(type(turned(kind, "", "", half_turn=False)), "arm/state", qos.STREAM)
     options: dict[str, Any] = {"autostart": True, "tare_readings": 10, "timeout": 6.0, "with_pose": True}
     options |= {"pose_type": kind, "pose_frame": "left_flange", "file": written(tmp_path, CELL)}
-    bench._stack.enter_context(started(*NODE, remap={"pose": "arm/state"}, **options))
+    bench._stack.enter_context(forked_process.node(*NODE, remap={"pose": "arm/state"}, **options))
     bench.ready(bench.raw)
 
     def reported(half_turn: bool, frame: str = "sheet", child: str = "left_flange") -> None:
@@ -109,12 +109,12 @@ def test_the_weight_is_taken_out_by_the_frames_of_a_robot(bench: Bench, tmp_path
     angle = bench.node.create_publisher(Float64, "angle", qos.LATCHED)
     options: dict[str, Any] = {"autostart": True, "tare_readings": 10, "timeout": 4.0, "with_pose": True}
     options |= {"pose_type": "tf", "pose_frame": "flange", "file": written(tmp_path, CELL)}
-    bench._stack.enter_context(started(*NODE, **options))
+    bench._stack.enter_context(forked_process.node(*NODE, **options))
     bench.ready(bench.raw)
     assert bench.silent(reading(np.eye(3), 0))
     lost = "nothing is known of frame 'flange' and 'sheet'"
     assert bench.wait(lambda: bench.shows(reading(np.eye(3), bench.tick), DiagnosticStatus.ERROR, lost))
-    bench._stack.enter_context(started(str(Path(__file__).with_name("standin_robot.py"))))
+    bench._stack.enter_context(forked_process.node(str(Path(__file__).with_name("standin_robot.py"))))
     about_z = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     assert bench.wait(lambda: angle.get_subscription_count())
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -78,22 +75,18 @@ class Cell:
 
 @pytest.fixture(scope="module")
 def cell() -> Iterator[Cell]:
-    command = [sys.executable, "-m", "isf_planner.node", "--ros-args", "-p", "autostart:=true", "-p", "plans_kept:=2"]
-    process = forked_process.start(command, start_new_session=True)
-    rclpy.init()
-    node = rclpy.create_node("test_planner")
-    client = Cell(node)
-    try:
-        assert client.plan_part.wait_for_server(LIMIT)
-        assert client.get_contour.wait_for_service(LIMIT)
-        yield client
-    finally:
-        client.plan_part.destroy()
-        node.destroy_node()
-        rclpy.try_shutdown()
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(LIMIT) == 0
+    with forked_process.node("-m", "isf_planner.node", autostart=True, plans_kept=2):
+        rclpy.init()
+        node = rclpy.create_node("test_planner")
+        client = Cell(node)
+        try:
+            assert client.plan_part.wait_for_server(LIMIT)
+            assert client.get_contour.wait_for_service(LIMIT)
+            yield client
+        finally:
+            client.plan_part.destroy()
+            node.destroy_node()
+            rclpy.try_shutdown()
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -92,20 +89,14 @@ class Faulty:
 @pytest.fixture(scope="module", params=[False, True], ids=["waiting", "streaming"])
 def faulty(request: pytest.FixtureRequest) -> Iterator[Faulty]:
     rclpy.init()
-    command = [sys.executable, str(Path(__file__).with_name("faulty_node.py")), "--ros-args"]
-    command += ["-p", f"streams:={str(request.param).lower()}"]
-    process = forked_process.start(command, start_new_session=True)
-    found = Faulty(process)
-    try:
-        yield found
-        assert process.poll() is None  # after all that
-        os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(LIMIT) == 0
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-        found.node.destroy_node()
-        rclpy.try_shutdown()
+    with forked_process.node(str(Path(__file__).with_name("faulty_node.py")), streams=request.param) as process:
+        found = Faulty(process)
+        try:
+            yield found
+            assert process.poll() is None  # after all that
+        finally:
+            found.node.destroy_node()
+            rclpy.try_shutdown()
 
 
 def test_transitions_that_raise_go_back_to_the_beginning(faulty: Faulty) -> None:

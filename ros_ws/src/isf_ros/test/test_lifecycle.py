@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -38,18 +38,8 @@ def observer() -> Iterator[Node]:
     rclpy.try_shutdown()
 
 
-@contextmanager
-def sample(**parameters: object) -> Iterator[forked_process.ForkedProcess]:
-    command = [sys.executable, str(Path(__file__).with_name("lifecycle_node.py")), "--ros-args"]
-    for name, value in parameters.items():
-        command += ["-p", f"{name}:={value}"]
-    process = forked_process.start(command, start_new_session=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        process.wait(LIMIT)
+def sample(**parameters: object) -> AbstractContextManager[forked_process.Process]:
+    return forked_process.node(str(Path(__file__).with_name("lifecycle_node.py")), **parameters)
 
 
 def spin_until(node: Node, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:

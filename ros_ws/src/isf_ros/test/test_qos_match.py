@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -63,19 +60,15 @@ class Picky:
 
 @pytest.fixture(params=[False, True], ids=["waiting", "streaming"])
 def picky(request: pytest.FixtureRequest) -> Iterator[Picky]:
-    command = [sys.executable, str(Path(__file__).with_name("picky_node.py")), "--ros-args"]
-    process = forked_process.start([*command, "-p", f"streams:={str(request.param).lower()}"], start_new_session=True)
-    rclpy.init()
-    found = Picky()
-    try:
-        assert found.wait(lambda: found.values.get("state") == "active")
-        yield found
-    finally:
-        found.node.destroy_node()
-        rclpy.try_shutdown()
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(LIMIT) == 0
+    with forked_process.node(str(Path(__file__).with_name("picky_node.py")), streams=request.param):
+        rclpy.init()
+        found = Picky()
+        try:
+            assert found.wait(lambda: found.values.get("state") == "active")
+            yield found
+        finally:
+            found.node.destroy_node()
+            rclpy.try_shutdown()
 
 
 def test_deliveries_that_do_not_go_together(picky: Picky) -> None:

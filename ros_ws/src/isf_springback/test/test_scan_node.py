@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -35,21 +32,19 @@ TEXT = JOB_TEXT.replace("method: analytic", "scan_every: 1, method: fused, open_
 @pytest.fixture
 def cell() -> Iterator[Cell]:
     """The node with a timeout that a scan cannot exceed on a busy computer."""
-    command = [sys.executable, "-m", "isf_springback.node", "--ros-args", "-p", "autostart:=true"]
-    process = forked_process.start([*command, "-p", "result_timeout:=8.0"], start_new_session=True)
-    rclpy.init()
-    node = rclpy.create_node("neighbours_with_scanner")
-    cell = Cell(node)
-    try:
-        cell.wait(lambda: cell.info.get_subscription_count() and cell.result.get_subscription_count())
-        cell.wait(lambda: node.count_publishers("contour/correction") and node.count_publishers("contour/corrected"))
-        yield cell
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(LIMIT) == 0
+    with forked_process.node("-m", "isf_springback.node", autostart=True, result_timeout=8.0):
+        rclpy.init()
+        node = rclpy.create_node("neighbours_with_scanner")
+        cell = Cell(node)
+        try:
+            cell.wait(lambda: cell.info.get_subscription_count() and cell.result.get_subscription_count())
+            cell.wait(
+                lambda: node.count_publishers("contour/correction") and node.count_publishers("contour/corrected")
+            )
+            yield cell
+        finally:
+            node.destroy_node()
+            rclpy.try_shutdown()
 
 
 class Scanner:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -85,23 +82,20 @@ class Cell:
 
 @pytest.fixture
 def cell() -> Iterator[Cell]:
-    command = [sys.executable, "-m", "isf_springback.node", "--ros-args", "-p", "autostart:=true"]
-    command += ["-p", "result_timeout:=4.0"]
-    process = forked_process.start(command, start_new_session=True)
-    rclpy.init()
-    node = rclpy.create_node("neighbours")
-    cell = Cell(node)
-    try:
-        cell.wait(lambda: cell.info.get_subscription_count() and cell.result.get_subscription_count())
-        cell.wait(lambda: node.count_publishers("contour/correction") and node.count_publishers("contour/corrected"))
-        cell.wait(cell.parameters.service_is_ready)
-        yield cell
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(LIMIT) == 0
+    with forked_process.node("-m", "isf_springback.node", autostart=True, result_timeout=4.0):
+        rclpy.init()
+        node = rclpy.create_node("neighbours")
+        cell = Cell(node)
+        try:
+            cell.wait(lambda: cell.info.get_subscription_count() and cell.result.get_subscription_count())
+            cell.wait(
+                lambda: node.count_publishers("contour/correction") and node.count_publishers("contour/corrected")
+            )
+            cell.wait(cell.parameters.service_is_ready)
+            yield cell
+        finally:
+            node.destroy_node()
+            rclpy.try_shutdown()
 
 
 def test_a_part_over_the_wire(cell: Cell) -> None:

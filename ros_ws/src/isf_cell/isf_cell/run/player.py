@@ -41,9 +41,6 @@ AHEAD = 20_000
 SWITCH = 2e-4
 """s after which the reading thread lets the playing one go on."""
 
-LOOK = 0.02
-"""s between two looks at whether a pause has ended."""
-
 
 @dataclass
 class Playing:
@@ -85,7 +82,7 @@ class Player:
         kinds = {connection.msgtype: _message_class(connection.msgtype) for connection in connections}
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("player")
-        self._publishers = {
+        self._outputs = {
             connection.id: self._node.create_publisher(
                 kinds[connection.msgtype], playing.remap.get(connection.topic, connection.topic), _profile(connection)
             )
@@ -93,9 +90,10 @@ class Player:
         }
         recorded = any(connection.topic == CLOCK for connection in connections)
         self._clock = self._node.create_publisher(Clock, CLOCK, 10) if playing.clock and not recorded else None
+        self._operator = threading.Condition()
         self._steps = 0
         self._paused = playing.paused
-        self._held = 0.0
+        self._start = 0.0
         self._node.create_service(SetBool, "player/pause", self._on_pause)
         self._node.create_service(Trigger, "player/step", self._on_step)
         self._executor = SingleThreadedExecutor()
@@ -114,21 +112,18 @@ class Player:
         """Play to the end; ``progress`` is told messages and s of the recording once a second."""
         playing, played = self._playing, Played()
         for message in playback.latched_before(self._bag, self._connections, playing.begin):
-            self._publishers[message.connection.id].publish(message.data)
+            self._outputs[message.connection.id].publish(message.data)
             played.messages += 1
         messages = _read_ahead(playback.in_order(self._bag, self._connections, playing.begin))
-        time.sleep(playing.delay)  # subscribers find publishers in their own time
+        self._start = time.monotonic() + playing.delay  # subscribers find publishers in their own time
+        self._wait_until(0.0, step=False)
         begun, first, told, ticked = time.monotonic(), None, 0.0, -1
         for message in messages:
             first = message.time if first is None else first
             since = (message.time - first) * 1e-9
-            self._wait_for_step()
-            due = begun + self._held + since / playing.rate
-            ticked = self._tick(first, due, since, ticked)
-            left = due - time.monotonic()
-            if left > 0.0:
-                time.sleep(left)
-            self._publishers[message.connection.id].publish(message.data)
+            ticked = self._tick(first, since, ticked)
+            due = self._wait_until(since)
+            self._outputs[message.connection.id].publish(message.data)
             played.late.append(time.monotonic() - due)
             played.messages += 1
             if time.monotonic() - told > 1.0:
@@ -138,44 +133,60 @@ class Player:
         self._wait_for_acknowledgement()
         return played
 
-    def _tick(self, first: int, due: float, since: float, ticked: int) -> int:
-        """Publish the clock up to ``since`` s of the recording, which is ``due`` then; the number of the last tick."""
+    def _tick(self, first: int, since: float, ticked: int) -> int:
+        """Publish the clock up to ``since`` s of the recording; the number of the last tick."""
         if self._clock is None:
             return ticked
         period = 1.0 / self._playing.clock
         while (ticked + 1) * period <= since * (1 + 1e-12):
+            self._wait_until((ticked + 1) * period, step=False)
             ticked += 1
-            left = due - (since - ticked * period) / self._playing.rate - time.monotonic()
-            if left > 0.0:
-                time.sleep(left)
             self._clock.publish(Clock(clock=stamps.to_stamp(first + round(ticked * period * stamps.NANO))))
         return ticked
 
-    def _wait_for_step(self) -> None:
-        if not self._paused:
-            return
-        since = time.monotonic()
-        while self._paused and not self._steps:
-            time.sleep(LOOK)  # held by an operator
-        if self._steps:
-            self._steps -= 1
-        self._held += time.monotonic() - since
+    def _wait_until(self, since: float, *, step: bool = True) -> float:
+        """Wait for ``since`` s of the recording and return when that was, s of the monotonic clock.
+
+        A pause, also one that begins meanwhile, moves all that is left by as long as it takes; a step of the operator
+        ends the wait at once, and is used up by it if ``step``.
+        """
+        with self._operator:
+            while True:
+                if self._paused:
+                    held = time.monotonic()
+                    self._operator.wait_for(lambda: not self._paused or self._steps > 0)
+                    now = time.monotonic()
+                    if self._steps:
+                        self._steps -= step
+                        self._start = now - since / self._playing.rate
+                        return now
+                    self._start += now - held
+                due = self._start + since / self._playing.rate
+                left = due - time.monotonic()
+                if left <= 0.0:
+                    return due
+                self._operator.wait(left)
 
     def _wait_for_acknowledgement(self) -> None:
-        for publisher in self._publishers.values():
+        for publisher in self._outputs.values():
             publisher.wait_for_all_acked(Duration(seconds=2.0))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._paused = bool(request.data)
+        with self._operator:
+            self._paused = bool(request.data)
+            if not self._paused:
+                self._steps = 0
+            self._operator.notify()
         response.success = True
         response.message = "paused" if request.data else "playing"
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._paused
-        response.message = "" if self._paused else "not paused"
-        if self._paused:
-            self._steps += 1
+        with self._operator:
+            response.success = self._paused
+            response.message = "" if self._paused else "not paused"
+            self._steps += self._paused
+            self._operator.notify()
         return response
 
 

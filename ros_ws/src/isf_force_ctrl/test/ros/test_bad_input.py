@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from dataclasses import fields, replace
 from typing import Any
 
+import forked_process
 import numpy as np
 import pytest
 import rclpy
@@ -24,7 +25,7 @@ from isf_force_ctrl.node import ForceCtrlNode
 from isf_force_ctrl.ros.parameters import ForceCtrlParameters
 from isf_msgs.msg import ForceCtrlState
 from isf_ros import conversion, qos, stamps
-from node_cell import LIMIT, Cell, long_ring, small_ring, started, watched
+from node_cell import LIMIT, Cell, long_ring, small_ring, watched
 from rcl_interfaces.srv import SetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -216,7 +217,7 @@ def test_a_parameter_out_of_range_is_refused_at_the_start(name: str) -> None:
 
 
 def test_parameters_out_of_range_in_a_running_node(cell: Observed) -> None:
-    with started("-m", "isf_force_ctrl.node", autostart=True, loop_gain=-1.0):
+    with forked_process.node("-m", "isf_force_ctrl.node", autostart=True, loop_gain=-1.0):
         assert cell.wait(lambda: "loop_gain" in cell.message)
         assert cell.health["state"] == "unconfigured"
         assert "FILE_FIELD" in cell.message
@@ -230,7 +231,7 @@ def test_parameters_out_of_range_in_a_running_node(cell: Observed) -> None:
 
 
 def test_a_parameter_of_another_type_ends_the_process_with_a_text(capfd: pytest.CaptureFixture[str]) -> None:
-    with started("-m", "isf_force_ctrl.node", loop_gain="fast") as process:
+    with forked_process.node("-m", "isf_force_ctrl.node", loop_gain="fast") as process:
         assert process.wait(LIMIT) == 2
     error = capfd.readouterr().err
     assert "FILE_FIELD" in error

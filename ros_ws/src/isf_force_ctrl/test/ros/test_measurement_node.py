@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import forked_process
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
@@ -16,7 +17,7 @@ from isf_msgs.msg import ForceCtrlState
 from isf_msgs.srv import Tare
 from isf_planner import plan
 from isf_ros import qos
-from node_cell import LIMIT, QUICK, RIG, Cell, call_action, small_ring, started, watched
+from node_cell import LIMIT, QUICK, RIG, Cell, call_action, small_ring, watched
 
 pytestmark = pytest.mark.graph
 
@@ -44,8 +45,8 @@ class Measured:
         job = quick_job(folder)
         self.cell, self.job_file = cell, load_job(job)
         self.plan = plan(self.job_file)
-        cell.stack.enter_context(started("-m", "isf_sim.node", autostart=True, job=job))
-        cell.stack.enter_context(started("-m", "isf_force_ctrl.node", autostart=True, **QUICK))
+        cell.stack.enter_context(forked_process.node("-m", "isf_sim.node", autostart=True, job=job))
+        cell.stack.enter_context(forked_process.node("-m", "isf_force_ctrl.node", autostart=True, **QUICK))
         assert cell._arm.wait_for_service(LIMIT)
         tare = cell.node.create_client(Tare, "machine/tare")
         assert tare.wait_for_service(LIMIT)
