@@ -99,15 +99,15 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
     radius, spacing = job.tool_1.ball_radius, job.path.point_spacing
     # the loop is settled with more points than it gets in the end, so that its chords follow it also in sharp turns
     points = resample(rough, min(spacing / 2, perimeter(rough) / SETTLED_POINTS), start)
-    points, _, _ = settle(surface, points, level, radius, steps=3)
+    points = settle(surface, points, level, radius, steps=3)
     points = with_equal_chords(points, spacing, start)
-    points, contact, height = settle(surface, points, level, radius, steps=2)
-    cut = _cut(points, contact, height - level, radius)
+    points = settle(surface, points, level, radius, steps=2)
+    contact, cut = _cut(surface, points, level, radius)
     for _ in range(MORE_ROUNDS):  # steep ribs, where the contact jumps from wall to wall
         if cut.max() <= GOUGE_TOLERANCE:
             break
-        points, contact, height = settle(surface, points, level, radius, steps=4)
-        cut = _cut(points, contact, height - level, radius)
+        points = settle(surface, points, level, radius, steps=4)
+        contact, cut = _cut(surface, points, level, radius)
     if cut.max() > GOUGE_TOLERANCE:
         worst = int(np.argmax(cut))
         place = np.append(points[worst], level)
@@ -124,16 +124,18 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
     return TipLoop(level, points, normal, curvature=bends)
 
 
-def _cut(points: Array, contact: Array, depth: Array, radius: float) -> Array:
-    """(N,) m, along the normal, of balls that cut ``depth`` (N,) m along z: less where the wall is steep."""
+def _cut(surface: TargetSurface, points: Array, level: float, radius: float) -> tuple[Array, Array]:
+    """Contacts (N, 2) m of balls at ``points`` (N, 2) m, and how deep (N,) m they cut there along the normal.
+
+    The whole ball is searched: the contact that :func:`settle` has followed need not be the deepest any more.
+    """
+    height, contact = tip_surface.drop_tool(surface, points, radius)
     upright = np.sqrt(np.maximum(1.0 - ((points - contact) ** 2).sum(axis=1) / radius**2, 0.0))
-    return np.asarray(depth * upright)
+    return contact, np.asarray((height - level) * upright)
 
 
-def settle(
-    surface: TargetSurface, points: Array, level: float, radius: float, *, steps: int
-) -> tuple[Array, Array, Array]:
-    """Move points (N, 2) across the loop until the tip surface is at the level: points, contacts (N, 2), heights (N,).
+def settle(surface: TargetSurface, points: Array, level: float, radius: float, *, steps: int) -> Array:
+    """Points (N, 2) m, moved across the loop until the tip surface is at the level.
 
     Newton's method along the outward normal of the loop; the slope of the tip surface is the slope at the contact.
     For a loop around an island the outward normal points to the island: its points run clockwise.
@@ -144,14 +146,15 @@ def settle(
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
     longest = 0.1 * radius
     height, contact = tip_surface.drop_tool(surface, points, radius)
-    for _ in range(steps):
+    for left in reversed(range(steps)):
         arm = points - contact
         vertical = np.sqrt(np.maximum(radius**2 - (arm**2).sum(axis=1), (0.05 * radius) ** 2))
         slope = np.maximum(-(arm * outward).sum(axis=1) / vertical, FLATTEST)
         step = np.clip((level + LIFT - height) / slope, -longest, longest)
         points += step[:, None] * outward
-        height, contact = tip_surface.drop_tool(surface, points, radius, near=contact + step[:, None] * outward)
-    return points, contact, height
+        if left:
+            height, contact = tip_surface.drop_tool(surface, points, radius, near=contact + step[:, None] * outward)
+    return points
 
 
 def seen_from_above(loop: TipLoop, base: float = 0.0) -> TipLoop:
