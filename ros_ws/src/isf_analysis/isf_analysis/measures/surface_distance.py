@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Indices, Mask
 from scipy.spatial import cKDTree
@@ -190,35 +191,62 @@ class Motion:
 NO_MOTION = Motion(np.eye(3), np.zeros(3))
 
 _FIT_POINTS = 4000
-_FIT_STEPS = 30
+_FIT_STEPS = 60
 _FIT_TRIM = 3.0
+_FIT_NOISE = 1e-9
+_FIT_FLIPS = 1e-6
+"""m, deviation of shapes without noise; what a fit goes to and fro by where points change their facets."""
+_FIT_STILL = 1e-3
+_FIT_FAILED = 0.1
+"""What a step moves the points along their normals, in shares of the limit: it is the last one, it came to no rest."""
 
 
 def best_fit(points: Array, surface: Surface) -> Motion:
     """Motion of ``points`` (N, 3) m that brings them nearest to ``surface``: least squares of the distances.
 
     Iterated closest points with distances to the tangent plane (Chen 1992); points beside the surface, or more than
-    three robust standard deviations off, do not count.
+    three robust standard deviations off, do not count. What is off is told only once the shapes lie on each other: on
+    a part that is mostly flange the robust deviation is that of the flange, and a shift to the side leaves every point
+    of the wall outside of it. So all count at first, and the limit falls by half with every step.
+
+    Raises
+    ------
+    IsfError : SCAN_INCOMPLETE, too few points lie over the surface, or no motion is found
     """
     chosen = points[np.linspace(0, len(points) - 1, min(len(points), _FIT_POINTS)).astype(np.int64)]
-    motion = NO_MOTION
-    for _ in range(_FIT_STEPS):
+    motion, moves, limit = NO_MOTION, np.inf, np.inf
+    for number in range(_FIT_STEPS):
         moved = motion.of(chosen)
         found = surface.distances(moved)
+        over = ~found.beside
+        if over.sum() < 6:
+            raise _not_fitted(f"{over.sum()} points lie over the second shape")
         normal = surface.normals[found.facet]
         error = np.sum((moved - found.closest) * normal, axis=1)
-        spread = 1.4826 * float(np.median(np.abs(error - np.median(error)))) + 1e-9
-        used = ~found.beside & (np.abs(error - np.median(error)) <= _FIT_TRIM * spread)
-        if used.sum() < 6:
-            break
+        away = np.abs(error - np.median(error[over]))
+        least = _FIT_TRIM * (1.4826 * float(np.median(away[over])) + _FIT_NOISE)
+        limit = max(least, 0.5**number * float(away[over].max()))
+        used = over & (away <= limit)
         about = moved[used].mean(axis=0)
         matrix = np.hstack([np.cross(moved[used] - about, normal[used]), normal[used]])
         step = np.linalg.lstsq(matrix, -error[used], rcond=None)[0]
         rotation = Rotation.from_rotvec(step[:3]).as_matrix()
         motion = Motion(rotation @ motion.rotation, rotation @ (motion.shift - about) + about + step[3:])
-        if np.linalg.norm(step[:3]) < 1e-9 and np.linalg.norm(step[3:]) < 1e-9:
+        moves = float(np.abs(matrix @ step).max())
+        if limit <= least and moves < _FIT_STILL * limit:
             break
+    if moves > max(_FIT_FAILED * limit, _FIT_FLIPS):
+        raise _not_fitted(f"step {_FIT_STEPS} still moves the first shape by {1e6 * moves:.1f} um")
     return motion
+
+
+def _not_fitted(what: str) -> IsfError:
+    return IsfError(
+        ErrorCode.SCAN_INCOMPLETE,
+        f"the first shape cannot be fitted to the second one: {what}",
+        where="--align fit",
+        advice="bring both nearly onto each other, or compare them as they lie: --align clamp",
+    )
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from isf_analysis.measures.surface_distance import Surface, best_fit, statistics
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.geometry.height_map import HeightMap
 from scipy.spatial.transform import Rotation
 from synthetic_part import Cone, target_map
@@ -78,6 +79,24 @@ def test_a_motion_is_found_again() -> None:
     motion = best_fit(moved, surface)
     assert np.abs(motion.of(moved) - inside).max() < 2e-6
     assert motion.angle == pytest.approx(np.linalg.norm([0.01, -0.008, 0.02]), rel=1e-3)
+
+
+@pytest.mark.parametrize("shift", [(0.3e-3, 0.0, 0.0), (0.0, -2e-3, 0.0), (1e-3, -1e-3, 0.5e-3)])
+def test_a_shift_to_the_side_is_found_on_a_part_that_is_mostly_flange(shift: tuple[float, float, float]) -> None:
+    """No noise: on the flange, three quarters of the sheet, every distance is 0 before and after."""
+    surface = Surface.of_height_map(target_map(Cone(), 2e-3))
+    wall = target_map(Cone(), 2e-3).points()
+    wall = wall[(np.abs(wall[:, :2]) < 0.11).all(axis=1)]
+    moved = wall + np.array(shift)
+    motion = best_fit(moved, surface)
+    assert np.abs(motion.of(moved) - wall)[:, 2].max() < 5e-6
+    np.testing.assert_allclose(motion.shift[:2], -np.array(shift)[:2], atol=5e-6)
+
+
+def test_what_cannot_be_fitted_is_said() -> None:
+    with pytest.raises(IsfError, match="cannot be fitted") as caught:
+        best_fit(np.array([[1.0, 1.0, 0.0], [1.0, 2.0, 0.0]]), roof())
+    assert caught.value.code == ErrorCode.SCAN_INCOMPLETE
 
 
 def test_numbers_count_what_the_points_stand_for() -> None:
