@@ -17,7 +17,8 @@ from isf_analysis.measures.surface_distance import NO_MOTION, Distances, Motion,
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES, load_job
 from isf_core.types import Array
-from isf_planner.part import mesh_checks, meshes
+from isf_planner.part import meshes
+from isf_planner.planning import plan
 from scipy.spatial import Delaunay
 
 from isf_cell.commands import terminal
@@ -28,6 +29,9 @@ SAMPLES = 50_000
 
 LONGEST = 6.0
 """Edges of facets between the points of a cloud, in median edges; longer ones span a hole."""
+
+TIMES = ("received", "header.stamp")
+"""Columns of a table of clouds, ns, by which the last cloud is told from those before it."""
 
 MM = 1e3
 
@@ -138,11 +142,8 @@ def _of_bag(path: Path) -> Shape:
 
 
 def _of_job(path: Path) -> Shape:
-    job_file = load_job(path)
-    part = job_file.job.part
-    mesh = mesh_checks.oriented(meshes.load_mesh(job_file.mesh, part.unit), part.up, part.turn, part.scale)
-    placed = mesh_checks.check_and_place(mesh, job_file.rig.clamp.size, job_file.job.tool_1.radius, place=part.place)
-    return _of_mesh("CAD of a job", placed.mesh.vertices, placed.mesh.faces)
+    # the plan says where the part lies: over a die, and of a part from both sides, the outline alone does not
+    return _of_mesh("CAD of a job", *plan(load_job(path)).mesh)
 
 
 def _of_mesh(kind: str, vertices: Array, faces: Any) -> Shape:
@@ -178,16 +179,18 @@ def _of_points(points: Array, kind: str, path: Path) -> Shape:
 
 
 def _table_points(path: Path, kind: str) -> Array:
+    """(N, 3) m of a table; of one that holds several clouds, as of a topic with scans between contours, the last."""
     try:
         if kind == "npz":
             with np.load(path, allow_pickle=False) as data:
                 if "points" in data:
                     return np.asarray(data["points"], dtype=np.float64).reshape(-1, 3)
-                return np.column_stack([np.asarray(data[axis], dtype=np.float64) for axis in "xyz"])
+                names = [*"xyz", *(name for name in TIMES if name in data)]
+                return _newest(np.column_stack([np.asarray(data[name], dtype=np.float64) for name in names]))
         with path.open(encoding="utf-8", newline="") as stream:
-            names = next(csv.reader(stream), [])
-            columns = [names.index(axis) for axis in "xyz"]
-            return np.loadtxt(stream, delimiter=",", usecols=columns, ndmin=2)
+            header = next(csv.reader(stream), [])
+            columns = [header.index(name) for name in (*"xyz", *(name for name in TIMES if name in header))]
+            return _newest(np.loadtxt(stream, delimiter=",", usecols=columns, ndmin=2))
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from error
     except Exception as error:  # not an archive, no such column, not numbers
@@ -197,6 +200,13 @@ def _table_points(path: Path, kind: str) -> Array:
             where=str(path),
             advice="x, y and z in m, as isf bag tables writes the topic scan; or points (N, 3)",
         ) from error
+
+
+def _newest(table: Array) -> Array:
+    """(N, 3) points of ``table`` (R, 3 + T): those whose T times are the last."""
+    for column in range(3, table.shape[1]):
+        table = table[table[:, column] == table[:, column].max(initial=-np.inf)]
+    return table[:, :3]
 
 
 def _has_facets(path: Path) -> bool:

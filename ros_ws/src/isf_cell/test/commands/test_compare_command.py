@@ -7,11 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import isf_analysis
 import numpy as np
 import pytest
 from isf_analysis.bag.bag_writer import write_bag
+from isf_analysis.bag.table_files import write_tables
+from isf_analysis.measures.contour_scan import kept_scan
 from isf_cell.commands.compare import compare_shapes, load_shape
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import load_job
+from isf_planner.planning import plan
 from synthetic_part import make_part
 
 PARTS = Path(__file__).resolve().parents[5] / "examples" / "parts"
@@ -63,6 +68,30 @@ def test_clouds_as_the_tables_of_a_bag_have_them(runs: Path, tmp_path: Path) -> 
         np.testing.assert_allclose(cloud.points, wanted.points, atol=1e-9)
         assert np.abs(wanted.surface.distances(cloud.points).signed).max() < 1e-8
         assert np.abs(cloud.surface.distances(wanted.points[::50]).signed).max() < 1e-8
+
+
+def test_of_a_table_with_scans_between_contours_the_last_one_counts(runs: Path, tmp_path: Path) -> None:
+    """Written by ``isf bag tables`` from a run that was scanned after a contour, all its messages at one time."""
+    assert PART.scan is not None
+    early = kept_scan(0, PART.results[0].end, PART.scan.points() + [0.0, 0.0, 10e-3])
+    write_bag(replace(PART, scans=(early,)), tmp_path / "run")
+    with isf_analysis.open(tmp_path / "run") as bag:
+        assert bag["scan"].messages == 2
+        write_tables(bag, tmp_path, ["npz", "csv"], ["scan"])
+    wanted = load_shape(runs / "first", None)
+    for name in ("scan.npz", "scan.csv"):
+        cloud = load_shape(tmp_path / name, None)
+        assert len(cloud.points) == len(wanted.points)
+        assert np.abs(wanted.surface.distances(cloud.points).signed).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["tpif_cone", "two_features", "adsif_cone", "ren_pyramid"])
+def test_the_cad_of_a_job_lies_where_it_is_formed(name: str) -> None:
+    """Over a die, from both sides, from the centre outwards, and as usual: the target of the plan lies on it."""
+    shape, target = load_shape(JOBS / f"{name}.yaml", None), plan(load_job(JOBS / f"{name}.yaml")).target
+    points = target.points()[np.abs(target.points()[:, 2]) > 1e-3]
+    found = shape.surface.distances(points)
+    assert np.quantile(np.abs(found.signed[~found.beside]), 0.9) < 50e-6
 
 
 def test_cad_and_the_job_that_places_it_are_the_same_shape() -> None:
