@@ -104,9 +104,11 @@ def test_a_recorded_part_is_decided_again_bit_for_bit(graph_run_folder: Path) ->
     assert run.armed is not None
     found = replay(run, parse([]))
     numbers = found.numbers()
-    assert found.identical is True, json.dumps({name: numbers[name] for name in ("targets", "results", "corrections")})
     # on a busy computer the recorder may lose a target (and says so), never what the tick was made from
     known = np.isfinite(run.ticks.target).all(axis=1)
+    expected = True if known.all() else None
+    told = json.dumps({name: numbers[name] for name in ("targets", "results", "corrections")})
+    assert found.identical is expected, told
     assert numbers["targets"]["compared"] == known.sum() > 10_000
     assert numbers["targets"]["not_replayed"] == 0
     assert numbers["corrections"]["compared"] == numbers["results"]["compared"] == run.part.planned
@@ -115,7 +117,9 @@ def test_a_recorded_part_is_decided_again_bit_for_bit(graph_run_folder: Path) ->
     assert replay(replace(run, ticks=replace(run.ticks, wrench=wrench)), parse([])).identical is False
     lost = np.where(np.arange(len(known))[:, None] % 100, run.ticks.target, np.nan)
     lossy = replay(replace(run, ticks=replace(run.ticks, target=lost)), parse([]))
-    assert lossy.identical is True
+    assert lossy.identical is None
+    assert any(f"the targets of {(~np.isfinite(lost)).any(axis=1).sum()} ticks" in note for note in lossy.notes)
+    assert lossy.numbers()["targets"]["differing"] == 0
     assert 0 < lossy.numbers()["targets"]["compared"] < known.sum()
     other = replay(run, parse(["force.loop_gain=36", "springback.gain=0.5"]), replant=False)
     assert other.identical is False

@@ -13,7 +13,7 @@ from isf_analysis.measures.force_metrics import force_metrics
 from isf_analysis.measures.record import PartRecord
 from isf_core.contour import ContourCorrection
 from isf_core.errors import IsfError
-from isf_core.types import Array
+from isf_core.types import Array, Mask
 
 from isf_cell.replay.correction_replay import replay_corrections
 from isf_cell.replay.differences import Difference, difference
@@ -54,14 +54,16 @@ class Replay:
 
     @property
     def identical(self) -> bool | None:
-        """True when every decision is the recorded one; None where that cannot be known."""
+        """True when every decision is the recorded one; None where that cannot be known, since some are not in the bag
+        and all others are the same."""
         if self.how in ("", BY_CLOCK) or self.missing:
             return None
         parts = [part for part in (self.results(), self.corrected()) if part is not None]
         same = all(part.identical for part in parts)
         if self.how == LOCKSTEP:
-            distance = self.target_distance()
-            return bool(same and self.force and not self.force.unfed and not distance.any())
+            if not same or self.force is None or self.force.unfed or self.target_distance().any():
+                return False
+            return None if self.lost_targets() else True
         return same and self._same_shape()
 
     @property
@@ -71,17 +73,20 @@ class Replay:
 
     def target_distance(self) -> Array:
         """(n,) m, of the farther tool, between every target that was answered and the recorded one; 0 where that one is
-        not in the bag."""
+        not in the bag, infinite where the answer is no number."""
         ticks, force = self.run.ticks, self.force
         if ticks is None or force is None or not len(force.tick):
             return np.empty(0)
         away = (force.target - ticks.target[force.tick]).reshape(-1, 2, 3)
-        return np.nan_to_num(np.linalg.norm(away, axis=2).max(axis=1))
+        distance = np.linalg.norm(away, axis=2).max(axis=1)
+        distance[~np.isfinite(force.target).all(axis=1)] = np.inf
+        distance[_lost(ticks, force)] = 0.0
+        return np.asarray(distance)
 
     def lost_targets(self) -> int:
         """Ticks that were fed, whose recorded targets are not in the bag."""
         ticks, force = self.run.ticks, self.force
-        return int(np.isnan(ticks.target[force.tick, 0]).sum()) if ticks is not None and force is not None else 0
+        return int(_lost(ticks, force).sum()) if ticks is not None and force is not None else 0
 
     def results(self) -> Difference | None:
         """Of the results of contours."""
@@ -199,6 +204,11 @@ def replay(
         phase("force control")
         force = replay_force(run.ticks, armed, part.corrected, part.results, job_file, config, count("force control"))
         notes += force.notes
+        lost = int(_lost(run.ticks, force).sum())
+        if lost:
+            notes.append(
+                f"the recorder lost the targets of {lost} ticks: what was decided there is compared with nothing"
+            )
         if run.ticks.exact and run.ticks.missing:
             notes.append(
                 f"the wrenches of {run.ticks.missing} ticks are not in the bag: what was decided after them cannot be "
@@ -218,6 +228,11 @@ def replay(
         phase("forming the part again")
         again = form_again(run, what_if, base, progress=formed)
     return Replay(run, what_if, force, corrections, again, tuple(dict.fromkeys(notes)))
+
+
+def _lost(ticks: Ticks, force: ForceReplay) -> Mask:
+    """(n,) True for ticks that were fed, whose recorded targets are not in the bag."""
+    return np.asarray(np.isnan(ticks.target[force.tick]).any(axis=1))
 
 
 def _armed(ticks: Ticks, part: PartRecord, config: Any) -> Armed:

@@ -17,11 +17,13 @@ from isf_analysis.measures.record import PartRecord
 from isf_cell import in_process
 from isf_cell.commands.replay import replay_run
 from isf_cell.options import RunOptions
-from isf_cell.replay.outcome import replay
-from isf_cell.replay.recorded_run import read_run
+from isf_cell.replay.force_replay import ForceReplay
+from isf_cell.replay.outcome import Replay, replay
+from isf_cell.replay.recorded_run import Ticks, read_run
 from isf_cell.replay.what_if import parse
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.types import Array
 from quick_cone import CONTOURS, FOLDER, quick_cone
 
 GAIN = "force.loop_gain=10"
@@ -64,6 +66,30 @@ def test_a_record_that_was_changed_is_not_identical(part: PartRecord, tmp_path: 
     assert numbers["corrections"]["first_contour"] == 1
     assert set(numbers["corrections"]["differing_fields"]) == {"offset"}
     assert 0.0 < numbers["corrections"]["differing_fields"]["offset"] < 1e-15
+
+
+def test_what_was_compared_with_nothing_is_not_identical(run: Path) -> None:
+    """A target that the recorder lost keeps the answer open; one that differs, or that is no number, ends it."""
+    read = read_run(run)
+    recorded = np.arange(18.0).reshape(3, 6)
+
+    def replayed(target: Array, answer: Array) -> Replay:
+        ticks = Ticks(np.arange(3), np.zeros((3, 12)), target, np.empty(0, np.int64), np.empty((0, 4)), True, 0)
+        force = ForceReplay(np.zeros(3, np.int64), np.arange(3), answer, read.part.results, 0)
+        return Replay(replace(read, ticks=ticks), parse([]), force, read.part.corrections, None, ())
+
+    def with_nan(row: int, column: int) -> Array:
+        changed = recorded.copy()
+        changed[row, column] = np.nan
+        return changed
+
+    assert replayed(recorded, recorded).identical is True
+    assert replayed(with_nan(1, 4), recorded).identical is None  # of the second tool alone
+    assert replayed(with_nan(1, 4), recorded + [[0.0], [0.0], [1e-9]]).identical is False
+    no_answer = replayed(recorded, with_nan(2, 0))
+    assert no_answer.identical is False
+    assert no_answer.target_distance().tolist() == [0.0, 0.0, np.inf]
+    assert no_answer.numbers()["targets"]["differing"] == 1
 
 
 def test_what_a_gain_would_do_is_what_it_does(
