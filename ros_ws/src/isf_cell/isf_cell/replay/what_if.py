@@ -9,6 +9,7 @@ stiffness. What the plan is made from cannot be changed: the contours are those 
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -37,11 +38,60 @@ SET_POINTS = (
 )
 """Those among them that are, or decide, the force to be held."""
 
+_LARGEST = 1e12
 _NOT_FREE = ("rate", "travel", "support_force", "runs_on", "park_height", "aside", "ball_reach")
 """Parameters of force control that are not the controller's to choose."""
 
-OF_FORCE = tuple(item.name for item in fields(ControlConfig) if item.name not in _NOT_FREE)
+_NAMED_IN_THE_JOB = {
+    "set_point": "control.support_force",
+    "vertical": "control.components",
+    "vertical_force": "control.vertical_force",
+    "tangential": "control.components",
+    "tangential_force": "control.tangential_force",
+}
+"""Parameters that are, or decide, the force to be held; a change of it is known by the name in the job alone."""
+
+_KINDS = {
+    item.name: str(item.type)
+    for item in fields(ControlConfig)
+    if item.name not in _NOT_FREE and item.name not in _NAMED_IN_THE_JOB
+}
+_COUNTS = {"Vector": 3, "tuple[float, float]": 2}
+
+OF_FORCE = tuple(_KINDS)
 INTEGRAL_GAIN = "integral_gain"
+
+RANGES = {
+    "loop_gain": (0.1, 500.0),
+    "dead_zone": (0.0, 100.0),
+    "filter_cutoff": (1.0, 1000.0),
+    "error_clamp": (1.0, 1000.0),
+    "set_point_rate": (1.0, 1e5),
+    "learning": (0.0, 1.0),
+    "feed_error": (0.1, math.inf),
+    "feed_floor": (0.01, 1.0),
+    "seam_speed": (1e-4, math.inf),
+    "oscillation_swing": (0.1, math.inf),
+    "compliance_time": (0.0, 10.0),
+    "contact_threshold": (0.1, 1000.0),
+    "drift_limit": (0.1, 1e5),
+    "drift_stop": (0.1, 1e5),
+    "acceleration": (1e-3, 20.0),
+    "compensation": (0.0, 1.0),
+    "support_compensation": (0.0, 1.0),
+    **dict.fromkeys(
+        ("forming_compliance", "support_compliance", "axial_compliance", "offset_limit", "component_gain"),
+        (0.0, _LARGEST),
+    ),
+    **dict.fromkeys(
+        ("component_limit", "engage_force", "settled_time", "engage_timeout", "link_length", "seam_length"),
+        (0.0, _LARGEST),
+    ),
+    "aside": (-_LARGEST, _LARGEST),
+}
+"""Smallest and largest value, SI; those of parameters of the node are the same there. All others are positive."""
+
+_POSITIVE = (1e-12, _LARGEST)
 MICRO = 1e-6
 
 
@@ -82,7 +132,11 @@ class WhatIf:
             *sections, field = name.split(".")
             place = data
             for section in sections:
-                place = place.setdefault(section, {})
+                if place.get(section) is None:  # also "springback:" with nothing below it
+                    place[section] = {}
+                place = place[section]
+                if not isinstance(place, dict):
+                    raise _refused(f"{name}: {section} has no fields", f"its value alone: {section}=VALUE")
             place[field] = value
         return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
@@ -91,6 +145,7 @@ class WhatIf:
         values = dict(self.of_force)
         if INTEGRAL_GAIN in values:
             values["loop_gain"] = values.pop(INTEGRAL_GAIN) * MICRO * config.contact_stiffness
+            _checked("loop_gain", values["loop_gain"], f"force.{INTEGRAL_GAIN}: as a loop gain")
         changed = replace(config, **values)
         changed.check()
         return changed
@@ -113,14 +168,15 @@ def parse(changes: Sequence[str]) -> WhatIf:
         given[name] = text
         section, _, field = name.partition(".")
         if section in ("force", "force_ctrl"):
-            of_force[_parameter(field, name)] = _number(field, text)
+            known = _parameter(field, name)
+            of_force[known] = _number(known, text)
         elif name == "control.support_force" and text == "auto":
             raise _refused(f"{name}: the plan chooses by wall angle", "a force, such as 120 N")
         elif _of_job(name):
-            of_job[name] = yaml.safe_load(text)
+            of_job[name] = _value(name, text)
         else:
-            known = [*OF_JOB, *(f"force.{item}" for item in (*OF_FORCE, INTEGRAL_GAIN))]
-            near = difflib.get_close_matches(name, known, n=2)
+            names = [*OF_JOB, *(f"force.{item}" for item in (*OF_FORCE, INTEGRAL_GAIN))]
+            near = difflib.get_close_matches(name, names, n=2)
             advice = (
                 f"did you mean {' or '.join(near)}?"
                 if near
@@ -144,22 +200,52 @@ def _of_job(name: str) -> bool:
 def _parameter(field: str, name: str) -> str:
     if field in (*OF_FORCE, INTEGRAL_GAIN):
         return field
+    if field in _NAMED_IN_THE_JOB:
+        raise _refused(f"{name}: the force to be held is the job's to say", f"use {_NAMED_IN_THE_JOB[field]}")
     near = difflib.get_close_matches(field, (*OF_FORCE, INTEGRAL_GAIN), n=2, cutoff=0.5)
     raise _refused(f"{name}: force control has no such parameter", f"did you mean {' or '.join(near)}?" if near else "")
 
 
-def _number(field: str, text: str) -> Any:
-    """Value of the type that the parameter has."""
-    kind = type(getattr(ControlConfig, field, 0.0))
-    value = yaml.safe_load(text)
+def _value(name: str, text: str) -> Any:
     try:
-        if kind is bool:
-            if not isinstance(value, bool):
-                raise ValueError(text)
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise _refused(f"{name}: '{text}' is no value", "a number, a text, or a list [1, 2]") from error
+
+
+def _number(field: str, text: str) -> Any:
+    """Value of the type that the parameter has, inside its range."""
+    name, kind, value = f"force.{field}", _KINDS.get(field, "float"), _value(f"force.{field}", text)
+    if kind == "bool":
+        if isinstance(value, bool):
             return value
-        return tuple(map(float, value)) if isinstance(value, list) else float(value)
-    except (TypeError, ValueError) as error:
+        raise _refused(f"{name}: '{text}' is neither true nor false", f"{name}=true")
+    count = _COUNTS.get(kind)
+    if count is not None:
+        if isinstance(value, list) and len(value) == count:
+            return tuple(_float(field, item, text) for item in value)
+        raise _refused(
+            f"{name}: '{text}' is not {count} numbers in SI units", f"{name}=[{', '.join(['1e-6'] * count)}]"
+        )
+    return _float(field, value, text)
+
+
+def _float(field: str, value: Any, text: str) -> float:
+    try:
+        if isinstance(value, bool):
+            raise TypeError(text)
+        number = float(value)
+    except (TypeError, ValueError, OverflowError) as error:
         raise _refused(f"force.{field}: '{text}' is not a number in SI units", "such as force.loop_gain=36") from error
+    return _checked(field, number, f"force.{field}")
+
+
+def _checked(field: str, number: float, name: str) -> float:
+    low, high = RANGES.get(field, _POSITIVE)
+    if not low <= number <= high:  # NaN is not
+        between = "a positive number" if (low, high) == _POSITIVE else f"{low:g} to {high:g}"
+        raise _refused(f"{name}: {number:g} is out of range", f"{between}, in SI units")
+    return number
 
 
 def _refused(what: str, advice: str) -> IsfError:

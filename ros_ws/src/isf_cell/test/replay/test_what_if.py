@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import pytest
 import yaml
-from isf_cell.replay.what_if import parse
+from isf_cell.replay.what_if import OF_FORCE, RANGES, parse
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
 from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.ros.parameters import ForceCtrlParameters
 from quick_cone import FOLDER
 
 JOB = load_job(FOLDER / "mini_cone.yaml")
@@ -36,15 +39,54 @@ def test_fields_of_the_job_take_their_unit() -> None:
         ("force.integral_gain", "NAME=VALUE"),
         ("force.integral_gian=80", "integral_gain"),
         ("force.loop_gain=fast", "number"),
-        ("force.adapt_stiffness=2", "number"),
+        ("force.adapt_stiffness=2", "true nor false"),
         ("path.incremental_depth=1 mm", "the plan"),
         ("control.rate=1 kHz", "the plan"),
         ("springbak.gain=1", r"springback\.gain"),
+        ("force.set_point=120", r"control\.support_force"),
+        ("force.vertical=true", r"control\.components"),
+        ("force.vertical_force=40", r"control\.vertical_force"),
+        ("force.tangential=true", r"control\.components"),
+        ("force.tangential_force=5", r"control\.tangential_force"),
+        ("springback.gain=[1", "no value"),
+        ("force.loop_gain=[1", "no value"),
+        ("force.loop_gain=[1,2]", "number"),
+        ("force.support_compliance=3", "2 numbers"),
+        ("force.support_compliance=[1e-8,-1e-8]", "range"),
+        ("force.loop_gain=.nan", "range"),
+        ("force.loop_gain=-5", "range"),
+        ("force.loop_gain=true", "number"),
+        ("force.filter_cutoff=0", "range"),
+        ("force.acceleration=-1", "range"),
+        ("force.blend_time=0", "range"),
+        ("force.learning=7", "range"),
     ],
 )
 def test_what_cannot_be_changed_is_refused_with_what_can(change: str, named: str) -> None:
     with pytest.raises(IsfError, match=named) as caught:
         parse([change])
+    assert caught.value.code == ErrorCode.FILE_FIELD
+
+
+def test_ranges_are_those_of_the_parameters_of_the_node() -> None:
+    declared = {item.name: item.metadata for item in fields(ForceCtrlParameters)}
+    same = [name for name in OF_FORCE if name in declared and isinstance(getattr(ControlConfig, name), float)]
+    assert {"loop_gain", "learning", "acceleration"} < set(same)
+    assert {name: RANGES[name] for name in same} == {
+        name: (declared[name]["minimum"], declared[name]["maximum"]) for name in same
+    }
+
+
+def test_a_section_of_the_job_may_be_empty() -> None:
+    """``springback:`` with nothing below it is a job as well."""
+    data = yaml.safe_load(JOB.text) | {"springback": None}
+    changed = parse(["springback.gain=0.5"]).job_text(yaml.safe_dump(data))
+    assert yaml.safe_load(changed)["springback"] == {"gain": 0.5}
+    with pytest.raises(IsfError, match="no fields") as caught:
+        parse(["springback.method.x=1"]).job_text(JOB.text)
+    assert caught.value.code == ErrorCode.FILE_FIELD
+    with pytest.raises(IsfError, match="range") as caught:
+        parse(["force.integral_gain=-1"]).control(CONFIG)
     assert caught.value.code == ErrorCode.FILE_FIELD
 
 
