@@ -21,6 +21,9 @@ from trimesh.triangles import closest_point, points_to_barycentric
 CHUNK = 20_000
 """Points at a time."""
 
+HELD = 500_000
+"""Pairs of a point and a facet that may be near it, at a time; 0.5 kB each."""
+
 LARGE = 0.97
 """Share of the facets, smallest first, that are looked up by their centres; the others are tried one by one."""
 
@@ -50,7 +53,8 @@ class Distances:
 class Surface:
     """A triangle mesh that distances are measured to.
 
-    ``vertices`` (V, 3) m, ``faces`` (F, 3); facets without an area do not count.
+    ``vertices`` (V, 3) m, ``faces`` (F, 3); facets without an area do not count. Raises IsfError MESH_EMPTY when none
+    has one.
 
     Attributes
     ----------
@@ -63,6 +67,13 @@ class Surface:
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         size = np.linalg.norm(normal, axis=1)
         kept = size > 0.0
+        if not kept.any():
+            raise IsfError(
+                ErrorCode.MESH_EMPTY,
+                "has no facet with an area",
+                where="surface that distances are measured to",
+                advice="check that the shape was seen, and exported, as a whole",
+            )
         self.vertices, self.faces, self.corners = vertices, faces[kept], corners[kept]
         self.area = 0.5 * size[kept]
         normals = normal[kept] / size[kept][:, None]
@@ -108,13 +119,16 @@ class Surface:
         guess = self._small[self._tree.query(points)[1]]
         closest = _on_facets(self.corners[guess], points)
         best, facet = np.linalg.norm(points - closest, axis=1), guess.copy()
-        near = self._tree.query_ball_point(points, best + self._limit, return_sorted=False)
-        counts = np.array([len(item) for item in near])
-        owner = np.repeat(np.arange(len(points)), counts)
-        candidate = self._small[np.concatenate([np.asarray(item, dtype=np.int64) for item in near])]
-        apart = np.linalg.norm(points[owner] - self.centres[candidate], axis=1)
-        may = apart - self._radius[candidate] < best[owner]
-        self._improve(points, owner[may], candidate[may], best, facet, closest)
+        # of points far above a sheet almost every facet may be the nearest: they are tried in parts that fit in memory
+        reach = best + self._limit
+        counts = np.asarray(self._tree.query_ball_point(points, reach, return_length=True))
+        for part in np.split(np.arange(len(points)), _begins(counts)):
+            near = self._tree.query_ball_point(points[part], reach[part], return_sorted=False)
+            owner = np.repeat(part, counts[part])
+            candidate = self._small[np.concatenate([np.asarray(item, dtype=np.int64) for item in near])]
+            apart = np.linalg.norm(points[owner] - self.centres[candidate], axis=1)
+            may = apart - self._radius[candidate] < best[owner]
+            self._improve(points, owner[may], candidate[may], best, facet, closest)
         for number in self._large.tolist():
             low, high = self.corners[number].min(axis=0), self.corners[number].max(axis=0)
             outside = np.maximum(np.maximum(low - points, points - high), 0.0)
@@ -152,6 +166,18 @@ class Surface:
         return np.asarray(on_border & (np.linalg.norm(sideways, axis=1) > TOUCH))
 
 
+def _begins(counts: Indices) -> list[int]:
+    """Where parts begin, the first one left out, of points with ``counts`` candidates: none holds more than
+    :data:`HELD`, unless a point alone does."""
+    begins, held = [], 0
+    for k, count in enumerate(counts.tolist()):
+        held += count
+        if held > HELD and k > (begins[-1] if begins else 0):
+            begins.append(k)
+            held = count
+    return begins
+
+
 def _on_facets(corners: Array, points: Array) -> Array:
     """(N, 3) m, nearest point of each facet (N, 3, 3) to each point (N, 3)."""
     # trimesh counts what is smaller than fixed numbers as zero: of facets in m that is up to 0.1 mm, in um nothing
@@ -169,6 +195,28 @@ def _border(faces: Indices) -> tuple[Mask, Mask]:
     corner = np.zeros(int(faces.max(initial=-1)) + 1, dtype=bool)
     corner[edges[alone]] = True
     return alone.reshape(-1, 3), corner
+
+
+def apart(points: Array, surface: Surface, share: float) -> str:
+    """Why ``points`` (N, 3) m cannot be meant to lie on ``surface``; empty when they can.
+
+    One shape is :data:`UNLIKE` times as large as the other, or there is more than ``share`` of the size of the surface
+    between the boxes of both.
+    """
+    low, high = surface.corners.min(axis=(0, 1)), surface.corners.max(axis=(0, 1))
+    size, other = (float(np.linalg.norm(box)) for box in (high - low, np.ptp(points, axis=0)))
+    if not size / UNLIKE < other < size * UNLIKE:
+        return f"the first shape is {_mm(other)} large, the second one {_mm(size)}"
+    gap = float(np.linalg.norm(np.maximum(np.maximum(low - points.max(axis=0), points.min(axis=0) - high), 0.0)))
+    return f"there are {_mm(gap)} between the two shapes" if gap > share * size else ""
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.3g} mm"
+
+
+UNLIKE = 20.0
+"""Sizes of shapes that are compared, at most; an inch is 25 mm."""
 
 
 @dataclass(frozen=True)

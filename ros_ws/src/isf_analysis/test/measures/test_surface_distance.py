@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
-from isf_analysis.measures.surface_distance import Surface, best_fit, statistics
+from isf_analysis.measures.surface_distance import Surface, apart, best_fit, statistics
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.geometry.height_map import HeightMap
 from scipy.spatial.transform import Rotation
@@ -49,6 +51,37 @@ def test_a_fine_cone_with_coarse_flange_against_its_formula() -> None:
     found = surface.distances(points)
     assert np.abs(found.signed - offset).max() < 10e-6  # a chord of 1 mm on 20 mm radius is 6 um off
     assert np.median(np.abs(found.signed - offset)) < 5e-6
+
+
+def test_far_points_are_measured_in_little_memory() -> None:
+    """A flat sheet of 20 000 facets 5 m below 100 points: any facet may be the nearest of any point."""
+    axis = np.linspace(-0.1, 0.1, 101)
+    sheet = HeightMap(axis, axis, np.zeros((101, 101)))
+    surface = Surface.of_height_map(sheet)
+    points = np.column_stack([RNG.uniform(-0.1, 0.1, (100, 2)), np.full(100, 5.0)])
+    surface.distances(points[:2])  # what is loaded at the first use does not count
+    tracemalloc.start()
+    found = surface.distances(points)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    np.testing.assert_allclose(found.signed, 5.0, atol=1e-9)
+    assert most < 400e6  # all 2 million pairs at once take 650 MB
+
+
+def test_shapes_that_cannot_be_meant_to_lie_on_each_other() -> None:
+    surface = roof()
+    ridge = surface.corners.reshape(-1, 3)
+    assert not apart(ridge + [0.0, 0.0, 1e-3], surface, 0.1)
+    assert "mm between" in apart(ridge + [0.0, 0.0, 0.2], surface, 0.1)
+    assert not apart(ridge + [0.0, 0.0, 0.2], surface, 1.0)
+    for factor in (1e3, 1e-3, 25.4):
+        assert "large" in apart(factor * ridge, surface, 0.1)
+
+
+def test_a_surface_without_facets_is_refused() -> None:
+    with pytest.raises(IsfError) as caught:
+        Surface.of_height_map(HeightMap(np.arange(3.0), np.arange(3.0), np.full((3, 3), np.nan)))
+    assert caught.value.code == ErrorCode.MESH_EMPTY
 
 
 def test_no_facet_is_nearer_whatever_the_sizes_of_facets() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.figures import distance_figures, style
-from isf_analysis.measures.surface_distance import NO_MOTION, Distances, Motion, Surface, best_fit, statistics
+from isf_analysis.measures.surface_distance import NO_MOTION, Distances, Motion, Surface, apart, best_fit, statistics
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES, load_job
 from isf_core.types import Array
@@ -29,6 +29,9 @@ SAMPLES = 50_000
 
 LONGEST = 6.0
 """Edges of facets between the points of a cloud, in median edges; longer ones span a hole."""
+
+APART = {"clamp": 0.1, "fit": 1.0}
+"""Alignments, and what may be between the boxes of both shapes, in sizes of the second one."""
 
 TIMES = ("received", "header.stamp")
 """Columns of a table of clouds, ns, by which the last cloud is told from those before it."""
@@ -59,11 +62,19 @@ def compare_shapes(
 
     Raises IsfError of either file; FILE_FIELD for values that make no sense; SCAN_INCOMPLETE: nothing in common.
     """
-    if align not in ("clamp", "fit"):
+    if align not in APART:
         raise IsfError(ErrorCode.FILE_FIELD, f"no alignment '{align}'", where="--align", advice="clamp or fit")
     if not tolerances or not all(0.0 < value < 1e3 for value in tolerances):
         raise IsfError(ErrorCode.FILE_FIELD, "a tolerance is a length in mm", where="--tolerance", advice="such as 0.3")
     measured, wanted = load_shape(first, unit), load_shape(second, unit)
+    what = apart(measured.points, wanted.surface, APART[align])
+    if what:
+        raise IsfError(
+            ErrorCode.SCAN_INCOMPLETE,
+            f"{what}: are they in another frame or unit?",
+            where=f"{first}, {second}",
+            advice="--unit of meshes and PLY clouds; clouds in NPZ and CSV are in m; --align fit for shapes near by",
+        )
     motion = best_fit(measured.points, wanted.surface) if align == "fit" else NO_MOTION
     points = motion.of(measured.points)
     found = wanted.surface.distances(points)
@@ -138,6 +149,10 @@ def _of_bag(path: Path) -> Shape:
             advice="record the topic scan; the executive has the part measured at its end",
         )
     points = scan.points()
+    if np.isfinite(points[:, 2]).sum() < 3:
+        raise IsfError(
+            ErrorCode.SCAN_INCOMPLETE, "the scan holds no heights", where=str(path), advice="scan the part again"
+        )
     return Shape("scan of a run", points[np.isfinite(points).all(axis=1)], Surface.of_height_map(scan))
 
 
@@ -211,7 +226,7 @@ def _newest(table: Array) -> Array:
 
 def _has_facets(path: Path) -> bool:
     head = path.read_bytes()[:4000].split(b"end_header")[0]
-    return any(line.split()[:2] == [b"element", b"face"] and line.split()[2] != b"0" for line in head.splitlines())
+    return any(line.split()[:2] == [b"element", b"face"] and line.split()[2:] != [b"0"] for line in head.splitlines())
 
 
 def _ply_points(path: Path, unit: str | None) -> Array:

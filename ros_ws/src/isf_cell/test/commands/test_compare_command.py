@@ -108,6 +108,7 @@ def test_cad_and_the_job_that_places_it_are_the_same_shape() -> None:
         ("shape.txt", b"?", ErrorCode.MESH_UNREADABLE),
         ("cad.stl", b"", ErrorCode.MESH_EMPTY),
         ("cloud.ply", b"ply\nend_header\n", ErrorCode.MESH_UNREADABLE),
+        ("facets.ply", b"ply\nformat ascii 1.0\nelement face\nend_header\n", ErrorCode.MESH_UNREADABLE),
     ],
 )
 def test_what_is_no_shape_is_refused_with_a_code(name: str, content: bytes, code: ErrorCode, tmp_path: Path) -> None:
@@ -116,6 +117,26 @@ def test_what_is_no_shape_is_refused_with_a_code(name: str, content: bytes, code
         load_shape(tmp_path / name, "mm")
     assert caught.value.code == code
     assert caught.value.advice
+
+
+def test_a_scan_that_saw_nothing_is_refused(tmp_path: Path) -> None:
+    assert PART.scan is not None
+    write_bag(replace(PART, scan=replace(PART.scan, z=np.full_like(PART.scan.z, np.nan))), tmp_path / "run")
+    with pytest.raises(IsfError) as caught:
+        load_shape(tmp_path / "run", None)
+    assert caught.value.code in (ErrorCode.SCAN_INCOMPLETE, ErrorCode.BAG_INCOMPLETE)
+
+
+def test_shapes_in_another_frame_or_unit_are_refused(runs: Path, tmp_path: Path) -> None:
+    assert PART.scan is not None
+    for factor, offset in ((1e3, 0.0), (1.0, 0.5)):
+        points = factor * PART.scan.points() + offset
+        np.savez(tmp_path / "cloud.npz", points=points)
+        with pytest.raises(IsfError, match="another frame or unit") as caught:
+            compare_shapes(
+                tmp_path / "cloud.npz", runs / "first", None, "clamp", (0.1,), tmp_path / "out", as_json=False
+            )
+        assert caught.value.code == ErrorCode.SCAN_INCOMPLETE
 
 
 def test_what_makes_no_sense_is_refused(runs: Path, tmp_path: Path) -> None:
