@@ -56,6 +56,9 @@ def test_messages_come_in_the_order_of_receipt(bag: Path) -> None:
     ("changes", "code"),
     [
         ({"rate": 0.0}, ErrorCode.FILE_FIELD),
+        ({"clock": -5.0}, ErrorCode.FILE_FIELD),
+        ({"clock": float("nan")}, ErrorCode.FILE_FIELD),
+        ({"delay": float("inf")}, ErrorCode.FILE_FIELD),
         ({"topics": ("nothing",)}, ErrorCode.FILE_FIELD),
         ({"remap": ("a=b",)}, ErrorCode.FILE_FIELD),
         ({"contour": 99}, ErrorCode.BAG_INCOMPLETE),
@@ -77,8 +80,8 @@ def test_a_bag_is_heard_as_it_was_recorded(bag: Path) -> None:
 
 
 @pytest.mark.graph
-def test_an_operator_need_not_wait_for_a_message_that_is_due_in_days(bag: Path) -> None:
-    command = [sys.executable, "-m", "isf_cell.cli", "play", str(bag), "--from", "3", "--rate", "1e-6", "--delay", "0"]
+def test_an_operator_need_not_wait_for_a_message_that_is_due_in_centuries(bag: Path) -> None:
+    command = [sys.executable, "-m", "isf_cell.cli", "play", str(bag), "--from", "3", "--rate", "1e-12", "--delay", "0"]
     with listening() as node:
         heard: list[Any] = []
         node.create_subscription(ContourResult, "contour/result", heard.append, qos.EVENT)

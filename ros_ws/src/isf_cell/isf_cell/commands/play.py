@@ -15,6 +15,9 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_cell.commands import terminal
 from isf_cell.processes.executables import checked_remap
 
+FASTEST_CLOCK = 10_000.0
+"""Hz of ``/clock``."""
+
 
 @dataclass(frozen=True)
 class PlayOptions:
@@ -33,6 +36,15 @@ def play_bag(path: Path, options: PlayOptions, *, as_json: bool) -> None:
     """Play the bag or run at ``path``; raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, FILE_NOT_FOUND."""
     if not (math.isfinite(options.rate) and options.rate > 0.0):
         raise IsfError(ErrorCode.FILE_FIELD, "a rate is positive", where="--rate", advice="1 is as it was recorded")
+    if not 0.0 <= options.clock <= FASTEST_CLOCK:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"a clock of {options.clock:g} Hz",
+            where="--clock",
+            advice=f"0 to {FASTEST_CLOCK:g}; 0 publishes none",
+        )
+    if not 0.0 <= options.delay < math.inf:
+        raise IsfError(ErrorCode.FILE_FIELD, f"a delay of {options.delay:g} s", where="--delay", advice="such as 1")
     with isf_analysis.open(path) as bag:
         remap = dict(checked_remap(item).split(":=") for item in options.remap)
         try:

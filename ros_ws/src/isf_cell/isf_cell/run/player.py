@@ -165,7 +165,7 @@ class Player:
                 left = due - time.monotonic()
                 if left <= 0.0:
                     return due
-                self._operator.wait(left)
+                self._operator.wait(min(left, threading.TIMEOUT_MAX))
 
     def _wait_for_acknowledgement(self) -> None:
         for publisher in self._outputs.values():
