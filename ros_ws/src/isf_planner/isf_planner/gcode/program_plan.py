@@ -30,6 +30,7 @@ from isf_planner.checks import part_checks
 from isf_planner.gcode.reader import RAPID, Finding, Program
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.planning import Plan, finish
+from isf_planner.surface import height_grid
 
 CLOSED = 1e-6
 """m between a point and the first one of its contour, at which the loop is closed."""
@@ -177,7 +178,9 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
     part_checks.check_axes(filled, rig)
     part_checks.check_backing_plate(filled, job)
     target = _target(contact, group, rig.clamp.size)
-    return Plan(f"{job.name}-{digest}", filled, target, _mesh(target), tuple(dict.fromkeys(warnings)))
+    mesh = height_grid.as_mesh(target)
+    surface = mesh.vertices, mesh.faces
+    return Plan(f"{job.name}-{digest}", filled, target, surface, tuple(dict.fromkeys(warnings)))
 
 
 def lines_of(program: Program, plan: Plan) -> dict[str, tuple[int, int]]:
@@ -328,11 +331,3 @@ def _target(contact: Array, group: Indices, clamp: tuple[float, float]) -> Heigh
         with suppress(QhullError, ValueError):  # a line has no inside
             z = np.minimum(z, LinearNDInterpolator(part[:, :2], part[:, 2], fill_value=0.0)(gx, gy))
     return HeightMap(x, y, z)
-
-
-def _mesh(surface: HeightMap) -> tuple[Array, NDArray[np.int64]]:
-    """Vertices and triangles of a height map."""
-    rows, columns = surface.z.shape
-    corner = np.arange(rows * columns, dtype=np.int64).reshape(rows, columns)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]))
-    return surface.points(), np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
