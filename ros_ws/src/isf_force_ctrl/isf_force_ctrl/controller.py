@@ -57,7 +57,8 @@ class ForceController:
         """Why the controller is in HOLD; None when it is not."""
         self.paused = False
         """Set from outside while the wrenches are not to be believed: the tools are brought to a stand, the offsets are
-        held, and both go on when it is taken back. Measurements go on."""
+        held, and both go on when it is taken back. Measurements go on, and so does what takes the tools off the sheet
+        after :meth:`disarm`: nobody waits for the wrenches then."""
         self._mode = Mode.IDLE
         self._playback = Playback(RESTING, config.acceleration, config.rate)
         self._log: ContourLog | None = None
@@ -313,7 +314,7 @@ class ForceController:
             feed=self._playback.feed,
             flags=laws.flags
             | (int(Flag.DRIFT) if self.drift.warning else 0)
-            | (int(Flag.PAUSED) if self.paused else 0),
+            | (int(Flag.PAUSED) if self._standing else 0),
         )
 
     # -- one tick ------------------------------------------------------------------------------
@@ -334,14 +335,16 @@ class ForceController:
         self._last_tick = tick
         self._ticks += 1
         forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
+        # one cell may be silent and the other one tell of an overload; no sign is judged by a force that is not known
+        judged = Mode.HOLD if self.paused else self._mode
+        found = self._watch.check(wrench_1, wrench_2, self._tools.forming, judged, self._laws.normal_force)
         if self.paused:
             self.drift.restart()
         else:
-            found = self._watch.check(wrench_1, wrench_2, self._tools.forming, self._mode, self._laws.normal_force)
             fresh = (wrench_1 is not self._used[0], wrench_2 is not self._used[1])
             found = found or self.drift.check(self._playback.row, self._tools, self._mode, forces, fresh)
-            if found and self.fault is None:
-                self._stop(*found)
+        if found and self.fault is None:
+            self._stop(*found)
         self._used = (wrench_1, wrench_2)
         blind = self.paused or self.fault is not None
         laws, row = self._laws, self._playback.row
@@ -352,7 +355,7 @@ class ForceController:
             self._log.add(
                 (
                     time,
-                    Mode.HOLD if self.paused else self._mode,
+                    Mode.HOLD if self._standing else self._mode,
                     laws.flags,
                     laws.set_point,
                     laws.normal_force,
@@ -367,7 +370,7 @@ class ForceController:
         self._advance()
         if not self._playback.moving:
             mode = self._mode
-        mode = Mode.HOLD if self.paused else mode
+        mode = Mode.HOLD if self._standing else mode
         self._targets = laws.step(mode, self._playback.row, row, None if blind else forces)
         return self._targets
 
@@ -398,10 +401,16 @@ class ForceController:
         elif ended:
             self._leave()
 
+    @property
+    def _standing(self) -> bool:
+        """Waits for the wrenches. Disarmed, the tools leave the sheet without them: who does that may have nothing else
+        left, and away from the sheet no force is needed."""
+        return self.paused and not self._idle_after
+
     def _wanted_pace(self) -> float:
         if self._stopping is not None:
             return 1.0 if self._playback.segment.mode is Mode.HOLD else 0.0
-        if self.paused:
+        if self._standing:
             return 0.0
         if self._mode is not Mode.CONTROL:
             return 1.0

@@ -279,18 +279,22 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _pause(self, controller: ForceController, unknown: str) -> None:
         """A driver that is slow, on a busy computer, is waited for: the tools stand while nothing is known, and for
-        PAUSE_AFTER more, so that they are where they should be. A measurement, which moves by the force, ends."""
+        PAUSE_AFTER more, so that they are where they should be. A measurement, which moves by the force, ends. After a
+        fault nothing is waited for: what lifts the tools then goes on."""
         now = time.monotonic()
         if unknown:
             self._paused_until = now + PAUSE_AFTER
         if unknown and controller.measuring and controller.fault is None:
             controller.fail(ErrorCode.WRENCH_LOST, unknown, ticking=True)
-        paused = now < self._paused_until
+        paused = now < self._paused_until and controller.fault is None
         if paused == controller.paused:
             return
         controller.paused = paused
-        self._pauses += paused
-        self.get_logger().warning(f"{unknown}: the tools stand" if paused else "the wrenches are back: the tools go on")
+        if paused:
+            self._pauses += 1
+            self.get_logger().warning(f"{unknown}: the tools stand")
+        elif controller.fault is None:
+            self.get_logger().warning("the wrenches are back: the tools go on")
 
     def _after_tick(self, controller: ForceController, stamp: int) -> None:
         self._latency.targets()
@@ -456,7 +460,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._attended.begin()
         self._publish_state(controller, self.get_clock().now().nanoseconds)
         if not self._settings.lockstep:
-            self._tick_number = -1
+            self._tick_number, self._paused_until = -1, 0.0
             self._clock_offset = self.get_clock().now().nanoseconds - time.monotonic_ns()
             settings = RealTimeSettings(self._settings.real_time_priority, self._settings.lock_memory)
             step = self.guard(self._step_in_real_time, "control tick")

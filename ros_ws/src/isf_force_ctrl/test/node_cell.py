@@ -12,14 +12,17 @@ from typing import Any, TypeVar
 import forked_process
 import rclpy
 from contact_sandbox import ring
-from geometry_msgs.msg import PoseStamped
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.errors import ErrorCode
 from isf_core.files.yaml_file import find_named
 from isf_msgs.msg import Contour, ContourResult, ForceCtrlState
 from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
+from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 Watcher = TypeVar("Watcher")
 
@@ -144,6 +147,44 @@ class Cell:
         ):  # machine/state comes ten times a second
             response = self.arm(**options)
         assert (response.code, response.message) == (0, "")
+
+
+class Observed(Cell):
+    """The cell, with the node's diagnostics, and parameters that can be set."""
+
+    def __init__(self, node: Any, stack: ExitStack) -> None:
+        super().__init__(node, stack)
+        self.health: dict[str, str] = {}
+        self.message = ""
+        self.newest_wrench = 0
+        """ns, stamp of the wrench that came last."""
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, 10)
+        node.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench, qos.STREAM)
+        self._setters: dict[str, Any] = {}
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        self.newest_wrench = stamps.to_nanoseconds(message.header.stamp)
+
+    def _on_health(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.endswith("force_ctrl"):
+                self.health = {item.key: item.value for item in status.values}
+                self.message = status.message
+
+    def setter(self, name: str) -> Any:
+        """Client that sets parameters of node ``name``, which it has found."""
+        if name not in self._setters:
+            self._setters[name] = self.node.create_client(SetParameters, f"{name}/set_parameters")
+            assert self._setters[name].wait_for_service(LIMIT)
+        return self._setters[name]
+
+    def set(self, name: str, **values: object) -> list[Any]:
+        """Results of setting parameters of node ``name``, one by one."""
+        request = SetParameters.Request()
+        request.parameters = [Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
+        future = self.setter(name).call_async(request)
+        assert self.wait(future.done)
+        return list(future.result().results)
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """A process that stands in for the machine: the contact sandbox behind the topics of the architecture page.
 
 Parameters: ``nan_at``, ``silent_at`` (tick at which a wrench turns NaN or the wrenches stop, -1 never),
+``silent`` (1: no wrench of tool_1, 2: none of tool_2, 3: none at all, 0: both),
 ``saturated_at`` (tick from which the load cells are at the end of their range), ``lost_share`` (share of the wrenches
 that never arrive; real time), ``frozen_at`` (tick from which the wrenches repeat), ``frame`` (frame_id of the
 wrenches), ``sign`` (factor on the forces), ``tared``, ``lockstep`` (false: ticks by the clock on the newest targets),
@@ -10,8 +11,8 @@ come 50 ms late, after newer ones; real time), ``jump_at``, ``jump`` (tick from 
 publishes poses; real time), ``drift`` (m/s in x that it adds to the twists), ``cell_drift`` (N by which the cell of
 tool_2 is off in z), ``poses_until``, ``states_until`` (ticks after which it publishes no poses, no machine/state),
 ``best_effort`` (wrenches and states are published so), ``last_targets`` (a file: when it is there, targets are
-answered 1 s late, and it is removed before; lockstep). ``late_at``, ``scattered_share``, ``jump_at``, ``jump`` and
-``gap`` may change at run time.
+answered 1 s late, and it is removed before; lockstep). ``silent``, ``saturated_at``, ``late_at``, ``scattered_share``,
+``jump_at``, ``jump`` and ``gap`` may change at run time.
 """
 
 import copy
@@ -50,6 +51,7 @@ class StandInMachine(Node):
     def __init__(self) -> None:
         super().__init__("machine")
         self.nan_at, self.silent_at = (self.declare_parameter(n, -1).value for n in ("nan_at", "silent_at"))
+        self.silent = self.declare_parameter("silent", 0).value
         self.saturated_at = self.declare_parameter("saturated_at", -1).value
         self.lost_share = self.declare_parameter("lost_share", 0.0).value
         self.frozen_at, self.sign = (
@@ -137,7 +139,7 @@ class StandInMachine(Node):
         self.last = time.monotonic()
         tick = self.sandbox.tick
         for index, message in enumerate(self.wrench):
-            if self.random.random() < self.lost_share:
+            if self.silent >> index & 1 or self.random.random() < self.lost_share:
                 continue
             if 0 <= self.late_at <= tick or self.random.random() < self.scattered_share:
                 self.delayed.append((tick + LATE, index, copy.deepcopy(message)))

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import fields, replace
 from typing import Any
 
@@ -17,58 +16,20 @@ import numpy as np
 import pytest
 import rclpy
 from contact_sandbox import spiral
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode
 from isf_force_ctrl.node import ForceCtrlNode
 from isf_force_ctrl.ros.parameters import ForceCtrlParameters
 from isf_msgs.msg import ForceCtrlState
-from isf_ros import conversion, qos, stamps
-from node_cell import LIMIT, Cell, long_ring, small_ring, watched
-from rcl_interfaces.srv import SetParameters
+from isf_ros import conversion, stamps
+from node_cell import LIMIT, Observed, long_ring, small_ring, watched
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.parameter import Parameter
 
 pytestmark = pytest.mark.graph
 
 
-class Observed(Cell):
-    """The cell, with the node's diagnostics, and parameters that can be set."""
-
-    def __init__(self, node: Any, stack: ExitStack) -> None:
-        super().__init__(node, stack)
-        self.health: dict[str, str] = {}
-        self.message = ""
-        self.newest_wrench = 0
-        """ns, stamp of the wrench that came last."""
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, 10)
-        node.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench, qos.STREAM)
-        self._setters: dict[str, Any] = {}
-
-    def _on_wrench(self, message: WrenchStamped) -> None:
-        self.newest_wrench = stamps.to_nanoseconds(message.header.stamp)
-
-    def _on_health(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name.endswith("force_ctrl"):
-                self.health = {item.key: item.value for item in status.values}
-                self.message = status.message
-
-    def _setter(self, name: str) -> Any:
-        """Client that sets parameters of node ``name``, which it has found."""
-        if name not in self._setters:
-            self._setters[name] = self.node.create_client(SetParameters, f"{name}/set_parameters")
-            assert self._setters[name].wait_for_service(LIMIT)
-        return self._setters[name]
-
-    def set(self, name: str, **values: object) -> list[Any]:
-        """Results of setting parameters of node ``name``, one by one."""
-        request = SetParameters.Request()
-        request.parameters = [Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
-        future = self._setter(name).call_async(request)
-        assert self.wait(future.done)
-        return list(future.result().results)
+class Faulty(Observed):
+    """The observed cell, and the faults of a stand-in that goes on afterwards."""
 
     def lifted(self) -> None:
         """Out of HOLD: tools parked, and the machine has done its last targets, with which it would take a change."""
@@ -78,7 +39,7 @@ class Observed(Cell):
 
     def ends_with(self, code: ErrorCode, **fault: object) -> str:
         """Form a contour, let the stand-in do ``fault`` on the way; text of the result, which must have ``code``."""
-        self._setter("machine")  # to find it may take as long as the contour
+        self.setter("machine")  # to find it may take as long as the contour
         self.armed()
         seen, states = len(self.results), len(self.states)
         self._contours.publish(conversion.contour_to_message(long_ring()))
@@ -93,8 +54,8 @@ class Observed(Cell):
 
 
 @pytest.fixture
-def cell() -> Iterator[Observed]:
-    with watched(Observed) as found:
+def cell() -> Iterator[Faulty]:
+    with watched(Faulty) as found:
         yield found
 
 
@@ -115,7 +76,7 @@ def moved(contour: Contour, by: tuple[float, float, float]) -> Contour:
 
 
 @pytest.mark.clock
-def test_late_messages_and_clocks_that_jump_in_real_time(cell: Observed) -> None:
+def test_late_messages_and_clocks_that_jump_in_real_time(cell: Faulty) -> None:
     cell.start({"lockstep": False, "scattered_share": 0.1}, lockstep=False, wrench_timeout=0.5)
     # Some messages overtaken by newer ones: counted, not used, and forming goes on.
     cell.armed()
@@ -137,7 +98,7 @@ def test_late_messages_and_clocks_that_jump_in_real_time(cell: Observed) -> None
         cell.set("machine", jump_at=-1)
 
 
-def test_clocks_that_jump_in_lockstep(cell: Observed) -> None:
+def test_clocks_that_jump_in_lockstep(cell: Faulty) -> None:
     cell.start()
     assert jumped(cell.ends_with(ErrorCode.WRENCH_CLOCK, jump_at=0, jump=5.0)) == pytest.approx(5.0, abs=1.0)
     before = cell.targets
@@ -152,7 +113,7 @@ def test_clocks_that_jump_in_lockstep(cell: Observed) -> None:
     cell.lifted()
 
 
-def test_wrenches_published_best_effort_are_taken_and_reported(cell: Observed) -> None:
+def test_wrenches_published_best_effort_are_taken_and_reported(cell: Faulty) -> None:
     cell.start({"best_effort": True})
     cell.armed()
     assert cell.form(small_ring()).code == 0
@@ -160,7 +121,7 @@ def test_wrenches_published_best_effort_are_taken_and_reported(cell: Observed) -
     assert cell.health["qos_incompatible"] == "machine/state, tool_1/wrench, tool_2/wrench"
 
 
-def test_places_that_cannot_be(cell: Observed) -> None:
+def test_places_that_cannot_be(cell: Faulty) -> None:
     cell.start()
     cell.armed(count=3)
     outside = cell.form(moved(small_ring(0, 3), (0.2, 0.0, 0.0)))
@@ -177,7 +138,7 @@ def test_places_that_cannot_be(cell: Observed) -> None:
     assert (joined.completed, joined.code) == (True, 0)
 
 
-def test_an_offset_stays_within_its_limit(cell: Observed) -> None:
+def test_an_offset_stays_within_its_limit(cell: Faulty) -> None:
     # No offset that is allowed reaches the sheet; at a constant feed, else the tools would wait for contact in places.
     cell.start({"gap": 5e-3}, feed_floor=1.0)
     cell.armed()
@@ -216,7 +177,7 @@ def test_a_parameter_out_of_range_is_refused_at_the_start(name: str) -> None:
             rclpy.try_shutdown()
 
 
-def test_parameters_out_of_range_in_a_running_node(cell: Observed) -> None:
+def test_parameters_out_of_range_in_a_running_node(cell: Faulty) -> None:
     with forked_process.node("-m", "isf_force_ctrl.node", autostart=True, loop_gain=-1.0):
         assert cell.wait(lambda: "loop_gain" in cell.message)
         assert cell.health["state"] == "unconfigured"
