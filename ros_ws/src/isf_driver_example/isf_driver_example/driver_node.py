@@ -18,7 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, Stop, Tare
-from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -26,7 +26,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
 
-from isf_driver_example.hardware import Hardware
+from isf_driver_example.hardware import FREE, Hardware
+from isf_driver_example.target_check import FRAME, TargetCheck
 
 STREAMS, SERVICES, SCANNER, MANAGED = 1, 2, 3, 4
 """Levels: each offers what those before it do."""
@@ -35,11 +36,11 @@ STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-TARGETS_LOST = 0.25
-"""s without targets after which tools that were moving are told to stand still."""
+STAND_AFTER, RELEASE_AFTER = 0.25, 2.0
+"""s without targets after which tools that were moving are told to stand still, and loaded ones leave the sheet."""
 STATE_PERIOD, HEALTH_PERIOD, POSE_PERIOD = 0.1, 0.5, 0.02
 """s between two messages on machine/state, /diagnostics, tool_k/pose."""
-STOP_REQUESTED, TOOL_LOADED = 1406, 1405
+TARGET_LOST, TOOL_LOADED, STOP_REQUESTED, FAULTED = 1404, 1405, 1406, 1410
 """Codes of docs/reference/error_codes.md."""
 
 
@@ -50,8 +51,10 @@ class Driver:
         self._node, self._level = node, level
         self._rate = float(node.get_parameter("rate").value)
         self._hardware = Hardware(1.0 / self._rate)
+        self._check = TargetCheck(1.0 / self._rate)
         self._tared = False
-        self._tick, self._heard, self._following = 0, 0.0, False
+        self._tick, self._code, self._following = 0, 0, False
+        self._heard: float | None = None  # s, when the last target came; None: nothing is to be done when none comes
         self._running: list[Any] = []
         self._wrenches = [node.create_publisher(WrenchStamped, f"tool_{k}/wrench", STREAM) for k in (1, 2)]
         self._poses = [node.create_publisher(PoseStamped, f"tool_{k}/pose", SENSOR) for k in (1, 2)]
@@ -61,8 +64,8 @@ class Driver:
             self._state = node.create_publisher(MachineState, "machine/state", STREAM)
             node.create_service(Tare, "machine/tare", self._on_tare)
             node.create_service(Stop, "machine/stop", self._on_stop)
-        else:
-            self._hardware.tare()  # nobody can ask for it: what it streams has to be tared
+        elif refused := self._hardware.tare():  # nobody can ask for it: what it streams has to be tared
+            raise SystemExit(f"the load cells cannot be tared: {refused}")
         if level >= SCANNER:
             self._scan = node.create_publisher(PointCloud2, "scan", LATCHED)
             node.create_service(Scan, "machine/scan", self._on_scan)
@@ -70,7 +73,8 @@ class Driver:
             node.create_service(Reset, "machine/reset", self._on_reset)
 
     def start(self) -> None:
-        """Begin to move and to measure."""
+        """Begin to move and to measure, where the tools are."""
+        self._stand()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         periods = {1.0 / self._rate: self._on_cycle}
         if self._level >= SERVICES:
@@ -86,29 +90,65 @@ class Driver:
     # -- streams ---------------------------------------------------------------------------------
 
     def _on_target(self, tool: int, message: PoseStamped) -> None:
-        at = message.pose.position
-        if message.header.frame_id == "sheet" and np.isfinite([at.x, at.y, at.z]).all():
-            self._hardware.move(tool, (at.x, at.y, at.z))
-            self._heard, self._following = time.monotonic(), True
+        if not self._running or not self._may_follow():
+            return
+        at, now = message.pose.position, time.monotonic()
+        tip = np.array([at.x, at.y, at.z])
+        fault = self._check.check(tool, message.header.frame_id, tip, self._hardware.tips[tool - 1], now)
+        if self._hardware.stopped:
+            if fault:
+                return
+            self._hardware.reset()
+        if fault:
+            self._protect(*fault)
+            return
+        self._hardware.move(tool, (at.x, at.y, at.z))
+        self._heard, self._following = now, True
+
+    def _may_follow(self) -> bool:
+        """A stop holds until reset or tare. A driver without them takes targets again once the tools have left the
+        sheet, from a sender that begins where they are."""
+        return not self._hardware.stopped or (self._level < SERVICES and self._hardware.released)
+
+    def _protect(self, code: int, text: str) -> None:
+        """Protective stop, once: stand still, then release contact."""
+        if self._hardware.stopped:
+            return
+        self._code, self._heard, self._following = code, None, False
+        self._hardware.stop(text)
+        self._check.restart()
+        self._node.get_logger().error(f"{code}: {text}")
+        if self._level >= SERVICES:
+            self._publish_state()
+
+    def _stand(self) -> None:
+        """Where the tools are; what comes next begins there."""
+        self._following, self._heard = False, None
+        self._check.restart()
+        self._hardware.stand()
 
     def _on_cycle(self) -> None:
-        if self._following and time.monotonic() - self._heard > TARGETS_LOST:
+        silent = 0.0 if self._heard is None else time.monotonic() - self._heard
+        if self._following and silent > STAND_AFTER:
             self._following = False
-            for tool, (x, y, z) in enumerate(self._hardware.tips, start=1):
-                self._hardware.move(tool, (float(x), float(y), float(z)))
+            self._hardware.stand()
         forces = self._hardware.cycle()
+        if silent > RELEASE_AFTER:
+            self._heard = None
+            if np.abs(forces).max() > FREE:
+                self._protect(TARGET_LOST, f"no targets for {RELEASE_AFTER:g} s while a tool is loaded")
         self._tick += 1
         stamp = self._node.get_clock().now().to_msg()
         with_poses = self._tick % max(1, round(POSE_PERIOD * self._rate)) == 0
         for k in (0, 1):
             wrench = WrenchStamped()
-            wrench.header.frame_id, wrench.header.stamp = "sheet", stamp
+            wrench.header.frame_id, wrench.header.stamp = FRAME, stamp
             force = wrench.wrench.force
             force.x, force.y, force.z = map(float, forces[k])
             self._wrenches[k].publish(wrench)
             if with_poses:
                 pose = PoseStamped()
-                pose.header.frame_id, pose.header.stamp = "sheet", stamp
+                pose.header.frame_id, pose.header.stamp = FRAME, stamp
                 at, pose.pose.orientation.w = pose.pose.position, 1.0
                 at.x, at.y, at.z = map(float, self._hardware.tips[k])
                 self._poses[k].publish(pose)
@@ -120,20 +160,24 @@ class Driver:
         mode = MachineState.FOLLOWING if self._following else MachineState.IDLE
         state = MachineState(mode=MachineState.PROTECTIVE_STOP if stopped else mode, tick=self._tick, tared=self._tared)
         if stopped:
-            state.fault_codes, state.fault_messages = [STOP_REQUESTED], [stopped]
-        state.header.frame_id, state.header.stamp = "sheet", self._node.get_clock().now().to_msg()
+            state.fault_codes, state.fault_messages = [self._code], [stopped]
+        state.header.frame_id, state.header.stamp = FRAME, self._node.get_clock().now().to_msg()
         self._state.publish(state)
 
     def _on_tare(self, _: Tare.Request, response: Tare.Response) -> Tare.Response:
+        if self._hardware.stopped and self._level >= MANAGED:
+            response.code, response.message = FAULTED, f"reset first: {self._hardware.stopped}"
+            return response
         refused = self._hardware.tare()
         self._tared = not refused
         response.code, response.message = (TOOL_LOADED, refused) if refused else (0, "")
+        if not refused:
+            self._hardware.reset()
         self._publish_state()
         return response
 
     def _on_stop(self, request: Stop.Request, response: Stop.Response) -> Stop.Response:
-        self._hardware.stop(request.reason or "stop was requested")
-        self._publish_state()
+        self._protect(STOP_REQUESTED, request.reason or "stop was requested")
         return response
 
     # -- level 3 ---------------------------------------------------------------------------------
@@ -141,7 +185,7 @@ class Driver:
     def _on_scan(self, _: Scan.Request, response: Scan.Response) -> Scan.Response:
         points = np.ascontiguousarray(self._hardware.scan(), dtype="<f4")
         cloud = PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points), is_dense=True)
-        cloud.header.frame_id, cloud.header.stamp = "sheet", self._node.get_clock().now().to_msg()
+        cloud.header.frame_id, cloud.header.stamp = FRAME, self._node.get_clock().now().to_msg()
         cloud.fields = [
             PointField(name=name, offset=4 * n, datatype=PointField.FLOAT32, count=1) for n, name in enumerate("xyz")
         ]
@@ -154,6 +198,7 @@ class Driver:
 
     def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self._hardware.reset()
+        self._stand()
         if request.new_blank:
             self._hardware.clamp_fresh_blank()
         self._tared = False
@@ -186,6 +231,14 @@ class ManagedDriver(LifecycleNode):
             self._driver.stop()
         return self._now("inactive")
 
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._now("unconfigured")
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if self._driver is not None:
+            self._driver.stop()
+        return self._now("finalized")
+
     def _now(self, label: str) -> TransitionCallbackReturn:
         self._label = label
         self._publish_health()
@@ -208,8 +261,10 @@ def _declare(node: Node) -> int:
     level = node.declare_parameter(
         "level", MANAGED, ParameterDescriptor(description="1 to 4", read_only=True, integer_range=[levels])
     )
+    rates = FloatingPointRange(from_value=10.0, to_value=2000.0)
+    text = "Hz, that of the job's control.rate"
     node.declare_parameter(
-        "rate", 500.0, ParameterDescriptor(description="Hz, that of the job's control.rate", read_only=True)
+        "rate", 500.0, ParameterDescriptor(description=text, read_only=True, floating_point_range=[rates])
     )
     return int(level.value)
 

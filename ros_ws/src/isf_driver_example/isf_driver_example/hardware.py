@@ -64,6 +64,16 @@ class Hardware:
         if not self.stopped:
             self._goal[tool - 1] = tip
 
+    def stand(self) -> None:
+        """Have both tools stay where they are; a stop goes on."""
+        if not self.stopped:
+            self._goal = self.tips.copy()
+
+    @property
+    def released(self) -> bool:
+        """True when a stop has taken the tools off the sheet."""
+        return bool(self.stopped) and self._lifted >= CLEAR
+
     def cycle(self) -> Array:
         """One cycle of the machine: the tools move, the load cells are read. (2, 3) N, the wrenches after tare."""
         if self.stopped and self._lifted < CLEAR:
@@ -79,11 +89,11 @@ class Hardware:
         readings = np.mean([self._readings() for _ in range(100)], axis=0)
         if np.abs(readings - ZEROS).max() > FREE:
             return "a tool is loaded"
-        self._zero, self.stopped = readings, ""
+        self._zero = readings
         return ""
 
     def stop(self, reason: str) -> None:
-        """Stand still at once, then release contact; holds until the next tare or reset."""
+        """Stand still at once, then release contact; no targets are taken until :meth:`reset`."""
         self.stopped, self._lifted = reason, 0.0
         self._goal = self.tips.copy()
 
@@ -94,11 +104,13 @@ class Hardware:
         x, y = np.meshgrid(self._axis, self._axis)
         return np.column_stack([x.ravel(), y.ravel(), self._z.ravel()])
 
-    # -- level 4 ---------------------------------------------------------------------------------
+    # -- after a stop ----------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Take targets again after a stop."""
+        """Take targets again."""
         self.stopped = ""
+
+    # -- level 4 ---------------------------------------------------------------------------------
 
     def clamp_fresh_blank(self) -> None:
         """An operator does this; here it is a line."""

@@ -69,5 +69,9 @@ def test_a_stop_holds_then_releases_contact_until_it_is_cleared(hardware: Hardwa
     assert hardware.tips[0, 2] == pytest.approx(before + 20e-3, abs=0.5e-3)
     assert hardware.tips[0, 0] == pytest.approx(0.0, abs=1e-6)  # targets are not taken
     assert np.abs(forces).max() < 2.0
+    assert hardware.released
     assert hardware.tare() == ""
-    assert hardware.stopped == ""
+    hardware.move(1, (0.0, 0.0, 0.02))
+    assert hardware.stopped == "a trial"  # a driver may have its operator reset it
+    hardware.reset()
+    assert (hardware.stopped, hardware.released) == ("", False)

@@ -1,0 +1,169 @@
+"""The driver in a process of its own, and a sender of targets that ends, or sends what cannot be followed."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import forked_process
+import pytest
+import rclpy
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_msgs.msg import MachineState
+from isf_msgs.srv import Stop, Tare
+from rclpy.node import Node
+
+pytestmark = [pytest.mark.graph, pytest.mark.clock]
+
+LIMIT = 60.0
+"""s; only to end a test that hangs."""
+
+RATE = 100.0
+PARKED = 25e-3
+"""m above the sheet, where the upper tool begins."""
+ON_SHEET = -1e-3
+"""m: with 1 N/um the upper tool reads the force at which the sheet yields, 300 N."""
+
+STREAMS, SERVICES, MANAGED = 1, 2, 4
+
+
+class Sender:
+    """Sends targets of the upper tool, and hears the driver."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self.height = self.force = math.nan
+        """m, N: where the upper tool is, and how hard the sheet pushes it up."""
+        self.state: MachineState | None = None
+        self._target = node.create_publisher(PoseStamped, "tool_1/target", 10)
+        node.create_subscription(PoseStamped, "tool_1/pose", self._on_pose, rclpy.qos.qos_profile_sensor_data)
+        node.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench, 10)
+        node.create_subscription(MachineState, "machine/state", self._on_state, 10)
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        self.height = message.pose.position.z
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        self.force = message.wrench.force.z
+
+    def _on_state(self, message: MachineState) -> None:
+        self.state = message
+
+    def wait(self, condition: Callable[[], Any]) -> bool:
+        deadline = time.monotonic() + LIMIT
+        while not condition() and time.monotonic() < deadline:
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+        return bool(condition())
+
+    def send(self, tip: Sequence[float], frame: str = "sheet") -> None:
+        message = PoseStamped()
+        message.header.frame_id = frame
+        message.pose.position.x, message.pose.position.y, message.pose.position.z = map(float, tip)
+        self._target.publish(message)
+
+    def stream(self, begin: float, end: float) -> None:
+        """Down or up to height ``end`` m in steps of 0.5 mm, each one sent when the tool has followed the one before.
+        A driver that stood still meanwhile is sent the step again."""
+        steps = max(1, round(abs(end - begin) / 0.5e-3))
+        for step in range(1, steps + 1):
+            height = begin + (end - begin) * step / steps
+            deadline = time.monotonic() + LIMIT
+            while abs(self.height - height) > 20e-6:
+                assert time.monotonic() < deadline
+                assert self.state is None or not self.state.fault_codes
+                self.send((0.0, 0.0, height))
+                rclpy.spin_once(self.node, timeout_sec=0.01)
+
+    def begin(self, *, tared: bool) -> None:
+        """Wait for the driver, and tare it where it can be asked."""
+        assert self.wait(lambda: self._target.get_subscription_count() and not math.isnan(self.height))
+        if not tared:
+            assert self.ask(Tare, "machine/tare", Tare.Request()).code == 0
+        assert self.wait(lambda: abs(self.force) < 10.0)
+
+    def ask(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(LIMIT)
+        future = client.call_async(request)
+        assert self.wait(future.done)
+        return future.result()
+
+    def fault(self) -> int:
+        """Code of the fault that the driver tells."""
+        assert self.wait(lambda: self.state and self.state.fault_codes)
+        assert self.state is not None
+        assert self.state.mode == MachineState.PROTECTIVE_STOP
+        return int(self.state.fault_codes[0])
+
+
+@pytest.fixture
+def sender() -> Iterator[Sender]:
+    rclpy.init()
+    node = rclpy.create_node("sender")
+    try:
+        yield Sender(node)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def driver(level: int) -> Any:
+    return forked_process.node("-m", "isf_driver_example.driver_node", level=level, rate=RATE)
+
+
+@pytest.mark.parametrize("level", [STREAMS, SERVICES])
+def test_loaded_tools_leave_the_sheet_when_no_targets_come_any_more(sender: Sender, level: int) -> None:
+    with driver(level):
+        sender.begin(tared=level == STREAMS)
+        sender.stream(PARKED, ON_SHEET)
+        assert sender.wait(lambda: sender.force > 250.0)
+        assert sender.wait(lambda: sender.height > 15e-3)
+        assert sender.wait(lambda: abs(sender.force) < 10.0)
+        if level == STREAMS:  # nobody can reset it: it follows whoever begins where the tools are
+            sender.state = None
+            assert sender.wait(lambda: sender.height > ON_SHEET + 19.5e-3)
+            sender.stream(sender.height, PARKED)
+            return
+        assert sender.fault() == 1404
+        sender.send((0.0, 0.0, ON_SHEET))  # a stop holds
+        assert sender.ask(Tare, "machine/tare", Tare.Request()).code == 0  # which ends it, where there is no reset
+        assert sender.wait(lambda: sender.state and not sender.state.fault_codes)
+
+
+@pytest.mark.parametrize(
+    ("tip", "frame", "code"),
+    [
+        ((0.0, math.nan, 0.02), "sheet", 1401),
+        ((0.0, 0.0, PARKED), "tool0", 1401),
+        ((0.1, 0.0, PARKED), "sheet", 1402),
+        ((0.0, 0.0, 0.3), "sheet", 1403),
+    ],
+    ids=str,
+)
+def test_what_is_no_target_is_not_followed(sender: Sender, tip: tuple[float, ...], frame: str, code: int) -> None:
+    with driver(SERVICES):
+        sender.begin(tared=False)
+        sender.stream(PARKED, PARKED - 2e-3)
+        sender.send(tip, frame)
+        assert sender.fault() == code
+        assert sender.state is not None
+        assert "tool_1/target" in sender.state.fault_messages[0]
+        assert sender.wait(lambda: sender.height > PARKED + 15e-3)  # lifted from where it was
+
+
+def test_targets_begin_where_the_tools_are(sender: Sender) -> None:
+    with driver(SERVICES):
+        sender.begin(tared=False)
+        sender.send((0.0, 0.0, PARKED - 5e-3))
+        assert sender.fault() == 1402
+
+
+def test_a_stop_on_request_keeps_its_code(sender: Sender) -> None:
+    with driver(SERVICES):
+        sender.begin(tared=False)
+        sender.ask(Stop, "machine/stop", Stop.Request(reason="a trial"))
+        assert sender.fault() == 1406
+        sender.send((0.0, 0.0, PARKED), "tool0")  # nothing is taken, and nothing added
+        assert sender.ask(Tare, "machine/tare", Tare.Request()).code == 0
