@@ -30,7 +30,7 @@ from std_srvs.srv import Trigger
 from isf_cell.run.cell import FormedContour, Operator, PartGoal, PlannedPart
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
-from isf_cell.run.machine_client import MACHINE, MachineClient
+from isf_cell.run.machine_client import HARMLESS, MACHINE, MachineClient
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
 MANAGED = (MACHINE, "planner", "springback", "force_ctrl")
@@ -165,7 +165,7 @@ class GraphCell:
     def bring_up(self) -> None:
         """As in the protocol; finds out what the machine offers."""
         self._monitor.forget()
-        self._client.prepare(COMMANDS)
+        self._client.prepare((*COMMANDS, HARMLESS))
         self._client.prepare((ChangeState, f"{name}/change_state") for name in MANAGED)
         managed = self._machine.find(self._watch_operator)
         self._managed = MANAGED if managed else MANAGED[1:]

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
-from isf_ros.lifecycle import failure
 from isf_springback.methods import needs_scans
 from lifecycle_msgs.srv import GetState
+from rcl_interfaces.srv import GetParameters
 
 from isf_cell.run.cell import PartGoal
 from isf_cell.run.graph_client import GraphClient, Watch
@@ -25,6 +25,9 @@ MACHINE = "machine"
 DISCOVERY = 3.0
 """s after which a service of a driver that is running has been discovered, or does not exist. Fast DDS exchanges what a
 process offers as soon as it knows the process, which it announces every 3 s."""
+
+HARMLESS = (GetParameters, f"{MACHINE}/get_parameters")
+"""What every node offers, as a rule; its client is to be made after those of the commands."""
 
 STREAMS = ("tool_1/wrench", "tool_1/pose", "machine/state")
 """By any of these a running driver is recognised."""
@@ -158,12 +161,16 @@ class MachineClient:
         self._client.checked_call(Reset, f"{MACHINE}/reset", request, watch, timeout=timeout)
 
     def tare(self, watch: Watch) -> None:
-        """Set the load cells to zero; asked again without an answer, which the middleware may drop right after it has
-        found a driver that nothing was asked before."""
+        """Set the load cells to zero, once: a second tare would still be going on when the tools move.
+
+        The middleware may drop an answer right after it has found a driver that nothing was asked before, so something
+        harmless is asked first, as often as it takes. The driver knows who asks for a tare when it has answered that:
+        clients become known in the order in which they were made (:data:`HARMLESS`).
+        """
         if self.offer.tare:
-            response = self._client.ask(Tare, f"{MACHINE}/tare", Tare.Request(), watch)
-            if response.code:
-                raise failure(response.code, response.message)
+            if self._client.offers(*HARMLESS):
+                self._client.ask(*HARMLESS, GetParameters.Request(), watch)
+            self._client.checked_call(Tare, f"{MACHINE}/tare", Tare.Request(), watch)
 
     @property
     def tells_tare(self) -> bool:
