@@ -9,8 +9,10 @@ if TYPE_CHECKING:
     from isf_analysis.bag.tables import Bag
 
 
-def open(path: Path | str) -> Bag:
+def open(path: Path | str, namespace: str | None = None) -> Bag:
     """Tables of the bag, or of the run folder with its bag, at ``path``; needs no ROS.
+
+    ``namespace`` : cell that is meant, where the bag holds several.
 
     Raises
     ------
@@ -18,4 +20,4 @@ def open(path: Path | str) -> Bag:
     """
     from isf_analysis.bag.tables import Bag  # late: the recorder, too, imports this package, and does not read
 
-    return Bag(path)
+    return Bag(path, namespace)

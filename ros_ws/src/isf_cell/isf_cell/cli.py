@@ -13,7 +13,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
 
 from isf_cell.commands import bag_cli, springback_cli, terminal
-from isf_cell.commands.arguments import Job, Json, Output, Seed, Variant, numbers
+from isf_cell.commands.arguments import Job, Json, Namespace, Output, Seed, Variant, numbers
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import RunOptions
 from isf_cell.processes.results_stream import keep_for_results
@@ -209,9 +209,7 @@ def report(
     bag: Annotated[Path, typer.Argument(help="folder of a run, or its bag", metavar="BAG")],
     reference: Annotated[Path | None, typer.Option(help="uncorrected run, or its bag, to compare with")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="folder  [default: beside the bag]")] = None,
-    namespace: Annotated[
-        str | None, typer.Option(help="cell to report, where the bag holds several", metavar="NAME")
-    ] = None,
+    namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Make the report of a recorded part: one HTML file and its pictures."""
@@ -239,12 +237,13 @@ def play(
         bool, typer.Option("--paused", help="wait at the first message: player/step, player/pause")
     ] = False,
     delay: Annotated[float, typer.Option(help="s before the first message, for subscribers", min=0.0)] = 1.0,
+    namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Publish a bag into the ROS graph, as it was recorded and when."""
     from isf_cell.commands.play import PlayOptions, play_bag
 
-    play_bag(bag, PlayOptions(rate, contour, topic or (), remap or (), clock, paused, delay), as_json=json)
+    play_bag(bag, PlayOptions(rate, contour, topic or (), remap or (), clock, paused, delay, namespace), as_json=json)
 
 
 @app.command()
@@ -268,12 +267,13 @@ def replay(
         Path | None, typer.Option(help="folder that paths in the recorded job refer to  [default: the recorded one]")
     ] = None,
     output: Output = None,
+    namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Decide a recorded part again, with the same or with other parameters, and compare."""
     from isf_cell.commands.replay import replay_run
 
-    replay_run(run, what_if or (), output, base, replant, as_json=json)
+    replay_run(run, what_if or (), output, base, replant, namespace=namespace, as_json=json)
 
 
 @app.command()
@@ -297,12 +297,13 @@ def compare(
         list[float] | None, typer.Option(help="mm; again for each  [default: 0.1, 0.2, 0.3]", metavar="MM")
     ] = None,
     output: Output = None,
+    namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Distance of one shape from another, along the normal: numbers, map, table."""
     from isf_cell.commands.compare import compare_shapes
 
-    compare_shapes(first, second, unit, align, tolerance or (0.1, 0.2, 0.3), output, as_json=json)
+    compare_shapes(first, second, unit, align, tolerance or (0.1, 0.2, 0.3), output, namespace=namespace, as_json=json)
 
 
 @app.command()

@@ -54,6 +54,39 @@ def read_bag(path: Path | str, namespace: str | None = None) -> PartRecord:
         return part_of(bag, namespace)
 
 
+def read_cell(path: Path | str, namespace: str | None) -> PartRecord:
+    """As :func:`read_bag`, where ``namespace`` chooses among several cells: a bag of one is read whatever its name."""
+    with open_bag(path) as bag:
+        return part_of(bag, namespace if len(_cells_of(bag)) > 1 else None)
+
+
+@dataclass(frozen=True)
+class PartSpan:
+    """What belongs to a part: messages of its plan that were received from ``start`` (ns since 1970) on."""
+
+    plan_id: str
+    start: int
+
+
+def last_part(bag: OpenBag, namespace: str | None = None) -> PartSpan:
+    """The last part in ``bag``; raises IsfError as :func:`read_bag`."""
+    try:
+        jobs = list(_Messages(bag, namespace).of(topics.JOB))
+    except IsfError:
+        raise
+    except Exception as error:  # a damaged file shows in as many ways as there are bytes
+        raise unreadable(bag.path, f"is damaged: {error}") from error
+    return _last_span(jobs, bag.path)
+
+
+def _last_span(jobs: list[tuple[int, Any]], path: Path) -> PartSpan:
+    if not jobs:
+        raise _incomplete(path, f"holds no job: nothing was received on {topics.JOB.name}")
+    time, job = jobs[-1]
+    # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted
+    return PartSpan(job.plan_id, time if len(jobs) > 1 else 0)
+
+
 def part_of(bag: OpenBag, namespace: str | None = None) -> PartRecord:
     """As :func:`read_bag`, of a bag that is open."""
     try:
@@ -69,11 +102,9 @@ def part_of(bag: OpenBag, namespace: str | None = None) -> PartRecord:
 
 def _read_part(messages: _Messages, path: Path) -> PartRecord:
     jobs = list(messages.of(topics.JOB))
-    if not jobs:
-        raise _incomplete(path, f"holds no job: nothing was received on {topics.JOB.name}")
+    span = _last_span(jobs, path)
     start, job = jobs[-1]
-    # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted
-    part = _Part(messages, job.plan_id, start if len(jobs) > 1 else 0)
+    part = _Part(messages, span.plan_id, span.start)
     notes = messages.missing_fields()
     nominal = part.by_index(topics.NOMINAL, fields.contour_of)
     corrected = part.by_index(topics.CORRECTED, fields.contour_of)
@@ -291,8 +322,7 @@ def namespace_of(bag: OpenBag, wanted: str | None = None) -> str:
     ------
     IsfError : BAG_INCOMPLETE, not a bag of a cell; FILE_FIELD, it holds several cells, or none of that name
     """
-    ending = f"/{topics.JOB.name}"
-    cells = sorted({item.topic.removesuffix(ending) for item in bag.connections if item.topic.endswith(ending)})
+    cells = _cells_of(bag)
     if not cells:
         known = sorted({item.topic for item in bag.connections})
         listed = ", ".join(known[:6]) + (" ..." if len(known) > 6 else "")
@@ -317,6 +347,12 @@ def namespace_of(bag: OpenBag, wanted: str | None = None) -> str:
             advice=f"choose one: --namespace {cells[-1]}",
         )
     return cells[0]
+
+
+def _cells_of(bag: OpenBag) -> list[str]:
+    """Namespaces of the cells in ``bag``, from the topics that carry jobs."""
+    ending = f"/{topics.JOB.name}"
+    return sorted({item.topic.removesuffix(ending) for item in bag.connections if item.topic.endswith(ending)})
 
 
 def _incomplete(path: Path, what: str) -> IsfError:

@@ -12,8 +12,8 @@ from isf_core.errors import ErrorCode, IsfError
 from rosbags.interfaces import Connection, QosDurability
 
 from isf_analysis.bag import topics
-from isf_analysis.bag.bag_reader import namespace_of
-from isf_analysis.bag.open_bag import OpenBag
+from isf_analysis.bag.bag_reader import last_part, namespace_of
+from isf_analysis.bag.open_bag import OpenBag, unreadable
 
 WINDOW = 1_000_000_000
 """ns by which a message may lie in the file behind later ones: chunks and batches overlap."""
@@ -63,16 +63,26 @@ def latched_before(bag: OpenBag, connections: Sequence[Connection], begin: int) 
     return sorted(last.values(), key=lambda item: item.time)
 
 
-def begin_of_contour(bag: OpenBag, index: int) -> int:
-    """ns since 1970, when contour ``index`` (from 0) of the last part was handed to springback correction.
+def begin_of_contour(bag: OpenBag, index: int, namespace: str | None = None) -> int:
+    """ns since 1970, when contour ``index`` (from 0) of the last part was handed to springback correction; of the cell
+    ``namespace``, None: the only one.
 
     Raises
     ------
-    IsfError : BAG_INCOMPLETE, not a bag of a cell, or this contour is not in it
+    IsfError : BAG_INCOMPLETE, not a bag of a cell, or this contour is not in it; BAG_UNREADABLE, it is damaged;
+        FILE_FIELD, it holds several cells, or none of that name
     """
-    name = f"{namespace_of(bag)}/{topics.NOMINAL.name}"
+    name = f"{namespace_of(bag, namespace)}/{topics.NOMINAL.name}"
+    part = last_part(bag, namespace)
     connections = [connection for connection in bag.connections if connection.topic == name]
-    indices = {message.index: time for time, message in bag.messages(connections)}
+    try:
+        indices = {
+            message.index: time
+            for time, message in bag.messages(connections)
+            if message.plan_id == part.plan_id and time >= part.start
+        }
+    except Exception as error:  # a damaged file shows in as many ways as there are bytes
+        raise unreadable(bag.path, f"is damaged: {error}") from error
     if index not in indices:
         held = f"contours {min(indices) + 1} to {max(indices) + 1}" if indices else "no contour"
         raise IsfError(

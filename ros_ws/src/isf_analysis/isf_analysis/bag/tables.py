@@ -138,16 +138,17 @@ def _nothing(kind: NDArray[Any], n: int) -> NDArray[Any]:
 class Bag(Mapping[str, TopicTable]):
     """A bag as tables: a mapping from topics, as they were recorded, to their tables.
 
-    A topic may be named without its leading slash and the namespace of the cell. Close it, or use it as a context.
+    A topic may be named without its leading slash and the namespace of the cell. ``namespace`` : cell that is meant,
+    where the bag holds several. Close it, or use it as a context.
 
     Attributes
     ----------
-    path : bag or run folder
+    path : bag or run folder ; namespace : cell that is meant, None: the only one
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, namespace: str | None = None) -> None:
         """Raises IsfError BAG_UNREADABLE."""
-        self.path = Path(path)
+        self.path, self.namespace = Path(path), namespace
         self._bag = open_bag(self.path)
         topics: dict[str, list[Connection]] = {}
         for connection in sorted(self._bag.connections, key=lambda item: item.topic):
@@ -171,6 +172,9 @@ class Bag(Mapping[str, TopicTable]):
         wanted = topic if topic.startswith("/") else f"/{topic}"
         if wanted in self._tables:
             return self._tables[wanted]
+        own = f"/{(self.namespace or '').strip('/')}{wanted}"
+        if own in self._tables:
+            return self._tables[own]
         ending = [name for name in self._tables if name.endswith(wanted)]
         if len(ending) == 1:
             return self._tables[ending[0]]
@@ -200,21 +204,22 @@ class Bag(Mapping[str, TopicTable]):
 
         Raises
         ------
-        IsfError : BAG_INCOMPLETE, not a bag of a cell, or nothing was formed
+        IsfError : BAG_INCOMPLETE, not a bag of a cell, or nothing was formed; FILE_FIELD, it holds several cells, or
+            none of that name
         """
-        return part_of(self._bag)
+        return part_of(self._bag, self.namespace)
 
-    @property
+    @cached_property
     def contours(self) -> Table:
         """A row per contour: :func:`isf_analysis.measures.part_tables.contour_table`; raises as :attr:`part`."""
         return self._of_part("contours", part_tables.contour_table)
 
-    @property
+    @cached_property
     def points(self) -> Table:
         """A row per contour point: :func:`isf_analysis.measures.part_tables.point_table`; raises as :attr:`part`."""
         return self._of_part("points", part_tables.point_table)
 
-    @property
+    @cached_property
     def ticks(self) -> Table:
         """A row per control tick: :func:`isf_analysis.measures.part_tables.tick_table`; raises as :attr:`part`."""
         return self._of_part("ticks", part_tables.tick_table)

@@ -169,7 +169,8 @@ class Surface:
 def _begins(counts: Indices) -> list[int]:
     """Where parts begin, the first one left out, of points with ``counts`` candidates: none holds more than
     :data:`HELD`, unless a point alone does."""
-    begins, held = [], 0
+    begins: list[int] = []
+    held = 0
     for k, count in enumerate(counts.tolist()):
         held += count
         if held > HELD and k > (begins[-1] if begins else 0):

@@ -8,13 +8,16 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import isf_analysis
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from isf_analysis.bag import topics
-from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.bag.bag_reader import last_part, read_bag, read_cell
 from isf_analysis.bag.bag_writer import write_bag
+from isf_analysis.bag.open_bag import open_bag
+from isf_analysis.bag.playback import begin_of_contour
 from isf_analysis.bag.topics import cell_types, make_message, message_folder
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
@@ -134,6 +137,33 @@ def test_a_bag_in_a_namespace_is_found(tmp_path: Path) -> None:
 def test_a_sqlite_bag_is_read(tmp_path: Path) -> None:
     source = write_bag(PART, tmp_path / "mcap")
     assert_same(PART, read_bag(copy_bag(source, tmp_path / "db3", storage=StoragePlugin.SQLITE3)))
+
+
+def test_a_contour_that_the_last_part_has_not_is_not_taken_from_the_one_before(tmp_path: Path) -> None:
+    """Six contours, then a part of the same plan with two."""
+    first, second = (make_part(contours=6, spacing=10e-3, stop_after=stop) for stop in (None, 2))
+    bags = [
+        write_bag(first, tmp_path / "first", end=200_000_000_000),
+        write_bag(second, tmp_path / "second", end=300_000_000_000),
+    ]
+    with open_bag(copy_bag(bags, tmp_path / "both")) as both:
+        part = last_part(both)
+        assert begin_of_contour(both, 1) >= part.start > 200_000_000_000
+        with pytest.raises(IsfError, match="contours 1 to") as caught:
+            begin_of_contour(both, 4)
+        assert caught.value.code == ErrorCode.BAG_INCOMPLETE
+
+
+def test_a_damaged_contour_is_told_from_a_fault(bag: Path, tmp_path: Path) -> None:
+    """As in a bag without checksums."""
+    with Writer(tmp_path / "cut", version=9, storage_plugin=StoragePlugin.MCAP) as writer, Reader(bag) as reader:
+        added = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=cell_types()) for c in reader.connections}
+        for connection, time, data in reader.messages():
+            cut = data[:40] if connection.topic == "/contour/nominal" else data
+            writer.write(added[connection.id], time, cut)
+    with open_bag(tmp_path / "cut") as cut, pytest.raises(IsfError) as caught:
+        begin_of_contour(cut, 0)
+    assert caught.value.code == ErrorCode.BAG_UNREADABLE
 
 
 def test_the_last_part_of_a_bag_is_read(tmp_path: Path) -> None:
@@ -311,6 +341,16 @@ def test_a_bag_of_two_cells_asks_which(bag: Path, tmp_path: Path) -> None:
     assert read_bag(both, "/cell_2/").job_name == "other"
     with pytest.raises(IsfError, match="no cell 'cell_3'"):
         read_bag(both, "cell_3")
+    assert read_cell(both, "cell_2").job_name == read_cell(other, "cell_2").job_name == "other"
+    with isf_analysis.open(both, "cell_2") as found:
+        assert found.part.job_name == "other"
+        assert found["contour/nominal"].name == "/cell_2/contour/nominal"
+        assert len(found.contours) == PART.planned
+        assert found.contours is found.contours
+        for name in ("cell_1", "cell_2"):
+            assert begin_of_contour(found.raw, 0, name) > 0
+        with pytest.raises(IsfError, match="--namespace"):
+            begin_of_contour(found.raw, 0)
 
 
 def test_raw_readings_in_a_bag_disturb_nobody(bag: Path, tmp_path: Path) -> None:

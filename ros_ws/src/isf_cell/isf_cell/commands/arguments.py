@@ -24,6 +24,9 @@ Seed = Annotated[int, typer.Option("--seed", help="seed of sensor noise and of t
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="folder for the results  [default: runs/NAME-TIME]", metavar="DIR")
 ]
+Namespace = Annotated[
+    str | None, typer.Option("--namespace", help="cell that is meant, where a bag holds several", metavar="NAME")
+]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object on stdout")]
 
 

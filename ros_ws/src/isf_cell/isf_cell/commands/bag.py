@@ -15,9 +15,9 @@ from isf_cell.commands import terminal
 from isf_cell.commands.run_folder import make_folder
 
 
-def show_bag(path: Path, *, as_json: bool) -> None:
-    """Part, duration and topics of the bag at ``path``; raises IsfError BAG_UNREADABLE."""
-    with isf_analysis.open(path) as bag:
+def show_bag(path: Path, *, namespace: str | None = None, as_json: bool) -> None:
+    """Part (of the cell ``namespace``), duration and topics of the bag at ``path``; raises IsfError BAG_UNREADABLE."""
+    with isf_analysis.open(path, namespace) as bag:
         reader = bag.raw.reader
         topics = [{"name": name, "type": table.type, "messages": table.messages} for name, table in bag.items()]
         data: dict[str, Any] = {
@@ -66,11 +66,20 @@ def show_bag(path: Path, *, as_json: bool) -> None:
 
 
 def write_bag_tables(
-    path: Path, output: Path, formats: Sequence[str] | None, topics: Sequence[str] | None, *, as_json: bool
+    path: Path,
+    output: Path,
+    formats: Sequence[str] | None,
+    topics: Sequence[str] | None,
+    *,
+    namespace: str | None = None,
+    as_json: bool,
 ) -> None:
-    """Tables of the bag at ``path`` as files in ``output``; raises IsfError as write_tables, BAG_UNREADABLE."""
+    """Tables of the bag at ``path`` as files in ``output``, of the part that the cell ``namespace`` formed.
+
+    Raises IsfError as write_tables, BAG_UNREADABLE.
+    """
     started = time.perf_counter()
-    with isf_analysis.open(path) as bag:
+    with isf_analysis.open(path, namespace) as bag:
         folder = make_folder(output)
         rows = write_tables(bag, folder, formats, topics)
         notes = list(bag.notes)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from isf_cell.commands.arguments import Json
+from isf_cell.commands.arguments import Json, Namespace
 
 app = typer.Typer(
     help="What is in a bag: a short summary, and its topics and contours as tables.", no_args_is_help=True
@@ -17,11 +17,11 @@ Bag = Annotated[Path, typer.Argument(help="bag, or folder of a run", metavar="BA
 
 
 @app.command()
-def info(bag: Bag, json: Json = False) -> None:
+def info(bag: Bag, namespace: Namespace = None, json: Json = False) -> None:
     """Part, duration and topics of a bag."""
     from isf_cell.commands.bag import show_bag
 
-    show_bag(bag, as_json=json)
+    show_bag(bag, namespace=namespace, as_json=json)
 
 
 @app.command()
@@ -35,9 +35,10 @@ def tables(
     topic: Annotated[
         list[str] | None, typer.Option("--topic", help="topic to write; again for each  [default: all]", metavar="NAME")
     ] = None,
+    namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Write a table per topic, and of the part: a row per contour, per contour point and per control tick."""
     from isf_cell.commands.bag import write_bag_tables
 
-    write_bag_tables(bag, output, form, topic, as_json=json)
+    write_bag_tables(bag, output, form, topic, namespace=namespace, as_json=json)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.bag.bag_reader import read_cell
 from isf_analysis.figures import distance_figures, style
 from isf_analysis.measures.surface_distance import NO_MOTION, Distances, Motion, Surface, apart, best_fit, statistics
 from isf_core.errors import ErrorCode, IsfError
@@ -56,9 +56,12 @@ def compare_shapes(
     tolerances: Sequence[float],
     output: Path | None,
     *,
+    namespace: str | None = None,
     as_json: bool,
 ) -> None:
     """Distance of the points of ``first`` from the surface of ``second``; ``tolerances`` mm, ``align`` clamp or fit.
+
+    ``namespace`` : cell that is meant, of bags that hold several.
 
     Raises IsfError of either file; FILE_FIELD for values that make no sense; SCAN_INCOMPLETE: nothing in common.
     """
@@ -66,7 +69,7 @@ def compare_shapes(
         raise IsfError(ErrorCode.FILE_FIELD, f"no alignment '{align}'", where="--align", advice="clamp or fit")
     if not tolerances or not all(0.0 < value < 1e3 for value in tolerances):
         raise IsfError(ErrorCode.FILE_FIELD, "a tolerance is a length in mm", where="--tolerance", advice="such as 0.3")
-    measured, wanted = load_shape(first, unit), load_shape(second, unit)
+    measured, wanted = load_shape(first, unit, namespace), load_shape(second, unit, namespace)
     what = apart(measured.points, wanted.surface, APART[align])
     if what:
         raise IsfError(
@@ -114,10 +117,11 @@ def compare_shapes(
     _show(data)
 
 
-def load_shape(path: Path, unit: str | None) -> Shape:
+def load_shape(path: Path, unit: str | None, namespace: str | None = None) -> Shape:
     """The scan of a run or bag, the CAD of a job at its place, a mesh or STEP file, or a cloud of points.
 
-    ``unit`` of meshes and PLY clouds; clouds in NPZ and CSV are in m, as ``isf bag tables`` writes them.
+    ``namespace`` of the cell, where a bag holds several; ``unit`` of meshes and PLY clouds; clouds in NPZ and CSV are
+    in m, as ``isf bag tables`` writes them.
 
     Raises
     ------
@@ -125,7 +129,7 @@ def load_shape(path: Path, unit: str | None) -> Shape:
     """
     kind = path.suffix.lower().lstrip(".")
     if path.is_dir() or kind in ("mcap", "db3"):
-        return _of_bag(path)
+        return _of_bag(path, namespace)
     if kind in ("yaml", "yml"):
         return _of_job(path)
     if kind in ("npz", "csv"):
@@ -139,8 +143,8 @@ def load_shape(path: Path, unit: str | None) -> Shape:
     return _of_mesh("mesh", mesh.vertices, mesh.faces)
 
 
-def _of_bag(path: Path) -> Shape:
-    scan = read_bag(path).scan
+def _of_bag(path: Path, namespace: str | None) -> Shape:
+    scan = read_cell(path, namespace).scan
     if scan is None:
         raise IsfError(
             ErrorCode.BAG_INCOMPLETE,

@@ -30,6 +30,7 @@ class PlayOptions:
     clock: float
     paused: bool
     delay: float
+    namespace: str | None = None
 
 
 def play_bag(path: Path, options: PlayOptions, *, as_json: bool) -> None:
@@ -45,7 +46,7 @@ def play_bag(path: Path, options: PlayOptions, *, as_json: bool) -> None:
         )
     if not 0.0 <= options.delay < math.inf:
         raise IsfError(ErrorCode.FILE_FIELD, f"a delay of {options.delay:g} s", where="--delay", advice="such as 1")
-    with isf_analysis.open(path) as bag:
+    with isf_analysis.open(path, options.namespace) as bag:
         remap = dict(checked_remap(item).split(":=") for item in options.remap)
         try:
             names = [bag[topic].name for topic in options.topics] or [
@@ -56,7 +57,7 @@ def play_bag(path: Path, options: PlayOptions, *, as_json: bool) -> None:
             raise IsfError(
                 ErrorCode.FILE_FIELD, str(error.args[0]), where="--topic, --remap", advice="isf bag info lists them"
             ) from error
-        begin = begin_of_contour(bag.raw, options.contour - 1) if options.contour else 0
+        begin = begin_of_contour(bag.raw, options.contour - 1, options.namespace) if options.contour else 0
         connections = [connection for name in names for connection in bag.connections[name]]
         from isf_cell.run.player import Player, Playing  # late: ROS is not needed to refuse
 

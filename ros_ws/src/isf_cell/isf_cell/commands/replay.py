@@ -22,14 +22,23 @@ from isf_cell.replay.what_if import parse
 
 
 def replay_run(
-    path: Path, changes: Sequence[str], output: Path | None, base: Path | None, replant: bool | None, *, as_json: bool
+    path: Path,
+    changes: Sequence[str],
+    output: Path | None,
+    base: Path | None,
+    replant: bool | None,
+    *,
+    namespace: str | None = None,
+    as_json: bool,
 ) -> None:
     """Replay the run or bag at ``path`` with the ``changes`` "NAME=VALUE"; pictures where there are changes.
+
+    ``namespace`` of the cell, where the bag holds several.
 
     Raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, and codes of the job.
     """
     what_if = parse(changes)
-    run = read_run(path)
+    run = read_run(path, namespace)
     with terminal.part_progress(f"{run.part.job_name}, replayed") as progress:
         found = replay(run, what_if, base=base, replant=replant, phase=progress.phase, formed=progress.contour)
     data = found.numbers()

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.bag.bag_reader import read_bag, read_cell
 from isf_analysis.bag.open_bag import bag_of
 from isf_analysis.report.page import write_report
 from isf_core.contour import ContourResult, contour_label
@@ -41,8 +41,8 @@ def finish(
 
     A run of which its own bag does not hold the end has the failure BAG_INCOMPLETE.
 
-    ``namespace`` is the cell of a bag that holds several. ``counts`` replaces numbers that the bag cannot know, such as
-    the wall time.
+    ``namespace`` is the cell of a bag, or reference, that holds several. ``counts`` replaces numbers that the bag
+    cannot know, such as the wall time.
     """
     own = bag is None
     bag = bag or folder / "bag"
@@ -60,7 +60,7 @@ def finish(
             where=str(bag),
             advice="check the free space of the disk; what was recorded is reported",
         )
-    reference = read_bag(reference_bag) if reference_bag else None
+    reference = read_cell(reference_bag, namespace) if reference_bag else None
     made = write_report(record, folder, reference=reference, bag=bag, failure=failure)
     data = {**made.numbers, **(counts or {}), "bag": str(bag), "report": str(made.html)}
     if failure:

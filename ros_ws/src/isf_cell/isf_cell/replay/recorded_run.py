@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,11 @@ from typing import Any
 import isf_analysis
 import numpy as np
 from isf_analysis.bag import topics
-from isf_analysis.bag.bag_reader import namespace_of
+from isf_analysis.bag.bag_reader import last_part, namespace_of
 from isf_analysis.bag.cdr_columns import Columns
 from isf_analysis.bag.tables import Bag, read_tables
 from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.scan_cloud import stamp_of
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array, Indices
@@ -117,26 +119,26 @@ class RecordedRun:
         return RunOptions(part.correction, force, max(0, part.variant), part.seed, sheet)
 
 
-def read_run(path: Path) -> RecordedRun:
-    """The last part of the bag, or of the run folder, at ``path``.
+def read_run(path: Path, namespace: str | None = None) -> RecordedRun:
+    """The last part of the bag, or of the run folder, at ``path``; of the cell ``namespace``, None: the only one.
 
     Raises
     ------
-    IsfError : BAG_UNREADABLE, BAG_INCOMPLETE
+    IsfError : BAG_UNREADABLE, BAG_INCOMPLETE; FILE_FIELD, it holds several cells, or none of that name
     """
-    with isf_analysis.open(path) as bag:
+    with isf_analysis.open(path, namespace) as bag:
         part = bag.part
         try:
-            namespace = namespace_of(bag.raw)
-            began = _began(bag, namespace)
+            namespace = namespace_of(bag.raw, namespace)
+            began = last_part(bag.raw, namespace).start
             streams = _streams(bag, namespace, began)
             return RecordedRun(
                 path=bag.raw.path,
                 part=part,
                 armed=_armed(bag, namespace, part.plan_id),
                 ticks=_ticks(streams, part),
-                scans=_clouds(bag, namespace, topics.SCAN.name, "xyz"),
-                lifts=_clouds(bag, namespace, topics.LIFT.name, fields.LIFT),
+                scans=_clouds(bag, f"{namespace}/{topics.SCAN.name}", "xyz", began),
+                lifts=_clouds(bag, f"{namespace}/{topics.LIFT.name}", fields.LIFT, began),
             )
         except (KeyError, ValueError) as error:
             raise IsfError(
@@ -149,12 +151,6 @@ def read_run(path: Path) -> RecordedRun:
 
 def _messages(bag: Bag, name: str) -> list[tuple[int, Any]]:
     return list(bag.raw.messages(bag.connections[name])) if name in bag.connections else []
-
-
-def _began(bag: Bag, namespace: str) -> int:
-    """ns since 1970, when the job of the last part came, which is before its controller is armed."""
-    jobs = _messages(bag, f"{namespace}/{topics.JOB.name}")
-    return jobs[-1][0] if len(jobs) > 1 else 0
 
 
 def _armed(bag: Bag, namespace: str, plan_id: str) -> Armed | None:
@@ -172,15 +168,16 @@ def _armed(bag: Bag, namespace: str, plan_id: str) -> Armed | None:
     )
 
 
-def _clouds(bag: Bag, namespace: str, name: str, columns: Any) -> tuple[tuple[float, Array], ...]:
-    found = []
-    for _, message in _messages(bag, f"{namespace}/{name}"):
-        stamp = message.header.stamp
-        time = (int(stamp.sec) * NANO + int(stamp.nanosec)) / NANO
-        found.append(
-            (time, fields.cloud_columns(message, columns) if message.data.size else np.empty((0, len(columns))))
+def _clouds(bag: Bag, name: str, columns: Sequence[str], began: int) -> tuple[tuple[float, Array], ...]:
+    """Of the topic ``name``, received from ``began`` ns on."""
+    return tuple(
+        (
+            stamp_of(message),
+            fields.cloud_columns(message, columns) if message.data.size else np.empty((0, len(columns))),
         )
-    return tuple(found)
+        for time, message in _messages(bag, name)
+        if time >= began
+    )
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,12 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from isf_analysis.bag.bag_writer import write_bag
+from isf_analysis.bag.topics import cell_types
 from isf_analysis.measures.force_metrics import force_metrics
 from isf_analysis.measures.record import PartRecord
 from isf_cell import in_process
@@ -25,6 +27,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
 from quick_cone import CONTOURS, FOLDER, quick_cone
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 GAIN = "force.loop_gain=10"
 
@@ -52,6 +55,21 @@ def test_a_simulated_part_is_formed_again_to_the_last_bit(run: Path, capsys: pyt
     assert data["identical"] is True
     assert data["results"] == {"compared": CONTOURS, "differing_fields": {}, "first_contour": None, "in_one_alone": 0}
     assert data["corrections"]["differing_fields"] == {}
+
+
+def test_scans_of_the_part_before_are_not_those_of_the_last_one(part: PartRecord, tmp_path: Path) -> None:
+    bags = [write_bag(part, tmp_path / name, end=end * 10**9) for name, end in (("first", 2000), ("second", 4000))]
+    with Writer(tmp_path / "both", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        written: dict[str, Any] = {}
+        for path in bags:
+            with Reader(path) as reader:
+                for item, time, data in reader.messages():
+                    if item.topic not in written:
+                        written[item.topic] = writer.add_connection(item.topic, item.msgtype, typestore=cell_types())
+                    writer.write(written[item.topic], time, data)
+    alone, last = read_run(bags[1]), read_run(tmp_path / "both")
+    assert len(last.scans) == len(alone.scans) > 1
+    assert len(last.lifts) == len(alone.lifts)
 
 
 def test_a_record_that_was_changed_is_not_identical(part: PartRecord, tmp_path: Path) -> None:
