@@ -77,9 +77,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
         self._receiver = WrenchReceiver(p.wrench_frame, math.inf if p.lockstep else p.wrench_delay, self._timeout)
         self._pair = self._receiver.pair
-        blind = p.wrench_timeout or PAUSE_AFTER
+        blind = min(self._timeout, PAUSE_AFTER)
         self._ready = Readiness(self._timeout, blind, self._receiver.frames)
-        self._grace = self._timeout if p.lockstep else min(self._timeout, PAUSE_AFTER)
+        self._grace = self._timeout if p.lockstep else blind
         self._delayed, self._patient_until, self._look = False, 0.0, RegularLook(0.5 * self._timeout)
         self._ticks = self._late_before = self._pauses = 0
         self._paused_until = 0.0
@@ -258,7 +258,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
                 controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost), ticking=True)
-            self._pause(controller, "" if waiting else self._unknown())
+            self._pause(controller, None if waiting else self._unknown())
             blind = self._settings.output == "twist" and not waiting and controller.fault is None
             if blind and (text := self._ready.pose_lost_text()):
                 controller.fail(ErrorCode.POSE_LOST, text, ticking=True)
@@ -270,14 +270,16 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         finally:
             self._lock.release()
 
-    def _unknown(self) -> str:
-        """Why the forces of this moment are not known; empty: they are."""
+    def _unknown(self) -> Fault | None:
+        """Why the forces of this moment are not known; None: they are."""
         if silent := self._ready.silent(PAUSE_AFTER):
-            return "nothing on " + " and ".join(f"tool_{k}/wrench" for k in silent) + f" for {PAUSE_AFTER:g} s"
-        late = self._receiver.late_for(self._ready.needed) > PAUSE_AFTER
-        return "the wrenches come too late" if late else ""
+            names = " and ".join(f"tool_{k}/wrench" for k in silent)
+            return ErrorCode.WRENCH_LOST, f"nothing on {names} for {PAUSE_AFTER:g} s"
+        if self._receiver.late_for(self._ready.needed) > PAUSE_AFTER:
+            return ErrorCode.WRENCH_LATE, f"the wrenches have come too late for {PAUSE_AFTER:g} s"
+        return None
 
-    def _pause(self, controller: ForceController, unknown: str) -> None:
+    def _pause(self, controller: ForceController, unknown: Fault | None) -> None:
         """A driver that is slow, on a busy computer, is waited for: the tools stand while nothing is known, and for
         PAUSE_AFTER more, so that they are where they should be. A measurement, which moves by the force, ends. After a
         fault nothing is waited for: what lifts the tools then goes on."""
@@ -285,14 +287,14 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if unknown:
             self._paused_until = now + PAUSE_AFTER
         if unknown and controller.measuring and controller.fault is None:
-            controller.fail(ErrorCode.WRENCH_LOST, unknown, ticking=True)
+            controller.fail(*unknown, ticking=True)
         paused = now < self._paused_until and controller.fault is None
         if paused == controller.paused:
             return
         controller.paused = paused
-        if paused:
+        if paused and unknown:
             self._pauses += 1
-            self.get_logger().warning(f"{unknown}: the tools stand")
+            self.get_logger().warning(f"{unknown[1]}: the tools stand")
         elif controller.fault is None:
             self.get_logger().warning("the wrenches are back: the tools go on")
 

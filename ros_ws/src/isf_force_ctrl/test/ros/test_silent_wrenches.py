@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode
+from isf_msgs.action import LiftTool
 from isf_msgs.msg import ForceCtrlState
 from isf_ros import conversion, qos
-from node_cell import Observed, long_ring, small_ring, watched
+from node_cell import Observed, call_action, long_ring, small_ring, watched
 
 pytestmark = [pytest.mark.graph, pytest.mark.clock]
 
@@ -30,9 +31,9 @@ class Cell(Observed):
             PoseStamped, "tool_1/target", lambda m: self.tips.append(conversion.tip_of(m)), qos.STREAM
         )
 
-    def begin(self, **parameters: object) -> None:
+    def begin(self, machine: dict[str, object] | None = None, **parameters: object) -> None:
         """Start the nodes, and a contour; it is in full control when this returns."""
-        self.start({"lockstep": False}, lockstep=False, **parameters)
+        self.start({"lockstep": False, **(machine or {})}, lockstep=False, **parameters)
         self.setter("machine")  # to find it may take as long as the contour
         self.armed()
         self._contours.publish(conversion.contour_to_message(long_ring()))
@@ -100,3 +101,25 @@ def test_an_overload_of_one_tool_is_seen_while_the_other_one_is_silent(cell: Cel
     assert cell.wait(lambda: cell.results)
     assert (cell.results[0].completed, cell.results[0].code) == (False, ErrorCode.WRENCH_OUT_OF_RANGE)
     assert "tool_2" in cell.results[0].message
+
+
+def test_a_measurement_does_not_wait_for_late_wrenches(cell: Cell) -> None:
+    cell.start({"lockstep": False}, lockstep=False)
+    cell.setter("machine")
+    cell.armed(count=2)
+    assert cell.form(small_ring(0, 2)).code == 0
+    seen = len(cell.states)
+    assert cell.set("machine", late_at=0)[0].successful
+    assert cell.wait(lambda: any(state.flags & ForceCtrlState.PAUSED for state in cell.states[seen:]))
+    goal = LiftTool.Goal(speed=1e-3, zero_force=5.0, max_lift=5e-3)
+    result, _ = call_action(cell, LiftTool, "lift_tool", goal)
+    assert result.code == ErrorCode.WRENCH_LATE
+    assert "too late for 0.25 s" in result.message
+
+
+def test_velocities_end_without_poses_however_long_wrenches_are_waited_for(cell: Cell) -> None:
+    cell.begin({"twist": True}, output="twist", wrench_timeout=60.0)
+    assert cell.set("machine", poses_until=0)[0].successful
+    assert cell.wait(lambda: cell.results)
+    assert (cell.results[0].completed, cell.results[0].code) == (False, ErrorCode.POSE_LOST)
+    assert "for 0.25 s" in cell.results[0].message
