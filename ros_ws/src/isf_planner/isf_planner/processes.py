@@ -13,8 +13,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import ClassVar
 
+import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile, load_process
@@ -69,15 +71,21 @@ class FormingProcess(ABC):
         ------
         IsfError : codes 1101-1112 with the place and an advice; PLAN_CANCELLED
         """
+        path = job_file.job.path
+        own = step.part(0.0, 0.4 if path.stages or path.morph else 1.0)
         sides, shifts, warnings = [], [], []
         for half in _parts(loaded, job_file):
-            side, shift, reported = _plan_half(half, job_file, step)
+            side, shift, reported = _plan_half(half, job_file, own)
             sides.append(side)
             shifts.append(shift)
             warnings += reported
         mesh = loaded.moved(shifts[0])  # the height of an island's floor is known from the others
-        made = stages.preforms(mesh, [side.forming_tool for side in sides], job_file, step)
-        preforms = tuple(_plan_half(half, job_file, step)[0] for half in made.parts)
+        made = stages.preforms(mesh, [side.forming_tool for side in sides], job_file, step.part(0.4, 0.5))
+        begins = np.linspace(0.5, 0.9, len(made.parts) + 1)
+        preforms = tuple(
+            _plan_half(half, job_file, step.part(float(begin), float(end)))[0]
+            for half, (begin, end) in zip(made.parts, pairwise(begins), strict=True)
+        )
         return PreparedPart(mesh, tuple(sides), preforms, (*warnings, *made.warnings), stages=made.stages)
 
     @abstractmethod
@@ -216,3 +224,7 @@ class Steps:
         if self.cancelled():
             raise IsfError(ErrorCode.PLAN_CANCELLED, "planning was cancelled", where=phase)
         self.progress(phase, share)
+
+    def part(self, begin: float, end: float) -> Steps:
+        """For work whose shares 0 to 1 are ``begin`` to ``end`` of the whole."""
+        return Steps(lambda phase, share: self.progress(phase, begin + (end - begin) * share), self.cancelled)

@@ -66,8 +66,11 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     table = folder / "contours.csv"
     _write_table(result, table)
     data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": list(result.warnings)}
-    found = find_features(Mesh(*result.mesh), job_file.job.tool_1.ball_radius)
-    data |= {"features": found.counts(), "files": [str(path) for path in _write(result, wanted, found)]}
+    found = None
+    if as_json or wanted.colour == FEATURES:  # they take as long as the plan of a simple part
+        found = find_features(Mesh(*result.mesh), job_file.job.tool_1.ball_radius)
+        data |= {"features": found.counts()}
+    data |= {"files": [str(path) for path in _write(result, wanted, found)]}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
     data |= reach(result, job_file.rig, folder)
     if as_json:
@@ -77,12 +80,14 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         f"{data['time_s'] / 60:.1f} min at feed; wall angle up to {data['max_wall_angle_deg']:.1f} deg, "
         f"thinnest {data['min_thickness_mm']:.2f} mm"
     )
-    terminal.say(f"features: {feature_view.summary_of(found)}")
-    for number, stage in enumerate(data["stages"], start=1):
-        terminal.say(
-            f"stage {number} of {len(data['stages'])}: {stage['depth_mm']:.1f} mm deep, up to "
-            f"{stage['wall_angle_deg']:.1f} deg, gap to the stage before {stage['gap_over_limit']:.2f} of its limit"
-        )
+    if found is not None:
+        terminal.say(f"features: {feature_view.summary_of(found)}")
+    for number, stage in enumerate(result.stages, start=1):
+        text = f"stage {number} of {len(result.stages)}: {1e3 * stage.depth:.1f} mm deep, "
+        text += f"up to {np.degrees(stage.wall_angle):.1f} deg"
+        if fold := stage.fold_over:
+            text += f", {fold.gap_text} to the wall of the stage before, {fold.ratio:.2f} of the limit"
+        terminal.say(text)
     if chosen := support_tool.chosen_force(job_file.job, result.contours):
         terminal.say(chosen)
     for warning in result.warnings:
@@ -179,7 +184,8 @@ def _numbers(result: Plan) -> dict[str, Any]:
         {
             "depth_mm": 1e3 * stage.depth,
             "wall_angle_deg": float(np.degrees(stage.wall_angle)),
-            "gap_over_limit": stage.fold_over.ratio,
+            "gap_over_limit": stage.fold_over.ratio if stage.fold_over else None,
+            "gap_at_least": stage.fold_over is not None and stage.fold_over.at_least,
         }
         for stage in result.stages
     ]

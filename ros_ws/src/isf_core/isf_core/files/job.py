@@ -188,6 +188,8 @@ class MorphSpec(FileModel):
             raise ValueError("chi has no effect without method laplacian")
         if "most_shapes" in self.model_fields_set and self.shapes is not None:
             raise ValueError("most_shapes has no effect beside shapes")
+        if self.first_angle and self.failure_angle and self.first_angle > self.failure_angle:
+            raise ValueError("first_angle is steeper than failure_angle, at which the sheet fails in one pass")
         return self
 
 

@@ -50,9 +50,6 @@ RIB_LENGTH = 0.2
 RIB_RADIUS = 2.0
 """Radius below which a fillet is a rib, over the tool radius."""
 
-SMALLEST_EDGE = 2.0 * RIB_LENGTH / RIB_RADIUS
-"""rad; a sharp edge of less is no rib."""
-
 WALL_LENGTH = 0.6
 """Length over which the regions between the ribs are looked at, over the tool radius."""
 

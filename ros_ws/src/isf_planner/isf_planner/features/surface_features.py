@@ -16,7 +16,6 @@ from enum import Enum
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Indices
 
-from isf_planner.part.meshes import Mesh
 from isf_planner.surface import height_grid
 
 
@@ -122,10 +121,6 @@ class FeatureMap:
     def of_points(self, points: Array) -> Indices:
         """(N,) feature of points (N, 2) or (N, 3) m, such as the middles of facets; the nearest beyond the grid."""
         return self.label[height_grid.nearest_node(self.heights, points)]
-
-    def of_facets(self, mesh: Mesh) -> Indices:
-        """(F,) feature of every facet of the mesh that the map was made of, by its middle."""
-        return self.of_points(mesh.corners().mean(axis=1))
 
     def horizontal_rank(self, first: int, second: int) -> int | None:
         """Which horizontal neighbour ``second`` is of ``first``: 1 beside it, 2 beside that one; None: it is none."""

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from isf_planner.features.segmentation import find_features
 from isf_planner.forming.sides import HalfPart
 from isf_planner.morphing.chain import Chain, make_chain, on_finer_grid, steepest
-from isf_planner.morphing.fold_over import FARTHEST, NONE, FoldOver, fold_over
+from isf_planner.morphing.fold_over import FoldOver, fold_over
 from isf_planner.morphing.rules import rules_of
 from isf_planner.morphing.selection import FIRST_SHARE, Spacing, not_reached, select
 from isf_planner.part.mesh_checks import place_text
@@ -62,11 +62,11 @@ class Stage:
     Attributes
     ----------
     heights : the formed surface, m, flange at z = 0
-    fold_over : after the stage before; of the first one nothing folds
+    fold_over : after the stage before; None for the first one
     """
 
     heights: HeightMap
-    fold_over: FoldOver
+    fold_over: FoldOver | None
 
     @property
     def depth(self) -> float:
@@ -133,15 +133,14 @@ def preforms(
         steep = morph.first_angle or FIRST_SHARE * failure
         measure = morph.gap
         shapes = _morphed(mesh, part, job, morph, failure, steep, step, reported)
-    found = [NONE, *(fold_over(a, b, radius, steep, measure) for a, b in pairwise([*shapes, part]))]
-    stages = tuple(Stage(shape, fold) for shape, fold in zip([*shapes, part], found, strict=True))
-    worst = max(range(len(found)), key=lambda k: found[k].ratio)
-    if found[worst].ratio > 1.0:
-        fold = found[worst]
-        least = "at least " if fold.gap >= FARTHEST * radius else ""
+    folds = [fold_over(a, b, radius, steep, measure) for a, b in pairwise([*shapes, part])]
+    stages = tuple(Stage(shape, fold) for shape, fold in zip([*shapes, part], [None, *folds], strict=True))
+    worst = max(range(len(folds)), key=lambda k: folds[k].ratio, default=None)
+    if worst is not None and folds[worst].ratio > 1.0:
+        fold = folds[worst]
         reported.append(
-            f"the sheet may fold over at {place_text(fold.place)}: stage {worst + 1} of {len(stages)} leaves {least}"
-            f"{fold.gap * 1e3:.1f} mm to the wall of the stage before, {fold.ratio:.1f} times what the tool bridges "
+            f"the sheet may fold over at {place_text(fold.place)}: stage {worst + 2} of {len(stages)} leaves "
+            f"{fold.gap_text} to the wall of the stage before, {fold.ratio:.1f} times what the tool bridges "
             f"({fold.limit * 1e3:.1f} mm)"
         )
     halves = tuple(HalfPart(height_grid.as_mesh(shape), 1) for shape in shapes)
@@ -204,25 +203,33 @@ def _morphed(
     reported: list[str],
 ) -> list[HeightMap]:
     """Shapes between blank and part on the grid of ``part``, the flattest first."""
+    if first > failure:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"the first shape would be {np.degrees(first):.0f} deg steep, the sheet fails at {np.degrees(failure):.0f}",
+            where="path.morph.first_angle",
+            advice="a flatter one, or leave it out: two thirds of the failure angle",
+        )
     step("features of the part", 0.0)
     chain = morph_chain(mesh, job, morph, failure)
-    step("shapes before the part", 0.0)
     spacing = Spacing(job.tool_1.ball_radius, first, morph.gap, morph.most_shapes)
-    chosen = select(chain, spacing, morph.shapes, keep_limit=morph.fold_over == "enforce")
-    if not chosen.places:
+    keep_limit = morph.fold_over == "enforce"
+    places = list(
+        select(chain, spacing, morph.shapes, keep_limit=keep_limit, look=lambda: step("shapes before the part", 0.5))
+    )
+    if not places:
         reported.append(
             f"path.morph: the part is no steeper than {np.degrees(first):.0f} deg, which is formed in one pass; "
             "nothing is formed before it"
         )
-    lifted, place = max((chain.lifted(at) for at in chosen.places), key=lambda one: one[0], default=(0.0, None))
+    lifted, place = max((chain.lifted(at) for at in places), key=lambda one: one[0], default=(0.0, None))
     if place is not None and lifted > LIFTED:
         reported.append(
             f"the morph would pass {lifted * 1e3:.1f} mm below the part at {place_text(place)}: its shapes lie on the "
             "part there, which is formed early"
         )
-    places = list(chosen.places)
     shapes = [on_finer_grid(chain.shape(at), part) for at in places]
-    if morph.fold_over == "enforce":
+    if keep_limit:
         _insert_missing(chain, part, spacing, places, shapes, morph.shapes or morph.most_shapes)
     return shapes
 
@@ -244,7 +251,7 @@ def _insert_missing(
             k += 1
             continue
         if len(shapes) >= most:
-            raise not_reached(found, len(shapes))
+            raise not_reached(found, len(shapes), most)
         places.insert(k + 1, 0.5 * (places[k] + (places[k + 1] if k + 1 < len(places) else 0.0)))
         shapes.insert(k + 1, on_finer_grid(chain.shape(places[k + 1]), part))
 
@@ -253,8 +260,6 @@ def morph_chain(mesh: Mesh, job: Job, morph: MorphSpec, failure: float) -> Chain
     """Chain of shapes of the part ``mesh``, its flange at z = 0, whose sheet fails at ``failure`` rad."""
     radius = job.tool_1.ball_radius
     coarse = height_grid.sample(mesh, _pitch(mesh, MORPH_PITCH * radius, LARGEST_MORPH), 0.0)
-    found = find_features(mesh, radius)
-    label = found.of_points(coarse.points()).reshape(coarse.z.shape)
-    rules = rules_of(replace(found, heights=coarse, label=label), failure, radius)
+    rules = rules_of(find_features(mesh, radius), coarse, failure, radius)
     width = radius if morph.joint_width is None else morph.joint_width
     return make_chain(coarse, rules, (width, morph.joint_share), morph.method, morph.chi)

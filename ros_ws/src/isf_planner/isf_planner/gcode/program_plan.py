@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from bisect import bisect_right
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -38,8 +39,6 @@ ON_SHEET = 1e-6
 """m over the sheet up to which a tip is engaged."""
 MOST_STARTS = 4
 """Points of a contour at which its loop may close."""
-LOOK_AHEAD = 20
-"""Points after a full turn within which a loop may still close."""
 MAP_PITCH = 1e-3
 """m, of the target."""
 
@@ -230,6 +229,7 @@ def _cut(run: Indices, program: Program, lifted: bool) -> list[_Piece]:
     """
     both = program.tips[run].tolist()
     given = program.given[run].tolist()
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(program.tips[run, :3], axis=0), axis=1))]).tolist()
     cuts: list[_Piece] = []
 
     def cut(index: Indices, *, closed: bool) -> None:
@@ -237,6 +237,7 @@ def _cut(run: Indices, program: Program, lifted: bool) -> list[_Piece]:
 
     start, turned, heading = 0, 0.0, None
     starts: list[int] = []  # points at which the loop may close
+    closes = -1  # point at which it is known to close
     for k, here in enumerate(both):
         closing = next((one for one in starts if k - one >= 3 and math.dist(here, both[one]) <= CLOSED), None)
         if closing is not None:
@@ -253,9 +254,11 @@ def _cut(run: Indices, program: Program, lifted: bool) -> list[_Piece]:
             now = math.atan2(dy, dx)
             turned += math.remainder(now - heading, math.tau) if heading is not None else 0.0
             heading = now
-        if abs(turned) > math.tau and k - start >= 3:
-            ahead = both[k : k + LOOK_AHEAD]
-            if not any(math.dist(place, both[one]) <= CLOSED for place in ahead for one in starts):
+        if abs(turned) > math.tau and k - start >= 3 and k > closes:
+            # the last corner may turn past 2 pi by rounding, an edge before the loop closes: look as far again as it is
+            ahead = range(k, bisect_right(along, 2.0 * along[k] - along[start]))
+            closes = next((j for j in ahead if any(math.dist(both[j], both[one]) <= CLOSED for one in starts)), -1)
+            if closes < 0:
                 cut(run[start:k], closed=False)
                 start, starts = k, [k]
             turned = 0.0

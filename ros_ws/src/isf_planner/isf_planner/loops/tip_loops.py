@@ -20,7 +20,7 @@ import numpy as np
 import shapely
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job
-from isf_core.types import Array
+from isf_core.types import Array, Mask
 
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.surface import target_surface, tip_surface
@@ -103,10 +103,8 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
     points = with_equal_chords(points, spacing, start)
     points = settle(surface, points, level, radius, steps=2)
     contact, cut = _cut(surface, points, level, radius)
-    for _ in range(MORE_ROUNDS):  # steep ribs, where the contact jumps from wall to wall
-        if cut.max() <= GOUGE_TOLERANCE:
-            break
-        points = settle(surface, points, level, radius, steps=4)
+    if cut.max() > GOUGE_TOLERANCE:
+        points = _drawn_back(surface, points, level, radius, cut > GOUGE_TOLERANCE)
         contact, cut = _cut(surface, points, level, radius)
     if cut.max() > GOUGE_TOLERANCE:
         worst = int(np.argmax(cut))
@@ -141,9 +139,7 @@ def settle(surface: TargetSurface, points: Array, level: float, radius: float, *
     For a loop around an island the outward normal points to the island: its points run clockwise.
     """
     points = points.copy()
-    tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    outward = np.column_stack([tangent[:, 1], -tangent[:, 0]])
-    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+    outward = _outward(points)
     longest = 0.1 * radius
     height, contact = tip_surface.drop_tool(surface, points, radius)
     for left in reversed(range(steps)):
@@ -157,6 +153,40 @@ def settle(surface: TargetSurface, points: Array, level: float, radius: float, *
     return points
 
 
+def _outward(points: Array) -> Array:
+    """(N, 2) unit, across a loop."""
+    tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    outward = np.column_stack([tangent[:, 1], -tangent[:, 0]])
+    return np.asarray(outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12))
+
+
+def _drawn_back(surface: TargetSurface, points: Array, level: float, radius: float, cuts: Mask) -> Array:
+    """Points (N, 2) m, of which those that ``cuts`` (N,) marks are moved inwards to where the ball is free.
+
+    Where the contact jumps, from wall to wall at a steep rib or from floor to wall, Newton's method has lost it: the
+    place is found by halving.
+    """
+    start, inward = points[cuts], -_outward(points)[cuts]
+
+    def cutting(way: Array) -> Mask:
+        height, _ = tip_surface.drop_tool(surface, start + way[:, None] * inward, radius)
+        return height > level + LIFT
+
+    near, far = np.zeros(len(start)), np.full(len(start), FIRST_WAY * radius)
+    for _ in range(DOUBLINGS):
+        still = cutting(far)
+        if not still.any():
+            break
+        near, far = np.where(still, far, near), np.where(still, 2.0 * far, far)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (near + far)
+        still = cutting(middle)
+        near, far = np.where(still, middle, near), np.where(still, far, middle)
+    moved = points.copy()
+    moved[cuts] += far[:, None] * inward
+    return moved
+
+
 def seen_from_above(loop: TipLoop, base: float = 0.0) -> TipLoop:
     """A loop planned on the mirrored surface (z to -z), over a flange at ``base`` m, in frame ``sheet``."""
     flip = np.array([1.0, 1.0, -1.0])
@@ -166,8 +196,8 @@ def seen_from_above(loop: TipLoop, base: float = 0.0) -> TipLoop:
     return turned.raised(base)
 
 
-MORE_ROUNDS = 3
-"""How often a loop that cuts is settled anew before it is given up."""
+FIRST_WAY, DOUBLINGS, HALVINGS = 0.01, 5, 8
+"""Way on which a point that cuts is drawn back at first, over the tool radius; how often it is doubled, then halved."""
 
 LIFT = 2e-6
 """m, level lines are taken this much above the level of the tip; also the depth of cut this may cause."""

@@ -64,10 +64,12 @@ class Chain:
         return len(self.z) - 1
 
     def shape(self, at: float) -> HeightMap:
-        """The shape ``at`` 0 (the part) to K (flat), between two shapes in proportion; joined and above the part."""
-        if at <= 0.0:
-            return HeightMap(self.x, self.y, self.z[0])
-        z = joined(self._between(at), self.rules.fixed, float(self.x[1] - self.x[0]), *self.joint)
+        """The shape ``at`` 0 (the part) to K (flat), between two shapes in proportion; joined and above the part.
+
+        The joint is as wide as given from shape 1 on, and narrows towards the part, which has none.
+        """
+        width, share = self.joint
+        z = joined(self._between(at), self.rules.fixed, float(self.x[1] - self.x[0]), min(at, 1.0) * width, share)
         return HeightMap(self.x, self.y, np.maximum(z, self.z[0]))
 
     def lifted(self, at: float) -> tuple[float, Array]:
@@ -132,10 +134,7 @@ def _by_least_squares(part: HeightMap, rules: MorphRules, chi: float) -> list[Ar
 
 def on_finer_grid(shape: HeightMap, part: HeightMap) -> HeightMap:
     """``shape`` on the nodes of ``part``, a finer grid, and above it."""
-    inside = np.column_stack([a.ravel() for a in np.meshgrid(part.x, part.y)])
-    clipped = np.column_stack(
-        [np.clip(inside[:, 0], shape.x[0], shape.x[-1]), np.clip(inside[:, 1], shape.y[0], shape.y[-1])]
-    )
+    clipped = np.clip(part.points()[:, :2], [shape.x[0], shape.y[0]], [shape.x[-1], shape.y[-1]])
     return HeightMap(part.x, part.y, np.maximum(shape.at(clipped).reshape(part.z.shape), part.z))
 
 

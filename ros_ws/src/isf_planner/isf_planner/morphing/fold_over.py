@@ -45,12 +45,19 @@ def fold_over_limit(radius: float, wall_angle: Array | float) -> Array:
 @dataclass(frozen=True)
 class FoldOver:
     """How near a shape comes to folding: ``ratio`` gap over limit (above 1 it may fold), ``gap`` and ``limit`` m at
-    ``place`` (3,) m. All zero where the shape has no wall."""
+    ``place`` (3,) m. All zero where the shape has no wall; ``at_least``: the wall before is farther away than was
+    looked, so ``gap`` and ``ratio`` are more."""
 
     ratio: float
     gap: float
     limit: float
     place: Array
+    at_least: bool = False
+
+    @property
+    def gap_text(self) -> str:
+        """The gap for people."""
+        return f"{'at least ' if self.at_least else ''}{self.gap * 1e3:.1f} mm"
 
 
 NONE = FoldOver(0.0, 0.0, 0.0, np.zeros(3))
@@ -84,6 +91,7 @@ def fold_over(
         own = (z[mine] - level) / tilt[mine]
         beyond = np.minimum((level - before.z[row, column]) / np.maximum(slope_before[row, column], 1e-3), pitch)
         gap[mine] = np.maximum(distance[rows[mine], columns[mine]] * pitch - own - beyond, 0.0)
+    beyond_search = gap >= FARTHEST * radius
     gap = np.minimum(gap, FARTHEST * radius)
     if measure == "normal":
         gap = gap * np.sin(np.arctan(tilt))
@@ -91,4 +99,5 @@ def fold_over(
     order = np.argsort(gap / limit)
     worst = order[int(SHARE * (len(order) - 1))]
     place = np.array([after.x[columns[worst]], after.y[rows[worst]], z[worst]])
-    return FoldOver(float(gap[worst] / limit[worst]), float(gap[worst]), float(limit[worst]), place)
+    ratio = float(gap[worst] / limit[worst])
+    return FoldOver(ratio, float(gap[worst]), float(limit[worst]), place, bool(beyond_search[worst]))

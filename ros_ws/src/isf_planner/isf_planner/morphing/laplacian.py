@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.types import Array, Indices, Mask
-from scipy.sparse import csc_matrix, csr_matrix, diags, vstack
+from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.sparse.linalg import splu
 
 
@@ -63,12 +63,6 @@ class AnchoredLaplacian:
         """(F, C) C^T d of eq. 7 for ``vertices`` (V, C) m and F free ones."""
         pulled = -(self._own.T @ (self._fixed @ vertices[~self._free]))
         return np.asarray(pulled + (self._chi**2)[:, None] * vertices[self._free])
-
-    def stacked(self, vertices: Array) -> tuple[csr_matrix, Array]:
-        """C (F + F, F) and d (F + F, C) of eq. 5, for those who solve it another way."""
-        upper = -(self._fixed @ vertices[~self._free])
-        anchored = self._chi[:, None] * vertices[self._free]
-        return vstack([self._own, diags(self._chi)]).tocsr(), np.vstack([upper, anchored])
 
     def apply(self, vertices: Array) -> Array:
         """``vertices`` (V, C) m after one solve of eq. 7."""

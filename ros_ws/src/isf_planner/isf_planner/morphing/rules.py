@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Indices, Mask
 from scipy import ndimage
 from scipy.sparse import coo_matrix
@@ -38,18 +39,16 @@ RIB_STRIP = 2
 
 @dataclass(frozen=True)
 class MorphRules:
-    """Which nodes of a feature map move, and how far.
+    """Which nodes of a grid move, and how far.
 
     Attributes
     ----------
     fixed : (ny, nx) nodes of the flange
     steps : (ny, nx) number of steps of every node, from :data:`FEWEST` to :data:`MOST`
-    by_feature : steps of every feature, by number
     """
 
     fixed: Mask
     steps: Indices
-    by_feature: tuple[int, ...]
 
     @property
     def speed(self) -> Array:
@@ -64,33 +63,37 @@ def steps_of(wall_angle: float, curvature: float, failure_angle: float, radius: 
     return FEWEST + round((MOST - FEWEST) * min(1.0, max(0.0, flat, hollow)))
 
 
-def rules_of(found: FeatureMap, failure_angle: float, radius: float) -> MorphRules:
-    """Rules for a part whose sheet fails at ``failure_angle`` rad, for a tool of ``radius`` m."""
+def rules_of(found: FeatureMap, part: HeightMap, failure_angle: float, radius: float) -> MorphRules:
+    """Rules on the grid of the ``part`` whose features are ``found``; its sheet fails at ``failure_angle`` rad.
+
+    ``radius`` of the tool, m.
+    """
     features = found.features
     steps = np.array([steps_of(f.wall_angle, f.curvature, failure_angle, radius) for f in features])
     for group in _together(features):
         steps[group] = steps[group].max()
     for feature in features:
         if feature.kind.rib:
-            beside = [steps[k] for k in feature.neighbours if features[k].kind is not Kind.TOP]
-            steps[feature.number] = max([steps[feature.number], *beside])
+            between = [k for k in feature.neighbours if features[k].kind.wall or features[k].kind is Kind.FLOOR]
+            steps[feature.number] = max(steps[[feature.number, *between]])
     top = np.array([feature.kind is Kind.TOP for feature in features])
     ribs = np.array([feature.kind.rib for feature in features])
-    by_node = steps[found.label]
-    strips = np.where(ribs[found.label], by_node, 0)
+    label = found.of_points(part.points()).reshape(part.z.shape)
+    by_node = steps[label]
+    strips = np.where(ribs[label], by_node, 0)
     by_node = np.maximum(by_node, ndimage.maximum_filter(strips, 2 * RIB_STRIP + 1))
-    fixed = top[found.label] | (found.heights.z > -ON_FLANGE)
-    return MorphRules(fixed, by_node, tuple(int(n) for n in steps))
+    fixed = top[label] | (part.z > -ON_FLANGE)
+    return MorphRules(fixed, by_node)
 
 
 def _together(features: tuple[SurfaceFeature, ...]) -> list[Indices]:
-    """Rules 2 and 3: features that a transition rib or the rib of a floor joins, with the rib."""
+    """Rule 2: features that a transition rib joins, with the rib."""
     joined = [
         (rib.number, other)
         for rib in features
-        if rib.kind in (Kind.RIB_TRANSITION, Kind.RIB_BOTTOM)
+        if rib.kind is Kind.RIB_TRANSITION
         for other in (*rib.above, *rib.below)
-        if features[other].kind is not Kind.TOP and not features[other].kind.rib
+        if features[other].kind.wall
     ]
     if not joined:
         return []

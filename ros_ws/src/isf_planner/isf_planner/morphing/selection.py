@@ -2,20 +2,21 @@
 
 The first one is as steep as two thirds of the angle at which the sheet fails in one pass. Each next one goes as far
 towards the part as eq. 1 allows (:mod:`isf_planner.morphing.fold_over`), or, with their number given, each moves the
-sheet down by the same volume. A chain is continuous: between two of its shapes lies any
-in proportion, so a step is never too coarse.
+sheet down by the same volume. A chain is continuous: between two of its shapes lies any in proportion, so a step is
+never too coarse.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 
 from isf_planner.morphing.chain import Chain, steepest
-from isf_planner.morphing.fold_over import NONE, FoldOver, Measure, fold_over
+from isf_planner.morphing.fold_over import FoldOver, Measure, fold_over
 from isf_planner.part.mesh_checks import place_text
 
 FIRST_SHARE = 2.0 / 3.0
@@ -26,6 +27,10 @@ NEAREST = 0.03
 
 ALLOWED = 0.9
 """Gap over limit up to which steps are taken: on the finer grid of the plan it is a little more."""
+
+
+STEEPER = np.radians(1.0)
+"""By how much a shape may be steeper than the part: a grid knows slopes no better."""
 
 
 @dataclass(frozen=True)
@@ -44,21 +49,24 @@ class Spacing:
     most: int
 
 
-@dataclass(frozen=True)
-class Selection:
-    """Places on the chain, from the flattest shape to the one before the part, and the fold-over of every step.
-
-    ``fold_overs`` has one more: of the part after the last shape.
-    """
-
-    places: tuple[float, ...]
-    fold_overs: tuple[FoldOver, ...]
-
-
 def first_place(chain: Chain, first_angle: float) -> float:
-    """Where the chain is as steep as ``first_angle`` rad; 0 when the part is no steeper."""
+    """Where the chain is as steep as ``first_angle`` rad; 0 when the part is no steeper.
+
+    Raises
+    ------
+    IsfError : MORPH_NOT_REACHED when the chain ends steeper than that
+    """
     if steepest(chain.shape(0.0)) <= first_angle:
         return 0.0
+    flattest = steepest(chain.shape(chain.length))
+    if flattest > first_angle:
+        raise IsfError(
+            ErrorCode.MORPH_NOT_REACHED,
+            f"after {chain.length} shapes the morph is still {np.degrees(flattest):.0f} deg steep, the first shape may "
+            f"have {np.degrees(first_angle):.0f} deg",
+            where="path.morph",
+            advice="a smaller chi, or method diffusion",
+        )
     low, high = 0.0, float(chain.length)
     while high - low > NEAREST:
         middle = 0.5 * (low + high)
@@ -69,47 +77,64 @@ def first_place(chain: Chain, first_angle: float) -> float:
     return high
 
 
-def select(chain: Chain, spacing: Spacing, count: int | None, *, keep_limit: bool) -> Selection:
-    """Shapes to be formed before the part; none when one pass forms it.
+def select(
+    chain: Chain, spacing: Spacing, count: int | None, *, keep_limit: bool, look: Callable[[], None] = lambda: None
+) -> tuple[float, ...]:
+    """Places on the chain of the shapes to be formed before the part, the flattest first; none when one pass forms it.
 
     Parameters
     ----------
     count : number of shapes; None: as many as the limit asks for
     keep_limit : refuse what does not keep it; else, with ``count`` None, take the most that are allowed
+    look : called between steps; may raise to end the search
 
     Raises
     ------
-    IsfError : MORPH_NOT_REACHED when the limit cannot be kept with the number of shapes
+    IsfError : MORPH_NOT_REACHED when the limit cannot be kept with the number of shapes, the chain does not get flat
+        enough, or a shape is steeper than the part
     """
     first = first_place(chain, spacing.first_angle)
     if first <= 0.0:
-        return Selection((), ())
-    steps = _Steps(chain, spacing)
+        return ()
+    steps = _Steps(chain, spacing, look)
     if count is None:
         places = steps.towards_part(first, ALLOWED)
         if len(places) > spacing.most:
             if keep_limit:
-                raise not_reached(steps.fold_over(places[spacing.most - 1], 0.0), spacing.most)
+                raise not_reached(steps.fold_over(places[spacing.most - 1], 0.0), spacing.most, spacing.most)
             places = steps.evenly(first, spacing.most)
     else:
         places = steps.evenly(first, count)
-    ends = (*places[1:], 0.0)
-    found = (NONE, *(steps.fold_over(a, b) for a, b in zip(places, ends, strict=True)))
-    worst = max(found, key=lambda one: one.ratio)
-    if keep_limit and worst.ratio > 1.0:
-        raise not_reached(worst, len(places))
-    return Selection(tuple(places), found)
+    _check_slopes(chain, places)
+    if keep_limit:
+        worst = max((steps.fold_over(a, b) for a, b in pairwise((*places, 0.0))), key=lambda one: one.ratio)
+        if worst.ratio > 1.0:
+            raise not_reached(worst, len(places), count or spacing.most)
+    return tuple(places)
 
 
-def not_reached(worst: FoldOver, count: int) -> IsfError:
-    """MORPH_NOT_REACHED for a limit that ``count`` shapes do not keep."""
+def _check_slopes(chain: Chain, places: Sequence[float]) -> None:
+    part = steepest(chain.shape(0.0))
+    slope = max(steepest(chain.shape(at)) for at in places)
+    if slope > part + STEEPER:
+        raise IsfError(
+            ErrorCode.MORPH_NOT_REACHED,
+            f"a shape before the part is {np.degrees(slope):.0f} deg steep where it is joined to the flange, the part "
+            f"{np.degrees(part):.0f} deg",
+            where="path.morph.joint_width",
+            advice="a narrower joint, or leave joint_width out (the tool radius)",
+        )
+
+
+def not_reached(worst: FoldOver, count: int, most: int) -> IsfError:
+    """MORPH_NOT_REACHED for a limit that ``count`` of at most ``most`` shapes do not keep."""
+    more = "allow more shapes (path.morph.shapes or most_shapes), " if count >= most else ""
     return IsfError(
         ErrorCode.MORPH_NOT_REACHED,
-        f"with {count} shapes the sheet may fold over: the next wall lies {worst.gap * 1e3:.1f} mm away, "
-        f"{worst.limit * 1e3:.1f} mm are allowed",
+        f"with {count} shapes the sheet may fold over: the next wall lies {worst.gap_text} away, "
+        f"{worst.limit * 1e3:.1f} mm are allowed" + ("" if more else "; no shape in between is nearer"),
         where=f"shape at {place_text(worst.place)}",
-        advice="allow more shapes (path.morph.shapes or most_shapes), use a larger tool or a flatter wall, or only be "
-        "warned (path.morph.fold_over: warn)",
+        advice=f"{more}use a larger tool or a flatter wall, or only be warned (path.morph.fold_over: warn)",
     )
 
 
@@ -117,8 +142,10 @@ def not_reached(worst: FoldOver, count: int) -> IsfError:
 class _Steps:
     chain: Chain
     spacing: Spacing
+    look: Callable[[], None]
 
     def fold_over(self, before: float, after: float) -> FoldOver:
+        self.look()
         chain, spacing = self.chain, self.spacing
         shapes = chain.shape(before), chain.shape(after)
         return fold_over(*shapes, spacing.radius, spacing.first_angle, spacing.measure)
@@ -128,9 +155,10 @@ class _Steps:
         places = [first]
         while len(places) <= self.spacing.most and self.fold_over(places[-1], 0.0).ratio > ratio:
             last = places[-1]
-            places.append(_largest(lambda at, last=last: self.fold_over(last, at).ratio <= ratio, 0.0, last))  # type: ignore[misc]
-            if last - places[-1] < NEAREST:
+            place = _largest(lambda at, last=last: self.fold_over(last, at).ratio <= ratio, 0.0, last)  # type: ignore[misc]
+            if last - place < NEAREST:
                 break
+            places.append(place)
         return places
 
     def evenly(self, first: float, count: int) -> list[float]:

@@ -106,6 +106,31 @@ def test_contours_of_an_exported_plan_come_back(tmp_path: Path) -> None:
     assert np.abs(again.target.z - made.target.z).max() < 0.3e-3
 
 
+def test_loops_with_long_edges_come_back_as_loops(tmp_path: Path) -> None:
+    """Each of the pyramid's contours begins in mid-edge, so that more than 30 points follow its fourth corner."""
+    job_file = load_job(JOBS / "ren_pyramid.yaml")
+    made = plan(job_file)
+    (file,) = exports.export(made, tmp_path / "part.nc")
+    again = program_plan(read_program(file.read_text(), step=5e-3), job_file)
+    assert [(len(one), one.closed) for one in again.contours] == [(len(one), one.closed) for one in made.contours]
+    for ours, theirs in zip(made.contours, again.contours, strict=True):
+        assert np.abs(ours.forming_tip - theirs.forming_tip).max() <= ROUNDING
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_square_of_rounded_points_is_one_loop(seed: int) -> None:
+    """Sides of 90 mm from mid-edge, points off by up to 0.1 um: the corners turn by a little more or less than 2 pi."""
+    rng = np.random.default_rng(seed)
+    corners = np.array([[45, 0], [45, 45], [-45, 45], [-45, -45], [45, -45], [45, 0]], dtype=float)
+    side = np.linspace(corners[:-1], corners[1:], 90, endpoint=False).swapaxes(0, 1).reshape(-1, 2)
+    lines = ["G90 G21 G0 Z5", "X45 Y0", "F900"]
+    for depth in (1, 2):
+        loop = np.vstack([side, side[:1]]) * [1 - 0.02 * depth, 1.0] + rng.uniform(-1e-4, 1e-4, (len(side) + 1, 2))
+        lines += [f"G1 X{x:.4f} Y{y:.4f} Z-{depth}" for x, y in loop]
+    made = program_plan(read_program("\n".join([*lines, "G0 Z5", "M30"]), step=5e-3), sheet_job())
+    assert [(len(contour), contour.closed) for contour in made.contours] == [(450, True)] * 2
+
+
 def test_rings_become_closed_contours_of_the_cone() -> None:
     """The cone's wall, known without any planner: 45 deg, contacts r (1 - cos 45 deg) over the tips, sine law."""
     program = read_program(rings(8))
