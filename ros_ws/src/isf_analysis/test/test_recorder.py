@@ -219,6 +219,14 @@ def test_an_unknown_topic_is_refused_with_the_known_ones(tmp_path: Path, observe
     assert not (tmp_path / "bag").exists()
 
 
+@pytest.mark.skipif(find_spec("tf2_msgs") is not None, reason="tf2_msgs is installed")
+def test_a_topic_that_was_asked_for_and_cannot_be_recorded_is_refused(tmp_path: Path, observer: Node) -> None:
+    with recorder(tmp_path / "bag", topics="['tool_1/wrench', '/tf']") as process:
+        assert spin_until(observer, lambda: any("/tf are not installed" in text for text in heard(observer)))
+        end(process, signal.SIGINT, EXIT_INCOMPLETE)
+    assert not (tmp_path / "bag").exists()
+
+
 def test_deactivation_closes_the_bag_and_only_chosen_topics_are_in_it(tmp_path: Path, observer: Node) -> None:
     bag = tmp_path / "bag"
     topic = "tool_1/wrench"

@@ -52,6 +52,8 @@ CELL = (
     Topic("tool_2/raw_cells", "sensor_msgs/msg/JointState", "SENSOR"),
     Topic("tool_1/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
     Topic("tool_2/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
+    Topic("tool_1/target_twist", "geometry_msgs/msg/TwistStamped", "STREAM"),
+    Topic("tool_2/target_twist", "geometry_msgs/msg/TwistStamped", "STREAM"),
     Topic("tool_1/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
     Topic("tool_2/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
     Topic("tool_1/path", "nav_msgs/msg/Path", "LATCHED"),

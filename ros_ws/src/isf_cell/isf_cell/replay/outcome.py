@@ -223,6 +223,11 @@ def replay(
         phase("springback")
         method = what_if.method or part.correction
         corrections = replay_corrections(run, job_file, method, count("springback"))
+    if run.ticks is None and not wanted:
+        notes.append(
+            "the bag has no wrenches or no target poses of both tools (of output:=twist there are velocities instead): "
+            "force control is not replayed"
+        )
     again = None
     if wanted:
         phase("forming the part again")

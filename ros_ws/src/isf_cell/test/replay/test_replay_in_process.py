@@ -133,6 +133,7 @@ def test_a_real_part_is_not_formed_again(part: PartRecord, tmp_path: Path) -> No
     found = replay(read_run(tmp_path), parse([GAIN]))
     assert found.again is None
     assert found.identical is None
+    assert any("force control is not replayed" in note for note in found.notes)
     with pytest.raises(IsfError, match="real machine") as caught:
         replay(read_run(tmp_path), parse([GAIN]), replant=True)
     assert caught.value.code == ErrorCode.FILE_FIELD
