@@ -8,7 +8,7 @@ from collections.abc import Callable
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from isf_ros.busy_heartbeat import LONGEST_BUSY
+from isf_ros.absence import ENDED, absence
 from isf_ros.process_identity import running
 from isf_ros.watchdog import ReceiveWatchdog
 
@@ -19,9 +19,9 @@ EXECUTIVE = "executive"
 class ExecutiveWatch:
     """Follows the executive in the namespace of ``node``, once it was heard busy, until :meth:`release`.
 
-    It is gone when it was not heard busy for ``patience`` s of wall time: its process ended, it was started anew, or
-    its part is over. A process that is seen running on this computer may be silent for LONGEST_BUSY of
-    :mod:`isf_ros.busy_heartbeat`: it is slow. How long the cell works on a contour plays no part.
+    It is gone as :func:`isf_ros.absence.absence` says, and when it has not been busy for ``patience`` s of wall time
+    though it or a later one is heard: its part is over, or it was started anew. How long the cell works on a contour
+    plays no part.
     """
 
     def __init__(
@@ -60,14 +60,13 @@ class ExecutiveWatch:
 
     def gone(self) -> str:
         """What to say of an executive that was followed and is gone; empty: it is there, or there was none."""
-        if not self._watchdog.expired() or self._is_slow():
+        if not self._watchdog.fed:
             return ""
-        what = "has left the part" if self._left else "has given no sign of life"
-        return f"the executive (process {self._process}) {what} for {self._watchdog.timeout:g} s"
-
-    def _is_slow(self) -> bool:
-        silent = self._watchdog.age() <= LONGEST_BUSY and not self._left
-        return silent and bool(self._identity) and self._runs(self._identity) is True
+        patience = self._watchdog.timeout
+        what = absence(self._watchdog.age(), patience, self._identity, self._runs)
+        if self._left and what != ENDED:
+            what = f"has left the part for {patience:g} s" if self._watchdog.expired() else ""
+        return f"the executive (process {self._process}) {what}" if what else ""
 
     def _heard(self, process: str, identity: str, *, busy: bool) -> None:
         if busy and self._process in ("", process):

@@ -6,6 +6,7 @@ Silence does not tell a process that ended from one that waits for a busy proces
 from __future__ import annotations
 
 import os
+from functools import cache
 from pathlib import Path
 
 _PROCESSES = Path("/proc")
@@ -21,17 +22,20 @@ def identity() -> str:
 
 
 def running(process: str) -> bool | None:
-    """True when the process of that :func:`identity` runs, False when it has ended; None when it cannot be seen."""
+    """True when the process of that :func:`identity` runs, False when it has ended; None when it cannot be seen, as
+    that of another user need not be."""
     number, _, computer = process.partition("@")
     pid, _, start = number.partition(":")
     if not (pid.isdecimal() and start) or computer != _computer():
         return None
     found = _stat(int(pid))
-    return found is not None and found[0] not in "ZX" and found[1] == start
+    if found is None:
+        return None if _exists(int(pid)) else False
+    return found[0] not in "ZX" and found[1] == start
 
 
 def _stat(pid: int) -> tuple[str, str] | None:
-    """State and start time (in ticks of the system) of a process; None when there is none."""
+    """State and start time (in ticks of the system) of a process; None when there is none, or it is not shown."""
     try:
         text = (_PROCESSES / str(pid) / "stat").read_text(errors="replace")
     except OSError:
@@ -40,6 +44,18 @@ def _stat(pid: int) -> tuple[str, str] | None:
     return fields[0], fields[19]
 
 
+def _exists(pid: int) -> bool:
+    """Asked in another way than /proc, where a system may hide the processes of other users (hidepid)."""
+    try:
+        os.kill(pid, 0)  # nothing is sent
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+@cache
 def _computer() -> str:
     try:
         boot = (_PROCESSES / "sys/kernel/random/boot_id").read_text().strip()

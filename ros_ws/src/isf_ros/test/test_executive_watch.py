@@ -58,15 +58,31 @@ def test_it_is_gone_when_nobody_is_busy_with_the_part(process: int | None, busy:
     assert watch.gone() == ""
 
 
-@pytest.mark.parametrize(("runs", "silence"), [(True, 20.1), (False, 5.1), (None, 5.1)])
+def identified() -> DiagnosticArray:
+    told = reports(7, busy=True)
+    told.status[0].values = [*told.status[0].values, KeyValue(key="process", value="7:1@here")]
+    return told
+
+
+@pytest.mark.parametrize("left", [False, True])
+def test_an_executive_whose_process_is_seen_to_have_ended_is_gone_at_once(left: bool, node: Node) -> None:
+    runs = [True]
+    watch = ExecutiveWatch(node, 5.0, clock=lambda: 0.0, runs=lambda _: runs[0])
+    watch.on_diagnostics(identified())
+    if left:
+        watch.on_diagnostics(reports(8, busy=False))  # the next one is there already
+    assert watch.gone() == ""
+    runs[0] = False
+    assert watch.gone() == "the executive (process 7) has ended"
+
+
+@pytest.mark.parametrize(("runs", "silence"), [(True, 20.1), (None, 5.1)])
 def test_a_silent_executive_whose_process_is_seen_running_is_slow(
     runs: bool | None, silence: float, node: Node
 ) -> None:
     time = [0.0]
     watch = ExecutiveWatch(node, 5.0, clock=lambda: time[0], runs=lambda _: runs)
-    told = reports(7, busy=True)
-    told.status[0].values = [*told.status[0].values, KeyValue(key="process", value="7:1@here")]
-    watch.on_diagnostics(told)
+    watch.on_diagnostics(identified())
     time[0] = silence - 0.2
     assert watch.gone() == ""
     time[0] = silence

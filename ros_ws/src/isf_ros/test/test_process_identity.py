@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
+import pytest
+from isf_ros import process_identity
 from isf_ros.process_identity import identity, running
 
 
@@ -32,3 +35,18 @@ def test_a_process_that_ended_does_not_run_although_nobody_asked_for_its_code() 
             pass
         assert running(told) is False
         assert process.returncode is None  # a zombie until it is waited for
+
+
+def test_a_process_that_the_system_does_not_show_has_not_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As with /proc mounted with hidepid, or of another user."""
+    mine = identity()
+    number, _, computer = mine.partition("@")
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        ended.wait()
+    monkeypatch.setattr(process_identity, "_PROCESSES", tmp_path)
+    assert running(mine) is None
+    assert running(f"{ended.pid}:1@{computer}") is False
+    hidden = tmp_path / number.partition(":")[0]
+    hidden.mkdir()
+    (hidden / "stat").mkdir()  # an error of another kind when it is read
+    assert running(mine) is None
