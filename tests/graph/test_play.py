@@ -159,13 +159,26 @@ def _hear(node: Node, bag: Path, command: list[str]) -> None:
         process.kill()
     assert process.poll() == Exit.OK, err
     assert json.loads(out)["messages"] > 8
-    for name, (kind, topic, _) in kinds.items():
-        if name != "clock":  # the middleware pads what it sends: messages are compared, and the last ones all came
-            recorded = [deserialize_message(item, kind) for item in _recorded(bag, topic.replace("again", "contour"))]
-            again = [deserialize_message(item, kind) for item in heard[name]]
-            assert again[-1] == recorded[-1]
-            assert all(message in recorded for message in again)
-    assert heard["clock"]
+    with open_bag(bag) as found:
+        begin = playback.begin_of_contour(found, 2)
+        played = list(playback.in_order(found, found.connections, begin))
+    for name in ("info", "nominal"):  # latched ones keep the newest alone: those between may be replaced
+        kind, topic, _ = kinds[name]
+        recorded = [deserialize_message(item, kind) for item in _recorded(bag, topic)]
+        again = [deserialize_message(item, kind) for item in heard[name]]  # the middleware pads what it sends
+        assert again[-1] == recorded[-1]
+        assert all(message in recorded for message in again)
+    recorded = [deserialize_message(item.data, ContourResult) for item in played if item.connection.topic == RESULT]
+    assert [deserialize_message(item, ContourResult) for item in heard["result"]] == recorded
+    assert len(recorded) >= CONTOURS - 2
+    clock = [deserialize_message(item, Clock).clock for item in heard["clock"]]
+    since = [time.sec * 10**9 + time.nanosec - played[0].time for time in clock]
+    assert since == sorted(set(since))  # best effort: some may be missing
+    assert all(value % 20_000_000 == 0 for value in since)
+    assert 0 <= since[0] <= since[-1] <= played[-1].time - played[0].time
+
+
+RESULT = "/contour/result"
 
 
 def _recorded(bag: Path, topic: str) -> list[bytes]:
