@@ -303,7 +303,7 @@ def compare(
     """Distance of one shape from another, along the normal: numbers, map, table."""
     from isf_cell.commands.compare import compare_shapes
 
-    compare_shapes(first, second, unit, align, tolerance or (0.1, 0.2, 0.3), output, namespace=namespace, as_json=json)
+    compare_shapes(first, second, unit, align, tolerance or None, output, namespace=namespace, as_json=json)
 
 
 @app.command()

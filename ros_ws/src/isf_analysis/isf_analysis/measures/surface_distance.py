@@ -112,6 +112,11 @@ class Surface:
         signed = np.where(side < 0.0, -size, size)
         return Distances(signed, closest, facets, self._beside(away, closest, facets))
 
+    def area_by_vertex(self) -> Array:
+        """(V,) m^2 that each vertex stands for: a third of every facet around it."""
+        share = np.repeat(self.area / 3.0, 3)
+        return np.bincount(self.faces.ravel(), weights=share, minlength=len(self.vertices))
+
     # -- inside ----------------------------------------------------------------------------------
 
     def _nearest(self, points: Array) -> tuple[Indices, Array]:

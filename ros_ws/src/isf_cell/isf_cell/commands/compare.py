@@ -13,7 +13,16 @@ import numpy as np
 import trimesh
 from isf_analysis.bag.bag_reader import read_cell
 from isf_analysis.figures import distance_figures, style
-from isf_analysis.measures.surface_distance import NO_MOTION, Distances, Motion, Surface, apart, best_fit, statistics
+from isf_analysis.measures.surface_distance import (
+    BANDS,
+    NO_MOTION,
+    Distances,
+    Motion,
+    Surface,
+    apart,
+    best_fit,
+    statistics,
+)
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES, load_job
 from isf_core.types import Array
@@ -41,11 +50,12 @@ MM = 1e3
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape in m: ``points`` (N, 3) that stand for equal areas, and its ``surface``; ``kind`` for people."""
+    """A shape in m: ``points`` (N, 3), the areas m^2 that they stand for, and its ``surface``; ``kind`` for people."""
 
     kind: str
     points: Array
     surface: Surface
+    area: Array
 
 
 def compare_shapes(
@@ -53,18 +63,20 @@ def compare_shapes(
     second: Path,
     unit: str | None,
     align: str,
-    tolerances: Sequence[float],
+    tolerances: Sequence[float] | None,
     output: Path | None,
     *,
     namespace: str | None = None,
     as_json: bool,
 ) -> None:
-    """Distance of the points of ``first`` from the surface of ``second``; ``tolerances`` mm, ``align`` clamp or fit.
+    """Distance of the points of ``first`` from the surface of ``second``; ``tolerances`` mm (None: of the
+    report), ``align`` clamp or fit.
 
     ``namespace`` : cell that is meant, of bags that hold several.
 
     Raises IsfError of either file; FILE_FIELD for values that make no sense; SCAN_INCOMPLETE: nothing in common.
     """
+    tolerances = [MM * band for band in BANDS] if tolerances is None else tolerances
     if align not in APART:
         raise IsfError(ErrorCode.FILE_FIELD, f"no alignment '{align}'", where="--align", advice="clamp or fit")
     if not tolerances or not all(0.0 < value < 1e3 for value in tolerances):
@@ -81,7 +93,7 @@ def compare_shapes(
     motion = best_fit(measured.points, wanted.surface) if align == "fit" else NO_MOTION
     points = motion.of(measured.points)
     found = wanted.surface.distances(points)
-    numbers = statistics(points, found, np.ones(len(points)), [value / MM for value in tolerances])
+    numbers = statistics(points, found, measured.area, [value / MM for value in tolerances])
     if numbers is None:
         raise IsfError(
             ErrorCode.SCAN_INCOMPLETE,
@@ -157,7 +169,8 @@ def _of_bag(path: Path, namespace: str | None) -> Shape:
         raise IsfError(
             ErrorCode.SCAN_INCOMPLETE, "the scan holds no heights", where=str(path), advice="scan the part again"
         )
-    return Shape("scan of a run", points[np.isfinite(points).all(axis=1)], Surface.of_height_map(scan))
+    known, surface = np.isfinite(points).all(axis=1), Surface.of_height_map(scan)
+    return Shape("scan of a run", points[known], surface, surface.area_by_vertex()[known])
 
 
 def _of_job(path: Path) -> Shape:
@@ -167,7 +180,7 @@ def _of_job(path: Path) -> Shape:
 
 def _of_mesh(kind: str, vertices: Array, faces: Any) -> Shape:
     surface = Surface(vertices, np.asarray(faces, dtype=np.int64))
-    return Shape(kind, evenly(surface, SAMPLES), surface)
+    return Shape(kind, evenly(surface, SAMPLES), surface, np.full(SAMPLES, surface.area.sum() / SAMPLES))
 
 
 def evenly(surface: Surface, count: int) -> Array:
@@ -194,7 +207,8 @@ def _of_points(points: Array, kind: str, path: Path) -> Shape:
     faces = Delaunay(points[:, :2]).simplices.astype(np.int64)
     edges = points[faces, :2] - points[np.roll(faces, 1, axis=1), :2]
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
-    return Shape(kind, points, Surface(points, faces[longest <= LONGEST * np.median(longest)]))
+    surface = Surface(points, faces[longest <= LONGEST * np.median(longest)])
+    return Shape(kind, points, surface, surface.area_by_vertex())
 
 
 def _table_points(path: Path, kind: str) -> Array:

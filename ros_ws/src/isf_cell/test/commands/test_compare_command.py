@@ -94,6 +94,20 @@ def test_the_cad_of_a_job_lies_where_it_is_formed(name: str) -> None:
     assert np.quantile(np.abs(found.signed[~found.beside]), 0.9) < 50e-6
 
 
+def test_points_of_a_scan_stand_for_the_area_around_them(runs: Path, tmp_path: Path) -> None:
+    """A grid seen from above has fewer points on a wall: one of 50 deg stands for 1 / cos 50 deg of a cell."""
+    assert PART.scan is not None
+    np.savez(tmp_path / "scan.npz", points=PART.scan.points())
+    for shape in (load_shape(runs / "first", None), load_shape(tmp_path / "scan.npz", None)):
+        x, y = shape.points[:, 0], shape.points[:, 1]
+        cell = (x.max() - x.min()) ** 2 / 50**2
+        inside, radius = np.maximum(abs(x), abs(y)) < 0.12, np.hypot(x, y)
+        flange, wall = inside & (radius > 0.09), abs(radius - 0.03) < 5e-3
+        assert shape.area[flange].mean() == pytest.approx(cell, rel=0.01)
+        assert shape.area[wall].mean() == pytest.approx(cell / np.cos(np.radians(50.0)), rel=0.1)
+        assert shape.area.sum() == pytest.approx(shape.surface.area.sum(), rel=1e-9)
+
+
 def test_cad_and_the_job_that_places_it_are_the_same_shape() -> None:
     cad, placed = load_shape(PARTS / "mini_cone.stl", "mm"), load_shape(JOBS / "mini_cone.yaml", None)
     assert np.abs(placed.surface.distances(cad.points[::25]).signed).max() < 5e-6
