@@ -65,9 +65,9 @@ def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None
     for mine, theirs in zip(here.scans, there.scans, strict=True):
         np.testing.assert_allclose(theirs.points(), mine.points(), atol=1.1e-5)
     again = replay(read_run(tmp_path), parse([]))  # every scan and lift, and the moves they need, as recorded
-    lost = again.lost_targets()  # by the recorder, on a busy computer
+    lost = again.lost_targets  # by the recorder, on a busy computer
     assert again.identical is (None if lost else True), again.numbers()
-    assert not again.target_distance().any()
+    assert not again.target_distance.any()
     known = learn_record(there, FOLDER)
     assert known.parts == 1
     assert np.abs(known.push).max() > 1e-3

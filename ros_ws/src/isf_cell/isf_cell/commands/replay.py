@@ -55,7 +55,7 @@ def _write(found: Replay, data: dict[str, Any], folder: Path) -> dict[str, str]:
     part, again = found.run.part, found.again if found.what_if else None
     files = {"picture": str(folder / "replay.png"), "table": str(folder / "contours.csv")}
     with style.applied():
-        figure = replay_figures.what_if(part, again, found.corrections, found.moved())
+        figure = replay_figures.what_if(part, again, found.corrections, found.moved)
         Path(files["picture"]).write_bytes(style.png(figure))
     with Path(files["table"]).open("w", encoding="utf-8", newline="") as stream:
         rows = list(_rows(found))
@@ -70,7 +70,7 @@ def _write(found: Replay, data: dict[str, Any], folder: Path) -> dict[str, str]:
 def _rows(found: Replay) -> list[dict[str, Any]]:
     """One row per contour."""
     part = found.run.part
-    forming, support = ({int(row[0]): 1e6 * row[column] for row in found.moved()} for column in (1, 2))
+    forming, support = ({int(row[0]): 1e6 * row[column] for row in found.moved} for column in (1, 2))
     decided = {item.index: item for item in found.corrections or ()}
     recorded = {item.index: item for item in part.corrections}
     before, after = _rms(part), _rms(found.again) if found.again is not None else {}

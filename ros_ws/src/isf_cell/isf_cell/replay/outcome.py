@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -58,12 +59,12 @@ class Replay:
         and all others are the same."""
         if self.how in ("", BY_CLOCK) or self.missing:
             return None
-        parts = [part for part in (self.results(), self.corrected()) if part is not None]
+        parts = [part for part in (self.results, self.corrected) if part is not None]
         same = all(part.identical for part in parts)
         if self.how == LOCKSTEP:
-            if not same or self.force is None or self.force.unfed or self.target_distance().any():
+            if not same or self.force is None or self.force.unfed or self.target_distance.any():
                 return False
-            return None if self.lost_targets() else True
+            return None if self.lost_targets else True
         return same and self._same_shape()
 
     @property
@@ -71,6 +72,7 @@ class Replay:
         """Recorded targets that were not replayed, since their wrenches are not in the bag."""
         return self.run.ticks.missing if self.run.ticks is not None else 0
 
+    @cached_property
     def target_distance(self) -> Array:
         """(n,) m, of the farther tool, between every target that was answered and the recorded one; 0 where that one is
         not in the bag, infinite where the answer is no number."""
@@ -83,17 +85,20 @@ class Replay:
         distance[_lost(ticks, force)] = 0.0
         return np.asarray(distance)
 
+    @cached_property
     def lost_targets(self) -> int:
         """Ticks that were fed, whose recorded targets are not in the bag."""
         ticks, force = self.run.ticks, self.force
         return int(_lost(ticks, force).sum()) if ticks is not None and force is not None else 0
 
+    @cached_property
     def results(self) -> Difference | None:
         """Of the results of contours."""
         if self.force is not None:
             return difference(self.run.part.results, self.force.results)
         return difference(self.run.part.results, self.again.results) if self.again is not None else None
 
+    @cached_property
     def corrected(self) -> Difference | None:
         """Of the corrections."""
         found = self.corrections
@@ -101,6 +106,7 @@ class Replay:
             found = self.again.corrections
         return difference(self.run.part.corrections, found) if found is not None else None
 
+    @cached_property
     def moved(self) -> Array:
         """(C, 3), contour, and largest distance, m, of forming and support tip from the recorded targets at the same
         points of it; NaN without a support tool."""
@@ -123,7 +129,7 @@ class Replay:
 
     def numbers(self) -> dict[str, Any]:
         """For ``--json``; lengths in mm or um, forces in N."""
-        part, distance = self.run.part, self.target_distance()
+        part, distance = self.run.part, self.target_distance
         data: dict[str, Any] = {
             "bag": str(self.run.path),
             "job": part.job_name,
@@ -132,8 +138,8 @@ class Replay:
             "compared": {"how": self.how, "contours": len(part.results)},
             "targets": None,
             "moved": None,
-            "results": _of_difference(self.results()),
-            "corrections": _of_difference(self.corrected()),
+            "results": _of_difference(self.results),
+            "corrections": _of_difference(self.corrected),
             "prediction": None,
             "notes": list(self.notes),
         }
@@ -141,14 +147,14 @@ class Replay:
             differing = distance > 0.0
             first = int(self.force.contour[np.argmax(differing)]) if differing.any() else None
             data["targets"] = {
-                "compared": len(distance) - self.lost_targets(),
+                "compared": len(distance) - self.lost_targets,
                 "differing": int(differing.sum()),
                 "not_replayed": self.force.unfed + self.missing,
                 "largest_um": 1e6 * float(distance.max(initial=0.0)),
                 "rms_um": 1e6 * float(np.sqrt(np.mean(distance**2))) if len(distance) else None,
                 "first_contour": first,
             }
-            away = 1e6 * self.moved()
+            away = 1e6 * self.moved
             data["moved"] = {
                 "forming_tip_largest_um": _largest(away[:, 1]),
                 "support_tip_largest_um": _largest(away[:, 2]),

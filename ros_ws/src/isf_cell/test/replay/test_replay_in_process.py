@@ -106,7 +106,7 @@ def test_what_was_compared_with_nothing_is_not_identical(run: Path) -> None:
     assert replayed(with_nan(1, 4), recorded + [[0.0], [0.0], [1e-9]]).identical is False
     no_answer = replayed(recorded, with_nan(2, 0))
     assert no_answer.identical is False
-    assert no_answer.target_distance().tolist() == [0.0, 0.0, np.inf]
+    assert no_answer.target_distance.tolist() == [0.0, 0.0, np.inf]
     assert no_answer.numbers()["targets"]["differing"] == 1
 
 
