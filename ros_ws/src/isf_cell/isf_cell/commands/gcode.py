@@ -230,7 +230,7 @@ def _show(program: Program, findings: list[Finding], data: dict[str, Any]) -> No
     terminal.say(
         f"{data['points']} points, {data['contours']} contours, path {data['path_m']:.2f} m, "
         f"{data['time_s'] / 60:.1f} min on {data['rig']}: "
-        + ("every point can be formed" if data["feasible"] else "the program cannot be formed")
+        + ("nothing is at fault" if data["feasible"] else "the program cannot be formed")
     )
     for word in program.unknown[:SHOWN]:
         terminal.warn(f"{program.name}:{word.line}: {word.word} is not understood in '{word.text}'")

@@ -20,7 +20,7 @@ from isf_core.files.job import JobFile, ToolSpec
 from isf_core.files.rig import Rig
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import make_kinematics
-from isf_core.types import Array, Indices
+from isf_core.types import Array, Indices, Mask
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.sparse import coo_array
@@ -30,7 +30,8 @@ from scipy.spatial import Delaunay, QhullError
 from isf_planner.checks import part_checks
 from isf_planner.gcode.reader import RAPID, Finding, Program
 from isf_planner.part.mesh_checks import place_text
-from isf_planner.planning import Plan, finish
+from isf_planner.planning import Plan
+from isf_planner.predict.predictions import with_predictions
 from isf_planner.surface import height_grid
 
 CLOSED = 1e-6
@@ -53,7 +54,11 @@ class _Piece:
 
 
 def check_program(program: Program, rig: Rig) -> tuple[Finding, ...]:
-    """Points and work offsets out of the rig's travel or out of reach of its axes, the first of each line."""
+    """Points out of the rig's travel or out of reach of its axes, and rapid moves in the sheet: the first of each line.
+
+    How deep the sheet is formed where a rapid move goes is not known here, so below its plane one may only leave it:
+    straight upwards.
+    """
     travel = np.asarray(rig.limits.travel)
     findings = []
     for tips, tool in ((program.tips[:, :3], "upper"), (program.tips[:, 3:], "lower")):
@@ -69,6 +74,10 @@ def check_program(program: Program, rig: Rig) -> tuple[Finding, ...]:
         number = 1 if tool == "upper" else 2
         for k in _first_of_lines(program.line, ~within & ~outside):
             findings.append(_finding(program, k, part_checks.axis_reason(rig, tips[k], number), tips[k]))
+        for k in _first_of_lines(program.line, _rapid_in_sheet(program, tips, 1.0 if tool == "upper" else -1.0)):
+            what = f"a rapid move takes the {tool} tool through the sheet"
+            advice = "lift it straight off the sheet plane first, and go down with feed (G1)"
+            findings.append(_finding(program, k, what, tips[k], advice))
     return tuple(sorted(findings, key=lambda finding: finding.line))
 
 
@@ -87,19 +96,29 @@ def check_work_offsets(
     return tuple(findings)
 
 
+def _rapid_in_sheet(program: Program, tips: Array, up: float) -> Mask:
+    """(N,) points of rapid moves beyond the sheet plane; ``up`` is 1 for the upper tool, -1 for the lower one."""
+    away = up * np.diff(tips[:, 2], prepend=np.inf * up)  # the way to the first point is not known
+    across = np.linalg.norm(np.diff(tips[:, :2], axis=0, prepend=tips[:1, :2]), axis=1)
+    leaves = (away >= 0.0) & (across <= CLOSED)
+    return np.asarray((program.speed == RAPID) & (up * tips[:, 2] < -ON_SHEET) & ~leaves)
+
+
 def _first_of_lines(line: Indices, bad: NDArray[np.bool_]) -> list[int]:
     index = np.nonzero(bad)[0]
     _, first = np.unique(line[index], return_index=True)
     return [int(k) for k in index[first][:1000]]
 
 
-def _finding(program: Program, k: int, what: str, tip: Array) -> Finding:
+def _finding(
+    program: Program, k: int, what: str, tip: Array, advice: str = "move the work offset, or correct the program"
+) -> Finding:
     line = int(program.line[k])
     error = IsfError(
         ErrorCode.PROGRAM_OUT_OF_REACH,
         what,
         where=f"{program.name}:{line} at {place_text(tip)}",
-        advice="move the work offset, or correct the program",
+        advice=advice,
     )
     return Finding(line, error)
 
@@ -147,7 +166,8 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         normal[group == one] = surface_normals(tips[group == one], owner[group == one])
     contact = contact_points(tips, normal, job.tool_1)
     angle = np.arccos(np.clip(normal[:, 2], -1.0, 1.0))
-    digest = hashlib.sha256(program.tips.tobytes() + job_file.text.encode()).hexdigest()[:8]
+    path = program.tips.tobytes() + program.speed.tobytes() + program.given.tobytes()
+    digest = hashlib.sha256(path + job_file.text.encode()).hexdigest()[:8]
     contours, at = [], 0
     for number, piece in enumerate(pieces):
         here = slice(at, at + len(piece.index))
@@ -172,7 +192,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
                 retract=piece.lifted,
             ).validate()
         )
-    filled, warnings = finish(tuple(contours), job_file)
+    filled, warnings = with_predictions(tuple(contours), job_file)  # a compensation would move the program's tips
     part_checks.check_travel(filled, rig)
     part_checks.check_axes(filled, rig)
     part_checks.check_backing_plate(filled, job)

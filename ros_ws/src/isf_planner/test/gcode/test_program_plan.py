@@ -191,6 +191,42 @@ def test_points_and_offsets_out_of_reach_are_told_with_their_lines() -> None:
     assert "G55" in offset.error.what
 
 
+def test_rapid_moves_through_the_sheet_are_told_with_their_line() -> None:
+    """Across between two rings, down into the sheet, up and aside at once; straight up is the way to leave."""
+    rig = load_rig("torrao2013")
+    text = rings(1).replace("G0 Z20\nM30", "G0 X-29 Y0 Z-6\nG0 X29\nG1 X28 Y0 Z-2\nG3 X28 Y0 I-28\nG0 Z20\nM30")
+    found = check_program(read_program(text), rig)
+    assert [(finding.line, finding.error.code) for finding in found] == [
+        (8, ErrorCode.PROGRAM_OUT_OF_REACH),
+        (9, ErrorCode.PROGRAM_OUT_OF_REACH),
+    ]
+    assert "a rapid move takes the upper tool through the sheet" in found[0].error.what
+    assert [finding.line for finding in check_program(read_program("G0 X0 Y0 Z-3\nG1 X5\nG0 X9 Z9\nM30"), rig)] == [
+        1,
+        3,
+    ]
+    assert not check_program(read_program(rings(3)), rig)
+    lower = read_program("G0 Z20 W-20\nX0 Y0 U0 V0\nW4\nU9\nW-20\nM30")
+    assert [finding.line for finding in check_program(lower, rig)] == [3, 4]
+
+
+def test_the_tips_are_the_programs_whatever_the_job_compensates() -> None:
+    program = read_program(rings(4))
+    plain = program_plan(program, sheet_job())
+    bending = SHEET.replace("radius: 5 mm", "radius: 5 mm, stick_out: 80 mm").replace(
+        "feed: 20 mm/s", "feed: 20 mm/s, compensation: [tool]"
+    )
+    made = program_plan(program, sheet_job(bending + "control: {compliance_compensation: 0.0}\n"))
+    for ours, theirs in zip(plain.contours, made.contours, strict=True):
+        assert np.array_equal(ours.forming_tip, theirs.forming_tip)
+
+
+def test_another_feed_is_another_plan() -> None:
+    slow = program_plan(read_program(rings(3)), sheet_job())
+    fast = program_plan(read_program(rings(3).replace("F900", "F1800")), sheet_job())
+    assert slow.plan_id != fast.plan_id
+
+
 def test_cylinders_out_of_stroke_are_told_with_their_line() -> None:
     """A rig whose travel allows more than its cylinders: the hexapod's strokes end before z = 245 mm."""
     rig = load_rig("torrao2013")
