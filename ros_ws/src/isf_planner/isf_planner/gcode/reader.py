@@ -283,8 +283,8 @@ class _Reader:
 
     def _modes(self, codes: list[str], words: list[tuple[str, str]]) -> None:
         for code in codes:
-            if code in _GROUPS[0]:
-                self.motion = code
+            if code in _GROUPS[0] or (code == "80" and not set(codes) & set(_GROUPS[0])):
+                self.motion = code.replace("80", "")
             self.plane = code if code in _PLANES else self.plane
             self.unit = _LENGTHS.get(code, self.unit)
             if code in ("90", "91"):
@@ -309,6 +309,8 @@ class _Reader:
         if "43" in codes:
             wanted = self._value(words, "H")
             self.length = self._length_of(self.tool if wanted is None else int(wanted))
+        else:
+            self._not_meant(words, "H")
 
     def _length_of(self, tool: int | None) -> float:
         """m; without a library no tool has one, and none is needed."""
@@ -324,6 +326,7 @@ class _Reader:
 
     def _dwell(self, words: list[tuple[str, str]]) -> None:
         time = self._value(words, "P")
+        self._not_meant(words, "YZUVWIJKR" if time is None else "XYZUVWIJKR")
         time = self._value(words, "X") if time is None else time
         if time is None or time < 0.0:
             self._find(ErrorCode.PROGRAM_UNREADABLE, "G4 needs its time in s (P or X)")
@@ -336,6 +339,9 @@ class _Reader:
                 self._not_known(f"{letter}{number}")  # contours carry no axis of the tool
             elif letter in "DELQ":
                 self._not_known(f"{letter}{number}")
+        arc = self.motion in ("2", "3")
+        moves = any(letter in _AXES or (arc and letter in "IJKR") for letter, _ in words)
+        self._not_meant(words, ("P" if moves else "") if arc else "IJKR")  # P: more turns; R with G1: a rounded corner
         given = {letter: self._value(words, letter) for letter in _AXES}
         target = list(self.position)
         mounted = self.set_up.tools[self.tool].length if self.tool in self.set_up.tools else self.length
@@ -462,6 +468,12 @@ class _Reader:
             self._find(ErrorCode.PROGRAM_UNREADABLE, f"the number of {letter} is out of all bounds")
             return None
         return value
+
+    def _not_meant(self, words: list[tuple[str, str]], letters: str) -> None:
+        """Words with one of ``letters``, which mean nothing here, or to another control something else."""
+        for letter, number in words:
+            if letter in letters:
+                self._not_known(f"{letter}{number}")
 
     def _not_known(self, word: str) -> None:
         self.unknown_count += 1

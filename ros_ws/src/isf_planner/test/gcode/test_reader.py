@@ -149,6 +149,33 @@ def test_words_that_are_not_understood_are_listed_with_their_lines() -> None:
 
 
 @pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("G1 X20 R5", ["R5"]),
+        ("G0 X20 I3 J1", ["I3", "J1"]),
+        ("G3 X20 I5 P3", ["P3"]),
+        ("G1 X5 H1", ["H1"]),
+        ("H1", ["H1"]),
+        ("G4 P1 X5 Z-20", ["X5", "Z-20"]),
+        ("G4 X1 Y5", ["Y5"]),
+    ],
+)
+def test_words_that_mean_nothing_where_they_stand(line: str, words: list[str]) -> None:
+    """Swallowed, each would change the path that the program's author meant."""
+    program = read_program(f"G1 X10 Y0 Z0\n{line}\nM30", SET_UP)
+    assert [(unknown.line, unknown.word) for unknown in program.unknown] == [(2, word) for word in words]
+
+
+def test_g80_ends_the_modal_move() -> None:
+    assert codes("G1 X1\nG80\nX2\nM30") == [(3, ErrorCode.PROGRAM_UNREADABLE)]
+    assert ends("G0 G80 X1 Y0 Z1\nX2\nG80\nG1 X3\nM30") == [[1, 0, 1], [2, 0, 1], [3, 0, 1]]
+
+
+def test_a_slash_skips_no_line() -> None:
+    assert ends("G0 X1 Y0 Z1\n/X2\nM30") == [[1, 0, 1], [2, 0, 1]]
+
+
+@pytest.mark.parametrize(
     ("text", "found"),
     [
         ("G1 X10 Y0 Z0\nG2 X0 Y11 I-10 J0", (2, ErrorCode.PROGRAM_ARC_OPEN)),
