@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from isf_cell.processes.process_group import ProcessGroup
 from isf_ros import qos
 from quick_cone import quick_cone_file
+from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("forked_nodes")]
@@ -21,10 +22,19 @@ LIMIT = 120.0
 """s; only to end a test that hangs."""
 
 
-def test_each_cell_has_its_own_time_and_may_have_its_own_diagnostics(tmp_path: Path) -> None:
-    job = str(quick_cone_file(tmp_path))
+@pytest.fixture
+def node() -> Iterator[Node]:
     rclpy.init()
-    node = rclpy.create_node("observer")
+    made = rclpy.create_node("observer")
+    try:
+        yield made
+    finally:
+        made.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_each_cell_has_its_own_time_and_may_have_its_own_diagnostics(node: Node, tmp_path: Path) -> None:
+    job = str(quick_cone_file(tmp_path))
     clocks: dict[str, int] = {"/clock": 0, "/cell_1/clock": 0, "/cell_2/clock": 0}
     told: dict[str, set[str]] = {"/diagnostics": set(), "/cell_2/diagnostics": set()}
 
@@ -53,5 +63,3 @@ def test_each_cell_has_its_own_time_and_may_have_its_own_diagnostics(tmp_path: P
         assert done(), (clocks, told)
     assert clocks["/clock"] == 0
     assert told == {"/diagnostics": {"/cell_1/machine"}, "/cell_2/diagnostics": {"/cell_2/machine"}}
-    node.destroy_node()
-    rclpy.try_shutdown()

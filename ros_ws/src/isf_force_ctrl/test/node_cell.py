@@ -192,10 +192,12 @@ def watched(kind: Callable[[Node, ExitStack], Watcher]) -> Iterator[Watcher]:
     """What ``kind`` makes of a node of its own; processes that it starts on its stack end with it."""
     rclpy.init()
     node = rclpy.create_node("observer")
-    with ExitStack() as stack:
-        yield kind(node, stack)
-    node.destroy_node()
-    rclpy.try_shutdown()
+    try:
+        with ExitStack() as stack:
+            yield kind(node, stack)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
 
 
 def call_action(
