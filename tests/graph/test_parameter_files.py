@@ -5,12 +5,13 @@ from __future__ import annotations
 import importlib
 import math
 import re
-from dataclasses import fields
+from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
+import yaml
 from rcl_interfaces.msg import ParameterDescriptor
 
 pytestmark = pytest.mark.graph
@@ -54,8 +55,45 @@ def told(descriptor: ParameterDescriptor, default: Any) -> list[str]:
     return [unit.rstrip("]") or "-", shown, when, text]
 
 
+def another(item: Field[Any]) -> Any:
+    """A value that the parameter may have, and not its default."""
+    default, said = item.default, item.metadata
+    if isinstance(default, bool):
+        return not default
+    if isinstance(default, int | float):
+        lowest, highest = said["minimum"], said["maximum"]
+        up = default + 1 if math.isinf(highest) else default + 0.5 * (highest - default)
+        down = default - 1 if math.isinf(lowest) else default - 0.5 * (default - lowest)
+        if isinstance(default, float):
+            return up if up != default else down
+        return math.ceil(up) if up != default else math.floor(down)
+    if isinstance(default, tuple):
+        return [*default, "another"]
+    return next((choice for choice in said["choices"] if choice != default), f"{default}another")
+
+
 @pytest.mark.parametrize("name", NODES)
-def test_a_node_takes_its_file_and_tells_what_the_page_says(name: str) -> None:
+def test_a_node_takes_every_value_of_a_file(name: str, tmp_path: Path) -> None:
+    module, attribute, parameters = NODES[name]
+    kind = getattr(importlib.import_module(parameters.rpartition(".")[0]), parameters.rpartition(".")[2])
+    changed = {item.name: another(item) for item in fields(kind)}
+    file = tmp_path / "changed.yaml"
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": changed}}), encoding="utf-8")
+    rclpy.init(args=["--ros-args", "--params-file", str(file)])
+    try:
+        node = getattr(importlib.import_module(module), attribute)()
+        values = node.values()
+        for item in fields(kind):
+            value = getattr(values, item.name)
+            assert (list(value) if isinstance(item.default, tuple) else value) == changed[item.name], item.name
+            assert changed[item.name] != item.default
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_a_node_takes_the_file_of_its_package_and_tells_what_the_page_says(name: str) -> None:
     module, attribute, parameters = NODES[name]
     kind = getattr(importlib.import_module(parameters.rpartition(".")[0]), parameters.rpartition(".")[2])
     package = module.split(".")[0]
