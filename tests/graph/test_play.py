@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,8 +19,10 @@ import rclpy
 from isf_analysis.bag import playback
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.bag.open_bag import open_bag
+from isf_analysis.bag.playback import Recorded
 from isf_cell.commands.exit_codes import Exit
 from isf_cell.commands.play import PlayOptions, play_bag
+from isf_cell.run.player import ReadAhead
 from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.msg import Contour, ContourResult, JobInfo
 from isf_ros import qos
@@ -68,6 +71,42 @@ def test_what_cannot_be_played_is_refused(changes: dict[str, Any], code: ErrorCo
     with pytest.raises(IsfError) as caught:
         play_bag(bag, replace(PlayOptions(1.0, None, (), (), 0.0, False, 0.0), **changes), as_json=False)
     assert caught.value.code == code
+
+
+def test_what_is_read_ahead_is_bounded_by_its_bytes(bag: Path) -> None:
+    """Messages of 10 MB: six are held, and one is under way."""
+    with open_bag(bag) as found:
+        connection = found.connections[0]
+    produced, enough, most = 0, threading.Event(), 0
+
+    def large() -> Iterator[Recorded]:
+        nonlocal produced
+        for number in range(20):
+            produced += 1
+            if produced == 7:
+                enough.set()
+            yield Recorded(number, connection, bytes(10_000_000))
+
+    with ReadAhead(large()) as ahead:
+        taken = [next(ahead).time]
+        assert enough.wait(120)
+        for message in ahead:
+            most = max(most, produced - len(taken))
+            taken.append(message.time)
+    assert taken == list(range(20))
+    assert most <= 8
+
+    def damaged() -> Iterator[Recorded]:
+        yield Recorded(0, connection, b"")
+        raise ValueError("damaged")
+
+    with ReadAhead(damaged()) as ahead:
+        assert next(ahead).time == 0
+        with pytest.raises(ValueError, match="damaged"):
+            next(ahead)
+    with ReadAhead(large()) as ahead:  # given up in the middle: the thread ends
+        next(ahead)
+    assert "bag reader" not in {thread.name for thread in threading.enumerate()}
 
 
 @pytest.mark.graph

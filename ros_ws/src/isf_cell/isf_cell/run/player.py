@@ -8,12 +8,13 @@ service that was recorded, so that latched topics are latched again. While it pl
 from __future__ import annotations
 
 import importlib
-import queue
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import TracebackType
 from typing import Any
 
 import rclpy
@@ -35,8 +36,11 @@ CLOCK = "/clock"
 DEPTH = 1000
 """Messages of a reliable topic that are kept until they are acknowledged."""
 
-AHEAD = 20_000
-"""Messages that are read before they are due."""
+AHEAD = 64_000_000
+"""Bytes that are read before they are due."""
+
+BESIDES = 500
+"""Bytes that a message takes beside its data."""
 
 SWITCH = 2e-4
 """s after which the reading thread lets the playing one go on."""
@@ -114,7 +118,13 @@ class Player:
         for message in playback.latched_before(self._bag, self._connections, playing.begin):
             self._outputs[message.connection.id].publish(message.data)
             played.messages += 1
-        messages = _read_ahead(playback.in_order(self._bag, self._connections, playing.begin))
+        with ReadAhead(playback.in_order(self._bag, self._connections, playing.begin)) as messages:
+            self._play(messages, played, progress)
+        self._wait_for_acknowledgement()
+        return played
+
+    def _play(self, messages: Iterable[Recorded], played: Played, progress: Callable[[int, float], None]) -> None:
+        playing = self._playing
         self._start = time.monotonic() + playing.delay  # subscribers find publishers in their own time
         self._wait_until(0.0, step=False)
         begun, first, told, ticked = time.monotonic(), None, 0.0, -1
@@ -130,8 +140,6 @@ class Player:
                 told = time.monotonic()
                 progress(played.messages, since)
         played.seconds = time.monotonic() - begun
-        self._wait_for_acknowledgement()
-        return played
 
     def _tick(self, first: int, since: float, ticked: int) -> int:
         """Publish the clock up to ``since`` s of the recording; the number of the last tick."""
@@ -190,46 +198,66 @@ class Player:
         return response
 
 
-def _read_ahead(messages: Iterator[Recorded]) -> Iterator[Recorded]:
-    """The same ``messages``, read by a thread of their own up to :data:`AHEAD` before they are due: taking a chunk of a
-    bag apart takes longer than two messages are apart."""
-    waiting: queue.Queue[Recorded | Exception | None] = queue.Queue(AHEAD)
-    ended = threading.Event()
+class ReadAhead:
+    """An iterator over the same ``messages``, read by a thread of its own up to :data:`AHEAD` before they are due:
+    taking a chunk of a bag apart takes longer than two messages are apart. A context: the thread ends with it."""
 
-    def put(item: Recorded | Exception | None) -> None:
-        while not ended.is_set():
-            try:
-                waiting.put(item, timeout=0.5)
-                return
-            except queue.Full:
-                continue
+    def __init__(self, messages: Iterator[Recorded]) -> None:
+        self._messages = messages
+        self._changed = threading.Condition()
+        self._waiting: deque[Recorded] = deque()
+        self._held = 0
+        self._read = self._closed = False
+        self._error: Exception | None = None
+        self._reader = threading.Thread(target=self._run, name="bag reader", daemon=True)
+        self._interval = sys.getswitchinterval()
 
-    def read() -> None:
-        try:
-            for message in messages:
-                if ended.is_set():
-                    return
-                put(message)
-            put(None)
-        except Exception as error:  # raised where it is waited for
-            put(error)
-
-    def given() -> Iterator[Recorded]:
-        interval = sys.getswitchinterval()
+    def __enter__(self) -> ReadAhead:
         sys.setswitchinterval(SWITCH)
-        try:
-            while (item := waiting.get()) is not None:
-                if isinstance(item, Exception):
-                    raise item
-                yield item
-        finally:
-            ended.set()
-            reader.join()
-            sys.setswitchinterval(interval)
+        self._reader.start()
+        return self
 
-    reader = threading.Thread(target=read, name="bag reader", daemon=True)
-    reader.start()
-    return given()
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        self._reader.join()
+        sys.setswitchinterval(self._interval)
+
+    def __iter__(self) -> ReadAhead:
+        return self
+
+    def __next__(self) -> Recorded:
+        """Raises what the ``messages`` raise."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._read)
+            if not self._waiting:
+                raise self._error or StopIteration
+            message = self._waiting.popleft()
+            self._held -= len(message.data) + BESIDES
+            self._changed.notify_all()
+            return message
+
+    def _run(self) -> None:
+        try:
+            for message in self._messages:
+                if not self._put(message):
+                    break
+        except Exception as error:  # raised where it is waited for
+            self._error = error
+        with self._changed:
+            self._read = True
+            self._changed.notify_all()
+
+    def _put(self, message: Recorded) -> bool:
+        """False when nobody wants it; one message is taken, however large it is."""
+        size = len(message.data) + BESIDES
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or not self._waiting or self._held + size <= AHEAD)
+            self._waiting.append(message)
+            self._held += size
+            self._changed.notify_all()
+            return not self._closed
 
 
 def _message_class(name: str) -> Any:
