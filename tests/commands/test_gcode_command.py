@@ -65,6 +65,24 @@ def test_a_program_that_cannot_be_formed_is_told_line_by_line(tmp_path: Path) ->
     assert "1161 PROGRAM_WORD_UNKNOWN" in done.stderr
 
 
+def test_tools_of_another_radius_and_where_a_radius_is_needed(tmp_path: Path) -> None:
+    """The job made for a program has the radius of the tool that forms, not of the last one called."""
+    (tmp_path / "cell.yaml").write_text(SET_UP.replace("4 mm}}", "4 mm}, 2: {length: 43 mm, radius: 7.5 mm}}"))
+    text = cone(tmp_path).read_text()
+    (tmp_path / "after.nc").write_text(text.replace("M30", "T2 M6\nM30"))
+    done = isf("gcode", "after.nc", "--set-up", "cell.yaml", "--json", "-o", "after", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    assert "tool_1: {radius: 4 mm}" in (tmp_path / "after" / "job.yaml").read_text().replace('"', "")
+    (tmp_path / "mixed.nc").write_text(text.replace("G1 X14", "G0 Z20\nT2 M6\nX14\nG1 X14"))
+    done = isf("gcode", "mixed.nc", "--set-up", "cell.yaml", "--json", "-o", "mixed", cwd=tmp_path)
+    assert done.returncode == Exit.INPUT
+    (finding,) = json.loads(done.stdout)["findings"]
+    assert "tool 2 (7.5 mm radius) forms after one of 4 mm" in finding["message"]
+    done = isf("gcode", "cone.nc", "--set-up", "cell.yaml", "--radius", "5", cwd=tmp_path)
+    assert done.returncode == Exit.INPUT
+    assert "FILE_UNIT" in done.stderr
+
+
 def test_files_that_are_no_programs(tmp_path: Path) -> None:
     (tmp_path / "empty.nc").write_bytes(b"\xff\x00\x80 nothing")
     (tmp_path / "wrong.yaml").write_text("work_offsets: {G58: [0 mm, 0 mm, 0 mm]}\n")

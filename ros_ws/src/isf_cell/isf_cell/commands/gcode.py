@@ -11,9 +11,17 @@ import trimesh
 from isf_analysis.bag.bag_writer import write_bag
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
+from isf_core.files import quantity
 from isf_core.files.job import JobFile, load_job
 from isf_planner import Plan
-from isf_planner.gcode.program_plan import check_program, check_work_offsets, lines_of, program_plan
+from isf_planner.gcode.program_plan import (
+    check_program,
+    check_tools,
+    check_work_offsets,
+    forming_points,
+    lines_of,
+    program_plan,
+)
 from isf_planner.gcode.reader import LARGEST_TEXT, Finding, Program, read_program
 from isf_planner.gcode.set_up import SetUp, load_set_up
 from isf_planner.view.program_figure import draw_program
@@ -87,6 +95,9 @@ def run_program(
         findings = list(program.findings)
         offsets = {system: values.offset(system) for system in program.systems}
         findings += check_work_offsets(program, job_file.rig, offsets) + check_program(program, job_file.rig)
+        radii = {number: tool.radius for number, tool in values.tools.items() if tool.radius is not None}
+        other = given.job.tool_1.radius if given else _radius(sheet)
+        findings += check_tools(program, radii, other)
         plan, refused = _plan(program, job_file) if not findings and not program.unknown else (None, None)
         findings += [refused] if refused else []
         data = _numbers(program, findings, job_file, plan)
@@ -148,7 +159,8 @@ def _text(file: Path) -> str:
 def _job_of(
     program: Program, file: Path, sheet: Sheet, set_up: SetUp, folder: Path, step: float, feed: float
 ) -> JobFile:
-    tool = set_up.tools.get(program.tool) if program.tool is not None else None
+    forming = program.tool[forming_points(program)]
+    tool = set_up.tools.get(int(forming[0])) if len(forming) else None
     radius = f"{1e3 * tool.radius:.6g} mm" if tool is not None and tool.radius is not None else sheet.radius
     text = _PROGRAM_JOB.format(
         name=job_name(file.stem),
@@ -162,6 +174,15 @@ def _job_of(
         feed=f"{feed:.6g} mm/s",
     )
     return JobFile(text, folder, str(file))
+
+
+def _radius(sheet: Sheet) -> float:
+    """m, of tools that the set-up gives none."""
+    try:
+        return quantity.parse(sheet.radius, "m")
+    except ValueError as error:
+        advice = 'write for example "5 mm"'
+        raise IsfError(ErrorCode.FILE_UNIT, str(error), where="--radius", advice=advice) from error
 
 
 def _rig_path(rig: str) -> str:

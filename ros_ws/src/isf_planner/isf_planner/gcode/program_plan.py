@@ -61,6 +61,11 @@ def check_program(program: Program, rig: Rig) -> tuple[Finding, ...]:
     """
     travel = np.asarray(rig.limits.travel)
     findings = []
+    placeless = program.two_tools & forming_points(program) & (np.arange(len(program)) < program.lower_from)
+    for k in np.flatnonzero(placeless)[:1]:
+        what = "the upper tool forms before U, V and W have told where the lower tool is"
+        advice = "name U, V and W (absolute) before the first move into the sheet"
+        findings.append(_finding(program, int(k), what, program.tips[k, :3], advice))
     for tips, tool in ((program.tips[:, :3], "upper"), (program.tips[:, 3:], "lower")):
         if tool == "lower" and not program.two_tools:
             continue
@@ -93,6 +98,31 @@ def check_work_offsets(
             advice = f"correct work_offsets.G{system} of the set-up"
             where = f"{program.name}:{line}"
             findings.append(Finding(line, IsfError(ErrorCode.PROGRAM_OUT_OF_REACH, what, where=where, advice=advice)))
+    return tuple(findings)
+
+
+def forming_points(program: Program) -> Mask:
+    """(N,) points of moves with feed at or below the sheet plane."""
+    return np.asarray(np.isfinite(program.speed) & (program.tips[:, 2] <= ON_SHEET))
+
+
+def check_tools(program: Program, radii: dict[int, float], other: float) -> tuple[Finding, ...]:
+    """The first line of each tool that forms with another radius than the first one that forms: a plan has one.
+
+    Parameters
+    ----------
+    radii : m, by number of the tool ; other : m, of a tool that is not in it
+    """
+    index = np.flatnonzero(forming_points(program))
+    numbers, first = np.unique(program.tool[index], return_index=True)
+    in_turn = sorted(zip(first.tolist(), numbers.tolist(), strict=True))
+    findings = []
+    for at, number in in_turn[1:]:
+        before, here = radii.get(in_turn[0][1], other), radii.get(number, other)
+        if not math.isclose(before, here, rel_tol=1e-6):
+            what = f"tool {number} ({1e3 * here:g} mm radius) forms after one of {1e3 * before:g} mm"
+            advice = "one program for each radius: contacts, forces and the simulated tool are of one"
+            findings.append(_finding(program, int(index[at]), what, program.tips[index[at], :3], advice))
     return tuple(findings)
 
 

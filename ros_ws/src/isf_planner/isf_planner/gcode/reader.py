@@ -54,6 +54,9 @@ _GROUPS = (
     ("90.1", "91.1"),
 )
 
+_KNOWN_G = {code for group in _GROUPS for code in group} | _NO_EFFECT_G | {"4", "53"}
+_KNOWN_M = _NO_EFFECT_M | {"2", "30"}
+
 
 @dataclass(frozen=True)
 class Unknown:
@@ -85,8 +88,9 @@ class Program:
     dwell : s, all dwells together
     two_tools : the program moves the lower tool
     systems : work coordinate systems used, to the first line that does
-    tool : number of the last tool called, None: none
-    unknown, findings : the first MOST_REPORTED of each ; unknown_count, finding_count : of all
+    tool : (N,) number of the tool mounted, -1: none is known
+    lower_from : index of the first point at which the program has named the whole place of the lower tool
+    unknown, findings : the first MOST_REPORTED of each ; unknown_count : of all
     remarks : what was assumed
     """
 
@@ -98,11 +102,11 @@ class Program:
     dwell: float
     two_tools: bool
     systems: dict[int, int]
-    tool: int | None
+    tool: Indices
+    lower_from: int
     unknown: tuple[Unknown, ...]
     findings: tuple[Finding, ...]
     unknown_count: int
-    finding_count: int
     remarks: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -180,7 +184,8 @@ class _Reader:
     unknown: list[Unknown] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
     unknown_count: int = 0
-    finding_count: int = 0
+    lower_named: set[str] = field(default_factory=set)
+    lower_from: int | None = None
     systems: dict[int, int] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
 
@@ -215,7 +220,7 @@ class _Reader:
             self.remarks.append("the program has no end (M30): it may be cut off")
         if not self.feed_given and any(row[7] != RAPID for row in self.rows):
             self.remarks.append(f"the program gives no feed (F): {60e3 * self.feed:.0f} mm/min is taken")
-        rows = np.array(self.rows, dtype=np.float64).reshape(-1, 8)
+        rows = np.array(self.rows, dtype=np.float64).reshape(-1, 9)
         count = np.array(self.between, dtype=np.int64)
         last = np.cumsum(count) - 1
         of = np.repeat(np.arange(len(rows)), count)
@@ -234,11 +239,11 @@ class _Reader:
             self.dwell,
             self.two_tools,
             self.systems,
-            self.tool,
+            rows[of, 8].astype(np.int64),
+            int(of.size if self.lower_from is None else last[self.lower_from]),
             tuple(self.unknown),
             tuple(self.findings),
             self.unknown_count,
-            self.finding_count,
             tuple(self.remarks),
         )
 
@@ -268,12 +273,11 @@ class _Reader:
         for letter, number in words:
             if letter in codes:
                 codes[letter].append(_plain(number))
-        known = {code for group in _GROUPS for code in group} | _NO_EFFECT_G | {"4", "53"}
         for code in codes["G"]:
-            if code not in known:
+            if code not in _KNOWN_G:
                 self._not_known(f"G{code}")
         for code in codes["M"]:
-            if code not in _NO_EFFECT_M | {"2", "30"}:
+            if code not in _KNOWN_M:
                 self._not_known(f"M{code}")
         for group in _GROUPS:
             both = sorted(set(group) & set(codes["G"]))
@@ -372,6 +376,10 @@ class _Reader:
         else:
             self._append(target, RAPID if self.motion == "0" else self.feed)
         self.position = target
+        if self.absolute or "53" in codes:
+            self.lower_named |= {letter for letter in "UVW" if given[letter] is not None}
+        if self.lower_from is None and self.lower_named == set("UVW"):
+            self.lower_from = len(self.rows) - 1
 
     def _append(self, target: list[float], speed: float, *, between: bool = True, named: bool = True) -> None:
         count = 1
@@ -387,7 +395,7 @@ class _Reader:
                 where=f"{self.name}:{self.line}",
                 advice="a larger --step, or split the program",
             )
-        self.rows.append((*target, float(self.line), speed))
+        self.rows.append((*target, float(self.line), speed, -1.0 if self.tool is None else float(self.tool)))
         self.between.append(count)
         self.named.append(named)
 
@@ -481,7 +489,6 @@ class _Reader:
             self.unknown.append(Unknown(self.line, word, self.text))
 
     def _find(self, code: ErrorCode, what: str, advice: str = "") -> None:
-        self.finding_count += 1
         error = IsfError(code, what, where=f"{self.name}:{self.line}", advice=advice)
         repeated = any(one.line == self.line and one.error.what == what for one in self.findings[-4:])
         if len(self.findings) < MOST_REPORTED and not repeated:

@@ -14,12 +14,14 @@ from isf_planner.checks import part_checks
 from isf_planner.exports.programs import path_points
 from isf_planner.gcode.program_plan import (
     check_program,
+    check_tools,
     check_work_offsets,
     lines_of,
     program_plan,
     surface_normals,
 )
 from isf_planner.gcode.reader import read_program
+from isf_planner.gcode.set_up import MountedTool, SetUp
 from isf_planner.view.reach_figure import axes_use, draw_reach, hexapod_of
 
 JOBS = Path(__file__).resolve().parents[5] / "examples" / "jobs"
@@ -225,6 +227,32 @@ def test_another_feed_is_another_plan() -> None:
     slow = program_plan(read_program(rings(3)), sheet_job())
     fast = program_plan(read_program(rings(3).replace("F900", "F1800")), sheet_job())
     assert slow.plan_id != fast.plan_id
+
+
+def test_tools_of_different_radius_are_told_with_their_line() -> None:
+    """Four rings with one tool and four with another: a plan has one radius for all contacts and forces."""
+    tools = {number: MountedTool(length=0.05) for number in (1, 2, 3)}
+    text = "T3 M6\n" + rings(8).replace("G1 X25", "G0 Z20\nT1 M6\nX25\nG1 X25", 1)
+    program = read_program(text, SetUp(tools=tools))
+    radii = {1: 2.5e-3, 3: 7.5e-3}
+    (finding,) = check_tools(program, radii, 5e-3)
+    assert finding.line == text.split("\n").index("G1 X25 Y0 Z-5") + 1
+    assert "tool 1 (2.5 mm radius) forms after one of 7.5 mm" in finding.error.what
+    assert not check_tools(program, {1: 7.5e-3, 3: 7.5e-3}, 5e-3)
+    assert check_tools(program, {3: 7.5e-3}, 5e-3)
+    assert not check_tools(program, {3: 5e-3}, 5e-3)
+    above = read_program("T3\nG1 X0 Y0 Z5\nT1\nX9 Z-1\nX0\nM30", SetUp(tools=tools))
+    assert not check_tools(above, radii, 5e-3)
+
+
+def test_a_lower_tool_without_a_place_is_told() -> None:
+    """Before U, V and W it would stand in the sheet at the origin of frame sheet, in the way of the upper one."""
+    rig = load_rig("torrao2013")
+    late = "G0 X0 Y0 Z5\nG1 Z-1\nX5\nW-5 U0\nX6\nG91 V0 X1\nG90 V0\nX8\nM30"
+    (finding,) = check_program(read_program(late), rig)
+    assert (finding.line, "where the lower tool is" in finding.error.what) == (2, True)
+    assert not check_program(read_program("G0 X0 Y0 Z5 U0 V0 W-9\nG1 Z-1\nX5 U5\nM30"), rig)
+    assert read_program(late).lower_from == len(read_program(late)) - 2
 
 
 def test_cylinders_out_of_stroke_are_told_with_their_line() -> None:
