@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from isf_analysis.figures import style
 from isf_analysis.measures.deviation import OPENING_DEPTH, flange_level
-from isf_analysis.measures.force_metrics import force_metrics, has_set_point
+from isf_analysis.measures.force_metrics import force_metrics, has_set_point, rms_by_contour
 from isf_analysis.measures.record import PartRecord
 
 RECORDED, WHAT_IF = "recorded", "what if"
@@ -51,9 +51,8 @@ def _contour_axis(axes: Axes) -> None:
 
 
 def _rms(part: PartRecord) -> tuple[Array, Array]:
-    found = [(result.index + 1, force_metrics([result], part.control_rate)) for result in part.results]
-    known = [(number, metrics.rms_error) for number, metrics in found if metrics is not None]
-    table = np.array(known, dtype=float).reshape(-1, 2)
+    known = rms_by_contour(part.results, part.control_rate)
+    table = np.array([(index + 1, rms) for index, rms in known.items()], dtype=float).reshape(-1, 2)
     return table[:, 0], table[:, 1]
 
 

@@ -98,3 +98,9 @@ def has_set_point(result: ContourResult) -> bool:
 def engaged(result: ContourResult) -> NDArray[np.bool_]:
     """(T,) bool, ticks in which the loop was in full control and the force was measured."""
     return result.tick_engaged & np.isfinite(result.tick_normal_force) & np.isfinite(result.tick_set_point)
+
+
+def rms_by_contour(results: Sequence[ContourResult], rate: float) -> dict[int, float]:
+    """N, rms of the force error by contour, ticks at ``rate`` Hz; of those under force control."""
+    found = {result.index: force_metrics([result], rate) for result in results}
+    return {index: metrics.rms_error for index, metrics in found.items() if metrics is not None}

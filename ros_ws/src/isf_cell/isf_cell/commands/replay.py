@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 from isf_analysis.figures import replay_figures, style
-from isf_analysis.measures.force_metrics import force_metrics
-from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.force_metrics import rms_by_contour
 from rich.markup import escape
 
 from isf_cell.commands import terminal
@@ -73,7 +72,10 @@ def _rows(found: Replay) -> list[dict[str, Any]]:
     forming, support = ({int(row[0]): 1e6 * row[column] for row in found.moved} for column in (1, 2))
     decided = {item.index: item for item in found.corrections or ()}
     recorded = {item.index: item for item in part.corrections}
-    before, after = _rms(part), _rms(found.again) if found.again is not None else {}
+    before, after = (
+        rms_by_contour(record.results, record.control_rate) if record is not None else {}
+        for record in (part, found.again)
+    )
     rows = []
     for contour in part.nominal:
         k = contour.index
@@ -89,11 +91,6 @@ def _rows(found: Replay) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def _rms(part: PartRecord) -> dict[int, float]:
-    found = {result.index: force_metrics([result], part.control_rate) for result in part.results}
-    return {index: metrics.rms_error for index, metrics in found.items() if metrics is not None}
 
 
 def _mean(correction: Any) -> float | None:

@@ -28,7 +28,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from rosbags.interfaces import Connection, QosDurability, QosReliability
+from rosbags.interfaces import Connection, QosReliability
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
@@ -276,7 +276,7 @@ def _message_class(name: str) -> Any:
 def _profile(connection: Connection) -> QoSProfile:
     """As the topic was offered; depths of streams are raised, since a player may be ahead of its subscribers."""
     offered = getattr(connection.ext, "offered_qos_profiles", [])
-    latched = any(profile.durability == QosDurability.TRANSIENT_LOCAL for profile in offered)
+    latched = playback.is_latched(connection)
     best_effort = bool(offered) and all(profile.reliability == QosReliability.BEST_EFFORT for profile in offered)
     depth = max((profile.depth for profile in offered), default=10)
     return QoSProfile(
