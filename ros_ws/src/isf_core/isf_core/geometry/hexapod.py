@@ -198,22 +198,26 @@ class Hexapod:
             pose[..., :3] = place
         if tilt is not None:
             pose[..., 3:] = tilt
-        used = 0
+        every, wanted = pose.reshape(-1, 5), lengths.reshape(-1, 6)
+        rows, used = np.arange(len(wanted)), 0  # rows at work: one that is done, or has no pose, holds up no other
         with np.errstate(invalid="ignore", over="ignore"):
-            missing = lengths - self.lengths(pose[..., :3], pose[..., 3:])
-            while used < _ITERATIONS and np.abs(missing).max(initial=0.0) > _CONVERGED:
-                slopes = self.pose_jacobian(pose[..., :3], pose[..., 3:])[..., :5]
+            missing = wanted - self.lengths(every[:, :3], every[:, 3:])
+            while used < _ITERATIONS:
+                left = np.abs(missing[rows]).max(axis=-1)
+                rows = rows[(left > _CONVERGED) & np.isfinite(left)]
+                if not len(rows):
+                    break
+                slopes = self.pose_jacobian(every[rows, :3], every[rows, 3:])[..., :5]
                 turned = np.swapaxes(slopes, -1, -2)
-                try:
-                    step = np.linalg.solve(turned @ slopes, (turned @ missing[..., None]))[..., 0]
-                except np.linalg.LinAlgError:  # a singular pose on the way
-                    break
-                pose = pose + step
+                step = _solved(turned @ slopes, (turned @ missing[rows][..., None])[..., 0])
+                before = np.abs(missing[rows]).max(axis=-1)
+                every[rows] += step
                 used += 1
-                before, missing = missing, lengths - self.lengths(pose[..., :3], pose[..., 3:])
+                missing[rows] = wanted[rows] - self.lengths(every[rows, :3], every[rows, 3:])
                 # what is left is rounding, or lengths that no pose has
-                if np.abs(missing).max() >= np.abs(before).max() and np.abs(step).max(initial=0.0) < 1e-9:
-                    break
+                stuck = (np.abs(missing[rows]).max(axis=-1) >= before) & (np.abs(step).max(axis=-1) < 1e-9)
+                rows = rows[~stuck]
+        pose, missing = every.reshape(pose.shape), missing.reshape(lengths.shape)
         fits = np.asarray(np.abs(missing).max(axis=-1) < _FITS)
         return ForwardPose(pose[..., :3], pose[..., 3:], used, fits)
 
@@ -224,7 +228,12 @@ class Hexapod:
             raise IsfError(
                 ErrorCode.TARGET_OUT_OF_WORKSPACE, "no pose without spin has these cylinder lengths", where="kinematics"
             )
-        return self.tip_of(found.place, found.tilt), found.tilt
+        tip = self.tip_of(found.place, found.tilt)
+        if not bool(self.reachable(tip, found.tilt)):  # also the pose mirrored at the base, above it
+            raise IsfError(
+                ErrorCode.TARGET_OUT_OF_WORKSPACE, "the pose found is out of the platform's reach", where="kinematics"
+            )
+        return tip, found.tilt
 
     def leg_forces(self, force: Array, tip: Array, tilt: Array) -> Array:
         """(..., 6) N, with which the cylinders push (pull: negative) against ``force`` (..., 3) N of the sheet on the
@@ -310,6 +319,14 @@ def spin_of_angles(angles: Array) -> Array:
     matrix[..., 0, 1], matrix[..., 1, 1] = -sz, cz
     matrix[..., 2, 2] = 1.0
     return matrix
+
+
+def _solved(matrices: Array, right: Array) -> Array:
+    """(M, 5) of M equations; the least solution where a matrix is singular, as in a singular pose on the way."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
+    except np.linalg.LinAlgError:
+        return np.asarray((np.linalg.pinv(matrices, hermitian=True) @ right[..., None])[..., 0])
 
 
 def _in_plane(corners: Array) -> Array:

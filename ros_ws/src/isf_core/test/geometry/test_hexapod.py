@@ -1,4 +1,4 @@
-"""The hexapod against its source's plates, matrices and numbers, and against mechanics that share no code with it."""
+"""The hexapod against its source's plates, numbers derived from them by another implementation, and plain mechanics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 HEXAPOD = spif_a()
 HOME = np.array([0.0, 0.0, -1.1172872])
 
-PUBLISHED = {
+DERIVED = {
     (0, 0, -911.8830, 0, 0, 0): [942.0] * 6,
     (0, 0, -1117.2872, 0, 0, 0): [1142.0] * 6,
     (0, 0, -1321.0339, 0, 0, 0): [1342.0] * 6,
@@ -32,7 +32,7 @@ PUBLISHED = {
     (0, 0, -1100, 30, 0, 0): [1197.8533, 1051.1197, 1021.0038, 1090.5788, 1163.7707, 1239.9390],
     (0, 0, -1100, 0, 30, 0): [1045.9752, 1045.9752, 1103.1148, 1233.1817, 1233.1817, 1103.1148],
 }
-"""mm and deg to mm: inverse kinematics of the plates of Torrao 2013, 4.2."""
+"""mm and deg to mm: derived from the plates of Torrao 2013, 4.2, by another implementation; none is printed there."""
 
 
 def poses(count: int, seed: int = 3) -> tuple[Array, Array]:
@@ -45,8 +45,8 @@ def poses(count: int, seed: int = 3) -> tuple[Array, Array]:
     return HEXAPOD.place_of(tips[chosen], tilts[chosen]), tilts[chosen]
 
 
-def test_plates_are_the_published_hexagons() -> None:
-    """Joints to 1e-3 mm and edges 600/200 and 300/150 mm."""
+def test_plates_are_the_hexagons_of_the_source() -> None:
+    """Joints to 1e-3 mm, with the order of rows reconstructed, and edges 600/200 and 300/150 mm."""
     assert 1e3 * HEXAPOD.base[2] == pytest.approx([115.470, 400.0], abs=1e-3)
     assert 1e3 * HEXAPOD.base[0] == pytest.approx([-404.145, -100.0], abs=1e-3)
     assert 1e3 * HEXAPOD.platform[3] == pytest.approx([216.506, 75.0], abs=1e-3)
@@ -56,10 +56,10 @@ def test_plates_are_the_published_hexagons() -> None:
     assert 1e3 * np.linalg.norm(HEXAPOD.base, axis=1) == pytest.approx([416.333] * 6, abs=1e-3)
 
 
-def test_all_published_poses_at_once() -> None:
-    known = np.array(list(PUBLISHED), dtype=float)
+def test_all_derived_poses_at_once() -> None:
+    known = np.array(list(DERIVED), dtype=float)
     found = HEXAPOD.lengths(1e-3 * known[:, :3], np.radians(known[:, 3:]))
-    assert 1e3 * found == pytest.approx(np.array(list(PUBLISHED.values())), abs=1e-3)
+    assert 1e3 * found == pytest.approx(np.array(list(DERIVED.values())), abs=1e-3)
 
 
 def test_tip_chain_of_the_source() -> None:
@@ -85,7 +85,8 @@ def test_rotation_is_that_of_another_library() -> None:
     assert np.abs(np.linalg.det(rotation(angles)) - 1.0).max() < 1e-12
 
 
-def test_jacobian_at_home_is_the_printed_row() -> None:
+def test_jacobian_at_home_is_the_derived_row() -> None:
+    """Derived from the plates of the source by another implementation."""
     jacobian = HEXAPOD.jacobian(HOME, np.zeros(2))
     scale = np.array([1, 1, 1, 1e3, 1e3, 1e3])
     assert jacobian[0] * scale == pytest.approx([0.2022, -0.0438, -0.9784, 146.754, -169.457, 37.917], abs=1e-3)
@@ -142,7 +143,8 @@ def test_equilibrium_of_the_platform_under_leg_forces() -> None:
         ((0, 6500, 13000), [6939, -2509, 8246, 12970, -8540, -3816]),
     ],
 )
-def test_printed_cylinder_forces(force: tuple[float, float, float], pushes: list[float]) -> None:
+def test_derived_cylinder_forces(force: tuple[float, float, float], pushes: list[float]) -> None:
+    """Loads of Torrao 2013; the cylinder forces are derived from its plates by another implementation."""
     tip = HEXAPOD.tip_of(HOME, np.zeros(2))
     assert HEXAPOD.leg_forces(np.array(force), tip, np.zeros(2)) == pytest.approx(pushes, abs=0.6)
 
@@ -169,6 +171,18 @@ def test_forward_from_the_last_pose_takes_three_steps() -> None:
     assert np.abs(found.place - place).max() < 1e-9
 
 
+def test_one_bad_row_spoils_no_other() -> None:
+    """Lengths that are no numbers, that no pose has, and one that begins in a singular pose (flat, in the base)."""
+    place, tilt = poses(100)
+    lengths, start, leaning = HEXAPOD.lengths(place, tilt), place + 1e-3, tilt.copy()
+    lengths[3], lengths[40], start[70], leaning[70] = np.nan, [0.0, 2.0, 0.0, 2.0, 0.0, 2.0], 0.0, 0.0
+    found = HEXAPOD.forward(lengths, start, leaning)
+    good = np.delete(np.arange(100), [3, 40, 70])
+    assert found.converged[good].all()
+    assert np.abs(found.place[good] - place[good]).max() < 1e-9
+    assert not found.converged[[3, 40]].any()
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(0.0, 2.0), min_size=6, max_size=6))
 def test_forward_of_any_lengths_ends(lengths: list[float]) -> None:
@@ -176,6 +190,27 @@ def test_forward_of_any_lengths_ends(lengths: list[float]) -> None:
     found = HEXAPOD.forward(np.array(lengths))
     if found.converged:
         assert HEXAPOD.lengths(found.place, found.tilt) == pytest.approx(lengths, abs=1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 199), st.lists(st.floats(-2e-3, 2e-3), min_size=6, max_size=6), st.booleans())
+def test_forward_of_lengths_near_a_pose(row: int, noise: list[float], exact: bool) -> None:
+    """Five freedoms have no pose for noisy lengths: told, not invented. Those of a pose give its tip, or an error."""
+    place, tilt = poses(200)
+    lengths = HEXAPOD.lengths(place[row], tilt[row]) + (0.0 if exact else 1.0) * np.array(noise)
+    found = HEXAPOD.forward(lengths)
+    if exact:
+        assert HEXAPOD.tip(lengths - HEXAPOD.shortest)[0] == pytest.approx(HEXAPOD.tip_of(place[row], tilt[row]))
+    if found.converged:
+        assert HEXAPOD.lengths(found.place, found.tilt) == pytest.approx(lengths, abs=1e-6)
+
+
+def test_no_tip_out_of_reach() -> None:
+    """A pose with these lengths exists, 0.3 m under the lowest that the strokes allow."""
+    place = np.array([0.0, 0.0, -1.6])
+    with pytest.raises(IsfError, match="out of the platform's reach") as caught:
+        HEXAPOD.tip(HEXAPOD.lengths(place, np.zeros(2)) - HEXAPOD.shortest)
+    assert caught.value.code == ErrorCode.TARGET_OUT_OF_WORKSPACE
 
 
 def test_a_joint_that_bends_too_far_is_told() -> None:
@@ -204,8 +239,8 @@ def test_reachable_agrees_with_the_gate_of_single_poses() -> None:
     assert 20 < sum(free) < 130
 
 
-def test_stroke_of_the_centre_line_is_the_published_travel() -> None:
-    """409.15 mm between fully retracted and fully extended."""
+def test_stroke_of_the_centre_line() -> None:
+    """409.15 mm between retracted and extended, derived from the cylinders of the source (942 to 1342 mm)."""
     z = np.linspace(-1.5, -0.7, 80001)
     place = np.column_stack([np.zeros_like(z), np.zeros_like(z), z])
     free = HEXAPOD.reachable(HEXAPOD.tip_of(place, np.zeros(2)), np.zeros(2))
