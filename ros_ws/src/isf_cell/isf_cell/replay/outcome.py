@@ -57,7 +57,7 @@ class Replay:
     def identical(self) -> bool | None:
         """True when every decision is the recorded one; None where that cannot be known, since some are not in the bag
         and all others are the same."""
-        if self.how in ("", BY_CLOCK) or self.missing:
+        if self.how in ("", BY_CLOCK) or self.missing or self.run.retuned:
             return None
         parts = [part for part in (self.results, self.corrected) if part is not None]
         same = all(part.identical for part in parts)
@@ -187,6 +187,10 @@ def replay(
     """
     part = run.part
     notes = list(part.notes)
+    if run.retuned:
+        notes.append(
+            f"set while the part was formed: {', '.join(run.retuned)}; it is replayed with what it was armed with"
+        )
     fast = run.simulated and part.sheet.get("model", "fast") == "fast"
     wanted = fast and (bool(what_if) or run.ticks is None) if replant is None else replant
     if replant is None and not wanted and run.simulated and what_if:

@@ -79,6 +79,7 @@ class RecordedRun:
     part : its record
     armed : None for a bag that does not hold it
     ticks : None for a bag without wrenches and targets
+    retuned : parameters that were set while the part was formed; a replay has those of the arming
     scans, lifts : (stamp s, points (P, 3) m) and (stamp s, rows (K, 4) m and N), those that came between contours too
     """
 
@@ -88,6 +89,7 @@ class RecordedRun:
     ticks: Ticks | None
     scans: tuple[tuple[float, Array], ...]
     lifts: tuple[tuple[float, Array], ...]
+    retuned: tuple[str, ...] = ()
 
     @property
     def simulated(self) -> bool:
@@ -139,6 +141,7 @@ def read_run(path: Path, namespace: str | None = None) -> RecordedRun:
                 ticks=_ticks(streams, part),
                 scans=_clouds(bag, f"{namespace}/{topics.SCAN.name}", "xyz", began),
                 lifts=_clouds(bag, f"{namespace}/{topics.LIFT.name}", fields.LIFT, began),
+                retuned=_retuned(bag, namespace, part.plan_id, began),
             )
         except (KeyError, ValueError) as error:
             raise IsfError(
@@ -166,6 +169,24 @@ def _armed(bag: Bag, namespace: str, plan_id: str) -> Armed | None:
         tip_2=(message.tip_2.x, message.tip_2.y, message.tip_2.z),
         support_force=None if np.isnan(message.support_force) else float(message.support_force),
     )
+
+
+def _retuned(bag: Bag, namespace: str, plan_id: str, began: int) -> tuple[str, ...]:
+    """Parameters of the nodes that decide, set between the arming and the last result of the part."""
+    times = {
+        topic: [t for t, m in _messages(bag, f"{namespace}/{topic.name}") if m.plan_id == plan_id and t >= began]
+        for topic in (topics.ARMED, topics.RESULT)
+    }
+    if not all(times.values()):
+        return ()
+    nodes = {f"{namespace}/{name}": name for name in ("force_ctrl", "springback")}
+    found = [
+        f"{nodes[message.node]}.{item.name}"
+        for time, message in _messages(bag, "/parameter_events")
+        if message.node in nodes and times[topics.ARMED][-1] < time <= times[topics.RESULT][-1]
+        for item in message.changed_parameters
+    ]
+    return tuple(dict.fromkeys(found))
 
 
 def _clouds(bag: Bag, name: str, columns: Sequence[str], began: int) -> tuple[tuple[float, Array], ...]:

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from isf_analysis.bag import topics
 from isf_analysis.bag.bag_writer import write_bag
-from isf_analysis.bag.topics import cell_types
+from isf_analysis.bag.topics import cell_types, make_message
 from isf_analysis.measures.force_metrics import force_metrics
 from isf_analysis.measures.record import PartRecord
 from isf_cell import in_process
@@ -26,6 +27,7 @@ from isf_cell.replay.what_if import parse
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
+from isf_force_ctrl.control_config import ControlConfig
 from quick_cone import CONTOURS, FOLDER, quick_cone
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
@@ -70,6 +72,38 @@ def test_scans_of_the_part_before_are_not_those_of_the_last_one(part: PartRecord
     alone, last = read_run(bags[1]), read_run(tmp_path / "both")
     assert len(last.scans) == len(alone.scans) > 1
     assert len(last.lifts) == len(alone.lifts)
+
+
+@pytest.mark.parametrize(
+    ("after", "node", "told"), [(1, "/force_ctrl", True), (1, "/other", False), (-1, "/force_ctrl", False)]
+)
+def test_a_parameter_set_while_forming_is_told(
+    after: int, node: str, told: bool, part: PartRecord, run: Path, job: JobFile, tmp_path: Path
+) -> None:
+    """Set ``after`` ns from the arming: what was set before is what it was armed with."""
+    settings = ControlConfig.from_job(job).to_json()
+    armed = make_message(topics.ARMED.type, plan_id=part.plan_id, settings=settings, support_force=float("nan"))
+    changed = make_message("rcl_interfaces/msg/Parameter", name="loop_gain")
+    event = make_message("rcl_interfaces/msg/ParameterEvent", node=node, changed_parameters=[changed])
+    with (
+        Reader(run / "bag") as reader,
+        Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        added = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=cell_types()) for c in reader.connections}
+        messages = list(reader.messages())
+        for connection, time, data in messages:
+            writer.write(added[connection.id], time, data)
+        results = [time for connection, time, _ in messages if connection.topic == "/contour/result"]
+        for topic, kind, message, time in (
+            (topics.ARMED.name, topics.ARMED.type, armed, results[-1] - 2),
+            ("parameter_events", "rcl_interfaces/msg/ParameterEvent", event, results[-1] - 2 + after),
+        ):
+            connection = writer.add_connection(f"/{topic}", kind, typestore=cell_types())
+            writer.write(connection, time, cell_types().serialize_cdr(message, kind))
+    found = replay(read_run(tmp_path), parse([]))
+    assert found.run.retuned == (("force_ctrl.loop_gain",) if told else ())
+    assert any("force_ctrl.loop_gain" in note for note in found.notes) is told
+    assert found.identical is (None if told else True)
 
 
 def test_a_record_that_was_changed_is_not_identical(part: PartRecord, tmp_path: Path) -> None:
