@@ -94,7 +94,9 @@ class Driver:
             return
         at, now = message.pose.position, time.monotonic()
         tip = np.array([at.x, at.y, at.z])
-        fault = self._check.check(tool, message.header.frame_id, tip, self._hardware.tips[tool - 1], now)
+        header, here = message.header, self._hardware.tips[tool - 1]
+        stamp = header.stamp.sec + 1e-9 * header.stamp.nanosec
+        fault = self._check.check(tool, header.frame_id, tip, here, now, stamp)
         if self._hardware.stopped:
             if fault:
                 return

@@ -28,17 +28,18 @@ class TargetCheck:
 
     def __init__(self, period: float) -> None:
         self._period = period
-        self._last: list[tuple[float, Array] | None] = [None, None]
+        self._last: list[tuple[float, float, Array] | None] = [None, None]
 
     def restart(self) -> None:
         """The next targets are first ones."""
         self._last = [None, None]
 
-    def check(self, tool: int, frame: str, tip: Array, here: Array, now: float) -> tuple[int, str] | None:
+    def check(self, tool: int, frame: str, tip: Array, here: Array, now: float, stamp: float) -> tuple[int, str] | None:
         """Code and text of what is wrong with the target ``tip`` (3,) m of ``tool`` (1, 2); None when it is right.
 
-        ``here`` (3,) m is where the tool is, ``now`` s the time. A target that is wrong is not followed, so the next
-        one is compared with the one before.
+        ``here`` (3,) m is where the tool is, ``now`` s the time and ``stamp`` s that of the target (0: it has none): a
+        driver that stood still itself receives at once what was left of many. A target that is wrong is not followed:
+        the next one is compared with the one before.
         """
         name = f"tool_{tool}/target"
         if frame != FRAME:
@@ -51,9 +52,9 @@ class TargetCheck:
         if last is None:
             step, allowed = math.dist(tip, here), FIRST_STEP
         else:
-            gap = min(max(now - last[0], self._period), LONGEST_GAP)
-            step, allowed = math.dist(tip, last[1]), SPEED * gap
+            gap = min(max(now - last[0], stamp - last[1], self._period), LONGEST_GAP)
+            step, allowed = math.dist(tip, last[2]), SPEED * gap
         if step > allowed:
             return TARGET_JUMP, f"{name} jumps by {1e3 * step:.1f} mm, {1e3 * allowed:.1f} mm are allowed"
-        self._last[tool - 1] = (now, tip)
+        self._last[tool - 1] = (now, stamp, tip)
         return None

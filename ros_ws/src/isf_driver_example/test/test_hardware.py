@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from isf_driver_example import target_check
 from isf_driver_example.hardware import FREE, PARKED, RADIUS, SQUEEZE, THICKNESS, YIELD_FORCE, ZEROS, Hardware
 
 
@@ -75,3 +76,19 @@ def test_a_stop_holds_then_releases_contact_until_it_is_cleared(hardware: Hardwa
     assert hardware.stopped == "a trial"  # a driver may have its operator reset it
     hardware.reset()
     assert (hardware.stopped, hardware.released) == ("", False)
+
+
+def test_targets_that_were_lost_while_the_driver_stood_still_are_no_jump() -> None:
+    """At 0.25 m/s: by the stamps of the targets, however soon one comes after the other, and for 0.25 s at most."""
+    begin, here = np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 0.02])
+    for stamp, step, code in (
+        (1.01, 2.4e-3, 0),
+        (1.01, 2.6e-3, 1402),
+        (1.1, 24e-3, 0),
+        (9.0, 62e-3, 0),
+        (9.0, 63e-3, 1402),
+    ):
+        check = target_check.TargetCheck(0.01)
+        assert check.check(1, "sheet", begin, here, 7.0, 1.0) is None
+        fault = check.check(1, "sheet", begin + [step, 0.0, 0.0], here, 7.0, stamp)
+        assert (fault[0] if fault else 0) == code
