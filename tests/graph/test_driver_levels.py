@@ -21,7 +21,7 @@ from isf_core.errors import ErrorCode
 from isf_core.files.job import JobFile
 from isf_core.files.yaml_file import find_named
 from isf_msgs.action import FormPart
-from isf_msgs.msg import ContourResult, JobInfo
+from isf_msgs.msg import ContourResult, ForceCtrlState, JobInfo
 from isf_ros import qos
 from isf_ros.conversion import result_from_message
 from quick_cone import quick_cone
@@ -65,10 +65,13 @@ class Cell:
         self.results: list[Any] = []
         self.infos: list[JobInfo] = []
         self.scans: list[PointCloud2] = []
+        self.states: list[ForceCtrlState] = []
+        """Of force control in the part that was formed last."""
         self.node.create_subscription(
             ContourResult, "contour/result", lambda m: self.results.append(result_from_message(m)), qos.EVENT
         )
         self.node.create_subscription(JobInfo, "part/info", self.infos.append, qos.LATCHED)
+        self.node.create_subscription(ForceCtrlState, "force_ctrl/state", self.states.append, qos.STREAM_SOURCE)
         self.node.create_subscription(PointCloud2, "scan", self.scans.append, qos.LATCHED)
         self._action = ActionClient(self.node, FormPart, "form_part")
         self._set = self.node.create_client(SetParameters, "force_ctrl/set_parameters")
@@ -99,6 +102,7 @@ class Cell:
         assert self.wait(self._action.server_is_ready)
         self.results.clear()
         self.scans.clear()
+        self.states.clear()
         self.said: list[str] = []
         job = tiny_part(self.folder, springback)
         goal = FormPart.Goal(job_text=job.text, base_folder=str(job.base), support_force=math.nan)
@@ -139,14 +143,19 @@ def cell(tmp_path_factory: pytest.TempPathFactory, forked_nodes: None) -> Iterat
 
 
 def assert_formed(cell: Cell, result: Any) -> None:
-    """The part is complete, and the support tool pressed as the job says: a spring of 0.5 N/um that is known to none
-    of the nodes."""
+    """The part is complete, and the support tool pressed as the job says, in the mean: a spring of 0.5 N/um that none
+    of the nodes knows."""
     assert (result.code, result.message) == (0, ""), result.message
     assert len(cell.results) == result.contours == 2
     forces = np.concatenate([item.tick_normal_force[item.tick_engaged] for item in cell.results])
     assert forces.mean() == pytest.approx(SQUEEZED, abs=10.0)
     assert cell.infos[-1].world == -1  # a real machine
     assert cell.infos[-1].sheet == ""
+
+
+def lifted_after(cell: Cell) -> set[int]:
+    """Contours after which the tools were lifted off the sheet."""
+    return {state.index for state in cell.states if state.mode == ForceCtrlState.LIFT}
 
 
 def lines(cell: Cell) -> list[str]:
@@ -181,7 +190,8 @@ def test_streams_alone(cell: Cell) -> None:
 
 def test_with_tare_and_stop_and_its_end_in_mid_part(cell: Cell) -> None:
     with driver(2) as process:
-        assert_formed(cell, cell.form())
+        assert_formed(cell, cell.form("method: none\n  scan_every: 1"))
+        assert lifted_after(cell) == {1}  # not for a scan that nobody makes
         assert [line.split(":")[0] for line in lines(cell)] == [
             "the driver has no lifecycle services",
             "no machine/reset",
@@ -198,6 +208,7 @@ def test_with_tare_and_stop_and_its_end_in_mid_part(cell: Cell) -> None:
 def test_with_scans(cell: Cell) -> None:
     with driver(3):
         assert_formed(cell, cell.form("method: none\n  scan_every: 1"))
+        assert lifted_after(cell) == {0, 1}  # out of the scanner's sight
         assert [line.split(":")[0] for line in lines(cell)] == [
             "the driver has no lifecycle services",
             "no machine/reset",
@@ -221,5 +232,6 @@ def test_with_lifecycle_and_a_second_of_silence_in_mid_part(cell: Cell) -> None:
     with driver(4) as process:
         assert_formed(cell, cell.form(during=stand_still))
         assert stopped
+        assert any(state.flags & ForceCtrlState.PAUSED for state in cell.states)
         assert lines(cell) == []
         assert cell.wait(lambda: len(cell.scans) == 1)

@@ -276,6 +276,8 @@ class GraphCell:
 
     def scan(self, formed: FormedContour, *, aside: bool) -> None:
         """As in the protocol."""
+        if not self._machine.offer.scanner:
+            return  # as was told at the beginning; no need to lift the tools
         after = contour_label(formed.nominal.index)
         if aside:
             try:
