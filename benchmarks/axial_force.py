@@ -1,7 +1,9 @@
 """Axial force on a formed wall of the elasto-plastic sheet, by the size of its cells, beside the published regression.
 
-One tool forms a truncated cone in steps of constant depth over a backing plate. The force of a contour is its mean;
-that of the wall is the mean of the contours from two thirds of the depth on, without the last one, where it ends.
+One tool forms a truncated cone in steps of constant depth over a backing plate. The force of a contour is its mean
+without the first quarter, where the tool goes down; that of the wall is the mean of the contours from two thirds of the
+depth on, without the last one, where it ends. With two sizes of cells or more a straight line is fitted to force over
+size; its value at no size is an extrapolation.
 
 usage: ./isf python benchmarks/axial_force.py [--cells 3.5,2.5,1.65] [--speed M/S] [--radius MM] [--angle DEG] [--json]
 
@@ -33,6 +35,9 @@ ENTRY, FRAME, ROOM = 2e-3, 21e-3, 18e-3
 POINTS = 1e-3
 """m between two points of the path."""
 
+FEWEST = 4
+"""Contours with which one lies on the wall: past two thirds of the depth and not the last."""
+
 
 def make_shell(options: argparse.Namespace, cell: float) -> ExplicitShell:
     """The blank clamped over the plate, the tool above it."""
@@ -49,7 +54,7 @@ def make_shell(options: argparse.Namespace, cell: float) -> ExplicitShell:
 
 
 def contour_forces(shell: ExplicitShell, options: argparse.Namespace) -> Array:
-    """(contours, 2) N, mean and standard deviation of the axial force around each contour."""
+    """(contours, 2) N, mean and standard deviation of the axial force around each contour, first quarter left out."""
     tool, angle, away = 1e-3 * options.tool, math.radians(options.angle), np.zeros(3)
     forces = []
     for k in range(1, round(options.depth / options.step) + 1):
@@ -113,6 +118,8 @@ def main() -> int:
     parser.add_argument("--material", default="AA5754-O")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    if round(options.depth / options.step) < FEWEST:
+        parser.error(f"the wall needs {FEWEST} contours or more: a larger --depth, or a smaller --step")
     rows = []
     if not options.json:
         print("| cells [mm] | elements | axial force on the wall [N] | regression [N] | ratio | CPU [s] |")
@@ -125,8 +132,14 @@ def main() -> int:
                 f"| {found['regression_n']} | {found['force_n'] / found['regression_n']:.2f} | {found['cpu_s']} |",
                 flush=True,
             )
+    sizes = [found["cell_mm"] for found in rows]
+    line = np.polyfit(sizes, [found["force_n"] for found in rows], 1) if len(set(sizes)) > 1 else None
+    none = None if line is None else round(float(line[1]))
     if options.json:
-        print(json.dumps(rows))
+        print(json.dumps({"cells": rows, "force_at_no_size_n": none}))
+    elif none is not None:
+        ratio = none / rows[0]["regression_n"]
+        print(f"| none, along the line | | {none} | {rows[0]['regression_n']} | {ratio:.2f} | |")
     return 0
 
 
