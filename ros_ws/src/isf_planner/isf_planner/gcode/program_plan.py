@@ -20,6 +20,7 @@ from isf_core.files.job import JobFile, ToolSpec
 from isf_core.files.rig import Rig
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import make_kinematics
+from isf_core.process.thickness_and_tips import sine_law
 from isf_core.types import Array, Indices, Mask
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
@@ -180,7 +181,14 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
             where=f"{program.name}:{program.line[int(np.argmax(below))]}",
             advice="a program forms with the upper tool; plan a part formed from both sides from its surface",
         )
-    pieces = _pieces(program)
+    pieces, short = _pieces(program)
+    if not pieces and short:
+        raise IsfError(
+            ErrorCode.PROGRAM_UNREADABLE,
+            "what goes below the sheet (z = 0) has fewer than three points: a poke or a groove shorter than the step",
+            where=f"{program.name}:{short[0]}",
+            advice="a smaller --step, or a longer path in the sheet",
+        )
     if not pieces:
         raise IsfError(
             ErrorCode.PROGRAM_UNREADABLE,
@@ -214,7 +222,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
                 contact=contact[here],
                 normal=normal[here],
                 wall_angle=angle[here],
-                thickness=job.sheet.thickness * np.cos(angle[here]),
+                thickness=sine_law(job.sheet.thickness, angle[here]),
                 forming_tip=tips[here],
                 support_tip=program.tips[piece.index, 3:] if program.two_tools else np.empty((0, 3)),
                 speed=speed if float(np.ptp(speed)) > 0.0 else np.empty(0),
@@ -229,6 +237,10 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
     target = _target(contact, group, rig.clamp.size)
     mesh = height_grid.as_mesh(target)
     surface = mesh.vertices, mesh.faces
+    if short:
+        first = ", ".join(map(str, short[:5])) + (", ..." if len(short) > 5 else "")
+        left = f"left out: {len(short)} move(s) into the sheet of fewer than three points, from line {first}"
+        warnings = (left, *warnings)
     return Plan(f"{job.name}-{digest}", filled, target, surface, tuple(dict.fromkeys(warnings)))
 
 
@@ -236,12 +248,15 @@ def lines_of(program: Program, plan: Plan) -> dict[str, tuple[int, int]]:
     """First and last line of every contour, by the label that people read."""
     return {
         contour_label(number): (int(program.line[piece.index[0]]), int(program.line[piece.index[-1]]))
-        for number, piece in enumerate(_pieces(program)[: len(plan.contours)])
+        for number, piece in enumerate(_pieces(program)[0][: len(plan.contours)])
     }
 
 
-def _pieces(program: Program) -> list[_Piece]:
-    """Engaged runs cut into closed loops, or into single turns where nothing closes."""
+def _pieces(program: Program) -> tuple[list[_Piece], list[int]]:
+    """Engaged runs cut into closed loops, or into single turns where nothing closes.
+
+    With them the lines at which runs begin that have too few points for a contour.
+    """
     tips = program.tips
     down = tips[:, 2] <= ON_SHEET
     rapid = program.speed == RAPID
@@ -250,6 +265,7 @@ def _pieces(program: Program) -> list[_Piece]:
     engaged = down & ~rapid
     engaged &= program.given | ~above | (level > CLOSED)  # of a plunge only its end
     pieces: list[_Piece] = []
+    short: list[int] = []
     lifted = True
     k, n = 0, len(tips)
     while k < n:
@@ -264,10 +280,13 @@ def _pieces(program: Program) -> list[_Piece]:
         if begin > 0 and rapid[begin - 1] and down[begin - 1]:
             run = np.concatenate([[begin - 1], run])
         kept = np.concatenate([[True], np.linalg.norm(np.diff(tips[run], axis=0), axis=1) > 1e-9])
-        for piece in _cut(run[kept], program, lifted):
+        cuts = _cut(run[kept], program, lifted)
+        if not cuts:
+            short.append(int(program.line[begin]))
+        for piece in cuts:
             pieces.append(piece)
             lifted = False
-    return pieces
+    return pieces, short
 
 
 def _cut(run: Indices, program: Program, lifted: bool) -> list[_Piece]:

@@ -223,6 +223,19 @@ def test_the_tips_are_the_programs_whatever_the_job_compensates() -> None:
         assert np.array_equal(ours.forming_tip, theirs.forming_tip)
 
 
+def test_runs_too_short_for_a_contour_are_told() -> None:
+    """A poke and a groove of 0.9 mm: alone they make no plan, beside rings they are left out with a warning."""
+    short = "G0 Z5\nX3 Y0\nG1 F900 Z-1\nG0 Z5\nX5\nG1 Z-1\nX5.9\nG0 Z5\nM30"
+    with pytest.raises(IsfError, match="fewer than three points") as caught:
+        program_plan(read_program(short), sheet_job())
+    assert caught.value.code == ErrorCode.PROGRAM_UNREADABLE
+    assert "program:3" in caught.value.where
+    made = program_plan(read_program(rings(3).replace("M30", short)), sheet_job())
+    assert len(made.contours) == 3
+    assert any("left out: 2 move(s) into the sheet" in warning for warning in made.warnings)
+    assert not any("left out" in warning for warning in program_plan(read_program(rings(3)), sheet_job()).warnings)
+
+
 def test_another_feed_is_another_plan() -> None:
     slow = program_plan(read_program(rings(3)), sheet_job())
     fast = program_plan(read_program(rings(3).replace("F900", "F1800")), sheet_job())
