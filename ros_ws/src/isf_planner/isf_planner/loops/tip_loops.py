@@ -99,13 +99,14 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
     radius, spacing = job.tool_1.ball_radius, job.path.point_spacing
     # the loop is settled with more points than it gets in the end, so that its chords follow it also in sharp turns
     points = resample(rough, min(spacing / 2, perimeter(rough) / SETTLED_POINTS), start)
-    points = settle(surface, points, level, radius, steps=3)
+    points, _, _ = settle(surface, points, level, radius, steps=3)
     points = with_equal_chords(points, spacing, start)
-    points = settle(surface, points, level, radius, steps=2)
-    contact, cut = _cut(surface, points, level, radius)
-    if cut.max() > GOUGE_TOLERANCE:
-        points = _drawn_back(surface, points, level, radius, cut > GOUGE_TOLERANCE)
-        contact, cut = _cut(surface, points, level, radius)
+    points, contact, height = settle(surface, points, level, radius, steps=2)
+    contact, cut = _cut(surface, points, level, radius, contact, height)
+    cutting = cut > GOUGE_TOLERANCE
+    if cutting.any():
+        points = _drawn_back(surface, points, level, radius, cutting)
+        contact, cut = _cut(surface, points, level, radius, contact, np.where(cutting, -np.inf, height))
     if cut.max() > GOUGE_TOLERANCE:
         worst = int(np.argmax(cut))
         place = np.append(points[worst], level)
@@ -122,18 +123,24 @@ def tip_loop(surface: TargetSurface, rough: Array, level: float, job: Job, start
     return TipLoop(level, points, normal, curvature=bends)
 
 
-def _cut(surface: TargetSurface, points: Array, level: float, radius: float) -> tuple[Array, Array]:
+def _cut(
+    surface: TargetSurface, points: Array, level: float, radius: float, followed: Array, height: Array
+) -> tuple[Array, Array]:
     """Contacts (N, 2) m of balls at ``points`` (N, 2) m, and how deep (N,) m they cut there along the normal.
 
-    The whole ball is searched: the contact that :func:`settle` has followed need not be the deepest any more.
+    The whole ball is searched, since the contact ``followed`` by :func:`settle`, where the tip would be at ``height``,
+    need not be the deepest any more. It stays where none is deeper: beside a floor, it is the wall's.
     """
-    height, contact = tip_surface.drop_tool(surface, points, radius)
+    highest, contact = tip_surface.drop_tool(surface, points, radius)
+    contact = np.where((highest > height + LIFT)[:, None], contact, followed)
     upright = np.sqrt(np.maximum(1.0 - ((points - contact) ** 2).sum(axis=1) / radius**2, 0.0))
-    return contact, np.asarray((height - level) * upright)
+    return contact, np.asarray((highest - level) * upright)
 
 
-def settle(surface: TargetSurface, points: Array, level: float, radius: float, *, steps: int) -> Array:
-    """Points (N, 2) m, moved across the loop until the tip surface is at the level.
+def settle(
+    surface: TargetSurface, points: Array, level: float, radius: float, *, steps: int
+) -> tuple[Array, Array, Array]:
+    """Move points (N, 2) across the loop until the tip surface is at the level: points, contacts (N, 2), heights (N,).
 
     Newton's method along the outward normal of the loop; the slope of the tip surface is the slope at the contact.
     For a loop around an island the outward normal points to the island: its points run clockwise.
@@ -142,15 +149,14 @@ def settle(surface: TargetSurface, points: Array, level: float, radius: float, *
     outward = _outward(points)
     longest = 0.1 * radius
     height, contact = tip_surface.drop_tool(surface, points, radius)
-    for left in reversed(range(steps)):
+    for _ in range(steps):
         arm = points - contact
         vertical = np.sqrt(np.maximum(radius**2 - (arm**2).sum(axis=1), (0.05 * radius) ** 2))
         slope = np.maximum(-(arm * outward).sum(axis=1) / vertical, FLATTEST)
         step = np.clip((level + LIFT - height) / slope, -longest, longest)
         points += step[:, None] * outward
-        if left:
-            height, contact = tip_surface.drop_tool(surface, points, radius, near=contact + step[:, None] * outward)
-    return points
+        height, contact = tip_surface.drop_tool(surface, points, radius, near=contact + step[:, None] * outward)
+    return points, contact, height
 
 
 def _outward(points: Array) -> Array:
