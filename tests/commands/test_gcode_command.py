@@ -83,6 +83,18 @@ def test_tools_of_another_radius_and_where_a_radius_is_needed(tmp_path: Path) ->
     assert "FILE_UNIT" in done.stderr
 
 
+def test_the_limits_of_step_and_feed_are_those_of_a_job(tmp_path: Path) -> None:
+    """What the command line takes the job that is made takes, too."""
+    file = cone(tmp_path)
+    file.write_text(file.read_text().replace("F3000\n", ""))
+    for step, feed in (("0.051", "0.101"), ("4.999", "999.9")):
+        done = isf("gcode", "cone.nc", "--step", step, "--feed", feed, "-o", f"run_{step}", cwd=tmp_path)
+        assert done.returncode == Exit.OK, done.stderr
+    for option, value in (("--step", "5"), ("--feed", "0.1")):
+        done = isf("gcode", "cone.nc", option, value, cwd=tmp_path)
+        assert f"Invalid value for '{option}'" in done.stderr.replace('"', "'")
+
+
 def test_files_that_are_no_programs(tmp_path: Path) -> None:
     (tmp_path / "empty.nc").write_bytes(b"\xff\x00\x80 nothing")
     (tmp_path / "wrong.yaml").write_text("work_offsets: {G58: [0 mm, 0 mm, 0 mm]}\n")

@@ -101,8 +101,8 @@ def gcode(
     set_up: Annotated[
         Path | None, typer.Option("--set-up", help="work offsets and tool library (YAML)", metavar="FILE")
     ] = None,
-    step: Annotated[float, typer.Option(help="largest distance between points, mm", min=0.05, max=5.0)] = 1.0,
-    feed: Annotated[float, typer.Option(help="mm/s until the program gives F", min=0.1, max=1000.0)] = 30.0,
+    step: Annotated[float, typer.Option(help="largest distance between points, mm", min=0.051, max=4.999)] = 1.0,
+    feed: Annotated[float, typer.Option(help="mm/s until the program gives F", min=0.101, max=999.9)] = 30.0,
     simulate: Annotated[bool, typer.Option("--simulate", help="form it on the simulated machine")] = False,
     output: Output = None,
     json: Json = False,
