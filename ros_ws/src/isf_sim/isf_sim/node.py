@@ -59,7 +59,7 @@ class MachineParameters:
     )
     target_timeout: float = parameter(
         0.0,
-        "time without targets before contact is released; 0: 20 s in lockstep, 2 s else",
+        "time without targets before a protective stop, which releases contact; 0: 20 s in lockstep, 2 s else",
         unit="s",
         minimum=0.0,
         maximum=3600.0,
