@@ -53,7 +53,9 @@ def test_features_and_stages_of_a_steep_part(tmp_path: Path) -> None:
     assert done.returncode == Exit.OK, done.stderr
     found = json.loads(done.stdout)
     assert found["features"] == {"top": 1, "floor": 1, "ruled_positive": 1, "rim": 1, "rib_bottom": 1}
-    assert [set(stage) for stage in found["stages"]] == [{"depth_mm", "wall_angle_deg", "gap_over_limit", "gap_at_least"}] * 2
+    assert [set(stage) for stage in found["stages"]] == [
+        {"depth_mm", "wall_angle_deg", "gap_over_limit", "gap_at_least"}
+    ] * 2
     assert found["stages"][0]["depth_mm"] < found["stages"][1]["depth_mm"] == pytest.approx(12.0, abs=0.01)
     assert found["stages"][1]["gap_over_limit"] > 1.0
     assert any("the sheet may fold over at" in warning for warning in found["warnings"])
