@@ -15,9 +15,9 @@ import pytest
 from hypothesis import settings
 
 # The same examples in every run, so that a change is judged by what it changes; new ones are looked for with
-# --hypothesis-profile=random, as ./test.sh --slow does.
-settings.register_profile("random", settings())
-settings.register_profile("repeated", derandomize=True)
+# --hypothesis-profile=random, as ./test.sh --slow does. No deadline: how long an example takes is the computer's load.
+settings.register_profile("random", deadline=None)
+settings.register_profile("repeated", deadline=None, derandomize=True)
 settings.load_profile("repeated")
 
 # Such a job ignores SIGINT, and so would every process that a test starts and ends with it.
