@@ -110,8 +110,8 @@ def ticks(count: int, *, real_time: bool, as_node: bool, priority: int = 0) -> T
         work[k] = served[0] > already
         if real_time:
             machine.between_ticks()  # as the node does when the readings are out
-            # this loop is the machine's clock: a tick costs more after a pause, and that is what is measured here
-            time.sleep(max(0.0, begun + (k + 1) / RATE - time.perf_counter()))
+            left = begun + (k + 1) / RATE - time.perf_counter()
+            time.sleep(max(0.0, left))  # this loop is the machine's clock; after a pause a tick costs more
     if interpreter is not None:
         interpreter.give_back()
     load = os.getloadavg()[0] / len(os.sched_getaffinity(0))

@@ -7,6 +7,7 @@ wrong. A node that is just ending has SECONDS (15) for it.
 from __future__ import annotations
 
 import os
+import select
 import signal
 import sys
 import time
@@ -38,10 +39,22 @@ def wait_until_gone(mark: str, patience: float) -> dict[int, str]:
     """The processes still there after at most ``patience`` s."""
     end = time.monotonic() + patience
     left = marked(mark)
-    while left and time.monotonic() < end:
-        time.sleep(0.05)  # asks again: of processes that are not children nothing tells their end
-        left = marked(mark)
+    while left and (seconds := end - time.monotonic()) > 0.0:
+        wait_for_end(next(iter(left)), seconds)
+        left = marked(mark)  # others may have ended meanwhile, or begun
     return left
+
+
+def wait_for_end(process: int, patience: float) -> None:
+    """Wait until ``process``, which need not be a child, has ended, at most ``patience`` s."""
+    try:
+        descriptor = os.pidfd_open(process)
+    except ProcessLookupError:
+        return
+    try:
+        select.select([descriptor], [], [], patience)
+    finally:
+        os.close(descriptor)
 
 
 def main(mark: str, patience: float = 15.0) -> int:

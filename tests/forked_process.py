@@ -252,7 +252,9 @@ def run(
 
 
 @contextmanager
-def node(*command: str, remap: Mapping[str, str] | None = None, **parameters: object) -> Iterator[Process]:
+def node(
+    *command: str, remap: Mapping[str, str] | None = None, env: Mapping[str, str] | None = None, **parameters: object
+) -> Iterator[Process]:
     """A node as ``ros2 run`` starts it, ``command`` being Python's arguments, until the end of the block.
 
     A node that has not ended by itself is interrupted then, as Ctrl-C does, and has to end with code 0.
@@ -262,7 +264,7 @@ def node(*command: str, remap: Mapping[str, str] | None = None, **parameters: ob
         arguments += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
     for name, new in (remap or {}).items():
         arguments += ["-r", f"{name}:={new}"]
-    process = start(arguments, start_new_session=True)
+    process = start(arguments, env=env, start_new_session=True)
     try:
         yield process
     finally:

@@ -175,7 +175,7 @@ def test_every_root_command_ends_with_the_refusal(repository: Path, command: str
 
 FINISHED = ROOT / ".isf" / "env.sh"
 # What a finished set-up holds can only be looked at after one; ./test.sh makes one first, bare pytest may not.
-needs_set_up = pytest.mark.skipif(not FINISHED.exists(), reason="the repository is not set up by scripts/setup.sh")
+needs_set_up = pytest.mark.skipif(not FINISHED.exists(), reason="bare pytest, and scripts/setup.sh has not run yet")
 
 
 def _in_environment(command: str, **variables: str) -> subprocess.CompletedProcess[str]:

@@ -219,9 +219,17 @@ def test_an_unknown_topic_is_refused_with_the_known_ones(tmp_path: Path, observe
     assert not (tmp_path / "bag").exists()
 
 
-@pytest.mark.skipif(find_spec("tf2_msgs") is not None, reason="tf2_msgs is installed")
+WITHOUT_TF2 = """
+import sys
+sys.modules["tf2_msgs"] = sys.modules["tf2_msgs.msg"] = None
+from isf_analysis import recorder_node
+sys.exit(recorder_node.main())
+"""
+"""A recorder where ROS has no tf2_msgs, whether this one has or not."""
+
+
 def test_a_topic_that_was_asked_for_and_cannot_be_recorded_is_refused(tmp_path: Path, observer: Node) -> None:
-    with recorder(tmp_path / "bag", topics="['tool_1/wrench', '/tf']") as process:
+    with recorder(tmp_path / "bag", program=("-c", WITHOUT_TF2), topics="['tool_1/wrench', '/tf']") as process:
         assert spin_until(observer, lambda: any("/tf are not installed" in text for text in heard(observer)))
         end(process, signal.SIGINT, EXIT_INCOMPLETE)
     assert not (tmp_path / "bag").exists()

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +17,12 @@ from isf_core.errors import ErrorCode  # noqa: E402
 from isf_msgs.msg import JobInfo  # noqa: E402
 from isf_ros.conversion import contour_to_message, result_to_message  # noqa: E402
 from test_scan_node import Scanner  # noqa: E402
-from test_springback_node import LIMIT, Cell  # noqa: E402
+from test_springback_node import served  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
 METHOD = """
-import os, time
+import os
 from pathlib import Path
 import numpy as np
 from isf_springback.estimators.estimator import Estimator, Prediction
@@ -39,8 +34,7 @@ class Faulty(Estimator):
 
     def estimate(self, contour, history):
         if contour.index == 2:  # the fault itself: a solution that lasts until the test has seen what it wants to see
-            while not Path(os.environ["SOLVED"]).exists():
-                time.sleep(0.01)  # asks again: a file tells nobody that it is there
+            Path(os.environ["SOLVED"]).read_text()  # a pipe
         if contour.index == 4:
             raise ZeroDivisionError("in the method")
         return Prediction(np.full(len(contour), 0.7e-3))
@@ -61,31 +55,12 @@ def packed(site: Path, code: str) -> str:
     return os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
 
 
-@contextmanager
-def served(environment: dict[str, str]) -> Iterator[Cell]:
-    command = [sys.executable, "-m", "isf_springback.node", "--ros-args", "-p", "autostart:=true"]
-    process = subprocess.Popen(command, start_new_session=True, env=environment)
-    rclpy.init()
-    node = rclpy.create_node("neighbours_of_a_faulty_method")
-    cell = Cell(node)
-    try:
-        cell.wait(lambda: cell.info.get_subscription_count() and cell.result.get_subscription_count())
-        cell.wait(lambda: node.count_publishers("contour/correction") and node.count_publishers("contour/corrected"))
-        yield cell
-        assert process.poll() is None
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(LIMIT) == 0
-
-
 def test_a_slow_or_faulty_method_does_not_take_the_node_along(tmp_path: Path) -> None:
     solved = tmp_path / "solved"
+    os.mkfifo(solved)
     python_path = packed(tmp_path / "site", METHOD)
     text = JOB_TEXT.replace("method: analytic", "scan_every: 1, method: faulty")
-    with served({**os.environ, "PYTHONPATH": python_path, "SOLVED": str(solved)}) as cell:
+    with served(env={**os.environ, "PYTHONPATH": python_path, "SOLVED": str(solved)}) as cell:
         heard: list[str] = []
 
         def on_diagnostics(message: Any) -> None:
@@ -106,7 +81,7 @@ def test_a_slow_or_faulty_method_does_not_take_the_node_along(tmp_path: Path) ->
         cell.wait(lambda: len(heard) >= begun + 4)
         assert not cell.set_method("magic").successful
         assert 2 not in cell.corrections
-        solved.touch()
+        solved.write_text("")
         cell.wait(lambda: 2 in cell.corrected)
         assert cell.corrections[2].code == 0
         scanner.sheet.form(cell.corrected[2])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import forked_process
 import numpy as np
 import pytest
 from springback_parts import cone_contour, result_of
@@ -22,7 +21,7 @@ from rclpy.duration import Duration  # noqa: E402
 from scanned_sheet import TARGET, Sheet  # noqa: E402
 from sensor_msgs.msg import PointCloud2, PointField  # noqa: E402
 from springback_parts import JOB_TEXT  # noqa: E402
-from test_springback_node import LIMIT, Cell  # noqa: E402
+from test_springback_node import LIMIT, Cell, served  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
@@ -32,19 +31,8 @@ TEXT = JOB_TEXT.replace("method: analytic", "scan_every: 1, method: fused, open_
 @pytest.fixture
 def cell() -> Iterator[Cell]:
     """The node with a timeout that a scan cannot exceed on a busy computer."""
-    with forked_process.node("-m", "isf_springback.node", autostart=True, result_timeout=8.0):
-        rclpy.init()
-        node = rclpy.create_node("neighbours_with_scanner")
-        cell = Cell(node)
-        try:
-            cell.wait(lambda: cell.info.get_subscription_count() and cell.result.get_subscription_count())
-            cell.wait(
-                lambda: node.count_publishers("contour/correction") and node.count_publishers("contour/corrected")
-            )
-            yield cell
-        finally:
-            node.destroy_node()
-            rclpy.try_shutdown()
+    with served(result_timeout=8.0) as found:
+        yield found
 
 
 class Scanner:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import forked_process
@@ -80,9 +81,10 @@ class Cell:
         return correction
 
 
-@pytest.fixture
-def cell() -> Iterator[Cell]:
-    with forked_process.node("-m", "isf_springback.node", autostart=True, result_timeout=4.0):
+@contextmanager
+def served(env: dict[str, str] | None = None, **parameters: object) -> Iterator[Cell]:
+    """The node in a process of its own, and its neighbours; it has to live at the end."""
+    with forked_process.node("-m", "isf_springback.node", env=env, autostart=True, **parameters) as process:
         rclpy.init()
         node = rclpy.create_node("neighbours")
         cell = Cell(node)
@@ -93,9 +95,16 @@ def cell() -> Iterator[Cell]:
             )
             cell.wait(cell.parameters.service_is_ready)
             yield cell
+            assert process.poll() is None
         finally:
             node.destroy_node()
             rclpy.try_shutdown()
+
+
+@pytest.fixture
+def cell() -> Iterator[Cell]:
+    with served(result_timeout=4.0) as found:
+        yield found
 
 
 def test_a_part_over_the_wire(cell: Cell) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -12,11 +9,11 @@ from typing import Any
 import pytest
 import rclpy
 import rclpy.action.client
+from asking_client import client_of, no_watch
 from isf_cell.run.graph_client import ASK_AGAIN, GraphClient
 from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.action import LiftTool
 from lifecycle_msgs.msg import State
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 pytestmark = pytest.mark.graph
@@ -58,27 +55,8 @@ except KeyboardInterrupt:
 @pytest.fixture
 def client(request: pytest.FixtureRequest) -> Iterator[GraphClient]:
     """Of a server that loses as many answers as the parameter says."""
-    rclpy.init()
-    node, executor = rclpy.create_node("asking"), SingleThreadedExecutor()
-    executor.add_node(node)
-    spinning = threading.Thread(target=executor.spin, daemon=True)
-    spinning.start()
-    server = subprocess.Popen([sys.executable, "-c", SERVER, str(request.param)])
-    made = GraphClient(node, timeout=3.0 * ASK_AGAIN if request.param > 1 else 60.0)
-    try:
+    with client_of(SERVER, request.param, timeout=3.0 * ASK_AGAIN if request.param > 1 else 60.0) as made:
         yield made
-    finally:
-        server.kill()  # SIGTERM that comes between two waits of rclpy.spin() may not end it
-        server.wait(60)
-        executor.shutdown()
-        spinning.join(60)
-        made.close()
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
-def no_watch() -> None:
-    """Nothing else ends a wait."""
 
 
 @pytest.mark.parametrize("client", [1], indirect=True)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import threading
 from collections.abc import Iterator
 
 import pytest
-import rclpy
+from asking_client import client_of, no_watch
 from isf_cell.run.graph_client import ASK_AGAIN, GraphClient
 from isf_cell.run.machine_client import HARMLESS, MachineClient
 from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.srv import Tare
-from rclpy.executors import SingleThreadedExecutor
 
 pytestmark = pytest.mark.graph
 
@@ -48,27 +44,8 @@ except KeyboardInterrupt:
 @pytest.fixture
 def client() -> Iterator[GraphClient]:
     """Of a driver whose tare takes longer than a question is waited for before it is asked again."""
-    rclpy.init()
-    node, executor = rclpy.create_node("asking"), SingleThreadedExecutor()
-    executor.add_node(node)
-    spinning = threading.Thread(target=executor.spin, daemon=True)
-    spinning.start()
-    driver = subprocess.Popen([sys.executable, "-c", DRIVER, str(3.0 * ASK_AGAIN)])
-    made = GraphClient(node, timeout=60.0)
-    try:
+    with client_of(DRIVER, 3.0 * ASK_AGAIN) as made:
         yield made
-    finally:
-        driver.kill()  # SIGTERM that comes between two waits of rclpy.spin() may not end it
-        driver.wait(60)
-        executor.shutdown()
-        spinning.join(60)
-        made.close()
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
-def no_watch() -> None:
-    """Nothing else ends a wait."""
 
 
 def test_a_slow_driver_is_asked_to_tare_once(client: GraphClient) -> None:
