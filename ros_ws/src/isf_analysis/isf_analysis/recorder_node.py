@@ -102,9 +102,8 @@ class RecorderNode(CellNode[RecorderParameters]):
         wanted = [_topic(name) for name in values.topics]
         self._topics = [topic for topic in wanted if _message_class(topic.type) is not None]
         self._not_installed = [topic.name for topic in wanted if topic not in self._topics]
-        if (
-            self._not_installed and tuple(values.topics) != RecorderParameters.topics
-        ):  # asked for, not just all there are
+        asked_for = tuple(values.topics) != RecorderParameters.topics
+        if self._not_installed and asked_for:
             raise IsfError(
                 ErrorCode.BAG_NOT_WRITABLE,
                 f"the messages of {', '.join(self._not_installed)} are not installed",

@@ -70,10 +70,11 @@ def pyramid() -> FeatureMap:
     [
         sharp_pyramid(50.0, (80.0, 25.0), (25.0, 16.0)),
         part_mesh(PARTS["ribbed_pyramid"](rib=5e-3, floor=5e-3), 20e-6),
+        sharp_pyramid(54.0, (70.0, 22.0), (17.0, 6.0)),
         subdivided(PYRAMID, 3e-3),
         subdivided(PYRAMID, 4e-3, 50e-6),
     ],
-    ids=["80 and 25 deg, 28 facets", "with fillets", "remeshed", "noise of 0.05 mm"],
+    ids=["80 and 25 deg, 28 facets", "with fillets", "floor edges of 17 deg", "remeshed", "noise of 0.05 mm"],
 )
 def test_two_slope_pyramid_has_eight_walls_sixteen_ribs_floor_and_top(mesh: Mesh) -> None:
     assert find_features(mesh, RADIUS).counts() == TWO_SLOPES
