@@ -102,7 +102,7 @@ def _explain(error: ValidationError, model: type[BaseModel], root: yaml.Node, na
         what = f"field '{field}' is missing"
         advice = "add it; see the examples"
     else:
-        what = f"{field}: {_bound(first, model) or first['msg']}"
+        what = f"{field}: {_bound(first, model) or first['msg'].removeprefix('Value error, ')}"
         cause = first.get("ctx", {}).get("error")
         if isinstance(cause, FieldError):
             place = tuple(cause.field.split("."))

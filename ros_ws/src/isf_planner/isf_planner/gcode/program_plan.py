@@ -43,6 +43,8 @@ MOST_STARTS = 4
 """Points of a contour at which its loop may close."""
 MAP_PITCH = 1e-3
 """m, of the target."""
+ABOVE = 0.1e-3
+"""m, by how much a contour is higher than the one before where the next pass over a part begins."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         )
     tips = np.concatenate([program.tips[piece.index, :3] for piece in pieces])
     owner = np.repeat(np.arange(len(pieces)), [len(piece.index) for piece in pieces])
-    group = _features(tips, owner)[owner]
+    group = _surfaces(tips, owner)[owner]
     normal = np.empty_like(tips)
     for one in np.unique(group):
         normal[group == one] = surface_normals(tips[group == one], owner[group == one])
@@ -391,6 +393,24 @@ def _features(tips: Array, owner: Indices) -> Indices:
     pairs = tree.query(hulls, predicate="intersects")
     links = coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=(len(hulls), len(hulls)))
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def _surfaces(tips: Array, owner: Indices) -> Indices:
+    """(P,) number of the surface of each of the P contours: of its feature, and of the pass over it.
+
+    A pass ends where a contour lies higher than the one before.
+    """
+    depth = np.bincount(owner, tips[:, 2]) / np.bincount(owner)
+    newest: dict[int, tuple[int, float]] = {}
+    surface = np.empty(len(depth), dtype=np.int64)
+    count = 0
+    for k, (feature, z) in enumerate(zip(_features(tips, owner).tolist(), depth.tolist(), strict=True)):
+        number, before = newest.get(feature, (-1, -math.inf))
+        if z > before + ABOVE:
+            number, count = count, count + 1
+        newest[feature] = number, z
+        surface[k] = number
+    return surface
 
 
 def _target(contact: Array, group: Indices, clamp: tuple[float, float]) -> HeightMap:

@@ -87,7 +87,9 @@ def _rings(feature: Feature, flange: float, chord: float) -> tuple[list[Array], 
     rings = [feature.levels.ring(value, chord, span) for value in d]
     for ring in (rings[0], rings[-1]):
         if not shapely.Polygon(ring).is_valid or _turns_back(rings[0], ring):
-            raise ValueError("a corner radius of the opening is smaller than the wall or the flange is wide")
+            raise ValueError(
+                "walls or flange are wider than the corner radius allows: a larger opening or radius, steeper walls"
+            )
     return rings, [sign * value for value in z]
 
 

@@ -108,6 +108,21 @@ def test_contours_of_an_exported_plan_come_back(tmp_path: Path) -> None:
     assert np.abs(again.target.z - made.target.z).max() < 0.3e-3
 
 
+def test_every_pass_of_a_staged_plan_has_its_own_wall(tmp_path: Path) -> None:
+    """Two passes, of 30 and 45 deg, over one part: in the middle of each its own wall is known."""
+    path = JOBS / "spif_cone.yaml"
+    text = path.read_text(encoding="utf-8").replace("path:\n", "path:\n  stages: [30 deg]\n")
+    made = plan(JobFile(text, path.parent, str(path)))
+    (file,) = exports.export(made, tmp_path / "part.nc")
+    again = program_plan(read_program(file.read_text()), JobFile(text, path.parent, str(path)))
+    for stage in (0, 1):
+        contours = [contour.index for contour in made.contours if contour.stage == stage]
+        for k in contours[len(contours) // 3 : -len(contours) // 3]:
+            off = np.abs(made.contours[k].wall_angle - again.contours[k].wall_angle)
+            assert np.degrees(off).max() < 1.5
+    assert np.abs(again.target.z - made.target.z).max() < 0.5e-3
+
+
 def test_loops_with_long_edges_come_back_as_loops(tmp_path: Path) -> None:
     """Each of the pyramid's contours begins in mid-edge, so that more than 30 points follow its fourth corner."""
     job_file = load_job(JOBS / "ren_pyramid.yaml")
