@@ -99,7 +99,7 @@ def _draw_page(figure: Any, found: FeatureMap, heading: str) -> str:
         textfont={"size": 13, "color": "#1f2933"},
         name="numbers",
     )
-    return f"{heading}: {summary_of(found)}"
+    return heading
 
 
 def _figure(found: FeatureMap, heading: str) -> Figure:
