@@ -9,6 +9,7 @@ also lifecycle, reset and diagnostics. A driver may stop at any of them.
 from __future__ import annotations
 
 import os
+import signal
 import time
 from typing import Any
 
@@ -20,10 +21,11 @@ from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, Stop, Tare
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2, PointField
 
 from isf_driver_example.hardware import FREE, Hardware
@@ -282,15 +284,22 @@ def _asked_level() -> int:
 
 def main(args: list[str] | None = None) -> None:
     """Entry point of ``ros2 run isf_driver_example driver``."""
-    rclpy.init(args=args)
+    # A KeyboardInterrupt may come out of rclpy as any exception: signals end the loop between two callbacks.
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _: signals.append(received))
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     level = _asked_level()
     node: Node = ManagedDriver() if level == MANAGED else Node("machine")
     _declare(node)
     if level < MANAGED:
         Driver(node, level).start()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        while not signals and rclpy.ok():
+            executor.spin_once(timeout_sec=0.1)
+    except ExternalShutdownException:
         pass
     finally:
         node.destroy_node()

@@ -26,12 +26,12 @@ import rclpy
 from contact_sandbox import Sandbox, planned_distance, ring
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from isf_msgs.msg import MachineState
-from isf_ros import conversion, qos, stamps
+from isf_ros import conversion, process, qos, stamps
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 
 RATE = 500.0
 START = 50_000
@@ -204,12 +204,11 @@ class StandInMachine(Node):
 
 
 def main() -> None:
-    rclpy.init()
+    ended = process.ended_by_signal()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = StandInMachine()
     try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        process.spin(node, ended)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

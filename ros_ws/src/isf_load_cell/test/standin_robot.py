@@ -7,13 +7,13 @@ about y by the angle in rad that was heard last on ``angle`` (NaN: silence). A c
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 
 import rclpy
 from geometry_msgs.msg import TransformStamped
-from rclpy.executors import ExternalShutdownException
+from isf_ros import process
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 from tf2_msgs.msg import TFMessage
 
@@ -50,6 +50,6 @@ class Robot(Node):
 
 
 if __name__ == "__main__":
-    rclpy.init()
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(Robot())
+    ended = process.ended_by_signal()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    process.spin(Robot(), ended)

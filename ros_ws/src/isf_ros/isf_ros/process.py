@@ -58,20 +58,30 @@ def spin(node: Node, ended: Callable[[], bool], *, streams: bool = False) -> Non
         executor.remove_node(node)
 
 
+def ended_by_signal() -> Callable[[], bool]:
+    """Whether SIGINT or SIGTERM has come since this call; they raise no exception any more.
+
+    As KeyboardInterrupt they may come out of rclpy as any other exception (RuntimeError from a conversion of types).
+    For ``rclpy.init(signal_handler_options=SignalHandlerOptions.NO)``.
+    """
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _: signals.append(received))
+    return lambda: bool(signals)
+
+
 def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *, streams: bool = False) -> int:
     """Run one node in this process; returns the exit code. ``streams``: see :func:`spin`.
 
     SIGINT and SIGTERM end the loop between two callbacks, so that a node closes while it can still communicate.
     """
     atexit.register(gc.freeze)  # else the interpreter looks through all that was imported before it ends: a second
-    signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: signals.append(received))
+    ended = ended_by_signal()
     node: CellNode[Any] | None = None
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make_node()
-        spin(node, lambda: bool(signals), streams=streams)
+        spin(node, ended, streams=streams)
     except ExternalShutdownException:
         pass
     except IsfError as error:

@@ -2,7 +2,7 @@
 
 import rclpy
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult
-from isf_ros import qos
+from isf_ros import process, qos
 from isf_ros.conversion import (
     contour_from_message,
     contour_to_message,
@@ -11,11 +11,12 @@ from isf_ros.conversion import (
     result_from_message,
     result_to_message,
 )
-from rclpy.executors import ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions
 
 
 def main() -> None:
-    rclpy.init()
+    ended = process.ended_by_signal()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("echo")
     for kind, name, read, write in (
         (Contour, "contour", contour_from_message, contour_to_message),
@@ -29,9 +30,7 @@ def main() -> None:
 
         node.create_subscription(kind, name, echo, qos.LATCHED)
     try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        process.spin(node, ended)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
