@@ -79,7 +79,7 @@ class MachineParameters:
 HEARTBEAT_PERIOD = 0.2
 """s of wall time after which a waiting machine repeats its wrenches."""
 BRIDGE_PERIOD = 0.02
-"""s of wall time after which a tick in real time that takes long repeats the last wrenches."""
+"""s of wall time after which a tick in real time that takes long reads the last loads again."""
 LONGEST_CATCH_UP = 0.5
 """s, missed ticks beyond this are dropped."""
 EXECUTIVE_SILENCE = 10.0
@@ -364,7 +364,7 @@ class MachineNode(CellNode[MachineParameters]):
             self.publish(machine.sample(), decimated=True)
 
     def _bridge_a_long_tick(self, machine: SimulatedMachine) -> None:
-        """Repeat the last readings while the thread works on a coarse solution: a real load cell never pauses."""
+        """Read the last loads again while the thread works on a coarse solution: a real load cell never pauses."""
         sample, publishers = self._sample, self._output
         if publishers is None or sample is None or self._thread is None:
             return
@@ -372,7 +372,7 @@ class MachineNode(CellNode[MachineParameters]):
             if time.monotonic() - self._last_publish >= BRIDGE_PERIOD:
                 period = int((time.monotonic() - self._started) * machine.control_rate)
                 self._bridged = self._stamp_of(period, machine)
-                publishers.wrenches(sample, self._bridged)
+                publishers.wrenches(machine.read_again(sample), self._bridged)
                 self._last_publish = time.monotonic()
 
     # -- faults ----------------------------------------------------------------------------------

@@ -101,6 +101,14 @@ def take_zero(
     return state.zero.copy()
 
 
+def read_again(reading: Array, cell: CellConstants, generator: np.random.Generator) -> NDArray[np.float64]:
+    """Another reading (6,) N and N m of the load that gave ``reading``: other noise on it."""
+    noise = np.maximum(cell.noise_ratio * np.abs(reading), cell.noise_floor)
+    again = reading + noise * generator.standard_normal(6)
+    steps = np.where(cell.resolution > 0, cell.resolution, 1.0)
+    return np.where(cell.resolution > 0, reading + np.round((again - reading) / steps) * steps, again)
+
+
 @kernel
 def read_cell(force: Array, draws: Array, torque_draws: Array, cell: CellConstants, state: CellState) -> None:
     """Reading (6,) after tare of the true ``force`` (3,) N on the tip, with normal numbers (6,) and (3,)."""

@@ -39,7 +39,7 @@ from isf_sim.machine.events import (
     wall_strain,
 )
 from isf_sim.machine.kernel_bundle import UNCHECKED, TickParts
-from isf_sim.machine.load_cells import BLOCK, DRAWS, CellState, take_zero
+from isf_sim.machine.load_cells import BLOCK, DRAWS, CellState, read_again, take_zero
 from isf_sim.machine.tick import Axes
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import SCAN_TIME, measured_points
@@ -103,6 +103,7 @@ class SimulatedMachine:
         park_1, park_2 = np.array([0.0, 0.0, rig.park_height]), np.array([0.0, 0.0, -rig.park_height])
         self._generator = np.random.default_rng([seed % 2**63, variant])
         self._more_generator = np.random.default_rng([seed % 2**63, variant, 1])
+        self._noise_between_ticks = np.random.default_rng([seed % 2**63, variant, 2])
         parts = make_parts(plant_file, self.variant, constants, park_1, self._generator)
         self.plant: SheetPlant = parts.plant
         self._support = parts.support
@@ -227,6 +228,17 @@ class SimulatedMachine:
         )
 
     # -- load cells, shape -----------------------------------------------------------------------------
+
+    def read_again(self, sample: MachineSample) -> MachineSample:
+        """``sample`` with other readings of the same loads, while a tick takes long: a working cell is never still.
+
+        May be called while a tick is computed; not repeatable, and no part of the state.
+        """
+        cells, draw = self._constants, self._noise_between_ticks
+        return sample._replace(
+            wrench_1=read_again(sample.wrench_1, cells.cell_1, draw),
+            wrench_2=read_again(sample.wrench_2, cells.cell_2, draw),
+        )
 
     def tare(self) -> tuple[Array, Array]:
         """Take the mean of TARE_READINGS readings as zero; returns both zeros (6,), (6,) N and N m.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from isf_core.files.rig import LoadCell, load_rig
-from isf_sim.machine.load_cells import CellConstants, CellState, make_cell, read_cell, take_zero
+from isf_sim.machine.load_cells import CellConstants, CellState, make_cell, read_again, read_cell, take_zero
 from isf_sim.plant_constants import PlantConstants
 from numpy.typing import NDArray
 
@@ -34,6 +34,15 @@ def test_noise_is_one_percent_with_a_floor_and_steps_of_one_newton() -> None:
     assert values[:, 1].std() == pytest.approx(np.sqrt(4.0**2 + 1 / 12), rel=0.05)
     assert values[:, 0].std() == pytest.approx(np.sqrt(0.5**2 + 1 / 12), rel=0.05)
     assert values[:, :3].mean(axis=0) == pytest.approx([0.0, 400.0, 0.0], abs=0.3)
+
+
+def test_a_load_that_is_read_again_has_the_noise_of_the_cell() -> None:
+    constants, _ = cell(crosstalk=0.0)
+    before, draw = np.array([0.0, 400.0, -30.0, 0.0, 0.0, 0.0]), np.random.default_rng(4)
+    values = np.array([read_again(before, constants, draw) for _ in range(2000)])
+    assert (values[:, :3] == np.round(values[:, :3])).all()
+    assert values[:, 1].std() == pytest.approx(np.sqrt(4.0**2 + 1 / 12), rel=0.05)
+    assert values[:, :3].mean(axis=0) == pytest.approx(before[:3], abs=0.3)
 
 
 def test_gain_and_crosstalk_are_within_their_bounds() -> None:
