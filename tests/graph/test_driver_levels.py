@@ -29,11 +29,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
+from waiting import Waiting
 
 pytestmark = [pytest.mark.graph, pytest.mark.clock, pytest.mark.usefixtures("forked_nodes")]
-
-LIMIT = 120.0
-"""s; only to end a test that hangs."""
 
 RATE = 100.0
 QUICK = {"acceleration": 2.0, "seam_speed": 1.0}
@@ -62,6 +60,8 @@ class Cell:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.node = rclpy.create_node("observer")
+        self._waiting = Waiting(self.node)
+        self.wait = self._waiting.until
         self.results: list[Any] = []
         self.infos: list[JobInfo] = []
         self.scans: list[PointCloud2] = []
@@ -78,13 +78,8 @@ class Cell:
 
     def close(self) -> None:
         self._action.destroy()
+        self._waiting.close()
         self.node.destroy_node()
-
-    def wait(self, condition: Callable[[], Any], limit: float = LIMIT) -> bool:
-        deadline = time.monotonic() + limit
-        while not condition() and time.monotonic() < deadline:
-            rclpy.spin_once(self.node, timeout_sec=0.05)
-        return bool(condition())
 
     @contextmanager
     def wrenches_tared(self) -> Iterator[None]:

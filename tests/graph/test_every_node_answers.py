@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -27,11 +26,9 @@ from rcl_interfaces.srv import (
 )
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
+from waiting import LIMIT, Waiting
 
 pytestmark = pytest.mark.graph
-
-LIMIT = 120.0
-"""s; only to end a test that hangs."""
 
 NODES = {
     "machine": "isf_sim",
@@ -52,13 +49,9 @@ class Cell:
     def __init__(self, group: ProcessGroup) -> None:
         self.group = group
         self.node = rclpy.create_node("observer")
+        self.waiting = Waiting(self.node)
+        self.wait = self.waiting.until
         self._clients: dict[str, Any] = {}
-
-    def wait(self, condition: Callable[[], Any]) -> bool:
-        deadline = time.monotonic() + LIMIT
-        while not condition() and time.monotonic() < deadline:
-            rclpy.spin_once(self.node, timeout_sec=0.05)
-        return bool(condition())
 
     def call(self, kind: Any, name: str, **fields: Any) -> Any:
         client = self._clients.get(name) or self._clients.setdefault(name, self.node.create_client(kind, name))
@@ -104,6 +97,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
         found = Cell(group)
         yield found
         assert [node.name for node in group.dead()] == []  # after all that
+        found.waiting.close()
         found.node.destroy_node()
     rclpy.try_shutdown()
 

@@ -13,7 +13,6 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -30,14 +29,12 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from waiting import LIMIT, Waiting
 
 pytestmark = [pytest.mark.graph, pytest.mark.clock]
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "own_cell" / "integrator_tasks.md"
-LIMIT = 120.0
-"""s; only to end a test that hangs."""
-
 TRANSITIONS = {
     "configure": Transition.TRANSITION_CONFIGURE,
     "activate": Transition.TRANSITION_ACTIVATE,
@@ -56,6 +53,7 @@ class Tools:
 
     def __init__(self, folder: Path) -> None:
         self.node = rclpy.create_node("tools")
+        self._waiting = Waiting(self.node)
         self.folder = folder
         self.processes: list[forked_process.Process] = []
 
@@ -64,13 +62,11 @@ class Tools:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGINT)
         self.codes = [process.wait(LIMIT) for process in self.processes]
+        self._waiting.close()
         self.node.destroy_node()
 
     def wait(self, condition: Callable[[], Any]) -> Any:
-        deadline = time.monotonic() + LIMIT
-        while not condition() and time.monotonic() < deadline:
-            rclpy.spin_once(self.node, timeout_sec=0.05)
-        assert condition()
+        assert self._waiting.until(condition)
         return condition()
 
     def ask(self, kind: Any, name: str, **fields: Any) -> Any:

@@ -21,13 +21,10 @@ from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
 from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
-from rclpy.node import Node
 from rclpy.parameter import Parameter
+from waiting import LIMIT, Waiting
 
 Watcher = TypeVar("Watcher")
-
-LIMIT = 120.0
-"""s; only to end a test that hangs: a process may take long to start."""
 
 FOLDER = tempfile.TemporaryDirectory(prefix="isf_near_rig_")
 RIG = Path(FOLDER.name) / "near.yaml"
@@ -68,8 +65,9 @@ def long_ring(index: int = 0, count: int = 1) -> Any:
 class Cell:
     """The test's own node, and the two processes."""
 
-    def __init__(self, node: Node, stack: ExitStack) -> None:
-        self.node, self.stack = node, stack
+    def __init__(self, waiting: Waiting, stack: ExitStack) -> None:
+        self.node, self.wait, self.stack = waiting.node, waiting.until, stack
+        node = self.node
         self.results: list[ContourResult] = []
         self.states: list[ForceCtrlState] = []
         self.job = JOB
@@ -103,12 +101,6 @@ class Cell:
         values: dict[str, Any] = {"wrench_timeout": 60.0, **QUICK, **parameters}
         self.process = self.stack.enter_context(forked_process.node(*program, autostart=True, remap=remap, **values))
         assert self._arm.wait_for_service(LIMIT)
-
-    def wait(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:
-        deadline = time.monotonic() + timeout
-        while not condition() and time.monotonic() < deadline:
-            rclpy.spin_once(self.node, timeout_sec=0.05)
-        return bool(condition())
 
     def arm(
         self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan"), job: str = ""
@@ -152,8 +144,9 @@ class Cell:
 class Observed(Cell):
     """The cell, with the node's diagnostics, and parameters that can be set."""
 
-    def __init__(self, node: Any, stack: ExitStack) -> None:
-        super().__init__(node, stack)
+    def __init__(self, waiting: Waiting, stack: ExitStack) -> None:
+        super().__init__(waiting, stack)
+        node = self.node
         self.health: dict[str, str] = {}
         self.message = ""
         self.newest_wrench = 0
@@ -188,14 +181,16 @@ class Observed(Cell):
 
 
 @contextmanager
-def watched(kind: Callable[[Node, ExitStack], Watcher]) -> Iterator[Watcher]:
+def watched(kind: Callable[[Waiting, ExitStack], Watcher]) -> Iterator[Watcher]:
     """What ``kind`` makes of a node of its own; processes that it starts on its stack end with it."""
     rclpy.init()
     node = rclpy.create_node("observer")
+    waiting = Waiting(node)
     try:
         with ExitStack() as stack:
-            yield kind(node, stack)
+            yield kind(waiting, stack)
     finally:
+        waiting.close()
         node.destroy_node()
         rclpy.try_shutdown()
 

@@ -208,7 +208,7 @@ def main() -> None:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = StandInMachine()
     try:
-        process.spin(node, ended)
+        process.spin(node, ended, streams=True)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -24,9 +23,9 @@ from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
 from node_cell import FAR_JOB, JOB, LIMIT, QUICK, Cell, small_ring, watched
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from waiting import Waiting
 
 pytestmark = pytest.mark.graph
 
@@ -38,8 +37,10 @@ MATRIX = "calibration_matrix: [[2, 0.1, 0], [0, -3, 0], [0, 0.2, 4]]\n"
 class Bench:
     """A driver of a load cell: publishes readings, hears wrenches and what the node says of itself."""
 
-    def __init__(self, node: Node, stack: ExitStack) -> None:
-        self.node, self._stack, self.tick = node, stack, 0
+    def __init__(self, waiting: Waiting, stack: ExitStack) -> None:
+        self.waiting, self._stack, self.tick = waiting, stack, 0
+        self.node, self.wait = waiting.node, waiting.until
+        node = self.node
         self.wrenches: list[WrenchStamped] = []
         self.health: list[tuple[int, str, dict[str, str]]] = []
         self.raw = node.create_publisher(WrenchStamped, "raw", qos.STREAM)
@@ -63,12 +64,6 @@ class Bench:
     def ready(self, publisher: Any) -> None:
         assert self.wait(lambda: publisher.get_subscription_count() and self.node.count_publishers("wrench"))
         assert self.wait(lambda: any(values["state"] == "active" for _, _, values in self.health))
-
-    def wait(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:
-        deadline = time.monotonic() + timeout
-        while not (done := bool(condition())) and time.monotonic() < deadline:
-            rclpy.spin_once(self.node, timeout_sec=0.05)
-        return done
 
     def ask(self, service: str) -> Trigger.Response:
         client = self._asked[service]
@@ -315,7 +310,7 @@ def test_the_documented_files_are_read(tmp_path: Path) -> None:
 def test_force_control_holds_its_force_on_readings_of_this_node(bench: Bench, tmp_path: Path, lockstep: bool) -> None:
     """Driver in one process, its two cells in two, force control in another. The cells are wired the wrong way round:
     as they are, force control refuses them (1212, test_force_ctrl_node.py)."""
-    cell = Cell(bench.node, bench._stack)
+    cell = Cell(bench.waiting, bench._stack)
     cell.job = JOB if lockstep else FAR_JOB
     file = written(tmp_path, "calibration_matrix: [[-1, 0, 0], [0, -1, 0], [0, 0, -1]]\nrange: 2000\n")
     nodes, _ = documented()

@@ -31,13 +31,10 @@ MAX_FAILURES = 100
 def spin(node: Node, ended: Callable[[], bool], *, streams: bool = False) -> None:
     """Serve ``node`` until ``ended()``.
 
-    Not by the MultiThreadedExecutor of rclpy 7.1, which loses messages of nodes with subscriptions. Nodes with
-    ``streams`` at the control rate are served by the EventsExecutor where rclpy has it: it needs half the processor
-    time for a message.
+    Not by the MultiThreadedExecutor of rclpy 7.1, which loses messages of nodes with subscriptions. ``streams``: see
+    :func:`make_executor`.
     """
-    executor = _events_executor() if streams else None
-    if executor is None:
-        executor = SingleThreadedExecutor()
+    executor = make_executor(streams=streams)
     executor.add_node(node)
     failures = 0
     try:
@@ -56,6 +53,18 @@ def spin(node: Node, ended: Callable[[], bool], *, streams: bool = False) -> Non
                 failures = 0
     finally:
         executor.remove_node(node)
+
+
+def make_executor(*, streams: bool) -> Executor:
+    """For nodes with ``streams`` at the control rate the EventsExecutor where rclpy has it: it needs half the processor
+    time for a message."""
+    if streams:
+        try:
+            from rclpy.experimental.events_executor import EventsExecutor
+        except ImportError:
+            return SingleThreadedExecutor()
+        return EventsExecutor()
+    return SingleThreadedExecutor()
 
 
 def ended_by_signal() -> Callable[[], bool]:
@@ -109,11 +118,3 @@ def hand_over(node: Node) -> None:
             return
         if publisher.get_subscription_count():
             publisher.wait_for_all_acked(Duration(seconds=left))
-
-
-def _events_executor() -> Executor | None:
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
-        return None
-    return EventsExecutor()

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,12 +17,10 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_msgs.msg import MachineEvent, MachineState
 from isf_msgs.srv import Reset, Tare
 from isf_ros import conversion, qos, stamps
-from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
+from waiting import LIMIT, Waiting
 
 RATE = 500.0
-LIMIT = 120.0
-"""s; only to end a test that hangs: a process may take long to start."""
 JOB = """
 name: node-test
 part: {mesh: none.stl, unit: mm}
@@ -46,8 +43,8 @@ class Client:
 
     def __init__(self) -> None:
         self.node = rclpy.create_node("client")
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
+        self.waiting = Waiting(self.node)
+        self.wait = self.waiting.until
         self.wrenches: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
         self.received = 0
         self.last = np.zeros(6)
@@ -70,14 +67,6 @@ class Client:
         self.wrenches[tool][stamps.to_nanoseconds(message.header.stamp)] = wrench
         if tool == 0:
             self.last = wrench
-
-    def wait(self, condition: Callable[[], bool], timeout: float = LIMIT) -> bool:
-        deadline = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > deadline:
-                return False
-            self.executor.spin_once(timeout_sec=0.05)
-        return True
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         client = self.node.create_client(kind, name)
@@ -143,7 +132,7 @@ def served(program: list[str], folder: Path, parameters: list[str]) -> Iterator[
     try:
         yield client
     finally:
-        client.executor.shutdown()
+        client.waiting.close()
         client.node.destroy_node()
         rclpy.try_shutdown()
         process.send_signal(signal.SIGINT)

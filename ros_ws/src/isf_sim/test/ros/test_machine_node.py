@@ -121,13 +121,13 @@ def test_a_machine_that_stood_still_blames_nobody(machine: Client) -> None:
         stopped = time.monotonic()
         while time.monotonic() < stopped + 2.5:
             machine.send(stamps.tick_nanoseconds(ticks, RATE), tips)
-            machine.executor.spin_once(timeout_sec=0.05)
+            machine.waiting.once()
         machine.process.send_signal(signal.SIGCONT)
         ticks += 1
         resumed, due = time.monotonic(), stamps.tick_nanoseconds(ticks, RATE)
         while machine.newest() < due and not machine.fault_codes() and time.monotonic() < resumed + LIMIT:
             machine.send(due, tips)  # repeated, as force_ctrl does
-            machine.executor.spin_once(timeout_sec=0.05)
+            machine.waiting.once()
         assert (machine.newest(), machine.fault_codes()) == (due, [])
 
 
