@@ -28,7 +28,7 @@ from std_srvs.srv import SetBool
 
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import PartGoal
-from isf_cell.run.graph_cell import MANAGED, GraphCell, GraphSettings
+from isf_cell.run.graph_cell import GraphCell, GraphSettings, managed_nodes
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
 from isf_cell.run.machine_client import MACHINE
@@ -58,6 +58,11 @@ class ExecutiveParameters:
         minimum=0.5,
         maximum=600.0,
     )
+    load_cells: str = parameter(
+        "",
+        "tools whose wrench a node load_cell_k makes; it is brought up, tared and watched with the others",
+        choices=("", "1", "2", "1 2"),
+    )
     checkpoint: str = parameter("", "file written after every contour; empty: none")
 
 
@@ -79,8 +84,9 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             values.plan_timeout,
             values.contour_timeout,
             values.silence_timeout,
+            tuple(f"load_cell_{k}" for k in values.load_cells.split()),
         )
-        self._monitor = HeartbeatMonitor(MANAGED, values.silence_timeout)
+        self._monitor = HeartbeatMonitor(managed_nodes(self._settings.load_cells), values.silence_timeout)
         self._client = GraphClient(self, values.service_timeout)
         self._nominal = self.create_publisher(Contour, "contour/nominal", qos.LATCHED)
         self._info = self.create_publisher(JobInfo, "part/info", qos.LATCHED)

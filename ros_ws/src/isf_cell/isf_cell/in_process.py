@@ -99,7 +99,7 @@ def form(
         lost_messages=0,
         sim_time=cell.sample.time,
         wall_time=time.perf_counter() - started,
-        events=tuple(cell.machine.events),
+        events=cell.events,
         scans=tuple(cell.scans),
         sheet=cell.machine.sheet_values(),
         base_folder=str(job_file.base.resolve()),

@@ -8,6 +8,7 @@ command all use these codes.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from enum import IntEnum
 
@@ -76,6 +77,7 @@ class ErrorCode(IntEnum):
     LOAD_CELL_SIGN = 1212
     CONTOUR_NOT_JOINED = 1213
     MEASUREMENT_FAILED = 1214
+    WRENCH_INCONSISTENT = 1215
     WRENCH_LATE = 1220
     WRENCH_CLOCK = 1221
     POSE_LOST = 1222
@@ -192,6 +194,14 @@ class IsfError(Exception):
 
 def _restored(code: int, what: str, where: str, advice: str) -> IsfError:
     return IsfError(ErrorCode(code), what, where=where, advice=advice)
+
+
+def told(text: str) -> IsfError | None:
+    """The failure that ``str`` of one says somewhere in ``text``, all of it as the sentence; None without a code."""
+    found = re.search(r"\[(\d+) [A-Z_]+\] ", text)
+    if found is None or int(found[1]) not in set(ErrorCode):
+        return None
+    return IsfError(ErrorCode(int(found[1])), text[: found.start()] + text[found.end() :])
 
 
 def coded(error: Exception, *, where: str = "", advice: str = "a fault of this software") -> IsfError:

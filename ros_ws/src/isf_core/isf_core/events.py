@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import ErrorCode, IsfError, told
 
 
 class EventKind(IntEnum):
@@ -18,6 +18,8 @@ class EventKind(IntEnum):
     CONTACT_LOST = 4
     DIE_CONTACT = 5
     SATURATION = 6
+    LOAD_CELL = 7
+    FORCE_UNKNOWN = 8
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Event:
     Attributes
     ----------
     kind : value of :class:`EventKind`, or of a later version's kind
-    time : s, as in the ticks of the results ; position : (x, y, z) m, frame ``sheet``
+    time : s, as in the ticks of the results ; position : (x, y, z) m, frame ``sheet``; NaN: not at a place
     value, limit : the quantity at fault and its limit, SI, as ``text`` says ; text : for people
     """
 
@@ -54,6 +56,21 @@ def torn(events: Iterable[Event]) -> IsfError | None:
                 where=f"after {event.time:.1f} s",
                 advice="make the wall flatter, take another material, larger steps or more support force",
             )
+    return None
+
+
+def cell_event(error: IsfError, tool: int, time: float, *, lost: bool) -> Event:
+    """What happened to a load cell of ``tool`` at ``time`` s; ``lost``: it no longer tells the force."""
+    kind = EventKind.FORCE_UNKNOWN if lost else EventKind.LOAD_CELL
+    nan = float("nan")
+    return Event(kind, time, (nan, nan, nan), nan, nan, f"tool {tool}: {error}")
+
+
+def force_unknown(events: Iterable[Event]) -> IsfError | None:
+    """Why the load cells no longer tell the force, with the code of what happened to them; None: they do."""
+    for event in events:
+        if event.kind == EventKind.FORCE_UNKNOWN:
+            return told(event.text) or IsfError(ErrorCode.WRENCH_LOST, event.text)
     return None
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.quantity import Angle, Force, Frequency, Length
-from isf_core.files.rig import Rig, load_rig
+from isf_core.files.rig import Rig, ToolAxis, load_rig
 from isf_core.files.yaml_file import FileModel
 from isf_core.types import Array
 from pydantic import Field, model_validator
@@ -44,7 +44,10 @@ class ThreeCells(FileModel):
     weight_height: Length = Field(default=0.1, gt=0)
     """From the plane of the cells to the centre of what hangs below them."""
     inconsistency_limit: Force = Field(default=math.inf, gt=0)
-    """Difference of the horizontal force by axial and by shear channels that is told."""
+    """How far the nine channels may disagree at rest before one of them is left out; without it they are not
+    compared."""
+    inconsistency_ratio: float = Field(default=0.01, ge=0, lt=1)
+    """Share of the force by which they may disagree beyond that."""
 
 
 class CellFile(FileModel):
@@ -115,7 +118,8 @@ class CellSetUp:
 
 
 def load_cell_set_up(file: str, rig: str, tool: int) -> CellSetUp:
-    """The cell of ``file`` (path), of ``rig`` (name or path), or of the file with what the rig knows beside it.
+    """The cell of ``file`` (path), of ``rig`` (name or path), or of the file with what the rig knows beside it. A rig
+    alone whose tool has spindle cells gives those.
 
     ``tool`` (1, 2) is the one whose weight the rig tells. Raises IsfError FILE_NOT_FOUND, FILE_SYNTAX, FILE_UNIT,
     FILE_FIELD.
@@ -130,10 +134,13 @@ def load_cell_set_up(file: str, rig: str, tool: int) -> CellSetUp:
     cell = yaml_file.load(Path(file), CellFile) if file else CellFile()
     machine = load_rig(rig) if rig else None
     where = file or rig
+    of_rig = None if machine is None else (machine.tool_1 if tool == 1 else machine.tool_2)
     weight = cell.weight
     if weight is None:
-        weight = 0.0 if machine is None else (machine.tool_1 if tool == 1 else machine.tool_2).weight
+        weight = 0.0 if of_rig is None else of_rig.weight
     mass = weight / float(np.linalg.norm(GRAVITY))
+    if not file and of_rig is not None and of_rig.spindle_cells is not None:
+        return spindle_cells_set_up(of_rig)
     turn = Rotation.from_euler("xyz", cell.rotation).as_matrix()
     if cell.three_cells is not None:
         return _three_cells(cell, cell.three_cells, turn, mass, where)
@@ -167,6 +174,7 @@ def _three_cells(cell: CellFile, three: ThreeCells, turn: Array, mass: float, wh
         range=_range(cell, None, 9, where).reshape(3, 3),
         height=three.height,
         rotation=turn,
+        names=tuple(gains),
         rate=cell.rate,
         radius=three.radius,
         cutoff=cell.cutoff,
@@ -176,8 +184,29 @@ def _three_cells(cell: CellFile, three: ThreeCells, turn: Array, mass: float, wh
         frozen_after=cell.frozen_after,
         drift_limit=cell.drift_limit,
         inconsistency_limit=three.inconsistency_limit,
+        inconsistency_ratio=three.inconsistency_ratio,
     )
-    return CellSetUp(ThreeCellReading(settings), turn, tuple(gains))
+    return CellSetUp(ThreeCellReading(settings), turn, settings.names)
+
+
+def spindle_cells_set_up(axis: ToolAxis) -> CellSetUp:
+    """The spindle cells of a rig's tool ``axis``, which has some."""
+    cells, cell = axis.spindle_cells, CellFile()
+    assert cells is not None
+    settings = ThreeCellSettings(
+        gains=cells.gain_array,
+        range=np.full((3, 3), cells.amplifier_range),
+        height=cells.height,
+        rotation=cells.turn,
+        radius=cells.radius,
+        mass=axis.weight / float(np.linalg.norm(GRAVITY)),
+        mass_height=0.5 * cells.height,
+        frozen_after=cell.frozen_after,
+        drift_limit=cell.drift_limit,
+        inconsistency_limit=cells.inconsistency_limit,
+        inconsistency_ratio=cells.inconsistency_ratio,
+    )
+    return CellSetUp(ThreeCellReading(settings), cells.turn, settings.names)
 
 
 def _matrix(cell: CellFile, machine: Rig | None, where: str) -> Array:

@@ -15,8 +15,10 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped, WrenchStamped
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.events import cell_event
 from isf_core.files import quantity
 from isf_core.types import Array
+from isf_msgs.msg import MachineEvent
 from isf_ros import conversion, process, qos, stamps
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
@@ -196,7 +198,8 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         self._wrench = conversion.make_wrench()
         self._wrench.header.frame_id = p.frame
         self._publisher = self.create_publisher(WrenchStamped, "wrench", qos.STREAM_SOURCE)
-        profile = qos.SENSOR if p.best_effort else qos.STREAM
+        self._events = self.create_publisher(MachineEvent, "machine/event", qos.EVENT)
+        profile = qos.SENSOR if p.best_effort else qos.READINGS
         if set_up.channels:
             self.create_subscription(JointState, "raw_cells", self._on_channels, profile)
         else:
@@ -251,13 +254,27 @@ class LoadCellNode(CellNode[LoadCellParameters]):
             rotation = turn @ self._mounting
         before = stream.fault
         wrench = stream.add(stamps.to_nanoseconds(stamp), reading, rotation)
+        news = stream.take_news()
+        for error in news:
+            self._publish_event(error, stamp, lost=False)
+        if stream.fault is not None and stream.fault is not before:
+            self._publish_event(stream.fault, stamp, lost=True)
+            self._look()
         if wrench is not None:
             self._wrench.header.stamp = stamp
             conversion.set_wrench(self._wrench, wrench)
             self._publisher.publish(self._wrench)
             self._wrenches += 1
-        elif stream.fault is not before:
+        if news:
             self._look()
+
+    def _publish_event(self, error: IsfError, stamp: Any, *, lost: bool) -> None:
+        """What happened to the cell belongs to the record of the part."""
+        event = cell_event(error, self._settings.tool, 0.0, lost=lost)
+        message = MachineEvent(kind=int(event.kind), value=event.value, limit=event.limit, text=event.text)
+        message.header.frame_id, message.header.stamp = self._settings.frame, stamp
+        message.position.x, message.position.y, message.position.z = event.position
+        self._events.publish(message)
 
     # -- what is told --------------------------------------------------------------------------
 

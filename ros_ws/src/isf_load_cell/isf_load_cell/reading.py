@@ -120,6 +120,10 @@ class CellReading:
         """What a person should look at though the wrench is right: nothing, one cell has no redundancy."""
         return None
 
+    def take_news(self) -> list[IsfError]:
+        """What was lost though the wrench is right: nothing."""
+        return []
+
     def watch_drift(self, readings: Array, rotation: Array | None = None) -> float:
         """N, change of the unloaded force since the tare, from ``readings`` (n, C) without contact.
 

@@ -1,6 +1,6 @@
 """Readings of a load cell in, wrenches out: when a wrench may be published, and what is told otherwise.
 
-A fault of the cell (not a number, saturated, frozen) ends the stream until the next tare: force control holds on a
+A fault of the cell (not a number, saturated, frozen, channels that contradict each other) ends the stream until the next tare: force control holds on a
 stream that stops, and a cell that was overloaded may have shifted, so it must not come back by itself.
 """
 
@@ -30,6 +30,10 @@ class Reading(Protocol):
 
     def warning(self) -> IsfError | None:
         """What a person should look at though the wrench is right."""
+
+    def take_news(self) -> list[IsfError]:
+        """What was lost since the last call, though the wrench is right."""
+        ...
 
 
 class CellStream:
@@ -95,6 +99,10 @@ class CellStream:
     def warning(self) -> IsfError | None:
         """What a person should look at though wrenches are given out."""
         return self._reading.warning() or self._drift
+
+    def take_news(self) -> list[IsfError]:
+        """What was lost since the last call; the fault that ends the stream is not among it."""
+        return self._reading.take_news()
 
     def _last_readings(self) -> Array:
         if len(self._recent) < self._needed:

@@ -1,6 +1,7 @@
 """From raw readings of three tri-axial cells around a spindle to the wrench that force control uses.
 
-The cells stand at 120 degrees between platform and spindle; any one may fail (Torrao 2013, 3.4.1). N, N m.
+The cells stand at 120 degrees between platform and spindle (Torrao 2013, 3.4.1). Nine channels tell three components:
+one may be lost, and whole cells' worth of them, as long as the rest tells the force. N, N m.
 """
 
 from __future__ import annotations
@@ -9,67 +10,27 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.spindle_cells import CHANNELS
 from isf_core.types import Array
 from isf_force_ctrl.laws.force_and_compliance import Fir, low_pass
 from isf_force_ctrl.supervision.wrench_watch import check_drift
 
+from isf_load_cell.cell_redundancy import CellRedundancy, Live, LoadsOf, responses
 from isf_load_cell.reading import GRAVITY, check_steady
 
 RADIUS = 0.110
 """m, of the circle of cells (published)."""
 
+SMOOTHING = 0.1
+"""Share of a new reading in the smoothed ones by which channels are compared: noise does not show, a step at once."""
 
-@dataclass(frozen=True)
-class ThreeCellForce:
-    """``force`` (3,) N: horizontal x, y and vertical; ``shear`` (2,) N: horizontal by the shear channels;
-    ``inconsistency`` N: how far the two disagree, NaN when a cell is missing; ``missing``: cell without signal or 0."""
-
-    force: Array
-    shear: Array
-    inconsistency: float
-    missing: int
-
-
-def decomposition(height: float, radius: float = RADIUS) -> Array:
-    """(3, 3), horizontal x, y and vertical force from the three axial readings (eq. 3.3-3.6); lengths in m."""
-    lever, root = radius / height, np.cos(np.radians(30.0))
-    return np.array([[lever, -lever / 2, -lever / 2], [0.0, lever * root, -lever * root], [1.0, 1.0, 1.0]])
-
-
-def force_of(readings: Array, height: float, radius: float = RADIUS) -> ThreeCellForce:
-    """Force on the tool from ``readings`` (3, 3) N: rows are cells, columns x, y, axial; one row may be NaN.
-
-    Raises IsfError WRENCH_NOT_FINITE when more than one cell is missing.
-    """
-    readings = np.asarray(readings, dtype=float)
-    dead = ~np.isfinite(readings).all(axis=1)
-    if dead.sum() > 1:
-        raise IsfError(
-            ErrorCode.WRENCH_NOT_FINITE,
-            f"load cells {', '.join(str(k + 1) for k in np.flatnonzero(dead))} give no reading",
-            advice="one of the three cells may fail, not two",
-        )
-    if not dead.any():
-        force = decomposition(height, radius) @ readings[:, 2]
-        shear = readings[:, :2].sum(axis=0)
-        return ThreeCellForce(force, shear, float(np.linalg.norm(force[:2] - shear)), 0)
-    lost = int(np.argmax(dead))
-    shear = 1.5 * readings[~dead, :2].sum(axis=0)
-    axial = readings[:, 2].copy()
-    lever, root = radius / height, np.cos(np.radians(30.0))
-    if lost == 0:
-        axial[0] = (shear[0] + 0.5 * lever * (axial[1] + axial[2])) / lever
-    elif lost == 1:
-        axial[1] = axial[2] + shear[1] / (lever * root)
-    else:
-        axial[2] = axial[1] - shear[1] / (lever * root)
-    return ThreeCellForce(np.array([*shear, axial.sum()]), shear, float("nan"), lost + 1)
+UNEXPLAINED = 3.0
+"""Times the limit of the disagreement from which the force does not count any more, though no channel is found."""
 
 
 def readings_of(force: Array, height: float, radius: float = RADIUS) -> Array:
-    """(3, 3) N, readings under ``force`` (3,) N (eq. 3.7, 3.8-3.10): the shear is shared equally."""
-    axial = np.linalg.solve(decomposition(height, radius), np.asarray(force, dtype=float))
-    return np.column_stack([np.full(3, force[0] / 3), np.full(3, force[1] / 3), axial])
+    """(3, 3) N, rows are cells: readings under ``force`` (3,) N (eq. 3.7, 3.8-3.10)."""
+    return np.asarray((responses(height, radius) @ np.asarray(force, dtype=float)).reshape(3, 3))
 
 
 @dataclass(frozen=True)
@@ -82,15 +43,17 @@ class ThreeCellSettings:
     range : (3, 3) largest reading; beyond 99 % of it a channel counts as saturated
     height : m from the plane of the cells to the tip ; radius : m of their circle
     rotation : (3, 3) from axes of the platform to frame sheet
+    names : of the nine channels, for people
     rate, cutoff, taps, mass, frozen_after, drift_limit : as in :class:`~isf_load_cell.reading.CellSettings`
     mass_height : m from the plane of the cells to the centre of what hangs below them
-    inconsistency_limit : N, difference of the horizontal force by axial and by shear channels that is told
+    inconsistency_limit : N by which the channels may disagree at rest ; inconsistency_ratio : and per N of force
     """
 
     gains: Array
     range: Array
     height: float
     rotation: Array
+    names: tuple[str, ...] = CHANNELS
     rate: float = 500.0
     radius: float = RADIUS
     cutoff: float = 0.0
@@ -100,6 +63,7 @@ class ThreeCellSettings:
     frozen_after: int = 50
     drift_limit: float = 10.0
     inconsistency_limit: float = np.inf
+    inconsistency_ratio: float = 0.01
 
 
 @dataclass
@@ -108,9 +72,9 @@ class ThreeCellReading:
 
     settings: ThreeCellSettings
     lost: dict[int, IsfError] = field(init=False, default_factory=dict)
-    """Cells (1, 2, 3) that take no part until the next tare, and why."""
-    inconsistency: float = field(init=False, default=float("nan"))
-    """N, of the last reading; NaN when a cell is lost."""
+    """Channels (0 to 8) that take no part until the next tare, and why."""
+    inconsistency: float = field(init=False, default=0.0)
+    """N by which the channels disagree, smoothed."""
     drift: float = field(init=False, default=0.0)
     """N, unloaded force at the last call of :meth:`watch_drift`."""
 
@@ -118,110 +82,181 @@ class ThreeCellReading:
         s = self.settings
         coefficients = low_pass(s.cutoff, s.rate, s.taps) if s.cutoff > 0.0 else np.array([1.0])
         self._filters = [Fir(coefficients) for _ in range(3)]
-        self._zero, self._tared = np.zeros((3, 3)), False
-        self._last, self._same = np.full((3, 3), np.nan), np.zeros(3, dtype=int)
+        self._redundancy = CellRedundancy(s.height, s.radius)
+        self._gains, self._range = s.gains.ravel(), 0.99 * s.range.ravel()
+        self._per_weight = responses(s.mass_height, s.radius)
+        self._zero, self._tared = np.zeros(9), False
+        self._live: Live = (True,) * 9
+        self._use = np.ones(9, dtype=bool)
+        self._smooth = np.zeros(9)
+        self._last, self._same = np.full(9, np.nan), np.zeros(9, dtype=int)
+        self._untold: list[IsfError] = []
 
     def tare(self, readings: Array, rotation: Array | None = None) -> None:
-        """Zero from ``readings`` (n, 9) without contact; one cell may be without signal.
+        """Zero from ``readings`` (n, 9) without contact; channels without signal take no part until the next tare.
 
-        Raises IsfError WRENCH_NOT_FINITE (two cells without), NO_TARE (the tool is being touched).
+        Raises IsfError WRENCH_NOT_FINITE, WRENCH_OUT_OF_RANGE, WRENCH_FROZEN (too many without), NO_TARE (the tool is
+        being touched).
         """
-        cells = np.asarray(readings, dtype=float).reshape(-1, 3, 3)
-        s, dead = self.settings, ~np.isfinite(cells).all(axis=(0, 2))
-        lost = {int(k) + 1: _no_number(int(k) + 1) for k in np.flatnonzero(dead)}
-        _check_lost(lost)
-        mean = cells.mean(axis=0)
-        check_steady(s.gains[~dead] * (cells - mean)[:, ~dead], s.drift_limit)
-        self._zero = np.where(dead[:, None], np.nan, mean - self._weight(rotation) / s.gains)
-        self.lost, self._tared = lost, True
+        readings = np.asarray(readings, dtype=float)
+        s, lost = self.settings, {}
+        long = len(readings) > s.frozen_after
+        for k, column in enumerate(readings.T):
+            if not np.isfinite(column).all():
+                lost[k] = self._no_number(k)
+            elif (np.abs(column) >= self._range[k]).any():
+                lost[k] = self._saturated(k)
+            elif long and (column == column[0]).all():
+                lost[k] = self._frozen(k, len(column))
+        live = tuple(k not in lost for k in range(9))
+        self._check_known(live, lost)
+        use, mean = np.array(live), readings.mean(axis=0)
+        check_steady((self._gains * (readings - mean))[:, use], s.drift_limit)
+        self._zero = np.where(use, mean - self._weight(rotation) / self._gains, 0.0)
+        self.lost, self._live, self._use, self._tared = lost, live, use, True
+        self._untold = list(lost.values())
+        self._smooth, self._same = np.where(use, mean, 0.0), np.zeros(9, dtype=int)
         for fir in self._filters:
             fir.reset(0.0)
 
     def wrench(self, reading: Array, rotation: Array | None = None) -> Array:
         """(6,) N and N m on the tool in axes of frame sheet, filtered, torques zero, from ``reading`` (9,).
 
-        ``rotation`` (3, 3) as in the settings, where it changes. Raises IsfError NO_TARE, and when two cells are lost
-        WRENCH_NOT_FINITE, WRENCH_OUT_OF_RANGE or WRENCH_FROZEN, what happened last.
+        ``rotation`` (3, 3) as in the settings, where it changes. Raises IsfError NO_TARE, and when the channels that are
+        left do not tell the force, what happened last: WRENCH_NOT_FINITE, WRENCH_OUT_OF_RANGE, WRENCH_FROZEN or
+        WRENCH_INCONSISTENT.
         """
         if not self._tared:
             raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="tare them with the tools free")
-        cells = np.asarray(reading, dtype=float).reshape(3, 3)
-        self._watch(cells)
-        found = force_of(self._forces(cells, rotation), self.settings.height, self.settings.radius)
-        self.inconsistency = found.inconsistency
+        reading = np.asarray(reading, dtype=float)
+        self._watch_each(reading)
+        weight = self._weight(rotation)
+        force = self._force(reading, weight)
+        if self._watch_together(reading, weight, force):
+            force = self._force(reading, weight)
         turn = self.settings.rotation if rotation is None else rotation
-        force = [fir.step(float(value)) for fir, value in zip(self._filters, turn @ found.force, strict=True)]
-        return np.array([*force, 0.0, 0.0, 0.0])
+        found = [fir.step(float(value)) for fir, value in zip(self._filters, turn @ force, strict=True)]
+        return np.array([*found, 0.0, 0.0, 0.0])
 
     def watch_drift(self, readings: Array, rotation: Array | None = None) -> float:
         """N, change of the unloaded force since the tare, from ``readings`` (n, 9) without contact.
 
-        Raises IsfError NO_TARE when it is beyond the limit, WRENCH_NOT_FINITE when two cells are lost.
+        Raises IsfError NO_TARE when it is beyond the limit.
         """
-        s = self.settings
-        mean = np.asarray(readings, dtype=float).reshape(-1, 3, 3).mean(axis=0)
-        self.drift = float(np.linalg.norm(force_of(self._forces(mean, rotation), s.height, s.radius).force))
-        check_drift(self.drift, s.drift_limit)
+        mean = np.asarray(readings, dtype=float).mean(axis=0)
+        self.drift = float(np.linalg.norm(self._force(mean, self._weight(rotation))))
+        check_drift(self.drift, self.settings.drift_limit)
         return self.drift
 
     def warning(self) -> IsfError | None:
-        """A lost cell, or axial and shear channels that disagree by more than the limit; None when all is well."""
-        for cell, reason in self.lost.items():
-            return IsfError(
-                reason.code,
-                f"{reason.what}; forces follow from the other two cells",
-                advice=f"repair cell {cell}, tare",
-            )
-        if self.inconsistency > self.settings.inconsistency_limit:
-            return IsfError(
-                ErrorCode.WRENCH_OUT_OF_RANGE,
-                "axial and shear channels of the load cells disagree on the horizontal force by more than "
-                f"{self.settings.inconsistency_limit:.0f} N",
-                advice="check gains, height and cables",
-            )
-        return None
+        """Channels that are lost, though the rest tells the force; None when all is well."""
+        if not self.lost:
+            return None
+        *_, last = self.lost.values()
+        return IsfError(
+            last.code,
+            f"{'; '.join(reason.what for reason in self.lost.values())}; the force follows from the other channels",
+            advice="repair, then tare",
+        )
 
-    def _watch(self, cells: Array) -> None:
-        """Note cells that are lost from now on; raise the last reason when that leaves fewer than two."""
-        s = self.settings
-        self._same = np.where((cells == self._last).all(axis=1), self._same + 1, 0)
-        self._last = cells
-        finite = np.asarray(np.isfinite(cells).all(axis=1))
-        saturated = np.asarray((np.abs(cells) >= 0.99 * s.range).any(axis=1))
-        for k in range(3):
-            if not finite[k]:
-                self.lost.setdefault(k + 1, _no_number(k + 1))
-            elif saturated[k]:
-                what = f"load cell {k + 1} is at the end of its range"
-                self.lost.setdefault(k + 1, IsfError(ErrorCode.WRENCH_OUT_OF_RANGE, what))
-            elif self._same[k] >= s.frozen_after:
-                what = f"load cell {k + 1} has read the same {self._same[k]} times: frozen signal"
-                self.lost.setdefault(k + 1, IsfError(ErrorCode.WRENCH_FROZEN, what))
-        _check_lost(self.lost)
+    def take_news(self) -> list[IsfError]:
+        """Channels that were lost since the last call."""
+        news, self._untold = self._untold, []
+        return news
 
-    def _forces(self, cells: Array, rotation: Array | None) -> Array:
-        """(3, 3) N of each cell, without the weight; rows of lost cells are NaN."""
-        forces = self.settings.gains * (cells - self._zero) - self._weight(rotation)
-        forces[[cell - 1 for cell in self.lost]] = np.nan
-        return np.asarray(forces)
+    # -- inside --------------------------------------------------------------------------------
+
+    def _force(self, reading: Array, weight: Array) -> Array:
+        """(3,) N in axes of the platform, without the weight (9,) N."""
+        loads = np.where(self._use, self._gains * (reading - self._zero) - weight, 0.0)
+        return np.asarray(self._redundancy.force_matrix(self._live) @ loads)
+
+    def _loads_of(self, weight: Array) -> LoadsOf:
+        """The smoothed readings in N, as if the cables stood in another order."""
+
+        def loads(order: Array, with_zero: bool) -> Array:
+            zero = self._zero[order] if with_zero else self._zero
+            return np.where(self._use, self._gains * (self._smooth[order] - zero) - weight, 0.0)
+
+        return loads
+
+    def _watch_each(self, reading: Array) -> None:
+        """Leave out channels that are no numbers, saturated or frozen; raise the last reason when that is too much."""
+        self._same = np.where(reading == self._last, self._same + 1, 0)
+        self._last = reading
+        with np.errstate(invalid="ignore"):
+            sound = (np.abs(reading) < self._range) & (self._same < self.settings.frozen_after)
+        for k in np.flatnonzero(self._use & ~sound).tolist():
+            if not np.isfinite(reading[k]):
+                self._lose(k, self._no_number(k))
+            elif abs(reading[k]) >= self._range[k]:
+                self._lose(k, self._saturated(k))
+            else:
+                self._lose(k, self._frozen(k, int(self._same[k])))
+
+    def _watch_together(self, reading: Array, weight: Array, force: Array) -> bool:
+        """Leave out a channel with which the others disagree; True when one was found.
+
+        Raises IsfError WRENCH_INCONSISTENT when the disagreement is large and nothing explains it.
+        """
+        s, use = self.settings, self._use
+        self._smooth = np.where(use, self._smooth + SMOOTHING * (reading - self._smooth), 0.0)
+        loads = np.where(use, self._gains * (self._smooth - self._zero) - weight, 0.0)
+        self.inconsistency = self._redundancy.disagreement(loads, self._live)
+        limit = s.inconsistency_limit + s.inconsistency_ratio * float(np.linalg.norm(force))
+        if self.inconsistency <= limit:
+            return False
+        suspects, left = self._redundancy.suspects(loads, self._live)
+        pair, left_by_pair = self._redundancy.exchanged(self._loads_of(weight), self._live)
+        if pair and left_by_pair < 0.5 * left:
+            suspects = pair
+            what = f"the cables of load-cell channels {s.names[pair[0]]} and {s.names[pair[1]]} are exchanged"
+        else:
+            what = f"load-cell channel {' or '.join(s.names[k] for k in suspects)} disagrees with the others"
+        if suspects:
+            reason = IsfError(ErrorCode.WRENCH_INCONSISTENT, what)
+            for k in suspects:
+                self._lose(k, reason)
+            return True
+        if self.inconsistency > UNEXPLAINED * limit:
+            raise IsfError(
+                ErrorCode.WRENCH_INCONSISTENT,
+                f"the load-cell channels disagree by {self.inconsistency:.0f} N, and no single one explains it",
+                advice="check gains, height, cables and inconsistency_limit",
+            )
+        return False
+
+    def _lose(self, channel: int, reason: IsfError) -> None:
+        if reason not in self.lost.values():
+            self._untold.append(reason)
+        self.lost[channel] = reason
+        self._live = tuple(k not in self.lost for k in range(9))
+        self._use = np.array(self._live)
+        self._check_known(self._live, self.lost)
+
+    def _check_known(self, live: Live, lost: dict[int, IsfError]) -> None:
+        """Raise IsfError with the code of the last loss when the rest does not tell the force."""
+        try:
+            self._redundancy.force_matrix(live)
+        except IsfError as error:
+            *_, last = lost.values()
+            reasons = "; ".join(dict.fromkeys(reason.what for reason in lost.values()))
+            raise IsfError(last.code, f"{reasons}; {error.what}", advice="repair and tare") from error
+
+    def _no_number(self, channel: int) -> IsfError:
+        return IsfError(
+            ErrorCode.WRENCH_NOT_FINITE, f"load-cell channel {self.settings.names[channel]} gives no reading"
+        )
+
+    def _saturated(self, channel: int) -> IsfError:
+        what = f"load-cell channel {self.settings.names[channel]} is at the end of its range"
+        return IsfError(ErrorCode.WRENCH_OUT_OF_RANGE, what)
+
+    def _frozen(self, channel: int, times: int) -> IsfError:
+        what = f"load-cell channel {self.settings.names[channel]} has read the same {times} times: frozen signal"
+        return IsfError(ErrorCode.WRENCH_FROZEN, what)
 
     def _weight(self, rotation: Array | None) -> Array:
-        """(3, 3) N by which the weight shows in each channel."""
-        s = self.settings
-        turn = s.rotation if rotation is None else rotation
-        return readings_of(turn.T @ (s.mass * GRAVITY), s.mass_height, s.radius)
-
-
-def _no_number(cell: int) -> IsfError:
-    return IsfError(ErrorCode.WRENCH_NOT_FINITE, f"load cell {cell} gives no reading")
-
-
-def _check_lost(lost: dict[int, IsfError]) -> None:
-    """Raise IsfError when two or three cells are ``lost``."""
-    if len(lost) > 1:
-        *_, last = lost.values()
-        raise IsfError(
-            last.code,
-            "; ".join(reason.what for reason in lost.values()),
-            advice="one of the three cells may fail, not two; repair and tare",
-        )
+        """(9,) N by which the weight shows in each channel."""
+        turn = self.settings.rotation if rotation is None else rotation
+        return np.asarray(self._per_weight @ (turn.T @ (self.settings.mass * GRAVITY)))

@@ -16,6 +16,9 @@ STREAM_SOURCE = _profile(1000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLA
 """The publishing side of STREAM: two seconds are kept until acknowledged, so that a recorder that is held up for a
 moment loses nothing; a controller's own queue stays short."""
 
+READINGS = _profile(300, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
+"""Raw readings at the control rate, as node load_cell takes them: in lockstep all those of a tare come at once."""
+
 SENSOR = _profile(5, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
 """Decimated poses and the clock: the newest matters, a lost one does not."""
 

@@ -67,6 +67,10 @@ class MachineParameters:
     real_time_priority: int = parameter(
         0, "SCHED_FIFO priority requested while ticking by the clock; 0: none", minimum=0, maximum=MAXIMUM_PRIORITY
     )
+    raw_cells: bool = parameter(
+        False,
+        "of tools whose rig has spindle_cells: voltages on tool_k/raw_cells, and no wrench; a node load_cell makes it",
+    )
     state_folder: str = parameter(
         "machine_states",
         "folder below which machine/save writes and machine/load reads; relative to the working directory",
@@ -131,7 +135,7 @@ class MachineNode(CellNode[MachineParameters]):
                     sheet=sheet_kind(values.sheet),
                 )
             )
-        self._output = MachinePublishers(self, clock=values.lockstep)
+        self._output = MachinePublishers(self, clock=values.lockstep, raw_cells=values.raw_cells)
         self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM)
         self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM)
         self._executive = ExecutiveWatch(self, EXECUTIVE_SILENCE)
@@ -454,6 +458,11 @@ class MachineNode(CellNode[MachineParameters]):
         """True when a tick needs targets of its stamp."""
         return self._settings.lockstep
 
+    @property
+    def reads_while_tared(self) -> bool:
+        """True when readings of spindle cells have to be published for a tare."""
+        return self.is_active and self._settings.lockstep and self._settings.raw_cells
+
     def stop_machine(self, reason: str) -> None:
         """Latch a stop that was asked for, and release contact."""
         machine = self._machine
@@ -518,8 +527,16 @@ class MachineServices:
             machine = self._node.needed()
             zero_1, zero_2 = machine.tare()
             response.tool_1_zero, response.tool_2_zero = zero_1.tolist(), zero_2.tolist()
+            if self._node.reads_while_tared:
+                self._rest_for_tare(machine)
             self._publish_in_lockstep(machine)
         return response
+
+    def _rest_for_tare(self, machine: SimulatedMachine) -> None:
+        """A node load_cell takes its zero from readings, and time passes in lockstep only here."""
+        for sample in machine.rest_for_tare():
+            self._node.publish(sample, decimated=False)
+        self._node.targets_not_served()
 
     def _on_scan(self, request: Scan.Request, response: Scan.Response) -> Scan.Response:
         node = self._node

@@ -60,8 +60,8 @@ def deviation_map(deviation: Deviation, target: HeightMap, limit: float, events:
     axes = figure.subplots()
     image = _draw_map(axes, deviation, target, limit)
     _colour_bar(figure, image, [axes], horizontal=wide, standing=directions(target)[1])
-    if events:
-        _draw_events(axes, events)
+    if placed := [event for event in events if np.isfinite(event.position).all()]:
+        _draw_events(axes, placed)
         figure.legend(loc="outside lower center", ncols=3, handletextpad=0.3)
     return figure
 

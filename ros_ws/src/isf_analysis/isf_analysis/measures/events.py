@@ -13,12 +13,15 @@ from isf_core.events import Event, EventKind
 SEVERITY = (
     EventKind.FRACTURE,
     EventKind.BUCKLING,
+    EventKind.FORCE_UNKNOWN,
+    EventKind.LOAD_CELL,
     EventKind.SATURATION,
     EventKind.GALLING,
     EventKind.CONTACT_LOST,
     EventKind.DIE_CONTACT,
 )
-"""Most severe first: the part is lost, the shape is, the control is, the surface is, the support is, nothing is."""
+"""Most severe first: the part is lost, the shape is, the measured force is, the control is, the surface is, the support
+is, nothing is."""
 
 HARMLESS = frozenset({EventKind.DIE_CONTACT})
 """Kinds that belong to a good part."""
@@ -26,12 +29,14 @@ HARMLESS = frozenset({EventKind.DIE_CONTACT})
 
 @dataclass(frozen=True)
 class EventGroup:
-    """All events of one kind: how many, the first, the one farthest from (mostly above) its limit."""
+    """All events of one kind: how many, the first, the one farthest from (mostly above) its limit; ``text`` is that of
+    the worst, and of kinds without a limit all different ones."""
 
     kind: int
     count: int
     first: Event
     worst: Event
+    text: str
 
     @property
     def harmless(self) -> bool:
@@ -51,7 +56,9 @@ def groups(events: Sequence[Event]) -> tuple[EventGroup, ...]:
     found = []
     for kind in sorted({event.kind for event in events}, key=_rank):
         same = sorted((event for event in events if event.kind == kind), key=lambda event: event.time)
-        found.append(EventGroup(kind, len(same), same[0], max(same, key=_excess)))
+        worst = max(same, key=_excess)
+        text = worst.text if np.isfinite(_excess(worst)) else "; ".join(dict.fromkeys(event.text for event in same))
+        found.append(EventGroup(kind, len(same), same[0], worst, text))
     return tuple(found)
 
 

@@ -55,7 +55,7 @@ def _group(group: events.EventGroup, record: PartRecord) -> dict[str, Any]:
         },
         "value": _number(group.worst.value),
         "limit": _number(group.worst.limit),
-        "text": group.worst.text,
+        "text": group.text,
     }
 
 

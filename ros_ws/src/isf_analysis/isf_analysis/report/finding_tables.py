@@ -33,7 +33,8 @@ def event_table(numbers: Numbers) -> str:
     for event in numbers["events"]:
         first = event["first"]
         contour = "between contours" if first["contour"] is None else contour_label(first["contour"])
-        place = ", ".join(number(value, 1) for value in first["position_mm"])
+        position = first["position_mm"]
+        place = DASH if None in position else ", ".join(number(value, 1) for value in position)
         kind = escape(event["kind"])
         rows.append(
             [

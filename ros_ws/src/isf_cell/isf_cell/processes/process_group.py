@@ -55,20 +55,22 @@ class ProcessGroup:
         executable: str,
         parameters: Mapping[str, object],
         *,
+        name: str = "",
         remap: Sequence[str] = (),
         outlives: bool = False,
     ) -> NodeProcess:
         """Start ``lib/<package>/<executable>`` with ROS parameters; raises IsfError NODE_MISSING.
 
-        With ``outlives`` it is ended after the others.
+        ``name`` is that of the node, where it is not that of the executable. With ``outlives`` it is ended after the
+        others.
         """
         command = [str(executables.find(package, executable)), "--ros-args"]
-        for name, value in parameters.items():
-            command += ["-p", f"{name}:={_yaml(value)}"]
-        for rule in remap:
+        for key, value in parameters.items():
+            command += ["-p", f"{key}:={_yaml(value)}"]
+        for rule in (*([f"__node:={name}"] if name else []), *remap):
             command += ["-r", rule]
         self.log_folder.mkdir(parents=True, exist_ok=True)
-        log = self.log_folder / f"{executable}.log"
+        log = self.log_folder / f"{name or executable}.log"
         stream = log.open("wb")
         popen = subprocess.Popen(
             command,
@@ -78,7 +80,7 @@ class ProcessGroup:
             start_new_session=True,
             preexec_fn=ends_with_owner(signal.SIGINT),
         )
-        node = NodeProcess(executable, popen, log, stream, outlives)
+        node = NodeProcess(name or executable, popen, log, stream, outlives)
         self.nodes.append(node)
         return node
 

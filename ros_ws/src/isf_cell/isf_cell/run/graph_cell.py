@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from isf_core import __version__
 from isf_core.contour import ContourCorrection, ContourResult, contour_label
-from isf_core.errors import ErrorCode, IsfError
-from isf_core.events import Event, torn
+from isf_core.errors import ErrorCode, IsfError, told
+from isf_core.events import Event, force_unknown, torn
 from isf_msgs.action import LiftTool, MoveAside, PlanPart
 from isf_msgs.msg import Contour, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
@@ -33,8 +33,11 @@ from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
 from isf_cell.run.machine_client import HARMLESS, MACHINE, MachineClient
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
-MANAGED = (MACHINE, "planner", "springback", "force_ctrl")
-"""Nodes brought up in this order, down in reverse."""
+
+def managed_nodes(load_cells: tuple[str, ...]) -> tuple[str, ...]:
+    """Nodes brought up in this order, down in reverse, with the nodes ``load_cells``."""
+    return MACHINE, *load_cells, "planner", "springback", "force_ctrl"
+
 
 COMMANDS = (
     (Reset, "machine/reset"),
@@ -82,6 +85,8 @@ class GraphSettings:
     plan_timeout: float
     contour_timeout: float
     silence_timeout: float
+    load_cells: tuple[str, ...] = ()
+    """Nodes that make wrenches of raw readings."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,7 @@ class GraphCell:
         self._results: dict[int, ContourResult] = {}
         self._corrections: dict[int, ContourCorrection] = {}
         self._machine = MachineClient(client, lockstep=settings.lockstep, report=operator.phase)
-        self._managed: tuple[str, ...] = MANAGED
+        self._all = self._managed = managed_nodes(settings.load_cells)
         self._state: MachineState | None = None
         self._recorder_waits_for: frozenset[str] = frozenset()
         self._events: list[Event] = []
@@ -166,9 +171,10 @@ class GraphCell:
         """As in the protocol; finds out what the machine offers."""
         self._monitor.forget()
         self._client.prepare((*COMMANDS, HARMLESS))
-        self._client.prepare((ChangeState, f"{name}/change_state") for name in MANAGED)
+        self._client.prepare((ChangeState, f"{name}/change_state") for name in self._all)
+        self._client.prepare((Trigger, f"{name}/tare") for name in self._settings.load_cells)
         managed = self._machine.find(self._watch_operator)
-        self._managed = MANAGED if managed else MANAGED[1:]
+        self._managed = self._all if managed else self._all[1:]
         for name in self._managed:
             # a node may compile or load for long and be silent meanwhile; its answer is a sign of life
             self._client.bring_up(name, self._watch_operator)
@@ -185,6 +191,8 @@ class GraphCell:
         """As in the protocol."""
         machine = self._machine
         machine.tare(self._watch_nodes)
+        for name in self._settings.load_cells:
+            self._tare_load_cell(name)
         if not machine.offer.state:
             self._at_start = TickCounts()
             return
@@ -290,14 +298,16 @@ class GraphCell:
             self._go_on_after(error, f"no scan after {after}")
 
     def check(self) -> None:
-        """Raise IsfError when a node died or was taken down, the operator cancelled, the machine has a fault, or a
-        contour was not corrected."""
+        """Raise IsfError when a node died or was taken down, the operator cancelled, the machine has a fault, the load
+        cells no longer tell the force, or a contour was not corrected."""
         self._watch_nodes()
         self._watch_operator()
         self._watch_states()
         state = self._state
         if state is not None and state.fault_codes:
             raise IsfError(ErrorCode(state.fault_codes[0]), state.fault_messages[0], where="machine")
+        if (unknown := force_unknown(list(self._events))) is not None:
+            raise unknown
         for correction in list(self._corrections.values()):
             if correction.code and not len(correction.offset):  # refused: no corrected contour will follow
                 where = f"springback, {contour_label(correction.index)}"
@@ -339,6 +349,20 @@ class GraphCell:
                 self._attempt(lambda name=name: self._client.bring_down(name, _no_watch))  # type: ignore[misc]
 
     # -- inside ----------------------------------------------------------------------------------
+
+    def _tare_load_cell(self, name: str) -> None:
+        """The node takes its zero from readings that may not all have come yet; in lockstep they come with a tare of the
+        machine alone."""
+        deadline, pause = time.monotonic() + self._settings.service_timeout, threading.Event()
+        while True:
+            response = self._client.call(Trigger, f"{name}/tare", Trigger.Request(), self._watch_nodes)
+            if response.success:
+                return
+            if time.monotonic() > deadline:
+                raise told(response.message) or IsfError(ErrorCode.NO_TARE, response.message, where=name)
+            pause.wait(0.2)
+            if self._settings.lockstep:
+                self._machine.tare(self._watch_nodes)
 
     def _act(self, kind: Any, name: str, goal: Any) -> Any:
         """Result of an action of force_ctrl between two contours; raises its code."""

@@ -14,6 +14,8 @@ from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.files.rig import tools_with_spindle_cells
+from isf_core.files.yaml_file import find_named
 from isf_msgs.action import FormPart
 from isf_ros.lifecycle import failure
 from rclpy.action import ActionClient
@@ -36,15 +38,26 @@ once, at the start, may be missed), and an executive tells its process 2 times a
 Feedback = Callable[[FormPart.Feedback], None]
 
 
-def start_cell(group: ProcessGroup, bag: Path | None, *, lockstep: bool) -> None:
-    """Start the five nodes, and the recorder when a ``bag`` folder is given."""
+def start_cell(group: ProcessGroup, bag: Path | None, *, lockstep: bool, job_file: JobFile | None = None) -> None:
+    """Start the five nodes, and the recorder when a ``bag`` folder is given.
+
+    Where the rig of ``job_file`` has spindle cells the machine gives out their voltages, and a node ``load_cell_k`` of
+    each such tool makes the wrench.
+    """
+    tools = tools_with_spindle_cells(job_file.rig) if job_file is not None else ()
     if bag is not None:
         group.start("isf_analysis", "recorder", {"output": str(bag), "autostart": True}, outlives=True)
-    group.start("isf_sim", "machine", {"lockstep": lockstep})
+    group.start("isf_sim", "machine", {"lockstep": lockstep, "raw_cells": bool(tools)})
+    for k in tools:
+        assert job_file is not None
+        rig = find_named("rigs", job_file.job.rig, job_file.base)
+        remap = (f"raw_cells:=tool_{k}/raw_cells", f"wrench:=tool_{k}/wrench")
+        group.start("isf_load_cell", "load_cell", {"rig": str(rig), "tool": k}, name=f"load_cell_{k}", remap=remap)
     group.start("isf_planner", "planner", {})
     group.start("isf_springback", "springback", {})
     group.start("isf_force_ctrl", "force_ctrl", {"lockstep": lockstep})
-    group.start("isf_cell", "executive", {"lockstep": lockstep})
+    cells = " ".join(str(k) for k in tools)
+    group.start("isf_cell", "executive", {"lockstep": lockstep, "load_cells": cells})
 
 
 class CellClient:
@@ -181,7 +194,7 @@ def form(
     client = CellClient()
     try:
         with ProcessGroup(folder / "logs") as group:
-            start_cell(group, bag, lockstep=lockstep)
+            start_cell(group, bag, lockstep=lockstep, job_file=job_file)
             client.wait_ready(group)
             result = client.form(job_file, options, feedback, group)
             recorder = group["recorder"]

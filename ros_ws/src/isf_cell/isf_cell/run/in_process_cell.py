@@ -12,7 +12,7 @@ from typing import TypeVar
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.events import torn
+from isf_core.events import Event, torn
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.measurements.measurement import AtRest, Measurement
@@ -23,6 +23,7 @@ from isf_springback.corrector import Corrector, apply
 from isf_springback.lift_feedback import reading_of
 from isf_springback.methods import make_corrector
 
+from isf_cell.run.cell_wrenches import CellWrenches
 from isf_cell.run.cell import FormedContour, PartGoal, PlannedPart
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
@@ -36,18 +37,22 @@ def run_ticks(
     controller: ForceController,
     machine: SimulatedMachine,
     sample: MachineSample,
+    wrenches: CellWrenches,
     each: Callable[[MachineSample], None] | None = None,
 ) -> MachineSample:
     """Tick from ``sample`` until the controller rests, ``each`` sample told first; the last sample.
 
-    A fault of the machine, which holds from then on, ends what the controller is doing with the machine's code.
+    A fault of the machine, which holds from then on, or of its load cells ends what the controller is doing with its
+    code.
     """
     while controller.busy:
         if each is not None:
             each(sample)
-        if machine.faults and controller.fault is None:
-            controller.fail(*machine.faults[0], ticking=True)
-        targets = controller.tick(sample.tick, sample.time, sample.wrench_1.tolist(), sample.wrench_2.tolist())
+        read = wrenches.of(sample)
+        fault = next(iter(machine.faults), wrenches.fault)
+        if fault is not None and controller.fault is None:
+            controller.fail(*fault, ticking=True)
+        targets = controller.tick(sample.tick, sample.time, *read)
         sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
     return sample
 
@@ -67,6 +72,7 @@ class InProcessCell:
 
     machine: SimulatedMachine
     sample: MachineSample
+    wrenches: CellWrenches
 
     def __init__(
         self,
@@ -98,6 +104,7 @@ class InProcessCell:
     def tare(self) -> None:
         """As in the protocol."""
         self.machine.tare()
+        self.wrenches = CellWrenches(self.machine)
         self.sample = self.machine.sample()
 
     def plan(self, goal: PartGoal) -> PlannedPart:
@@ -167,6 +174,11 @@ class InProcessCell:
         self.scans.append(kept_scan(formed.nominal.index, self.sample.time, points))
 
     @property
+    def events(self) -> tuple[Event, ...]:
+        """Of machine and load cells, oldest first."""
+        return tuple(sorted((*self.machine.events, *self.wrenches.events), key=lambda event: event.time))
+
+    @property
     def config(self) -> ControlConfig:
         """Of the force controller."""
         return self._controller.config
@@ -184,7 +196,7 @@ class InProcessCell:
             if sample.tick % rate == 0:
                 notify(measurement)
 
-        self.sample = run_ticks(controller, self.machine, self.sample, report)
+        self.sample = run_ticks(controller, self.machine, self.sample, self.wrenches, report)
         return measurement
 
     def check(self) -> None:
@@ -209,4 +221,4 @@ class InProcessCell:
         """The shape is read from the machine by whoever wants it."""
 
     def _run(self) -> None:
-        self.sample = run_ticks(self._controller, self.machine, self.sample)
+        self.sample = run_ticks(self._controller, self.machine, self.sample, self.wrenches)

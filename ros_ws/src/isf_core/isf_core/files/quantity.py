@@ -97,3 +97,5 @@ EdgeStiffness = Annotated[float, BeforeValidator(_to_si("N/m**2", "50 N/mm/mm"))
 EdgeForce = Annotated[float, BeforeValidator(_to_si("N/m", "200 N/mm")), Reading("N/mm", 1e3)]
 Frequency = Annotated[float, BeforeValidator(_to_si("1/s", "500 Hz")), Reading("Hz", 1.0)]
 Time = Annotated[float, BeforeValidator(_to_si("s", "0.1 s")), Reading("s", 1.0)]
+Voltage = Annotated[float, BeforeValidator(_to_si("V", "10 V")), Reading("V", 1.0)]
+VoltageGain = Annotated[float, BeforeValidator(_to_si("N/V", "2400 N/V")), Reading("N/V", 1.0)]

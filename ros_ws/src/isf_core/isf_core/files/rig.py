@@ -28,6 +28,7 @@ from isf_core.files.quantity import (
     Time,
     Torque,
 )
+from isf_core.files.spindle_cells import SpindleCells
 from isf_core.files.yaml_file import FieldError, FileModel, find_named
 
 BASE = "based_on"
@@ -199,6 +200,9 @@ class ToolAxis(FileModel):
     """Play between encoder and tip."""
     weight: Force = Field(default=0.0, ge=0)
     """Of the tool on its load cell."""
+    spindle_cells: SpindleCells | None = None
+    """Three tri-axial cells in place of one with six axes: `isf form` and `isf simulate` then read the force from their
+    nine voltages."""
 
     @model_validator(mode="after")
     def _tables(self) -> ToolAxis:
@@ -281,6 +285,11 @@ class Rig(FileModel):
     def aside(self) -> tuple[float, float]:
         """x and y, m, where the tools wait during a scan."""
         return self.scan_place or (0.0, self.limits.travel[1] - 5e-3)
+
+
+def tools_with_spindle_cells(rig: Rig) -> tuple[int, ...]:
+    """Numbers of the tools whose force is read from nine voltages."""
+    return tuple(k for k, tool in ((1, rig.tool_1), (2, rig.tool_2)) if tool.spindle_cells is not None)
 
 
 def load_rig(name_or_path: str, base: Path | None = None) -> Rig:

@@ -40,6 +40,7 @@ from isf_sim.machine.events import (
 )
 from isf_sim.machine.kernel_bundle import UNCHECKED, TickParts
 from isf_sim.machine.load_cells import BLOCK, DRAWS, CellState, read_again, take_zero
+from isf_sim.machine.spindle_cells import SpindleCellPlant
 from isf_sim.machine.tick import Axes
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import SCAN_TIME, measured_points
@@ -55,6 +56,8 @@ from isf_sim.variant import Variant, make_variant
 __all__ = ["LIMIT_FORCE", "LIMIT_SPEED", "LIMIT_TRAVEL", "MachineSample", "SimulatedMachine"]
 
 TARE_READINGS = 200
+TARE_TICKS = 250
+"""Ticks at rest of :meth:`SimulatedMachine.rest_for_tare`: as many readings as node ``load_cell`` averages."""
 LARGEST_TARE_FORCE = 20.0
 """N, true force above which a tool is not free."""
 LARGEST_CLIPPED = 5
@@ -123,6 +126,18 @@ class SimulatedMachine:
             )
         self._constants, self._turned_constants = parts.constants
         self._cell_1, self._cell_2 = parts.cells
+        self._spindle_cells = tuple(
+            tool.spindle_cells
+            and SpindleCellPlant(
+                tool.spindle_cells,
+                tool.weight,
+                self.variant.load_cell_gain,
+                self.control_rate,
+                (seed % 2**63, variant, 2, number),
+            )
+            for number, tool in enumerate((plant_file.rig.tool_1, plant_file.rig.tool_2), start=1)
+        )
+        self._held = np.full((2, 9), np.nan)
         self._ring = parts.adsif
         self._adsif = adsif.no_ring(self.plant.surface) if parts.adsif else None
         self._axes = mt.parked_axes(park_1, park_2, self._constants.errors)
@@ -225,6 +240,8 @@ class SimulatedMachine:
             tips[3:],
             axes.force_1.copy(),
             axes.force_2.copy(),
+            self._volts(0, axes.force_1),
+            self._volts(1, axes.force_2),
         )
 
     # -- load cells, shape -----------------------------------------------------------------------------
@@ -255,6 +272,15 @@ class SimulatedMachine:
         zero_2 = take_zero(self._constants.cell_2, self._cell_2, TARE_READINGS, self._generator)
         self.tared = True
         return zero_1, zero_2
+
+    def rest_for_tare(self) -> Iterator[MachineSample]:
+        """Ticks at rest whose readings whoever reads spindle cells takes as zero; none where there are no such cells.
+
+        What reads six-axis cells needs no time: :meth:`tare` takes their zero itself.
+        """
+        if any(self._spindle_cells):
+            for _ in range(TARE_TICKS):
+                yield self.hold()
 
     @property
     def loaded(self) -> bool:
@@ -350,6 +376,7 @@ class SimulatedMachine:
             squeeze=self._squeeze,
             cell_1=self._cell_1,
             cell_2=self._cell_2,
+            held=self._held,
             watch=self._watch,
             settled=self._settled,
         )
@@ -363,7 +390,7 @@ class SimulatedMachine:
         self._generator, self._more_generator = state.generator, state.more_generator
         self.plant, self._adsif, self._axes, self._squeeze = state.plant, state.ring, state.axes, state.squeeze
         self._shell = state.shell
-        self._cell_1, self._cell_2 = state.cell_1, state.cell_2
+        self._cell_1, self._cell_2, self._held = state.cell_1, state.cell_2, state.held
         self._watch, self._settled = state.watch, state.settled
 
     def state_copy(self) -> MachineState:
@@ -375,6 +402,10 @@ class SimulatedMachine:
         self.take_up(copy.deepcopy(state))
 
     # -- inside --------------------------------------------------------------------------------------
+
+    def _volts(self, tool: int, force: Array) -> Array | None:
+        plant = self._spindle_cells[tool]
+        return plant.volts(force, self.tick_count, self._held[tool]) if plant is not None else None
 
     def _check(self, target: Array, waited: int) -> None:
         bits = mt.check_target(target, self._axes.target, waited, self._target_limits)
@@ -529,6 +560,7 @@ class MachineState:
     plant, shell : the sheet, shell None where the fast model forms it
     ring : of accumulative forming, None in other processes
     axes, squeeze, cell_1, cell_2 : axes, sheet between the tools, load cells
+    held : (2, 9) V, what stuck channels of spindle cells hold
     watch, settled : what is counted of events, and the conditions that change nothing of it
     """
 
@@ -550,6 +582,7 @@ class MachineState:
     squeeze: Squeeze
     cell_1: CellState
     cell_2: CellState
+    held: Array
     watch: EventWatch
     settled: int
 
@@ -563,6 +596,7 @@ class MachineSample(NamedTuple):
     wrench_1, wrench_2 : (6,) N and N m, load cells after tare
     tip_1, tip_2 : (3,) m, tips by the encoders
     true_force_1, true_force_2 : (3,) N, force of the sheet on each tool without errors of the cells
+    volts_1, volts_2 : (9,) V of a tool's spindle cells, before tare; None where the rig has none
     """
 
     tick: int
@@ -573,6 +607,8 @@ class MachineSample(NamedTuple):
     tip_2: Array
     true_force_1: Array
     true_force_2: Array
+    volts_1: Array | None
+    volts_2: Array | None
 
 
 Finding = tuple[ErrorCode, str]

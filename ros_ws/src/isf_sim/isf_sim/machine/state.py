@@ -35,7 +35,7 @@ from isf_sim.shell.shell_assembly import SupportPoints
 
 _SOURCES = Path(__file__).resolve().parents[1]
 
-FORMAT, VERSION = "isf-machine-state", 6
+FORMAT, VERSION = "isf-machine-state", 7
 
 
 def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:

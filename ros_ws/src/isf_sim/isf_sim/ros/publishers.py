@@ -1,4 +1,4 @@
-"""What the machine publishes: wrenches every tick; poses, state and clock decimated."""
+"""What the machine publishes: wrenches or raw voltages every tick; poses, state and clock decimated."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.events import Event
+from isf_core.files.spindle_cells import CHANNELS
 from isf_msgs.msg import MachineEvent as EventMessage
 from isf_msgs.msg import MachineState
 from isf_ros import conversion, qos, stamps
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import JointState, PointCloud2, PointField
 
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
@@ -28,10 +29,16 @@ WRENCH_PATIENCE = 2.0
 
 
 class MachinePublishers:
-    """The node's publishers and their messages, which are filled anew for every tick."""
+    """The node's publishers and their messages, which are filled anew for every tick.
 
-    def __init__(self, node: CellNode[Any], *, clock: bool) -> None:
+    ``raw_cells``: of a tool with spindle cells the voltages are published, and no wrench.
+    """
+
+    def __init__(self, node: CellNode[Any], *, clock: bool, raw_cells: bool) -> None:
         self._node = node
+        self._raw_cells: list[Publisher[Any]] = []
+        if raw_cells:
+            self._raw_cells = [self._publisher(JointState, f"tool_{k}/raw_cells", qos.STREAM_SOURCE) for k in (1, 2)]
         self._wrenches = [self._publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM_SOURCE) for k in (1, 2)]
         self._poses = [self._publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
         self._state = self._publisher(MachineState, "machine/state", qos.STREAM_SOURCE)
@@ -42,10 +49,17 @@ class MachinePublishers:
         self._pose_messages = [conversion.make_pose() for _ in (1, 2)]
 
     def wrenches(self, sample: MachineSample, nanoseconds: int) -> None:
-        """Both wrenches with the stamp ``nanoseconds``."""
+        """Both wrenches, or what stands for them, with the stamp ``nanoseconds``."""
         stamp = stamps.to_stamp(nanoseconds)
-        readings = (sample.wrench_1, sample.wrench_2)
-        for publisher, message, reading in zip(self._wrenches, self._wrench_messages, readings, strict=True):
+        readings, volts = (sample.wrench_1, sample.wrench_2), (sample.volts_1, sample.volts_2)
+        for k, (publisher, message, reading) in enumerate(
+            zip(self._wrenches, self._wrench_messages, readings, strict=True)
+        ):
+            if self._raw_cells and (raw := volts[k]) is not None:
+                cells = JointState(name=CHANNELS, effort=raw.tolist())
+                cells.header.stamp = stamp
+                self._raw_cells[k].publish(cells)
+                continue
             message.header.stamp = stamp
             conversion.set_wrench(message, reading)
             publisher.publish(message)
@@ -53,7 +67,7 @@ class MachinePublishers:
     def wrenches_received(self) -> None:
         """Returns when every reliable subscriber has the last wrenches: the middleware may deliver one a second late,
         and force control would answer an older one."""
-        for publisher in self._wrenches:
+        for publisher in (*self._wrenches, *self._raw_cells):
             publisher.wait_for_all_acked(Duration(seconds=WRENCH_PATIENCE))
 
     def poses(self, sample: MachineSample, nanoseconds: int) -> None:
