@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
+from numpy.typing import NDArray
 
 AXIAL = (2, 5, 8)
 """Places of the axial channels among the nine, which are x, y, axial of cell 1, then of cells 2 and 3."""
@@ -28,7 +29,8 @@ EXPLAINED = 0.5
 
 Live = tuple[bool, ...]
 """For each of the nine channels whether it counts."""
-LoadsOf = Callable[[Array, bool], Array]
+Order = NDArray[np.int64]
+LoadsOf = Callable[[Order, bool], Array]
 
 
 def decomposition(height: float, radius: float) -> Array:
@@ -57,8 +59,8 @@ class CellRedundancy:
     def _force_matrix(self, live: Live) -> Array:
         """(3, 9): force from readings in N, in which those that do not count are 0.
 
-        Axial channels alone, as long as all three count; shear channels for the axial one that does not. Raises IsfError
-        WRENCH_INCONSISTENT when the force is not known from ``live``.
+        Axial channels alone, as long as all three count; shear channels for the axial one that does not. Raises
+        IsfError WRENCH_INCONSISTENT when the force is not known from ``live``.
         """
         found, use = np.zeros((3, 9)), np.array(live)
         axial = use[list(AXIAL)]
@@ -111,7 +113,8 @@ class CellRedundancy:
         """
         parity, order = self.parity(live), np.arange(9)
         limit = EXPLAINED * float(np.linalg.norm(parity @ loads_of(order, True)))
-        pair, best = (), np.inf
+        pair: tuple[int, ...] = ()
+        best = np.inf
         for i, j in combinations(np.flatnonzero(live).tolist(), 2):
             other = order.copy()
             other[[i, j]] = j, i

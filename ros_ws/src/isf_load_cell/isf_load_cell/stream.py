@@ -1,7 +1,8 @@
 """Readings of a load cell in, wrenches out: when a wrench may be published, and what is told otherwise.
 
-A fault of the cell (not a number, saturated, frozen, channels that contradict each other) ends the stream until the next tare: force control holds on a
-stream that stops, and a cell that was overloaded may have shifted, so it must not come back by itself.
+A fault of the cell (not a number, saturated, frozen, channels that contradict each other) ends the stream until the
+next tare: force control holds on a stream that stops, and a cell that was overloaded may have shifted, so it must not
+come back by itself.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """From raw readings of three tri-axial cells around a spindle to the wrench that force control uses.
 
 The cells stand at 120 degrees between platform and spindle (Torrao 2013, 3.4.1). Nine channels tell three components:
-one may be lost, and whole cells' worth of them, as long as the rest tells the force. N, N m.
+any one may be lost, or those of any one cell; more, as long as the rest tells the force. N, N m.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from isf_core.types import Array
 from isf_force_ctrl.laws.force_and_compliance import Fir, low_pass
 from isf_force_ctrl.supervision.wrench_watch import check_drift
 
-from isf_load_cell.cell_redundancy import CellRedundancy, Live, LoadsOf, responses
+from isf_load_cell.cell_redundancy import CellRedundancy, Live, LoadsOf, Order, responses
 from isf_load_cell.reading import GRAVITY, check_steady
 
 RADIUS = 0.110
@@ -122,8 +122,8 @@ class ThreeCellReading:
     def wrench(self, reading: Array, rotation: Array | None = None) -> Array:
         """(6,) N and N m on the tool in axes of frame sheet, filtered, torques zero, from ``reading`` (9,).
 
-        ``rotation`` (3, 3) as in the settings, where it changes. Raises IsfError NO_TARE, and when the channels that are
-        left do not tell the force, what happened last: WRENCH_NOT_FINITE, WRENCH_OUT_OF_RANGE, WRENCH_FROZEN or
+        ``rotation`` (3, 3) as in the settings, where it changes. Raises IsfError NO_TARE, and when the channels that
+        are left do not tell the force, what happened last: WRENCH_NOT_FINITE, WRENCH_OUT_OF_RANGE, WRENCH_FROZEN or
         WRENCH_INCONSISTENT.
         """
         if not self._tared:
@@ -174,7 +174,7 @@ class ThreeCellReading:
     def _loads_of(self, weight: Array) -> LoadsOf:
         """The smoothed readings in N, as if the cables stood in another order."""
 
-        def loads(order: Array, with_zero: bool) -> Array:
+        def loads(order: Order, with_zero: bool) -> Array:
             zero = self._zero[order] if with_zero else self._zero
             return np.where(self._use, self._gains * (self._smooth[order] - zero) - weight, 0.0)
 

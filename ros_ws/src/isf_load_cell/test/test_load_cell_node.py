@@ -220,11 +220,11 @@ def test_one_of_three_cells_may_be_lost(bench: Bench, tmp_path: Path) -> None:
     assert again[:3] == pytest.approx(load, abs=5.0)
     # A driver that leaves out what it does not get.
     assert bench.answer((volts(*load) + 0.2)[3:], names[3:])[:3] == pytest.approx(load, abs=5.0)
-    assert bench.reported(DiagnosticStatus.WARN, "load cell 1 gives no reading", "other two")
+    assert bench.reported(DiagnosticStatus.WARN, "cell_1z gives no reading", "the other channels")
     values = volts(*load) + 0.2
     values[5] = 9.49
     assert bench.silent(values, names)
-    assert bench.reported(DiagnosticStatus.ERROR, "1203 WRENCH_OUT_OF_RANGE", "load cell 2 is at the end")
+    assert bench.reported(DiagnosticStatus.ERROR, "1203 WRENCH_OUT_OF_RANGE", "cell_2z is at the end")
 
 
 def test_a_cell_that_turns_needs_its_pose(bench: Bench, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.spindle_cells import CHANNELS
 from isf_load_cell.cell_file import load_cell_set_up
 from isf_load_cell.reading import CellReading, CellSettings
 from isf_load_cell.stream import CellStream
@@ -54,12 +56,18 @@ def test_the_piece_for_a_rig_is_inverted_and_the_rig_reports_the_rest(tmp_path: 
 
 
 def test_the_rig_alone_is_enough_and_reports_the_weight(tmp_path: Path) -> None:
-    upper = load_cell_set_up("", "torrao2013", 1).reading
-    assert isinstance(upper, CellReading)
-    assert upper.settings.mass * 9.80665 == pytest.approx(300.0)
-    assert upper.settings.matrix == pytest.approx(np.eye(6))
+    found = load_cell_set_up("", "torrao2013", 1)
+    assert isinstance(found.reading, ThreeCellReading)
+    assert found.channels == CHANNELS
+    upper = found.reading.settings
+    assert upper.mass * 9.80665 == pytest.approx(300.0)
+    # Table 3.7, rows are cells 683, 605, 711, columns X, Y, Z
+    table = [[2391.4, 2376.6, 2302.6], [2456.7, 2441.7, 2298.4], [2497.9, 2401.9, 2218.2]]
+    assert upper.gains == pytest.approx(np.array(table), abs=1e-6)
+    assert (upper.height, upper.radius, upper.range[0, 0]) == (0.28, 0.11, 10.0)
     lower = load_cell_set_up("", "torrao2013", 2).reading
     assert isinstance(lower, CellReading)
+    assert lower.settings.matrix == pytest.approx(np.eye(6))
     assert lower.settings.mass == 0.0
 
 
@@ -150,59 +158,118 @@ def volts(force: list[float]) -> np.ndarray:
     return readings_of(np.array(force), HEIGHT).ravel() / GAIN
 
 
-@pytest.mark.parametrize("cell", [1, 2, 3])
+@pytest.mark.parametrize("channel", range(9))
 @pytest.mark.parametrize("how", ["no number", "saturated", "frozen"])
-def test_one_of_three_cells_may_fail_in_any_way(cell: int, how: str) -> None:
+def test_one_of_nine_channels_may_fail_in_any_way(channel: int, how: str) -> None:
     reading = three()
     found = np.zeros(6)
     for k in range(8):
         force = [100.0 + k, 50.0 - k, 900.0 + k]
         values = volts(force)
-        own = slice(3 * (cell - 1), 3 * cell)
-        values[own] = {"no number": np.nan, "saturated": 9.45, "frozen": volts([100.0, 50.0, 900.0])[own]}[how]
+        values[channel] = {"no number": np.nan, "saturated": 9.45, "frozen": volts([100.0, 50.0, 900.0])[channel]}[how]
         found = reading.wrench(values)
-    assert found[:3] == pytest.approx(force, abs=0.1)  # the fall-back is exact in the model
+    assert found[:3] == pytest.approx(force, abs=0.1)  # exact in the model
     warning = reading.warning()
     assert warning is not None
     codes = {"no number": 1201, "saturated": 1203, "frozen": 1210}
     assert warning.code == codes[how]
-    assert f"load cell {cell} " in warning.what
+    assert f"channel {CHANNELS[channel]} " in warning.what
+    assert [error.code for error in reading.take_news()] == [warning.code]
     # Well again, it stays out until the next tare; then it counts.
     reading.wrench(volts([1.0, 2.0, 3.0]))
-    assert list(reading.lost) == [cell]
+    assert list(reading.lost) == [channel]
+    assert reading.take_news() == []
     reading.tare(np.tile(volts([0.0, 0.0, 0.0]), (3, 1)))
     assert reading.warning() is None
 
 
-def test_two_lost_cells_are_a_fault() -> None:
+def test_two_lost_axial_channels_are_a_fault_two_of_one_cell_are_none() -> None:
     reading = three()
     values = volts([100.0, 50.0, 900.0])
-    values[0] = np.nan
-    reading.wrench(values)
-    values[4] = 9.5
-    with pytest.raises(IsfError, match=r"cell 1 gives no reading; load cell 2 is at the end") as caught:
+    values[[0, 2]] = np.nan
+    assert reading.wrench(values)[:3] == pytest.approx([100.0, 50.0, 900.0], abs=0.1)
+    values[5] = 9.5
+    with pytest.raises(IsfError, match=r"x1 gives no reading; .*z1 gives no .*; .*z2 is at the end") as caught:
         reading.wrench(values)
     assert caught.value.code is ErrorCode.WRENCH_OUT_OF_RANGE
 
 
-def test_a_cell_may_be_missing_when_it_is_tared() -> None:
+def test_a_channel_may_be_missing_when_it_is_tared() -> None:
     reading = three()
-    zero = np.array([0.1] * 3 + [np.nan] * 3 + [-0.2] * 3)
+    zero = np.array([0.1] * 3 + [0.3, 0.3, np.nan] + [-0.2] * 3)
     reading.tare(np.tile(zero, (4, 1)))
     assert reading.wrench(volts([100.0, 50.0, 900.0]) + zero)[:3] == pytest.approx([100.0, 50.0, 900.0], abs=0.1)
-    with pytest.raises(IsfError, match="1 gives no reading; load cell 2"):
-        reading.tare(np.tile([np.nan] * 6 + [0.0] * 3, (4, 1)))
+    with pytest.raises(IsfError, match=r"z2 gives no reading; .*z3"):
+        reading.tare(np.tile([0.0] * 5 + [np.nan] * 4, (4, 1)))
+    saturated = zero.copy()
+    saturated[8] = 9.45
+    with pytest.raises(IsfError, match="z3 is at the end"):
+        reading.tare(np.tile(saturated, (4, 1)))
 
 
-def test_disagreement_of_axial_and_shear_is_reported() -> None:
-    reading = three(inconsistency_limit=100.0)
-    values = volts([100.0, 50.0, 900.0])
-    reading.wrench(values)
+# -- channels that contradict each other ---------------------------------------------------------
+
+FORCES = [[80.0 * np.cos(a), 80.0 * np.sin(a), 300.0 + 20.0 * a] for a in np.linspace(0.0, 6.0, 120)]
+"""N, once around a wall."""
+
+
+def spoiled(reading: ThreeCellReading, spoil: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Error (120, 3) N of readings with noise of one step of a converter, which ``spoil`` changes."""
+    noise = np.random.default_rng(5)
+    gains = reading.settings.gains.ravel()
+
+    def of(force: list[float]) -> np.ndarray:
+        return readings_of(np.array(force), HEIGHT).ravel() / gains + 3e-4 * noise.standard_normal(9)
+
+    reading.tare(np.array([spoil(of([0.0, 0.0, 0.0])) for _ in range(250)]))
+    return np.array([reading.wrench(spoil(of(force)))[:3] - force for force in FORCES])
+
+
+def test_sound_channels_do_not_contradict_each_other() -> None:
+    reading = three(inconsistency_limit=5.0)
+    errors = spoiled(reading, lambda values: values)
     assert reading.warning() is None
-    values[0] += 150.0 / GAIN
-    reading.wrench(values)
-    assert reading.inconsistency == pytest.approx(150.0)
-    assert reading.warning() is not None
+    assert np.abs(errors).max() < 6.0  # noise of 0.7 N in a channel
+
+
+@pytest.mark.parametrize("channel", range(9))
+def test_a_channel_with_a_wrong_gain_is_found_and_left_out(channel: int) -> None:
+    reading = three(inconsistency_limit=5.0)
+    factors = np.ones(9)
+    factors[channel] = 0.5 if channel in (2, 5, 8) else -1.0  # the share of the shear is small
+    errors = spoiled(reading, lambda values: factors * values)
+    warning = reading.warning()
+    assert warning is not None
+    assert (warning.code, list(reading.lost)) == (ErrorCode.WRENCH_INCONSISTENT, [channel])
+    assert f"channel {CHANNELS[channel]} disagrees" in warning.what
+    assert np.abs(errors[60:].mean(axis=0)).max() < 3.0  # 1 % of 300 N
+
+
+@pytest.mark.parametrize(("pair", "ends"), [((2, 5), True), ((5, 8), True), ((0, 2), False), ((4, 8), False)])
+def test_exchanged_cables_are_named(pair: tuple[int, int], ends: bool) -> None:
+    reading = three(inconsistency_limit=5.0)
+    order = np.arange(9)
+    order[list(pair)] = pair[::-1]
+    words = f"{CHANNELS[pair[0]]} and {CHANNELS[pair[1]]} are exchanged"
+    if ends:  # two axial channels: the force is not known any more
+        with pytest.raises(IsfError, match=words) as caught:
+            spoiled(reading, lambda values: values[order])
+        assert caught.value.code is ErrorCode.WRENCH_INCONSISTENT
+        return
+    errors = spoiled(reading, lambda values: values[order])
+    warning = reading.warning()
+    assert warning is not None
+    assert words in warning.what
+    assert np.abs(errors[60:].mean(axis=0)).max() < 3.0
+
+
+def test_two_channels_that_are_off_end_the_stream() -> None:
+    reading = three(inconsistency_limit=5.0)
+    factors = np.ones(9)
+    factors[[2, 5]] = 0.3, 1.9
+    with pytest.raises(IsfError) as caught:
+        spoiled(reading, lambda values: factors * values)
+    assert caught.value.code is ErrorCode.WRENCH_INCONSISTENT
 
 
 def test_three_cells_drift_and_weight() -> None:

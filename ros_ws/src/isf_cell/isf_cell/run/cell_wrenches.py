@@ -1,4 +1,4 @@
-"""The wrenches of a machine in this process: what its cells read, and of spindle cells what node ``load_cell`` makes."""
+"""The wrenches of a machine in this process: as its cells read, and from spindle cells as node ``load_cell`` does."""
 
 from __future__ import annotations
 

@@ -351,8 +351,8 @@ class GraphCell:
     # -- inside ----------------------------------------------------------------------------------
 
     def _tare_load_cell(self, name: str) -> None:
-        """The node takes its zero from readings that may not all have come yet; in lockstep they come with a tare of the
-        machine alone."""
+        """The node takes its zero from readings that may not all have come yet; in lockstep they come with a tare of
+        the machine alone."""
         deadline, pause = time.monotonic() + self._settings.service_timeout, threading.Event()
         while True:
             response = self._client.call(Trigger, f"{name}/tare", Trigger.Request(), self._watch_nodes)

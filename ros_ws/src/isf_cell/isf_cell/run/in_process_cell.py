@@ -23,8 +23,8 @@ from isf_springback.corrector import Corrector, apply
 from isf_springback.lift_feedback import reading_of
 from isf_springback.methods import make_corrector
 
-from isf_cell.run.cell_wrenches import CellWrenches
 from isf_cell.run.cell import FormedContour, PartGoal, PlannedPart
+from isf_cell.run.cell_wrenches import CellWrenches
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
 POSES = 50.0

@@ -126,17 +126,18 @@ class SimulatedMachine:
             )
         self._constants, self._turned_constants = parts.constants
         self._cell_1, self._cell_2 = parts.cells
-        self._spindle_cells = tuple(
-            tool.spindle_cells
-            and SpindleCellPlant(
+        self._spindle_cells = [
+            SpindleCellPlant(
                 tool.spindle_cells,
                 tool.weight,
                 self.variant.load_cell_gain,
                 self.control_rate,
                 (seed % 2**63, variant, 2, number),
             )
+            if tool.spindle_cells is not None
+            else None
             for number, tool in enumerate((plant_file.rig.tool_1, plant_file.rig.tool_2), start=1)
-        )
+        ]
         self._held = np.full((2, 9), np.nan)
         self._ring = parts.adsif
         self._adsif = adsif.no_ring(self.plant.surface) if parts.adsif else None
