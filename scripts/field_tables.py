@@ -70,9 +70,12 @@ def _words(node: ast.expr) -> str:
     return WORDS.get(text, text if text in ("tuple", "Annotated", "Literal") else _named(text))
 
 
+SECTIONS = ("ForceRule", "Clamp", "ToolAxis", "Servo", "LoadCell", "SpindleCells", "Limits")
+
+
 def _named(text: str) -> str:
     """A class of its own is a section, a quantity is called by its name."""
-    if text.endswith("Spec") or text in ("ForceRule", "Clamp", "ToolAxis", "Servo", "LoadCell", "Limits"):
+    if text.endswith("Spec") or text in SECTIONS:
         return "section"
     return {
         "MeshUnit": "`m`, `cm`, `mm`, `in`",
@@ -82,6 +85,9 @@ def _named(text: str) -> str:
         "FlowTable": "rows of plastic strain and stress",
         "EdgeStiffness": "force per displacement and length",
         "EdgeForce": "force per length",
+        "VoltageGain": "force per voltage",
+        "CellFault": "section",
+        "Channel": "`x1`, `y1`, `z1`, ... `z3`",
     }.get(text, text.lower())
 
 
@@ -95,6 +101,7 @@ UNITS = {
     "frequency": (1.0, "Hz"),
     "torque": (1.0, "N m"),
     "time": (1.0, "s"),
+    "voltage": (1.0, "V"),
 }
 
 
