@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
@@ -39,6 +40,11 @@ class Event:
     value: float
     limit: float
     text: str
+
+    @property
+    def has_place(self) -> bool:
+        """False for what did not happen at a place of the sheet."""
+        return all(math.isfinite(value) for value in self.position)
 
     @property
     def name(self) -> str:

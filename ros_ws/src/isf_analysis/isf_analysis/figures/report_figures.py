@@ -96,13 +96,14 @@ def _shape(
         own_limit = shape_figures.map_limit(deviation)
     else:
         own_limit = limit
+    placed = [event for event in record.events if event.has_place]
     yield _Plan(
         "deviation_map",
         SHAPE,
         "Deviation of this part",
         f"{colours}. Measured minus wanted height, in the clamp, in the frame of the machine: nothing was aligned. The "
-        f"scale ends at ± {own_limit:g} mm." + (" Marks: what the machine noticed there." if record.events else ""),
-        partial(shape_figures.deviation_map, deviation, target, own_limit, record.events),
+        f"scale ends at ± {own_limit:g} mm." + (" Marks: what the machine noticed there." if placed else ""),
+        partial(shape_figures.deviation_map, deviation, target, own_limit, placed),
     )
     for cut in shape_figures.cuts(deviation):
         yield _Plan(

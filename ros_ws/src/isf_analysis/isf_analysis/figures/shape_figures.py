@@ -53,15 +53,15 @@ def map_limit(*deviations: Deviation | None) -> float:
 
 
 def deviation_map(deviation: Deviation, target: HeightMap, limit: float, events: Sequence[Event] = ()) -> Figure:
-    """Plan view of one part's deviation, with marks where events happened."""
+    """Plan view of one part's deviation, with marks where ``events`` happened, which have a place."""
     x0, x1, y0, y1 = _frame(deviation)
     wide = y1 - y0 < 0.75 * (x1 - x0)
     figure = style.new_figure(float(np.clip(1.4 + 6.2 * (y1 - y0) / (x1 - x0), 3.4, 6.0)) if wide else 6.0, maps=True)
     axes = figure.subplots()
     image = _draw_map(axes, deviation, target, limit)
     _colour_bar(figure, image, [axes], horizontal=wide, standing=directions(target)[1])
-    if placed := [event for event in events if np.isfinite(event.position).all()]:
-        _draw_events(axes, placed)
+    if events:
+        _draw_events(axes, events)
         figure.legend(loc="outside lower center", ncols=3, handletextpad=0.3)
     return figure
 

@@ -15,8 +15,10 @@ from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.bag.topics import cell_types, make_message
 from isf_analysis.measures import scan_cloud
 from isf_analysis.measures.events import contour_at, groups
+from isf_analysis.measures.summary import summary
+from isf_analysis.report.finding_tables import event_table
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.events import EventKind, kind_name
+from isf_core.events import EventKind, cell_event, force_unknown, kind_name
 from isf_core.geometry.height_map import HeightMap
 from rosbags.rosbag2 import Reader
 from synthetic_part import make_events, make_part
@@ -72,6 +74,25 @@ def test_groups_are_ordered_by_what_they_cost() -> None:
     assert [group.kind for group in groups((*EVENTS, fracture, unknown))][:2] == [77, EventKind.FRACTURE]
     assert kind_name(77) == "kind 77"
     assert groups(()) == ()
+
+
+def test_lost_channels_of_load_cells_are_all_told_and_stand_at_no_place(tmp_path: Path) -> None:
+    lost = [IsfError(ErrorCode.WRENCH_NOT_FINITE, f"channel {name} gives no reading") for name in ("z2", "x1")]
+    found = [cell_event(error, 1, 2.0 + k, lost=False) for k, error in enumerate(lost)]
+    part = replace(PART, events=(*EVENTS, *found, cell_event(lost[1], 1, 3.0, lost=True)))
+    unknown, cells = groups(part.events)[:2]
+    assert (unknown.kind, cells.kind, cells.count) == (EventKind.FORCE_UNKNOWN, EventKind.LOAD_CELL, 2)
+    assert "[1201 WRENCH_NOT_FINITE] channel z2 gives" in cells.text
+    assert "channel x1 gives" in cells.text
+    again = read_bag(write_bag(part, tmp_path / "bag"))
+    error = force_unknown(again.events)
+    assert error is not None
+    assert (error.code, error.what) == (ErrorCode.WRENCH_NOT_FINITE, "tool 1: channel x1 gives no reading")
+    assert force_unknown(EVENTS) is None
+    html = event_table(summary(again))
+    assert "<b>load cell</b>" in html
+    assert "nan" not in html
+    assert [event.has_place for event in found] == [False, False]
 
 
 def test_the_contour_of_an_event_is_found_by_its_time() -> None:

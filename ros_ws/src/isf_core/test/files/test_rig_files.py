@@ -146,3 +146,25 @@ def test_edge_of_a_clamp_as_a_spring_that_slides(tmp_path: Path) -> None:
 def test_an_edge_that_is_none_is_refused(tmp_path: Path, clamp: str, origin: str, below: str, said: str) -> None:
     with pytest.raises(IsfError, match=said):
         own_clamp(tmp_path, clamp, origin, below)
+
+
+@pytest.mark.parametrize(
+    ("cells", "code", "said"),
+    [
+        ("faults: [{channel: z2, kind: open, after: 12}]", ErrorCode.FILE_UNIT, "no unit"),
+        ("faults: [{channel: z4, kind: open}]", ErrorCode.FILE_FIELD, "channel"),
+        ("faults: [{channel: z2, kind: swapped}]", ErrorCode.FILE_FIELD, "other names"),
+        ("faults: [{channel: z2, kind: swapped, other: z2}]", ErrorCode.FILE_FIELD, "other names"),
+        ("faults: [{channel: z2, kind: offset}]", ErrorCode.FILE_FIELD, "kind offset"),
+        ("faults: [{channel: z2, kind: stuck, value: 1 V}]", ErrorCode.FILE_FIELD, "kind offset"),
+        ("gains: [[1 N/V, 1 N/V], [1 N/V, 1 N/V], [1 N/V, 1 N/V]]", ErrorCode.FILE_FIELD, "gains"),
+        ("height: 0 mm", ErrorCode.FILE_FIELD, "height"),
+        ("amplifier_range: 10 N", ErrorCode.FILE_UNIT, "not a quantity in V"),
+    ],
+)
+def test_spindle_cells_that_cannot_be_are_refused(tmp_path: Path, cells: str, code: ErrorCode, said: str) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(f"based_on: torrao2013\nname: tried\ntool_1:\n  spindle_cells:\n    {cells}\n")
+    with pytest.raises(IsfError, match=said) as caught:
+        load_rig(str(path))
+    assert caught.value.code is code

@@ -256,6 +256,8 @@ class SimulatedMachine:
         return sample._replace(
             wrench_1=read_again(sample.wrench_1, cells.cell_1, draw),
             wrench_2=read_again(sample.wrench_2, cells.cell_2, draw),
+            volts_1=self._volts_again(0, sample.volts_1),
+            volts_2=self._volts_again(1, sample.volts_2),
         )
 
     def tare(self) -> tuple[Array, Array]:
@@ -407,6 +409,12 @@ class SimulatedMachine:
     def _volts(self, tool: int, force: Array) -> Array | None:
         plant = self._spindle_cells[tool]
         return plant.volts(force, self.tick_count, self._held[tool]) if plant is not None else None
+
+    def _volts_again(self, tool: int, volts: Array | None) -> Array | None:
+        plant = self._spindle_cells[tool]
+        if plant is None or volts is None:
+            return volts
+        return plant.read_again(volts, self._held[tool], self._noise_between_ticks)
 
     def _check(self, target: Array, waited: int) -> None:
         bits = mt.check_target(target, self._axes.target, waited, self._target_limits)

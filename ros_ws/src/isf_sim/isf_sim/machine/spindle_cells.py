@@ -63,8 +63,7 @@ class SpindleCellPlant:
         for fault, channel in self._faults:
             if fault.kind == "offset" and tick >= fault.after * self._rate:
                 volts[channel] += fault.value
-        volts = np.clip(volts, -cells.amplifier_range, cells.amplifier_range)
-        volts = np.round(volts / self._step) * self._step
+        volts = self._converted(volts)
         for fault, channel in self._faults:
             if tick < fault.after * self._rate:
                 continue
@@ -79,3 +78,12 @@ class SpindleCellPlant:
                 other = CHANNELS.index(fault.other)
                 volts[[channel, other]] = volts[[other, channel]]
         return volts
+
+    def read_again(self, volts: Array, held: Array, generator: np.random.Generator) -> Array:
+        """(9,) V, another reading of the load that gave ``volts``; channels that are ``held`` stay."""
+        again = self._converted(volts + self._cells.noise * generator.standard_normal(9))
+        return np.where(np.isnan(held), again, volts)
+
+    def _converted(self, volts: Array) -> Array:
+        limit = self._cells.amplifier_range
+        return np.asarray(np.round(np.clip(volts, -limit, limit) / self._step) * self._step)

@@ -75,6 +75,19 @@ def test_offsets_noise_gains_and_range_are_those_of_the_file() -> None:
     assert np.nanmax(volts(PUBLISHED, (60e3, 0.0, 0.0))) == 10.0
 
 
+def test_readings_between_ticks_that_take_long_are_fresh_but_of_stuck_channels() -> None:
+    cells, held, generator = plant(PUBLISHED), np.full(9, np.nan), np.random.default_rng(1)
+    held[2] = last = 0.25
+    reading = cells.volts(np.array([0.0, 0.0, 300.0]), 5, held)
+    reading[2], reading[4] = last, np.nan
+    again = np.array([cells.read_again(reading, held, generator) for _ in range(200)])
+    assert (again[:, 2] == last).all()
+    assert np.isnan(again[:, 4]).all()
+    others = [0, 1, 3, 5, 6, 7, 8]
+    assert again[:, others].std(axis=0) == pytest.approx(0.3e-3, rel=0.25)
+    assert np.abs(again[:, others].mean(axis=0) - reading[others]).max() < 0.2e-3
+
+
 @pytest.mark.parametrize("kind", ["open", "saturated", "stuck", "offset", "swapped"])
 def test_a_fault_begins_at_its_time_and_hits_its_channel(kind: str) -> None:
     extra: dict[str, Any] = {"offset": {"value": 0.5}, "swapped": {"other": "x3"}}.get(kind, {})
