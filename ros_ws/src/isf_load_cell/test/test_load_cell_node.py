@@ -298,10 +298,11 @@ def documented() -> tuple[list[dict[str, str]], list[str]]:
 
 
 def test_the_documented_files_are_read(tmp_path: Path) -> None:
-    _, (six, three) = documented()
+    _, (six, three, rig) = documented()
     assert load_cell_set_up(str(written(tmp_path, six)), "", 1).channels is None
     names = tuple(f"{axis}{k}" for k in (1, 2, 3) for axis in "xyz")
     assert load_cell_set_up(str(written(tmp_path, three)), "", 1).channels == names
+    assert load_cell_set_up("", str(written(tmp_path, rig)), 1).channels == names
 
 
 @pytest.mark.parametrize(
