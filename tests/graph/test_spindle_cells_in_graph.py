@@ -45,6 +45,7 @@ def quiet(_: Any) -> None:
     """Feedback that nobody looks at."""
 
 
+@pytest.mark.slow
 def test_the_part_goes_on_with_a_broken_wire_as_in_one_process(tmp_path: Path) -> None:
     job_file = job_of(tmp_path, OPEN)
     _, failure = graph_run.form(job_file, RunOptions(), tmp_path, quiet)
