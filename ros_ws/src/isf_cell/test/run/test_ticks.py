@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from isf_cell.run.cell_wrenches import CellWrenches
 from isf_cell.run.in_process_cell import run_ticks
 from isf_core.errors import ErrorCode
 from isf_core.files.job import load_job
@@ -26,7 +27,7 @@ def test_a_faulted_machine_does_not_complete_a_contour() -> None:
     controller.arm(part.plan_id, 0, len(part.contours), sample.tip_1.tolist(), sample.tip_2.tolist())
     controller.start(part.contours[0])
     machine.latch(ErrorCode.TARGET_OUT_OF_WORKSPACE, "outside")
-    run_ticks(controller, machine, sample)
+    run_ticks(controller, machine, sample, CellWrenches(machine))
     result = controller.take_result()
     assert result is not None
     assert (result.completed, result.code) == (False, int(ErrorCode.TARGET_OUT_OF_WORKSPACE))
