@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.view import page as view_page
 from matplotlib.figure import Figure
 
 DPI = 130
@@ -48,23 +49,8 @@ def write_view(path: Path, page: Callable[[Any], str], figure: Callable[[], Figu
             where=str(path),
             advice="use .html or .png",
         )
-    try:
-        import plotly.graph_objects as go  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise IsfError(
-            ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            "views in HTML need the package plotly",
-            where=str(path),
-            advice="pip install plotly, or use a name that ends in .png",
-        ) from error
-    drawn = go.Figure()
-    title = page(drawn)
-    drawn.update_layout(
-        title=title,
-        scene={"aspectmode": "data", **{f"{axis}axis": {"title": {"text": f"{axis} in mm"}} for axis in "xyz"}},
-        legend={"x": 0.01, "y": 0.98},
-        margin={"l": 0, "r": 0, "t": 40, "b": 0},
-    )
+    drawn = view_page.new_figure()
+    text = view_page.page(drawn, page(drawn))
     with _to(path):
-        drawn.write_html(str(path), include_plotlyjs=True, full_html=True, default_height="97vh")
+        path.write_text(text, encoding="utf-8")
     return path

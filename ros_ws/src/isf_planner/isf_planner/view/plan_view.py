@@ -15,10 +15,8 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
+from isf_core.view.coloured import add_plain, beside_formed, broken, colour_bar, near_path, path_line
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
-from scipy.spatial import KDTree
 
 from isf_planner.part.warning_places import warning_places
 from isf_planner.planning import Plan
@@ -26,7 +24,6 @@ from isf_planner.view.picture_files import write_view
 
 MM = 1e3
 WARNING = "#c1121f"
-SHEET = "#b4bec8"
 UPPER, LOWER = "#0072B2", "#D55E00"
 MAXIMUM_POINTS = 20_000
 """Points of a path in an HTML view; longer paths are thinned out."""
@@ -120,11 +117,7 @@ def make_scene(plan: Plan, quantity: Quantity) -> Scene:
     columns = columns[:: max(1, len(columns) // MAXIMUM_NODES + 1)]
     rows = rows[:: max(1, len(rows) // MAXIMUM_NODES + 1)]
     x, y, z = target.x[columns], target.y[rows], target.z[np.ix_(rows, columns)]
-    nodes = np.column_stack([a.ravel() for a in (*np.meshgrid(x, y), z)])
-    # seen from above: in accumulative forming contacts are made higher up than they end
-    distance, nearest = KDTree(contacts[:, :2]).query(nodes[:, :2])
-    pitch = 3.0 * float(np.median(np.linalg.norm(np.diff(contours[0].contact, axis=0), axis=1))) + 1.5e-3
-    colour = np.where(distance < pitch, np.concatenate(values)[nearest], np.nan).reshape(z.shape)
+    colour = near_path(contours, values, x, y)
     lift = [np.array([0.0, 0.0, c.holder_height + flange_rise(plan)]) for c in contours]
     support = [(c.support_tip + up) * MM for c, up in zip(contours, lift, strict=True)]
     stride = max(1, sum(len(contour) for contour in contours) // MAXIMUM_POINTS)
@@ -133,22 +126,13 @@ def make_scene(plan: Plan, quantity: Quantity) -> Scene:
         y=y * MM,
         z=z * MM,
         colour=colour,
-        forming=_broken([(c.forming_tip + up) * MM for c, up in zip(contours, lift, strict=True)], contours, stride),
-        support=_broken(support, contours, stride) if any(map(len, support)) else np.empty((0, 3)),
-        values=_broken([value[:, None] for value in values], contours, stride)[:, 0],
+        forming=broken([(c.forming_tip + up) * MM for c, up in zip(contours, lift, strict=True)], contours, stride),
+        support=broken(support, contours, stride) if any(map(len, support)) else np.empty((0, 3)),
+        values=broken([value[:, None] for value in values], contours, stride)[:, 0],
         forming_tools=tuple(sorted({contour.forming_tool for contour in contours})),
         warnings=[(place * MM, text) for place, text in warning_places(plan.warnings)],
         title=quantity.title,
     )
-
-
-def _broken(arrays: list[Array], contours: list[Contour], stride: int) -> Array:
-    """Rows of all contours, closed ones closed, with a row of NaN after each so that no line joins them."""
-    pieces = []
-    for array, contour in zip(arrays, contours, strict=True):
-        thinned = array[::stride]
-        pieces += [thinned, thinned[:1] if contour.closed else array[-1:], np.full((1, array.shape[1]), np.nan)]
-    return np.vstack(pieces)
 
 
 def _heading(plan: Plan) -> str:
@@ -160,17 +144,7 @@ def _draw_page(figure: Any, scene: Scene, heading: str) -> str:
     """Draw on an empty figure of plotly and return its title."""
     limits = {"cmin": float(np.nanmin(scene.values)), "cmax": float(np.nanmax(scene.values))}
     plain = beside_formed(scene.colour)
-    figure.add_surface(
-        x=scene.x,
-        y=scene.y,
-        z=np.where(plain, scene.z, np.nan),
-        surfacecolor=np.zeros_like(scene.z),
-        colorscale=[[0.0, SHEET], [1.0, SHEET]],
-        opacity=0.8,
-        showscale=False,
-        name="sheet",
-        hoverinfo="skip",
-    )
+    add_plain(figure, scene.x, scene.y, np.where(plain, scene.z, np.nan), opacity=0.8)
     figure.add_surface(
         x=scene.x,
         y=scene.y,
@@ -178,13 +152,13 @@ def _draw_page(figure: Any, scene: Scene, heading: str) -> str:
         surfacecolor=scene.colour,
         colorscale="Viridis",
         opacity=0.6,
-        colorbar={"title": {"text": scene.title, "side": "right"}, "thickness": 14, "len": 0.7},
+        colorbar=colour_bar(scene.title),
         name="formed surface",
         showlegend=True,
         **limits,
     )
     forms, supports, other = _tool_names(scene)
-    line: dict[str, Any] = {"color": scene.values, "colorscale": "Viridis", "width": 3, **limits}
+    line = path_line(scene.values, "Viridis", (limits["cmin"], limits["cmax"]))
     figure.add_scatter3d(**_axes(scene.forming), mode="lines", line=line, name=forms)
     if len(scene.support):
         figure.add_scatter3d(**_axes(scene.support), mode="lines", line={"color": other, "width": 2}, name=supports)
@@ -199,15 +173,6 @@ def _draw_page(figure: Any, scene: Scene, heading: str) -> str:
             name="warnings",
         )
     return heading
-
-
-def beside_formed(colour: Array) -> NDArray[np.bool_]:
-    """Nodes of the plain surface beside the coloured one, ``colour`` (ny, nx) with NaN where nothing is formed.
-
-    A cell is drawn where all its four nodes are. So the plain surface reaches to every neighbour of a node without a
-    colour, the diagonal ones too: each cell belongs to one of the surfaces, and no gap is left between them.
-    """
-    return np.asarray(binary_dilation(np.isnan(colour), structure=np.ones((3, 3), dtype=np.bool_)))
 
 
 def _tool_names(scene: Scene) -> tuple[str, str, str]:

@@ -1,0 +1,1 @@
+"""Pictures in three dimensions that are turned in a browser."""
