@@ -119,9 +119,10 @@ def test_a_report_is_made_again_from_bags_alone(tmp_path: Path) -> None:
     assert data["improvement"]["mean_abs"] > 1.0
     assert Path(data["report"]).parent == tmp_path / "again"
     assert Path(data["report"]).is_file()
-    done = isf("report", "corrected", "--reference", "plain", "--json", cwd=tmp_path)
+    done = isf("report", "corrected", "--reference", "plain", "--json", "--export", "shape", cwd=tmp_path)
     assert done.returncode == Exit.OK, done.stderr
     assert Path(json.loads(done.stdout)["report"]).parent == tmp_path / "corrected"
+    assert sorted(path.name for path in (tmp_path / "shape").iterdir()) == ["formed.ply", "formed.stl", "formed.vtk"]
 
 
 @pytest.mark.graph

@@ -209,13 +209,16 @@ def report(
     bag: Annotated[Path, typer.Argument(help="folder of a run, or its bag", metavar="BAG")],
     reference: Annotated[Path | None, typer.Option(help="uncorrected run, or its bag, to compare with")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="folder  [default: beside the bag]")] = None,
+    export: Annotated[
+        Path | None, typer.Option(help="folder for the formed shape as STL, PLY and VTK, in mm", metavar="FOLDER")
+    ] = None,
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Make the report of a recorded part: one HTML file and its pictures."""
     from isf_cell.commands.report import report_bag
 
-    report_bag(bag, reference, output, namespace=namespace, as_json=json)
+    report_bag(bag, reference, output, export, namespace=namespace, as_json=json)
 
 
 @app.command()

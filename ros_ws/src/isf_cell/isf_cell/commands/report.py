@@ -10,6 +10,7 @@ from typing import Any
 from isf_analysis.bag.bag_reader import read_bag, read_cell
 from isf_analysis.bag.open_bag import bag_of
 from isf_analysis.report.page import write_report
+from isf_analysis.report.shape_files import write_shape
 from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
@@ -75,12 +76,23 @@ def finish(
 
 
 def report_bag(
-    bag: Path, reference: Path | None, output: Path | None, *, namespace: str | None = None, as_json: bool
+    bag: Path,
+    reference: Path | None,
+    output: Path | None,
+    export: Path | None = None,
+    *,
+    namespace: str | None = None,
+    as_json: bool,
 ) -> None:
     """Report of ``bag`` (or of the run folder with it), of its cell ``namespace``; beside it, or in ``output``.
+
+    The formed shape is written into the folder ``export``, the report first: it tells more of a part without a scan.
 
     Raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, FILE_NOT_WRITABLE.
     """
     bag = bag_of(bag).resolve()
     folder = make_folder(output or bag.parent)
     finish(folder, reference and bag_of(reference), failure=None, as_json=as_json, bag=bag, namespace=namespace)
+    if export is not None:
+        for path in write_shape(read_bag(bag, namespace), export):
+            terminal.say(f"shape   {path}")
