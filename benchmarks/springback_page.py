@@ -12,7 +12,7 @@ from typing import Any
 import springback_rows
 from isf_analysis.figures import style
 from isf_analysis.figures.shape_figures import deviation_pair, map_limit
-from isf_analysis.measures.deviation import TOLERANCE
+from isf_analysis.measures.deviation import BANDS
 from isf_analysis.measures.summary import MM
 from isf_cell.commands.tryout import CONTROL_RATE
 from isf_core.simulated_sheet import SEALED_VARIANTS
@@ -278,7 +278,7 @@ Largest, or largest / mean. What else the jobs assume stands in `examples/jobs`.
 ## Reached
 
 Per cell: largest / mean, then the measures of the goals (p95: 95 % of the points are closer; share: points within
-{MM * TOLERANCE:.1f} mm). Runs that ended early are named with their contours and code and count in no number.
+{MM * BANDS[-1]:.1f} mm). Runs that ended early are named with their contours and code and count in no number.
 
 {table(rows)}
 

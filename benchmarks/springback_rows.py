@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isf_analysis.measures.deviation import TOLERANCE, Deviation, compare
+from isf_analysis.measures.deviation import BANDS, Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import MM
 from isf_cell import in_process
@@ -145,7 +145,7 @@ def _shape(record: PartRecord, path: Path | None) -> dict[str, Any]:
 
 
 def measures(deviation: Deviation) -> dict[str, dict[str, float]]:
-    """Per region: largest, mean and signed mean error, 95th percentile, mm; share of points within TOLERANCE."""
+    """Per region: largest, mean and signed mean error, 95th percentile, mm; share of points within 0.3 mm."""
     masks = {**deviation.masks, "walls_base": deviation.masks["wall"] | deviation.masks["base"]}
     found: dict[str, dict[str, float]] = {}
     for region in REGIONS:
@@ -157,7 +157,7 @@ def measures(deviation: Deviation) -> dict[str, dict[str, float]]:
                 "mean": float(size.mean()),
                 "signed": float(error.mean()),
                 "p95": float(np.percentile(size, 95)),
-                "share": float(np.mean(size <= MM * TOLERANCE)),
+                "share": float(np.mean(size <= MM * BANDS[-1])),
             }
             found[region] = {name: round(value, 4) for name, value in values.items()}
     return found

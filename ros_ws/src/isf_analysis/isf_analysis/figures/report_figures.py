@@ -122,6 +122,14 @@ def _shape(
             ),
         )
     yield _Plan(
+        "histogram",
+        SHAPE,
+        "How large the error is, and how often",
+        "Vertical error of the points of the whole part, each by the same area in plan. Dotted lines: bands of 0.1, "
+        "0.2 and 0.3 mm; dashed: the tolerance of the job.",
+        partial(shape_figures.histogram, deviation, reference_deviation, record.tolerance.shape),
+    )
+    yield _Plan(
         "regions",
         SHAPE,
         "Error by region",

@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from isf_analysis.figures import style
 from isf_analysis.figures.error_map import draw_errors, draw_opening
-from isf_analysis.measures.deviation import REGIONS, Deviation, directions, flange_level
+from isf_analysis.measures.deviation import BANDS, REGIONS, Deviation, directions, flange_level
 
 MM = 1e3
 MARGIN = 25e-3
@@ -54,7 +54,7 @@ def map_limit(*deviations: Deviation | None) -> float:
 
 def deviation_map(deviation: Deviation, target: HeightMap, limit: float, events: Sequence[Event] = ()) -> Figure:
     """Plan view of one part's deviation, with marks where ``events`` happened, which have a place."""
-    x0, x1, y0, y1 = _frame(deviation)
+    x0, x1, y0, y1 = part_frame(deviation)
     wide = y1 - y0 < 0.75 * (x1 - x0)
     figure = style.new_figure(float(np.clip(1.4 + 6.2 * (y1 - y0) / (x1 - x0), 3.4, 6.0)) if wide else 6.0, maps=True)
     axes = figure.subplots()
@@ -93,10 +93,11 @@ class Cut:
 
 
 def cuts(deviation: Deviation) -> tuple[Cut, ...]:
-    """Sections that show the part: along x and at 45 deg, or, of several features, along them and across each.
+    """Sections that show the part: along x, along y and through the largest error.
 
-    They go through the origin when the part is there, else through its middle. Features smaller than a hundredth of
-    the largest, and those after the fourth, get none.
+    Of several features: along the two largest, across each, and through the largest error. Sections go through the
+    origin when the part is there, else through its middle. Features smaller than a hundredth of the largest, and those
+    after the fourth, get none.
     """
     mask = deviation.masks["wall_and_base"]
     x, y = deviation.error.x, deviation.error.y
@@ -114,7 +115,11 @@ def cuts(deviation: Deviation) -> tuple[Cut, ...]:
         at_origin = bool(mask[np.argmin(np.abs(y)), np.argmin(np.abs(x))])
         centre = (0.0, 0.0) if at_origin else middles[0]
         extent = section_extent(deviation) if at_origin else halves[0] + MARGIN
-        return Cut("section_x", "along x", centre, 0.0, extent), Cut("section_45", "at 45°", centre, np.pi / 4, extent)
+        found = (
+            Cut("section_x", f"along x at y = {_mm(centre[1:])} mm", centre, 0.0, extent),
+            Cut("section_y", f"along y at x = {_mm(centre[:1])} mm", centre, np.pi / 2, extent),
+        )
+        return *found, *_worst_cut(deviation, centre, extent, found)
     order = np.argsort([-cells[k - 1] for k in kept], kind="stable")[:4]
     one, other = sorted(middles[k] for k in order[:2])
     angle = float(np.arctan2(other[1] - one[1], other[0] - one[0]))
@@ -131,7 +136,32 @@ def cuts(deviation: Deviation) -> tuple[Cut, ...]:
         )
         for n, k in enumerate(order)
     ]
-    return along, *across
+    label = labels[np.argmin(np.abs(y - deviation.whole.worst[1])), np.argmin(np.abs(x - deviation.whole.worst[0]))]
+    if not np.isfinite(deviation.whole.worst[2]) or label not in kept:
+        return along, *across
+    return (
+        along,
+        *across,
+        *_worst_cut(deviation, middles[kept.index(label)], halves[kept.index(label)] + MARGIN, (along, *across)),
+    )
+
+
+def _worst_cut(
+    deviation: Deviation, centre: tuple[float, float], extent: float, others: Sequence[Cut]
+) -> tuple[Cut, ...]:
+    """From ``centre`` through the largest error; none where there is no error, or it lies on one of the ``others``."""
+    if not deviation.whole.max_abs > 0.0:  # NaN too
+        return ()
+    worst = np.array(deviation.whole.worst[:2])
+    cell = float(deviation.error.x[1] - deviation.error.x[0])
+    for cut in others:
+        from_centre = worst - cut.centre
+        beside = abs(from_centre[1] * np.cos(cut.angle) - from_centre[0] * np.sin(cut.angle))
+        if beside <= cell:
+            return ()
+    x, y = worst - centre
+    words = f"through the largest error at ({_mm(deviation.whole.worst[:2])}) mm"
+    return (Cut("section_worst", words, centre, float(np.arctan2(y, x)), extent),)
 
 
 def section(
@@ -177,6 +207,32 @@ def section_extent(deviation: Deviation) -> float:
     radius = np.hypot(deviation.error.x[columns], deviation.error.y[rows]).max()
     half = min(np.abs(deviation.error.x[[0, -1]]).min(), np.abs(deviation.error.y[[0, -1]]).min())
     return float(min(radius + MARGIN, half))
+
+
+def histogram(deviation: Deviation, reference: Deviation | None, tolerance: float) -> Figure:
+    """Share of the points of the whole part by their vertical error; ``tolerance`` m is marked."""
+    figure = style.new_figure(3.6)
+    axes = figure.subplots()
+    parts = [(deviation, style.PART, "this part")]
+    if reference is not None:
+        parts.append((reference, style.UNCORRECTED, "uncorrected"))
+    limit = style.rounded_limit(MM * max(float(np.abs(part.errors()).max(initial=tolerance)) for part, _, _ in parts))
+    edges = np.linspace(-limit, limit, 121)
+    for part, colour, label in parts:
+        error = MM * part.errors()
+        if not len(error):
+            continue
+        count, _ = np.histogram(error, edges)
+        axes.stairs(100.0 * count / len(error), edges, color=colour, fill=part is deviation, alpha=0.8, label=label)
+    for band in (*BANDS, tolerance):
+        for side in (-band, band):
+            line = "--" if band == tolerance else ":"
+            axes.axvline(MM * side, color=style.SET_POINT, linewidth=1.6 if band == tolerance else 1.0, linestyle=line)
+    axes.set_xlim(-limit, limit)
+    axes.set_xlabel("vertical error [mm]")
+    axes.set_ylabel("points [%]")
+    style.legend_above(axes, 2)
+    return figure
 
 
 def region_errors(deviation: Deviation, reference: Deviation | None) -> Figure:
@@ -261,20 +317,20 @@ def _draw_target(axes: Axes, target: HeightMap) -> None:
 
 
 def _frame_opening(axes: Axes, deviation: Deviation) -> None:
-    x0, x1, y0, y1 = _frame(deviation)
+    x0, x1, y0, y1 = part_frame(deviation)
     axes.set_xlim(MM * x0, MM * x1)
     axes.set_ylim(MM * y0, MM * y1)
 
 
-def _frame(deviation: Deviation) -> tuple[float, float, float, float]:
-    """m, least and largest x and y that a map shows: the opening and some flange."""
+def part_frame(deviation: Deviation, margin: float = MARGIN) -> tuple[float, float, float, float]:
+    """m, least and largest x and y that a map shows: the opening and ``margin`` of flange."""
     rows, columns = np.nonzero(deviation.masks["wall_and_base"])
     x, y = deviation.error.x, deviation.error.y
     return (
-        float(max(x[0], x[columns.min()] - MARGIN)),
-        float(min(x[-1], x[columns.max()] + MARGIN)),
-        float(max(y[0], y[rows.min()] - MARGIN)),
-        float(min(y[-1], y[rows.max()] + MARGIN)),
+        float(max(x[0], x[columns.min()] - margin)),
+        float(min(x[-1], x[columns.max()] + margin)),
+        float(max(y[0], y[rows.min()] - margin)),
+        float(min(y[-1], y[rows.max()] + margin)),
     )
 
 
@@ -297,7 +353,7 @@ def _draw_events(axes: Axes, events: Sequence[Event]) -> None:
         )
 
 
-def _mm(place: tuple[float, float]) -> str:
+def _mm(place: tuple[float, ...]) -> str:
     return ", ".join(f"{MM * value + 0.0:.0f}".replace("-", "\N{MINUS SIGN}") for value in place)
 
 

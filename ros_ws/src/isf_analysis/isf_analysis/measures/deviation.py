@@ -33,8 +33,8 @@ OPENING_DEPTH = 0.1e-3
 RIM_WIDTH = 10e-3
 """m around the opening that count as rim."""
 
-TOLERANCE = 0.3e-3
-"""m, error of a good point: the band of which Lu 2016, 4.4 tells the share."""
+BANDS = (0.1e-3, 0.2e-3, 0.3e-3)
+"""m, of which the shares of points are told; Lu 2016, 4.4 tells that of the last."""
 
 BASE_SLOPE = np.radians(5.0)
 WALL_SLOPE = np.radians(15.0)
@@ -67,7 +67,7 @@ class RegionError:
 
 @dataclass(frozen=True)
 class SignedStatistics:
-    """Distances along the surface normal, m, of the whole opening: the six numbers of Behera 2015, Table 2.
+    """Distances along the surface normal, m, of a region: the six numbers of Behera 2015, Table 2.
 
     Positive is under-formed in a part that opens upwards. NaN where there is no such distance.
 
@@ -94,25 +94,28 @@ class Deviation:
     error : height map of e, m, on the grid of the target; NaN where either shape is unknown
     masks : (ny, nx) bool per region of :data:`REGIONS`
     regions : RegionError per region
-    signed : of the whole opening
+    signed : of the points of each region
     """
 
     error: HeightMap
     masks: dict[str, Mask]
     regions: dict[str, RegionError]
-    signed: SignedStatistics
+    signed: dict[str, SignedStatistics]
 
     @property
     def whole(self) -> RegionError:
         """Numbers of the formed part: region ``wall_and_base``."""
         return self.regions["wall_and_base"]
 
-    def within(self, region: str = "wall_and_base") -> float | None:
-        """Fraction of the measured points of ``region`` that are at most :data:`TOLERANCE` off, vertically; None: none
-        was measured."""
+    def errors(self, region: str = "wall_and_base") -> Array:
+        """(n,) m, vertical errors of the measured points of ``region``."""
         error = self.error.z[self.masks[region]]
-        error = error[np.isfinite(error)]
-        return float(np.mean(np.abs(error) <= TOLERANCE)) if len(error) else None
+        return np.asarray(error[np.isfinite(error)])
+
+    def within(self, band: float, region: str = "wall_and_base") -> float | None:
+        """Fraction of the measured points of ``region`` at most ``band`` m off, vertically; None: none was measured."""
+        error = self.errors(region)
+        return float(np.mean(np.abs(error) <= band)) if len(error) else None
 
 
 def compare(measured: HeightMap, target: HeightMap, *, rim_width: float = RIM_WIDTH) -> Deviation:
@@ -135,7 +138,8 @@ def compare(measured: HeightMap, target: HeightMap, *, rim_width: float = RIM_WI
     to_normal = 1.0 / np.sqrt(1.0 + slope_x**2 + slope_y**2)
     error_map = HeightMap(target.x, target.y, error)
     regions = {name: _numbers(error_map, to_normal, mask) for name, mask in masks.items()}
-    return Deviation(error_map, masks, regions, _signed((error * to_normal)[masks["wall_and_base"]]))
+    signed = {name: _signed((error * to_normal)[mask]) for name, mask in masks.items()}
+    return Deviation(error_map, masks, regions, signed)
 
 
 def regions_of(target: HeightMap, *, rim_width: float = RIM_WIDTH) -> dict[str, Mask]:

@@ -1,4 +1,4 @@
-"""What the messages of a part tell beyond its shape, as JSON: events, remarks, outlook, force by region.
+"""What the messages of a part tell beyond its shape, as JSON: events, remarks, outlook, force by region, time.
 
 Units are those people read: mm, N, s; fractions stay fractions. What is unknown is None.
 """
@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 from isf_core.events import kind_name
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 
 from isf_analysis.measures import events, remarks
 from isf_analysis.measures.force_regions import (
@@ -21,13 +23,14 @@ from isf_analysis.measures.force_regions import (
     path_forces,
     region_forces,
 )
+from isf_analysis.measures.process_time import process_time
 from isf_analysis.measures.record import PartRecord
 
 MM = 1e3
 
 
-def findings(record: PartRecord) -> dict[str, Any]:
-    """The keys this adds to the summary of ``record``."""
+def findings(record: PartRecord, error: HeightMap | None) -> dict[str, Any]:
+    """The keys this adds to the summary of ``record``; ``error``: vertical deviation of the finished part, m."""
     paths = path_forces(record.results, record.corrected)
     return {
         "events": [_group(group, record) for group in events.groups(record.events)],
@@ -35,9 +38,10 @@ def findings(record: PartRecord) -> dict[str, Any]:
             {"text": item.text, "contours": list(item.contours), "failed": item.failed}
             for item in remarks.grouped(record.corrections)
         ],
-        "outlook": _outlook(record),
+        "outlook": _outlook(record, error),
         "force_regions": {name: _region(region) for name, region in region_forces(paths).items()} or None,
         "contact_losses": _losses(paths),
+        "time": _time(record),
         "backoffs": sum(result.backoffs for result in record.results),
     }
 
@@ -59,20 +63,59 @@ def _group(group: events.EventGroup, record: PartRecord) -> dict[str, Any]:
     }
 
 
-def _outlook(record: PartRecord) -> dict[str, Any] | None:
-    """What the correction expected to be wrong with itself: over all points, and of the last contour that told."""
+def reached_errors(record: PartRecord, error: HeightMap) -> dict[int, Array]:
+    """m, by index of the contours whose correction told what will remain: ``error`` of the finished part where it did.
+
+    (N,) as the residual, NaN at points of which either is unknown.
+    """
+    contours = {contour.index: contour for contour in record.nominal}
+    return {
+        item.index: np.where(np.isfinite(item.residual), error.at(contours[item.index].contact[:, :2]), np.nan)
+        for item in record.corrections
+        if len(item.residual) and item.index in contours and len(contours[item.index]) == len(item.residual)
+    }
+
+
+def _outlook(record: PartRecord, error: HeightMap | None) -> dict[str, Any] | None:
+    """What the correction expected to be wrong with itself: over all points, and of the last contour that told.
+
+    Beside it what was reached at the same points.
+    """
     residual = [item.residual for item in record.corrections if len(item.residual)]
     spread = [item.uncertainty for item in record.corrections if len(item.uncertainty)]
     if not residual and not spread:
         return None
     left = np.concatenate(residual) if residual else np.empty(0)
+    reached = list(reached_errors(record, error).values()) if error is not None else []
+    found = np.concatenate(reached) if reached else np.empty(0)
     doubt = np.concatenate(spread) if spread else np.empty(0)
     return {
         "residual_mean_mm": _mean(left),
-        "residual_max_abs_mm": _mean(np.atleast_1d(np.nanmax(np.abs(left)))) if np.isfinite(left).any() else None,
+        "residual_max_abs_mm": _largest(left),
         "residual_last_mean_mm": _mean(residual[-1]) if residual else None,
+        "reached_mean_mm": _mean(found),
+        "reached_max_abs_mm": _largest(found),
+        "reached_last_mean_mm": _mean(reached[-1]) if reached else None,
         "uncertainty_mean_mm": _mean(doubt),
-        "uncertainty_max_mm": _mean(np.atleast_1d(np.nanmax(doubt))) if np.isfinite(doubt).any() else None,
+        "uncertainty_max_mm": _largest(doubt),
+    }
+
+
+def _time(record: PartRecord) -> dict[str, Any] | None:
+    found = process_time(record)
+    if found is None:
+        return None
+    return {
+        "contours": found.contours,
+        "planned_s": found.planned,
+        "actual_s": found.actual,
+        "slowed_s": found.slowed,
+        "force_ramps_s": found.force_ramps,
+        "force_control_s": found.force_control,
+        "rest_s": found.rest,
+        "between_s": found.between,
+        "slowest_contour": found.slowest,
+        "slowest_excess_s": found.slowest_excess,
     }
 
 
@@ -116,6 +159,12 @@ def _mean(values: Any) -> float | None:
     """mm, mean of lengths in m; None when nothing is known."""
     known = values[np.isfinite(values)]
     return float(MM * known.mean()) if len(known) else None
+
+
+def _largest(values: Array) -> float | None:
+    """mm, largest size of lengths in m; None when nothing is known."""
+    known = values[np.isfinite(values)]
+    return float(MM * np.abs(known).max()) if len(known) else None
 
 
 def _number(value: float) -> float | None:

@@ -8,8 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import yaml
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.events import Event, torn
+from isf_core.files.job import ToleranceSpec
+from isf_core.files.quantity import FROM_FILE
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SEALED_VARIANTS
 
@@ -91,6 +94,15 @@ class PartRecord:
     def corrects(self) -> bool:
         """True when a springback method was at work."""
         return self.correction not in ("", "none")
+
+    @property
+    def tolerance(self) -> ToleranceSpec:
+        """What the part is judged by, from its job; the default where the record holds no job that can be read."""
+        try:
+            section = (yaml.safe_load(self.job_text) or {}).get("tolerance", {})
+            return ToleranceSpec.model_validate(section, context=FROM_FILE)
+        except (yaml.YAMLError, AttributeError, ValueError):
+            return ToleranceSpec()
 
     def failure(self) -> tuple[int, str] | None:
         """Code and text of what ended the part early, or tore it; code 0 when unknown; None for a whole part."""

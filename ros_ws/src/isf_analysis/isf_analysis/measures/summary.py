@@ -12,7 +12,7 @@ from typing import Any
 from isf_core.contour import contour_label
 
 from isf_analysis.measures.contour_scan import ScanError, left_out, scan_errors
-from isf_analysis.measures.deviation import Deviation, RegionError, compare
+from isf_analysis.measures.deviation import BANDS, Deviation, RegionError, SignedStatistics, compare
 from isf_analysis.measures.findings import findings
 from isf_analysis.measures.force_metrics import ForceMetrics, force_metrics
 from isf_analysis.measures.record import PartRecord
@@ -80,8 +80,10 @@ def deviation_of(record: PartRecord) -> Deviation | None:
 
 
 def scan_errors_of(record: PartRecord) -> tuple[ScanError, ...]:
-    """Errors after the scans between contours; none when the target was not recorded."""
-    return () if record.target is None else scan_errors(record.scans, record.nominal, record.target)
+    """Errors after the scans between contours; none without scans, or when the target was not recorded."""
+    if record.target is None or not record.scans:
+        return ()
+    return scan_errors(record.scans, record.nominal, record.target)
 
 
 def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
@@ -100,7 +102,8 @@ def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
         "failure": None if failure is None else {"code": failure[0], "message": failure[1]},
         "contours": record.formed,
         "contours_planned": record.planned,
-        "deviation": None if deviation is None else _deviation(deviation),
+        "tolerance": {"shape_mm": MM * record.tolerance.shape, "share": record.tolerance.share},
+        "deviation": None if deviation is None else _deviation(deviation, record.tolerance.shape),
         "force": _force(force_metrics(record.results, record.control_rate)),
         "ticks": record.ticks,
         "late_ticks": record.late_ticks,
@@ -109,7 +112,7 @@ def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
         "sim_s": _number(record.sim_time),
         "wall_s": _number(record.wall_time),
         "notes": [*record.notes, *_warned(record)],
-        **findings(record),
+        **findings(record, None if deviation is None else deviation.error),
     }
 
 
@@ -122,14 +125,23 @@ def _warned(record: PartRecord) -> list[str]:
     return [first + (f"; so on {len(more)} more contour(s)" if more else "") for first, *more in kinds.values()]
 
 
-def _deviation(deviation: Deviation) -> dict[str, Any]:
+def _deviation(deviation: Deviation, tolerance: float) -> dict[str, Any]:
     regions = {
-        name: {**_region(region), "within_0_3mm_fraction": deviation.within(name)}
+        name: {
+            **_region(region),
+            **{f"within_0_{round(1e4 * band)}mm_fraction": deviation.within(band, name) for band in BANDS},
+            "within_tolerance_fraction": deviation.within(tolerance, name),
+            "table2": _table2(deviation.signed[name]),
+        }
         for name, region in deviation.regions.items()
     }
     whole = regions["wall_and_base"]
-    signed = deviation.signed
-    table2 = {
+    keys = ("max_mm", "mean_abs_mm", "rms_mm", "mean_mm", "table2")
+    return {**{key: whole[key] for key in keys}, "regions": regions}
+
+
+def _table2(signed: SignedStatistics) -> dict[str, float | None]:
+    values = {
         "mean_positive_mm": signed.mean_positive,
         "mean_negative_mm": signed.mean_negative,
         "max_mm": signed.largest,
@@ -137,11 +149,7 @@ def _deviation(deviation: Deviation) -> dict[str, Any]:
         "mean_mm": signed.mean,
         "std_mm": signed.deviation,
     }
-    return {
-        **{key: whole[key] for key in ("max_mm", "mean_abs_mm", "rms_mm", "mean_mm")},
-        "table2": {key: _number(MM * value) for key, value in table2.items()},
-        "regions": regions,
-    }
+    return {key: _number(MM * value) for key, value in values.items()}
 
 
 def _region(region: RegionError) -> dict[str, Any]:

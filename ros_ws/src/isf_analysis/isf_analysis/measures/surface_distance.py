@@ -18,6 +18,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from trimesh.triangles import closest_point, points_to_barycentric
 
+from isf_analysis.measures.deviation import BANDS
+
 CHUNK = 20_000
 """Points at a time."""
 
@@ -29,9 +31,6 @@ LARGE = 0.97
 
 TOUCH = 1e-6
 """Of a facet, from an edge or a corner of it, in shares of its size; and m off the border's normal plane."""
-
-BANDS = (0.1e-3, 0.2e-3, 0.3e-3)
-"""m, tolerances of which the share of points within is told."""
 
 
 @dataclass(frozen=True)

@@ -74,13 +74,44 @@ def outlook_table(numbers: Numbers) -> str:
     if outlook is None:
         return ""
     rows = [
-        ["error that will remain, mean over all contours", _mm(outlook["residual_mean_mm"])],
-        ["error that will remain, largest", _mm(outlook["residual_max_abs_mm"])],
-        ["error that will remain, mean of the last contour", _mm(outlook["residual_last_mean_mm"])],
-        ["uncertainty of the prediction (1 σ), mean", _mm(outlook["uncertainty_mean_mm"])],
-        ["uncertainty of the prediction (1 σ), largest", _mm(outlook["uncertainty_max_mm"])],
+        [words, *(_mm(outlook.get(f"{kind}_{key}_mm")) for kind in ("residual", "reached"))]
+        for words, key in (
+            ("error that remains, mean over all contours", "mean"),
+            ("error that remains, largest", "max_abs"),
+            ("error that remains, mean of the last contour", "last_mean"),
+        )
     ]
-    return table("What the correction expects of itself", ["", ""], [row for row in rows if row[1] != DASH])
+    rows += [
+        ["uncertainty of the prediction (1 σ), mean", _mm(outlook["uncertainty_mean_mm"]), DASH],
+        ["uncertainty of the prediction (1 σ), largest", _mm(outlook["uncertainty_max_mm"]), DASH],
+    ]
+    head = ["at the contour points, vertical", "expected", "reached in the final scan"]
+    caption = "What the correction expected of itself, and what was reached"
+    return table(caption, head, [row for row in rows if set(row[1:]) != {DASH}])
+
+
+def time_table(numbers: Numbers) -> str:
+    """Planned beside actual time, and where the difference went; nothing without a formed contour."""
+    time = numbers["time"]
+    if time is None:
+        return ""
+    rows = [
+        ["planned: path at its feed", _seconds(time["planned_s"])],
+        ["actual: first to last tick of every contour", _seconds(time["actual_s"])],
+        ["of which: lower speed at single points, by plan", _seconds(time["slowed_s"], sign=True)],
+        ["of which: approach, building up and letting go of the force", _seconds(time["force_ramps_s"], sign=True)],
+        ["of which: path slower in full force control than planned", _seconds(time["force_control_s"], sign=True)],
+        [
+            "of which: contours under position control: approach, lift, accelerating and braking",
+            _seconds(time["rest_s"], sign=True),
+        ],
+        ["between contours: corrections, lifts, scans, waiting", _seconds(time["between_s"])],
+        [
+            "contour that took longest beyond its plan",
+            f"{contour_label(time['slowest_contour'])}, {_seconds(time['slowest_excess_s'], sign=True)}",
+        ],
+    ]
+    return table(f"Time of {time['contours']} formed contours, planned and actual", ["", ""], rows)
 
 
 def force_region_table(numbers: Numbers) -> str:
@@ -126,6 +157,10 @@ def contact_loss_table(numbers: Numbers) -> str:
         ]
     rows.append(["gain lowered because the loop oscillated", f"{numbers['backoffs']} times"])
     return table("Contact of the support tool", ["", ""], rows)
+
+
+def _seconds(value: float, *, sign: bool = False) -> str:
+    return f"{'+' if sign and value >= 0.0 else ''}{number(value, 1)} s"
 
 
 def _mm(value: float | None) -> str:

@@ -7,7 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -16,10 +16,12 @@ from typing import Any
 
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.view import page as view_page
 
 from isf_analysis.figures import report_figures, style
+from isf_analysis.figures.part_view import part_view
 from isf_analysis.figures.report_figures import Picture
-from isf_analysis.measures.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, directions
+from isf_analysis.measures.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, Deviation, directions
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import deviation_of, scan_errors_of, summarise
 from isf_analysis.measures.verdict import verdict
@@ -27,6 +29,12 @@ from isf_analysis.report import finding_tables, result_tables
 
 HTML_NAME = "report.html"
 SUMMARY_NAME = "summary.json"
+
+VIEW_WORDS = (
+    "Turn it by mouse, touch or arrow keys; zoom by wheel, pinch, or the keys + and −; Home is as at first. "
+    "The mark is the largest error, the thinnest place, the largest force or correction. Paths are drawn on "
+    "the sheet, where the contacts of the forming tool were planned; thickness is that of the plan, not measured."
+)
 
 
 @dataclass(frozen=True)
@@ -54,13 +62,15 @@ def write_report(
 
     Raises
     ------
-    IsfError : FILE_NOT_WRITABLE ; BAG_INCOMPLETE when scan and target cannot be compared
+    IsfError : FILE_NOT_WRITABLE
     """
     folder = Path(folder)
     notify = progress or _silent
     notify("comparing shapes")
-    deviation = deviation_of(record)
-    reference_deviation = deviation_of(reference) if reference is not None else None
+    record, deviation = _compared(record)
+    reference_deviation = None
+    if reference is not None:
+        reference, reference_deviation = _compared(reference)
     html = folder / HTML_NAME
     scans = scan_errors_of(record)
     numbers = summarise(record, deviation, reference, reference_deviation, scans=scans, bag=bag, report=html)
@@ -70,7 +80,7 @@ def write_report(
         numbers["verdict"] = verdict(numbers)
     pictures = report_figures.draw(record, deviation, reference, reference_deviation, notify, scans)
     notify("writing the report")
-    page = render(record, numbers, pictures)
+    page = render(record, numbers, pictures, deviation)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         paths = []
@@ -88,12 +98,27 @@ def write_report(
     return Report(html, tuple(paths), numbers)
 
 
-def render(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture, ...]) -> str:
+def _compared(record: PartRecord) -> tuple[PartRecord, Deviation | None]:
+    """The record and its deviation; where scan and target do not go together, without the scans and with a note."""
+    try:
+        return record, deviation_of(record)
+    except IsfError as error:
+        note = f"scan and wanted shape are not compared: {error.what}"
+        return replace(record, scan=None, scans=(), notes=(*record.notes, note)), None
+
+
+def render(
+    record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture, ...], deviation: Deviation | None
+) -> str:
     """The HTML page."""
     page = Template(resources.files("isf_analysis").joinpath("report_template.html").read_text(encoding="utf-8"))
     plant = "real machine" if record.variant < 0 else "simulated machine"
     method = f"correction: {record.correction}" if record.corrects else "no springback correction"
     made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
+    try:
+        view, missing = part_view(record, deviation), ""
+    except IsfError as error:  # without plotly
+        view, missing = "", f"<p>The part cannot be turned here: {escape(error.what)}.</p>"
     return page.substitute(
         version=__version__,
         title=escape(f"Forming report: {record.job_name}"),
@@ -101,6 +126,11 @@ def render(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture,
         subheading=escape(f"{record.process} · {method} · {plant}"),
         banners=result_tables.banners(numbers, numbers["reference"] is not None),
         cards=result_tables.cards(numbers),
+        view_style=view_page.STYLE if view else "",
+        view=f"<h2>The part, to be turned</h2><figure>{view}<figcaption>{VIEW_WORDS}</figcaption></figure>"
+        if view
+        else missing,
+        scripts=view_page.scripts() if view else "",
         chapters="\n".join(_chapters(record, numbers, pictures)),
         reading=_reading(record, numbers),
         footer=escape(f"Made {made} by isf_analysis {__version__}. Bag: {numbers['bag'] or 'none'}"),
@@ -110,7 +140,13 @@ def render(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture,
 def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture, ...]) -> list[str]:
     parts: list[str] = []
     if numbers["deviation"] is not None:
-        parts += ["<h2>Shape</h2>", *_figures(pictures, report_figures.SHAPE), result_tables.region_table(numbers)]
+        parts += [
+            "<h2>Shape</h2>",
+            *_figures(pictures, report_figures.SHAPE),
+            result_tables.region_table(numbers),
+            result_tables.share_table(numbers),
+            result_tables.signed_table(numbers),
+        ]
     happened = finding_tables.event_table(numbers)
     if happened:
         parts += ["<h2>Events</h2>", happened]
@@ -127,6 +163,8 @@ def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Pictu
         parts.append(result_tables.force_table(numbers["force"]))
     tables = (finding_tables.force_region_table(numbers), finding_tables.contact_loss_table(numbers))
     parts += [text for text in tables if text]
+    if time_table := finding_tables.time_table(numbers):
+        parts += ["<h2>Time</h2>", time_table]
     parts += ["<h2>Job and constants</h2>", result_tables.job_table(record), result_tables.constants(record)]
     parts.append(f"<details><summary>Job file</summary><pre>{escape(record.job_text)}</pre></details>")
     return parts

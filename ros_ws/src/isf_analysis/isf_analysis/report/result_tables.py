@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -19,7 +19,7 @@ from isf_analysis.figures.shape_figures import REGION_LABELS
 from isf_analysis.measures.deviation import REGIONS
 from isf_analysis.measures.force_metrics import by_place, force_metrics
 from isf_analysis.measures.record import PartRecord
-from isf_analysis.measures.verdict import WITHIN_TOLERANCE
+from isf_analysis.measures.verdict import WITHIN_BAND, in_tolerance
 
 DASH = "–"
 _SOURCES = ("", "value", "source")
@@ -90,25 +90,57 @@ def cards(numbers: Numbers) -> str:
 
 def region_table(numbers: Numbers) -> str:
     """Deviation by region: of the reference, where there is one, and of this part."""
-    other = numbers["reference"]
-    before = other["deviation"]["regions"] if other and other["deviation"] else None
-    after = numbers["deviation"]["regions"]
     keys: dict[str, tuple[str, Callable[[float | None], str]]] = {
         "max_mm": ("largest", number),
         "mean_abs_mm": ("mean", number),
         "rms_mm": ("rms", number),
         "mean_mm": ("signed mean", number),
         "max_normal_mm": ("largest, normal", number),
-        "within_0_3mm_fraction": ("within ± 0.3 mm", partial(percent, digits=1)),
     }
+    return _by_region("Deviation by region [mm], vertical", numbers, lambda region: region, keys)
+
+
+def share_table(numbers: Numbers) -> str:
+    """Shares of the points of each region within the tolerance of the job, and within the usual bands."""
+    shown = partial(percent, digits=1)
+    own = numbers["tolerance"]["shape_mm"]
+    keys = {f"within_0_{k}mm_fraction": (f"± 0.{k} mm", shown) for k in (1, 2, 3)}
+    keys["within_tolerance_fraction"] = (f"tolerance, ± {own:g} mm", shown)
+    return _by_region("Share of the points within", numbers, lambda region: region, keys)
+
+
+def signed_table(numbers: Numbers) -> str:
+    """The six statistics of Behera 2015, Table 2, of each region."""
+    keys = {
+        "mean_positive_mm": ("mean of the positive", number),
+        "mean_negative_mm": ("of the negative", number),
+        "max_mm": ("largest", number),
+        "min_mm": ("smallest", number),
+        "mean_mm": ("mean", number),
+        "std_mm": ("standard deviation", number),
+    }
+    caption = "Signed distance along the normal [mm] (Behera 2015, Table 2)"
+    return _by_region(caption, numbers, lambda region: region["table2"], keys)
+
+
+def _by_region(
+    caption: str,
+    numbers: Numbers,
+    values: Callable[[Numbers], Numbers],
+    keys: Mapping[str, tuple[str, Callable[[float | None], str]]],
+) -> str:
+    """Table with a row per region: ``keys`` of ``values(region)`` with their heads and formats."""
+    other = numbers["reference"]
+    before = other["deviation"]["regions"] if other and other["deviation"] else None
+    after = numbers["deviation"]["regions"]
     rows = []
     for name in REGIONS:
-        cells = [shown(after[name][key]) for key, (_, shown) in keys.items()]
+        cells = [shown(values(after[name])[key]) for key, (_, shown) in keys.items()]
         if before is not None:
-            old = [shown(before[name][key]) for key, (_, shown) in keys.items()]
+            old = [shown(values(before[name])[key]) for key, (_, shown) in keys.items()]
             cells = [f"{was} → <b>{cell}</b>" for was, cell in zip(old, cells, strict=True)]
         rows.append([REGION_LABELS[name], *cells])
-    caption = "Deviation by region [mm]" + (", uncorrected → <b>this part</b>" if before is not None else "")
+    caption += ", uncorrected → <b>this part</b>" if before is not None else ""
     return table(caption, ["region", *(label for label, _ in keys.values())], rows)
 
 
@@ -227,8 +259,7 @@ def _card(label: str, value: str, note: str, good: bool | None = None) -> str:
 def _error_card(label: str, numbers: Numbers, key: str, factor: str) -> str:
     """Green in tolerance alone, red where the correction has made it worse."""
     own = numbers["deviation"]
-    within = own["regions"]["wall_and_base"]["within_0_3mm_fraction"] if own else None
-    good = True if within is not None and within >= WITHIN_TOLERANCE else None
+    good = True if in_tolerance(numbers) else None
     value = f"{number(own[key] if own else None)} <small>mm</small>"
     other = numbers["reference"]
     if not other or not other["deviation"] or not own:
@@ -253,7 +284,7 @@ def _force_card(force: Numbers | None) -> str:
         f"Within ± 10 N of {_set_point(force)}",
         value,
         "of the time in full control" + (", by place" if places else ""),
-        None if share is None else share > 0.99,
+        None if share is None else share >= WITHIN_BAND,
     )
 
 

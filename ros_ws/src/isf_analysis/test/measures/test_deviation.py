@@ -58,7 +58,7 @@ def test_wall_errors_seen_along_the_normal_are_cosine_smaller() -> None:
 
 def test_six_numbers_of_both_signs_along_the_normal() -> None:
     left = np.meshgrid(TARGET.x, TARGET.y)[0] < -0.5e-3
-    signed = compare(lifted(np.where(left, 1e-3, -0.5e-3)), TARGET).signed
+    signed = compare(lifted(np.where(left, 1e-3, -0.5e-3)), TARGET).signed["wall_and_base"]
     slope_x, slope_y = TARGET.gradient()
     cosine = 1 / np.sqrt(1 + slope_x**2 + slope_y**2)
     opening = regions_of(TARGET)["wall_and_base"]
@@ -68,7 +68,7 @@ def test_six_numbers_of_both_signs_along_the_normal() -> None:
     assert signed.mean_negative == pytest.approx(below.mean(), abs=ROUNDING)
     assert (signed.largest, signed.smallest) == pytest.approx((both.max(), both.min()), abs=ROUNDING)
     assert (signed.mean, signed.deviation) == pytest.approx((both.mean(), both.std()), abs=ROUNDING)
-    assert np.isnan(compare(lifted(1e-3), TARGET).signed.mean_negative)
+    assert np.isnan(compare(lifted(1e-3), TARGET).signed["wall_and_base"].mean_negative)
 
 
 def test_regions_are_where_the_cone_has_its_base_wall_and_rim() -> None:

@@ -179,14 +179,19 @@ def test_sections_go_through_every_feature() -> None:
         assert np.nanmax(np.abs(height)) == pytest.approx(4e-3, abs=0.1e-3)
 
 
-def test_one_part_at_the_origin_is_cut_along_x_and_at_45_degrees() -> None:
+def test_one_part_at_the_origin_is_cut_along_x_and_y() -> None:
     assert PLAIN.target is not None
     cuts = shape_figures.cuts(compare(PLAIN.target, PLAIN.target))
     assert [(cut.name, cut.centre, cut.angle) for cut in cuts] == [
         ("section_x", (0.0, 0.0), 0.0),
-        ("section_45", (0.0, 0.0), np.pi / 4),
+        ("section_y", (0.0, 0.0), np.pi / 2),
     ]
     assert cuts[0].extent > Cone().opening_radius
+    z = PLAIN.target.z.copy()
+    row, column = len(PLAIN.target.y) // 2 + 5, len(PLAIN.target.x) // 2 - 5
+    z[row, column] += 1e-3
+    (worst,) = shape_figures.cuts(compare(HeightMap(PLAIN.target.x, PLAIN.target.y, z), PLAIN.target))[2:]
+    assert (worst.name, worst.centre, worst.angle) == ("section_worst", (0.0, 0.0), pytest.approx(0.75 * np.pi))
 
 
 def test_a_standing_part_is_called_too_low_not_too_deep(tmp_path: Path) -> None:

@@ -56,7 +56,11 @@ def test_points_within_the_published_band_are_counted_by_region() -> None:
     regions = summary(part)["deviation"]["regions"]
     seen = base & (y < 0.0)
     assert regions["base"]["within_0_3mm_fraction"] == pytest.approx((seen & (x < 0.0)).sum() / seen.sum(), abs=0.01)
+    assert regions["base"]["within_0_2mm_fraction"] == 0.0
     assert regions["wall"]["within_0_3mm_fraction"] == 1.0
+    own = replace(part, job_text="tolerance: {shape: 0.32 mm, share: 1.0}\n")
+    assert summary(own)["deviation"]["regions"]["base"]["within_tolerance_fraction"] == 1.0
+    assert summary(own)["tolerance"] == {"shape_mm": pytest.approx(0.32), "share": 1.0}
 
 
 @pytest.mark.parametrize(("shares", "kinds"), [((0.89, 2.0), ""), ((0.9, 2.0), " good"), ((0.89, 0.5), " bad")])
@@ -64,7 +68,7 @@ def test_an_error_is_green_in_tolerance_alone(shares: tuple[float, float], kinds
     """However much better than uncorrected it is; red where it is worse."""
     numbers = summary(PART, REFERENCE)
     within, gain = shares
-    numbers["deviation"]["regions"]["wall_and_base"]["within_0_3mm_fraction"] = within
+    numbers["deviation"]["regions"]["wall_and_base"]["within_tolerance_fraction"] = within
     numbers["improvement"] = {"max": gain, "mean_abs": gain}
     for label in ("Largest error", "Mean error"):
         (found,) = re.findall(f'<div class="card([a-z ]*)"><div class="label">{label}', cards(numbers))

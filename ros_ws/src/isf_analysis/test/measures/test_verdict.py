@@ -74,6 +74,43 @@ def test_a_flaw_takes_the_green_away_and_is_named(flaw: str) -> None:
     assert "Part complete, but not good" in page
 
 
+def test_the_tolerance_of_the_job_decides() -> None:
+    part = off_by(0.31e-3)
+    assert any("within 0.3 mm, 90 % are wanted" in text for text in reported(part))
+    assert reported(replace(part, job_text="tolerance: {shape: 0.32 mm}\n")) == []
+    strict = reported(replace(off_by(0.05e-3), job_text="tolerance: {shape: 0.04 mm, share: 0.95}\n"))
+    assert any("0 % of the points are within 0.04 mm, 95 % are wanted" in text for text in strict)
+
+
+@pytest.mark.parametrize("text", ["", "name: [", "- a list\n", "tolerance: 3\n", "tolerance: {shape: -1 mm}\n", "12"])
+def test_a_record_without_a_job_that_can_be_read_has_the_published_tolerance(text: str) -> None:
+    found = replace(EXACT, job_text=text).tolerance
+    assert (found.shape, found.share) == (0.3e-3, 0.9)
+
+
+def test_all_points_wanted_means_all_of_them() -> None:
+    target = EXACT.target
+    assert target is not None
+    z = target.z.copy()
+    z[len(target.y) // 2, len(target.x) // 2] += 0.5e-3
+    job = "tolerance: {share: 1.0}\n"
+    one_off = replace(EXACT, scan=HeightMap(target.x, target.y, z), job_text=job)
+    (text,) = [text for text in reported(one_off) if "out of tolerance" in text]
+    assert "100 % of the points are within" not in text
+    assert reported(replace(EXACT, job_text=job)) == []
+
+
+def test_a_force_out_of_its_band_is_no_good_part() -> None:
+    """2 % of the controlled time 11 N beside the set-point, in contact all the time."""
+    results = []
+    for result in EXACT.results:
+        force = np.where(result.tick_engaged, result.tick_set_point, result.tick_normal_force)
+        force[::50] += 11.0
+        results.append(replace(result, tick_normal_force=force))
+    (text,) = reported(replace(EXACT, results=tuple(results)))
+    assert text.startswith("force out of band: the support force is within 10 N of its set-point in 98.0 %")
+
+
 def test_a_correction_that_failed_is_reported_even_of_a_part_in_tolerance() -> None:
     failed = ContourCorrection(
         EXACT.plan_id,

@@ -16,12 +16,16 @@ from isf_analysis.figures import style
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import summary
 from isf_analysis.report.page import Report, write_report
-from isf_analysis.report.result_tables import percent
+from isf_analysis.report.result_tables import number, percent
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.height_map import HeightMap
 from synthetic_part import make_part
 
 PART = make_part(spacing=2.5e-3, contours=5)
 REFERENCE = make_part(spacing=2.5e-3, contours=5, correction="none")
+
+assert PART.target is not None
+TARGET = PART.target
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -29,7 +33,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 class Page(HTMLParser):
     """Pictures, links and text of an HTML page, and whether its tags are balanced."""
 
-    VOID = ("meta", "img", "br", "link")
+    VOID = ("meta", "img", "br", "link", "input")
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -55,7 +59,7 @@ class Page(HTMLParser):
         self.text += " "
 
     def handle_data(self, data: str) -> None:
-        if self.open[-1:] != ["style"]:
+        if self.open[-1:] not in (["style"], ["script"]):
             self.text += data
 
 
@@ -81,7 +85,8 @@ def test_every_figure_is_beside_the_page_and_inside_it(report: Report) -> None:
         "deviation_compare",
         "deviation_map",
         "section_x",
-        "section_45",
+        "section_y",
+        "histogram",
         "regions",
         "corrections",
         "support_force",
@@ -96,7 +101,8 @@ def test_every_figure_is_beside_the_page_and_inside_it(report: Report) -> None:
 def test_the_page_needs_nothing_from_elsewhere(report: Report) -> None:
     assert all(address.startswith("data:") for address in page_of(report).addresses)
     html = report.html.read_text(encoding="utf-8")
-    assert not re.search(r"https?://|@import|url\(|<script", re.sub(r"base64,[A-Za-z0-9+/=]+", "", html))
+    own = re.sub(r"base64,[A-Za-z0-9+/=]+|>[A-Za-z0-9+/=]{200,}<", "", html)
+    assert not re.search(r"https?://|@import|url\(|<script[^>]+src=", own)
 
 
 def test_the_numbers_on_the_page_are_those_of_the_summary(report: Report) -> None:
@@ -115,7 +121,11 @@ def test_the_numbers_on_the_page_are_those_of_the_summary(report: Report) -> Non
             assert f"{after['regions'][region][key]:.2f}" in text
             assert f"{before['regions'][region][key]:.2f}" in text
         for shape in (before, after):
-            assert percent(shape["regions"][region]["within_0_3mm_fraction"], digits=1) in text
+            for share in ("0_1mm", "0_2mm", "0_3mm", "tolerance"):
+                assert percent(shape["regions"][region][f"within_{share}_fraction"], digits=1) in text
+            for value in shape["regions"][region]["table2"].values():
+                assert number(value) in text
+    assert f"{numbers['time']['planned_s']:.1f} s" in text
 
 
 def test_constants_come_with_unit_and_source(report: Report) -> None:
@@ -147,8 +157,18 @@ CASES: dict[str, tuple[PartRecord, set[str], str]] = {
     ),
     "without scan": (
         replace(PART, scan=None, notes=("not in the bag: scan",)),
-        {"deviation_compare", "deviation_map", "section_x", "section_45", "regions"},
+        {"deviation_compare", "deviation_map", "section_x", "section_y", "histogram", "regions"},
         "No shape to compare",
+    ),
+    "another CAD": (
+        replace(PART, target=HeightMap(TARGET.x + 9.0, TARGET.y, TARGET.z)),
+        {"deviation_compare", "deviation_map", "section_x", "section_y", "histogram", "regions"},
+        "scan and wanted shape are not compared: scan and target have no point in common",
+    ),
+    "flat CAD": (
+        replace(PART, target=HeightMap(TARGET.x, TARGET.y, 0.0 * TARGET.z)),
+        {"deviation_compare", "deviation_map", "section_x", "section_y", "histogram", "regions"},
+        "the target is flat",
     ),
     "without corrections": (replace(PART, corrections=()), {"deviation_compare", "corrections"}, "Part complete"),
     "without results": (
@@ -190,7 +210,7 @@ def test_a_failure_that_no_message_carried_is_reported_too(tmp_path: Path) -> No
 def test_what_a_job_says_is_text_not_markup(tmp_path: Path) -> None:
     evil = replace(PART, job_name="<b>$x</b>", job_text="name: <script>alert(1)</script>", notes=("<i>",), scan=None)
     html = write_report(evil, tmp_path).html.read_text(encoding="utf-8")
-    assert "<script" not in html
+    assert "<script>alert" not in html
     assert "&lt;b&gt;$x&lt;/b&gt;" in html
 
 

@@ -13,8 +13,8 @@ import numpy as np
 import trimesh
 from isf_analysis.bag.bag_reader import read_cell
 from isf_analysis.figures import distance_figures, style
+from isf_analysis.measures.deviation import BANDS
 from isf_analysis.measures.surface_distance import (
-    BANDS,
     NO_MOTION,
     Distances,
     Motion,

@@ -142,7 +142,7 @@ def _show_prediction(prediction: dict[str, Any]) -> None:
         ("contact", "contact_fraction", 4),
         ("mean error of the shape [mm]", "error_mean_mm", 3),
         ("largest error of the shape [mm]", "error_max_mm", 3),
-        ("points within 0.3 mm", "within_0_3mm_fraction", 3),
+        ("points in tolerance", "within_tolerance_fraction", 3),
         ("forming time [s]", "forming_time_s", 1),
         ("gain lowered, times", "backoffs", 0),
         ("events", "events", 0),

@@ -131,8 +131,12 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
             number(summary, "deviation", key),
             number(reference, "deviation", key),
         )
-    whole = ("deviation", "regions", "wall_and_base", "within_0_3mm_fraction")
-    row("points within 0.3 mm, wall and base", percent(summary, *whole), percent(reference, *whole))
+    whole = ("deviation", "regions", "wall_and_base", "within_tolerance_fraction")
+    row(
+        f"points in tolerance ({number(summary, 'tolerance', 'shape_mm')} mm), wall and base",
+        percent(summary, *whole),
+        percent(reference, *whole),
+    )
     force = summary.get("force") or {}
     if force.get("set_N"):
         usual, low, high = (number(summary, "force", key, digits=0) for key in ("set_N", "set_min_N", "set_max_N"))

@@ -32,9 +32,8 @@ import yaml
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.figures import style
-from isf_analysis.measures.deviation import TOLERANCE, Deviation, compare
+from isf_analysis.measures.deviation import Deviation, compare
 from isf_analysis.measures.record import PartRecord
-from isf_analysis.measures.verdict import WITHIN_TOLERANCE
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
@@ -131,7 +130,7 @@ class Trial:
     @property
     def within(self) -> float:
         """Share of the points of wall and base in tolerance."""
-        return self.deviation.within() or 0.0
+        return self.deviation.within(self.record.tolerance.shape) or 0.0
 
     @property
     def weighted(self) -> Array:
@@ -170,7 +169,7 @@ class Tried:
     @property
     def good(self) -> bool:
         """In tolerance on every variant."""
-        return not self.failures and all(trial.within >= WITHIN_TOLERANCE for trial in self.trials)
+        return not self.failures and all(trial.within >= trial.record.tolerance.share for trial in self.trials)
 
 
 def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
@@ -478,20 +477,21 @@ def _prevented(search: Search, check: Tried) -> list[str]:
     if best.good:
         return failed
     worst = max(best.trials, key=lambda trial: trial.mean)
+    tolerance = search.job_file.job.tolerance.shape
     signed = {name: worst.deviation.regions[name].mean for name in ("wall", "base", "rim")}
     found = [
         f"{name} lies {1e3 * abs(off):.2f} mm too {'high' if off > 0.0 else 'deep'} in the mean"
         for name, off in signed.items()
-        if np.isfinite(off) and abs(off) > TOLERANCE
+        if np.isfinite(off) and abs(off) > tolerance
     ]
     if best.plan is not None:
         push = learning.load(best.plan).push
         bound = float(np.mean((push < LEAST_PUSH + 1e-5) | (push > LARGEST_CORRECTION - 1e-5)))
         if bound > 0.05:
             found.append(f"{100 * bound:.0f} % of the places are at the limit of a correction (4 mm up, 10 mm down)")
-    if search.job_file.job.backing_plate is None and signed["rim"] < -TOLERANCE:
+    if search.job_file.job.backing_plate is None and signed["rim"] < -tolerance:
         found.append("a backing plate near the opening would hold the rim (backing_plate of the job)")
-    if worst.mean - min(trial.mean for trial in best.trials) > 0.5 * TOLERANCE:
+    if worst.mean - min(trial.mean for trial in best.trials) > 0.5 * tolerance:
         found.append("the variants differ by more than one correction can serve")
     found += [failure.what for part in search.parts for failure in part.failures]
     return failed + (found or ["no step helps any more: the largest error is where no push acts"])
@@ -534,7 +534,7 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
         "variant",
         "largest [mm]",
         "mean [mm]",
-        "within 0.3 mm",
+        f"within {1e3 * search.job_file.job.tolerance.shape:g} mm",
     )
     for part in search.parts:
         for trial in part.trials:
@@ -573,7 +573,7 @@ def _row(trial: Trial) -> dict[str, Any]:
         "variant": trial.variant,
         "largest_mm": 1e3 * trial.largest,
         "mean_mm": 1e3 * trial.mean,
-        "within_0_3mm_fraction": trial.within,
+        "within_tolerance_fraction": trial.within,
         "mean_by_region_mm": {name: 1e3 * region.mean for name, region in regions.items()},
     }
 
@@ -593,7 +593,7 @@ def _draw(search: Search, checks: Sequence[Trial], path: Path) -> Path:
         for k, trial in enumerate(checks):
             left.plot([at, at], [1e3 * trial.largest, 1e3 * trial.mean], "x", color=style.INK,
                       label=None if k else "other variants")  # fmt: skip
-        left.axhline(1e3 * TOLERANCE, linestyle=":", color=style.INK, linewidth=0.8)
+        left.axhline(1e3 * search.job_file.job.tolerance.shape, linestyle=":", color=style.INK, linewidth=0.8)
         left.set_xticks(range(len(names)), names, rotation=90)
         left.set_ylim(bottom=0.0)
         left.set_ylabel("error of wall and base [mm]")

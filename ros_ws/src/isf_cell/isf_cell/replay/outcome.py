@@ -275,7 +275,7 @@ def part_numbers(part: PartRecord) -> dict[str, Any]:
         "events": len(part.events),
         "error_mean_mm": None,
         "error_max_mm": None,
-        "within_0_3mm_fraction": None,
+        "within_tolerance_fraction": None,
     }
     if part.scan is not None and part.target is not None:
         try:
@@ -284,7 +284,7 @@ def part_numbers(part: PartRecord) -> dict[str, Any]:
             return data
         data["error_mean_mm"] = 1e3 * shape.whole.mean_abs
         data["error_max_mm"] = 1e3 * shape.whole.max_abs
-        data["within_0_3mm_fraction"] = shape.within()
+        data["within_tolerance_fraction"] = shape.within(part.tolerance.shape)
     return data
 
 

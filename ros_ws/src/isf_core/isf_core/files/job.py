@@ -601,6 +601,15 @@ class SpringbackSpec(FileModel):
     """Correction file made by ``isf learn`` from parts formed before, relative to the job file."""
 
 
+class ToleranceSpec(FileModel):
+    """What the finished part is judged by."""
+
+    shape: Length = Field(default=0.3e-3, gt=1e-6, lt=0.1)
+    """Largest vertical error of a good point; the default is the band of Lu 2016, 4.4."""
+    share: float = Field(default=0.9, gt=0.0, le=1.0)
+    """Of the points of wall and base that must be good; 1: all of them. The default is that of Lu 2016, 4.4."""
+
+
 def correction_refusal(process: str, method: str) -> str:
     """Why ``method`` cannot correct parts of ``process``, one sentence; empty: it can."""
     if process != "ADSIF" or method == "none":
@@ -677,6 +686,8 @@ class Job(FileModel):
     """Force and compliance control."""
     springback: SpringbackSpec = SpringbackSpec()
     """Correction of contours before they are formed."""
+    tolerance: ToleranceSpec = ToleranceSpec()
+    """What the finished part is judged by."""
     strategy: str = ""
     """Process of another package that plans the contours; ``process: NAME`` sets it, and its kind as the process."""
     wall_angle_limit: Angle | None = Field(default=None, gt=0.0, lt=1.5708)

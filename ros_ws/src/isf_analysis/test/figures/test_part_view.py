@@ -1,0 +1,139 @@
+"""The part in three dimensions: what its page holds is what the record says, at the right places."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from isf_analysis.figures.part_view import LARGEST_GRID, MAXIMUM_POINTS, part_view
+from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.summary import deviation_of
+from isf_analysis.report.page import write_report
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+from synthetic_part import make_part
+
+pytest.importorskip("plotly")
+
+PART = make_part(contours=5, spacing=2.5e-3)
+NUMBERS = {"f4": "<f4", "f8": "<f8", "u1": "u1"}
+
+
+def shown(part: PartRecord) -> dict[str, Any]:
+    """What the page of ``part`` holds."""
+    html = part_view(part, deviation_of(part))
+    (packed,) = re.findall(r"data-view3d>([A-Za-z0-9+/=]+)</script>", html)
+    content: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(packed)))
+    return content
+
+
+def array(value: Any) -> Array:
+    """Numbers of a trace, as plotly writes them: base64 with type and shape, or a list."""
+    if not isinstance(value, dict):
+        return np.array(value, dtype=float)
+    flat = np.frombuffer(base64.b64decode(value["bdata"]), dtype=NUMBERS[value["dtype"]]).astype(float)
+    return flat.reshape([int(n) for n in str(value.get("shape", len(flat))).split(",")])
+
+
+def test_every_quantity_of_the_record_is_a_view_with_its_unit() -> None:
+    content = shown(PART)
+    assert list(content["views"]) == ["deviation", "thickness (plan)", "forming force", "support force", "correction"]
+    bars = []
+    for view in content["views"].values():
+        (last,) = view["traces"][-1:]
+        trace = content["data"][last]
+        bars.append((trace.get("colorbar") or trace["line"]["colorbar"])["title"]["text"])
+        assert len(view["annotations"]) == 1
+    assert [re.findall(r"\[(N|mm)\]", bar)[0] for bar in bars] == ["mm", "mm", "N", "N", "mm"]
+    assert sorted(k for view in content["views"].values() for k in view["traces"]) == list(range(len(content["data"])))
+
+
+def test_the_worst_spot_is_labelled_where_it_is() -> None:
+    target = PART.target
+    assert target is not None
+    z = target.z.copy()
+    row, column = len(target.y) // 2 + 2, len(target.x) // 2 - 3
+    z[row, column] += 0.777e-3
+    content = shown(replace(PART, scan=HeightMap(target.x, target.y, z)))
+    (label,) = content["views"]["deviation"]["annotations"]
+    assert label["text"] == "+0.78 mm"
+    place = [1e3 * target.x[column], 1e3 * target.y[row], 1e3 * z[row, column]]
+    assert [label[axis] for axis in "xyz"] == pytest.approx(place, abs=1e-3)
+    surface = content["data"][content["views"]["deviation"]["traces"][0]]
+    assert np.nanmax(array(surface["surfacecolor"])) == pytest.approx(0.777, abs=1e-3)
+    assert surface["cmax"] == -surface["cmin"] == 0.8
+
+
+def test_paths_carry_the_forces_and_corrections_of_the_record() -> None:
+    content = shown(PART)
+    for name, values in (
+        ("forming force", [np.abs(result.forming_force[:, 2]) for result in PART.results]),
+        ("correction", [-1e3 * item.offset[:, 2] for item in PART.corrections]),
+    ):
+        line = content["data"][content["views"][name]["traces"][-1]]
+        colour, x = array(line["line"]["color"]), array(line["x"])
+        whole = np.concatenate([np.append(one, one[0]) for one in values])  # closed contours
+        np.testing.assert_allclose(colour[np.isfinite(x)], whole, atol=0.06 if "force" in name else 6e-4)
+        assert np.isnan(x).sum() == len(PART.results)
+        (label,) = content["views"][name]["annotations"]
+        assert float(label["text"].split()[0]) == pytest.approx(max(v.max() for v in values), abs=0.51)
+
+
+LESS = {
+    "no scan": (replace(PART, scan=None), "deviation"),
+    "no target": (replace(PART, scan=None, target=None), "thickness (plan)"),
+    "no results": (replace(PART, results=()), "forming force"),
+    "one tool": (make_part(contours=3, spacing=4e-3, process="SPIF", support_force=0.0), "support force"),
+    "not corrected": (replace(PART, correction="none"), "correction"),
+}
+
+
+@pytest.mark.parametrize("case", LESS)
+def test_a_record_of_less_shows_the_rest(case: str) -> None:
+    part, missing = LESS[case]
+    views = shown(part)["views"]
+    assert missing not in views
+    assert views
+
+
+def test_nothing_to_show_is_no_picture() -> None:
+    nothing = replace(PART, scan=None, target=None, results=(), corrections=(), nominal=(), corrected=())
+    assert part_view(nothing, None) == ""
+
+
+def test_unknown_values_leave_gaps_and_no_nan_in_the_page() -> None:
+    target = PART.target
+    assert target is not None
+    z = target.z.copy()
+    z[: len(target.y) // 2] = np.nan
+    forces = [replace(result, forming_force=result.forming_force * np.nan) for result in PART.results[:1]]
+    part = replace(PART, scan=HeightMap(target.x, target.y, z), results=(*forces, *PART.results[1:]))
+    content = shown(part)
+    line = content["data"][content["views"]["forming force"]["traces"][-1]]
+    count = len(PART.nominal[0])
+    assert np.isnan(array(line["x"])[:count]).all()
+    assert np.isfinite(array(line["line"]["color"])).all()
+
+
+def test_a_large_part_is_thinned_out() -> None:
+    part = make_part(contours=30, spacing=0.6e-3, points=1000)
+    content = shown(part)
+    assert 0.2 * LARGEST_GRID < array(content["data"][0]["z"]).size <= LARGEST_GRID
+    line = content["data"][content["views"]["forming force"]["traces"][-1]]
+    assert 0.4 * MAXIMUM_POINTS < array(line["x"]).size <= MAXIMUM_POINTS + 3 * 30
+
+
+def test_without_plotly_the_report_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
+    part = replace(make_part(contours=2, spacing=4e-3), scan=None, results=())
+    html = write_report(part, tmp_path).html.read_text(encoding="utf-8")
+    assert "The part cannot be turned here: views in HTML need the package plotly" in html
+    assert "<script" not in html
