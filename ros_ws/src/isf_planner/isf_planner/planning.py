@@ -23,6 +23,7 @@ from isf_planner.loops.sections import LoopTree
 from isf_planner.part import mesh_checks, meshes
 from isf_planner.part.meshes import Mesh
 from isf_planner.paths import support_tool, tool_paths
+from isf_planner.paths.partial_paths import PartialPaths
 from isf_planner.predict.compensation import compensate
 from isf_planner.predict.predictions import with_predictions
 from isf_planner.processes import Cancelled, Progress, Steps, process_of
@@ -49,6 +50,7 @@ class Plan:
     mesh : vertices (V, 3) m in frame ``sheet`` and faces (F, 3) of the placed part
     warnings : what to look at before forming
     stages : shapes that the stages end with, the part last; none of a part formed in one stage
+    partial : partial paths of all stages, side by side; none where the job does not ask for them
     tree : loops of the forming tool's tip with normals, curvatures and features, or None for a plan from a file
     base : what :func:`replan` needs for a change of tool, or None
     """
@@ -59,6 +61,7 @@ class Plan:
     mesh: tuple[Array, NDArray[np.int64]]
     warnings: tuple[str, ...]
     stages: tuple[Stage, ...] = field(default=(), repr=False, compare=False)
+    partial: tuple[PartialPaths, ...] = field(default=(), repr=False, compare=False)
     tree: LoopTree | None = field(default=None, repr=False, compare=False)
     base: PlanBase | None = field(default=None, repr=False, compare=False)
 
@@ -127,7 +130,8 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     base = PlanBase(job, tuple(planned), part_warnings)
     unique = tuple(dict.fromkeys(warnings))
     mesh = part.mesh.vertices, part.mesh.faces
-    return Plan(plan_id, contours, target, mesh, unique, part.stages, merged(planned), base)
+    partial = tuple(side.partial for side in (*part.preforms, *planned) if side.partial is not None)
+    return Plan(plan_id, contours, target, mesh, unique, part.stages, partial, merged(planned), base)
 
 
 def replan(before: Plan, job_file: JobFile) -> Plan:
@@ -142,7 +146,8 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     """
     base, job = before.base, job_file.job
     staged = before.stages or job.path.stages or job.path.morph
-    if base is None or staged or job.strategy or not replanning.same_contacts(base.job, job):
+    partial = before.partial or job.path.partial_paths
+    if base is None or staged or partial or job.strategy or not replanning.same_contacts(base.job, job):
         return plan(job_file)
     mesh = Mesh(*before.mesh)
     part_checks.check_fit(mesh_checks.PlacedPart(mesh, -float(mesh.vertices[:, 2].min()), ()), job, job_file.rig)

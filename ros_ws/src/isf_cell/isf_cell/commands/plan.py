@@ -88,6 +88,11 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         if fold := stage.fold_over:
             text += f", {fold.gap_text} to the wall of the stage before, {fold.ratio:.2f} of the limit"
         terminal.say(text)
+    if partial := data["partial_paths"]:
+        terminal.say(
+            f"partial paths: {partial['paths']} of {partial['curves']} curves, joined to {partial['closed']} closed "
+            f"contours and {partial['open']} open passes; the tools are lifted {partial['lifts']} times in between"
+        )
     if chosen := support_tool.chosen_force(job_file.job, result.contours):
         terminal.say(chosen)
     for warning in result.warnings:
@@ -150,7 +155,9 @@ def _write(result: Plan, wanted: Wanted, found: FeatureMap | None = None) -> lis
             "a plan file does not hold the features of the part",
             advice="show them from the job or the mesh: isf plan JOB --show FILE --colour features",
         )
-    return written + [feature_view.show_features(found, result.plan_id, path) for path in wanted.show]
+    contours = [contour for contour in result.contours if contour.stage == result.contours[-1].stage]
+    drawn = contours if result.partial else []
+    return written + [feature_view.show_features(found, result.plan_id, path, drawn) for path in wanted.show]
 
 
 def _job_of(part: Path, unit: str | None) -> JobFile:
@@ -199,6 +206,21 @@ def _numbers(result: Plan) -> dict[str, Any]:
         "min_thickness_mm": 1e3 * result.smallest_thickness,
         "depth_mm": float(-1e3 * min(contour.forming_tip[:, 2].min() for contour in contours)),
         "stages": stages,
+        "partial_paths": _partial(result),
+    }
+
+
+def _partial(result: Plan) -> dict[str, int] | None:
+    """Counts of the partial paths of all stages and of what they join to; None where none are planned."""
+    if not result.partial:
+        return None
+    closed = sum(contour.closed for contour in result.contours)
+    return {
+        "paths": sum(len(partial.features) for partial in result.partial),
+        "curves": sum(len(partial.curves) for partial in result.partial),
+        "closed": closed,
+        "open": len(result.contours) - closed,
+        "lifts": sum(contour.retract for contour in result.contours),
     }
 
 

@@ -236,6 +236,9 @@ class PathSpec(FileModel):
     """SPIF and DSIF: largest wall angles of the preforms formed before the part itself, ascending; none: one stage."""
     morph: MorphSpec | None = None
     """SPIF and DSIF: shapes morphed from the part that are formed before it; ``{}``: all defaults; None: one stage."""
+    partial_paths: bool = False
+    """SPIF and DSIF: a path for every feature of the surface, with levels of its own under spacing scallop or arc; all
+    are merged by depth and start away from ribs."""
     floor_step: Length | None = Field(default=None, gt=0.2e-3, lt=0.1)
     """SPIF and DSIF: distance of the rings in which the tool passes over a flat floor after the wall; None: none."""
     floor_rounds: int = Field(default=3, ge=1, le=10)
@@ -285,6 +288,16 @@ class PathSpec(FileModel):
         return self
 
     @model_validator(mode="after")
+    def _partial_paths(self) -> PathSpec:
+        """Partial paths are passes of their own, with a start that follows from the ribs."""
+        plain = {"style": "contours", "transition": "step", "stagger": 0.0, "support": "opposite"}
+        plain |= {"islands": "around", "thickness": "sine_law"}
+        for name, needed in plain.items():
+            if self.partial_paths and getattr(self, name) != needed:
+                raise ValueError(f"partial_paths needs {name} {needed}")
+        return self
+
+    @model_validator(mode="after")
     def _nothing_ignored(self) -> PathSpec:
         """What is written down has to have an effect."""
         needs = {
@@ -319,6 +332,8 @@ class PathSpec(FileModel):
             return f"path.stages needs process SPIF or DSIF: {process} forms in one stage"
         if self.morph is not None:
             return f"path.morph needs process SPIF or DSIF: {process} forms in one stage"
+        if self.partial_paths:
+            return f"path.partial_paths needs process SPIF or DSIF: {process} has no passes over single features"
         if self.floor_step is not None:
             return f"path.floor_step needs process SPIF or DSIF: {process} forms no floor of its own"
         if self.thickness != "sine_law":

@@ -20,6 +20,7 @@ from isf_planner.forming import islands
 from isf_planner.loops.sections import Feature, LoopTree, within
 from isf_planner.loops.tip_loops import TipLoop, seen_from_above
 from isf_planner.part.meshes import Mesh, topology
+from isf_planner.paths.partial_paths import PartialPaths
 from isf_planner.surface.target_surface import TargetSurface
 
 RISES = 0.05e-3
@@ -57,12 +58,14 @@ class Side:
     tree : loops and features ; surface : the sampled target, both as the forming tool sees them
     forming_tool : 1 or 2
     base : m, as in :class:`HalfPart`
+    partial : paths of its features, None where the job does not ask for them
     """
 
     tree: LoopTree
     surface: TargetSurface
     forming_tool: int = 1
     base: float = 0.0
+    partial: PartialPaths | None = None
 
     def in_sheet(self, points: Array) -> Array:
         """Points (..., 3) m of the view of the forming tool in frame ``sheet``."""

@@ -59,8 +59,10 @@ class TipPath:
         return right if self.wall_right else -right
 
     def turned(self) -> TipPath:
-        """A closed path the other way round, from the same first point."""
-        index = np.roll(np.arange(len(self.points))[::-1], 1)
+        """The path the other way round, a closed one from the same first point."""
+        index = np.arange(len(self.points))[::-1]
+        if self.closed:
+            index = np.roll(index, 1)
         return replace(self, points=self.points[index], normal=self.normal[index], wall_right=not self.wall_right)
 
 

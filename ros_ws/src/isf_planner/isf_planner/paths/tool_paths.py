@@ -71,7 +71,7 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
         formed = along(chain, paths, swapped(job, side.forming_tool))
         first: Array | None = None
         for k, (path, thickness) in enumerate(zip(paths, formed, strict=True)):
-            seen = replace(_in_sheet(path, side), feature=number)
+            seen = replace(in_sheet(path, side), feature=number)
             contour = contour_of(
                 seen, job, plan_id, len(contours), count, formed=thickness, first=first, base=side.base
             )
@@ -86,7 +86,10 @@ def feature_paths(chain: Sequence[TipLoop], side: Side, job: Job) -> list[TipPat
     """Paths of one feature's loops in the style and sense of travel the job asks for, as the forming tool sees them."""
     options = job.path
     radius, spacing = swapped(job, side.forming_tool).tool_1.ball_radius, options.point_spacing
-    paths = [_directed(path_of(loop), options.direction, k) for k, loop in enumerate(chain)]
+    paths = [
+        directed(path_of(loop), options.direction, k, clockwise=signed_area(loop.points) < 0)
+        for k, loop in enumerate(chain)
+    ]
     if len(chain) < 2 or (options.style == "contours" and options.transition == "step"):
         return [_staggered(path, k * options.stagger) for k, path in enumerate(paths)]
     if options.style == "spiral":
@@ -94,9 +97,8 @@ def feature_paths(chain: Sequence[TipLoop], side: Side, job: Job) -> list[TipPat
     return joined_paths.ramps(side.surface, paths, options.ramp_length, radius, spacing)
 
 
-def _directed(path: TipPath, direction: str, number: int) -> TipPath:
-    """A closed path in the sense of travel asked for, whether it goes around a pocket or an island."""
-    clockwise = signed_area(path.points[:, :2]) < 0
+def directed(path: TipPath, direction: str, number: int, *, clockwise: bool) -> TipPath:
+    """A path that runs ``clockwise`` or not, in the sense of travel asked for."""
     wanted = direction == "cw" or (direction == "alternating" and number % 2 == 1)
     return path if clockwise == wanted else path.turned()
 
@@ -108,7 +110,7 @@ def _staggered(path: TipPath, distance: float) -> TipPath:
     return replace(path, points=np.roll(path.points, -shift, axis=0), normal=np.roll(path.normal, -shift, axis=0))
 
 
-def _in_sheet(path: TipPath, side: Side) -> TipPath:
+def in_sheet(path: TipPath, side: Side) -> TipPath:
     """A path planned in the view of the side's forming tool, in frame ``sheet``."""
     normal = path.normal * UPSIDE_DOWN if side.forming_tool == 2 else path.normal
     return replace(path, points=side.in_sheet(path.points), normal=normal, forming_tool=side.forming_tool)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from isf_planner.checks import part_checks
 from isf_planner.checks.die_checks import check_die, check_tool, load_die
 from isf_planner.forming.sides import Side, turned_over
-from isf_planner.loops import sections, tip_loops
+from isf_planner.loops import level_spacing, sections, tip_loops
 from isf_planner.loops.sections import RoughLoop, link
 from isf_planner.part import mesh_checks
 from isf_planner.part.meshes import Mesh
@@ -90,7 +90,7 @@ def plan_part(loaded: Mesh, job_file: JobFile, step: Callable[[str, float], None
     x, y, tip_height = tip_surface.tip_grid(surface, radius)
     nodes: list[RoughLoop] = []
     front: list[int] = []
-    for level in sections.levels(sections.TipGrid(x, y, tip_height, height), surface, job):
+    for level in level_spacing.levels(sections.TipGrid(x, y, tip_height, height), surface, job):
         front = link(nodes, _around(x, y, tip_height, float(level)), front)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     return TpifPart(Side(tree, surface), finished, height, tuple(warnings))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isf_core.contour import Contour, contour_label
 from isf_core.types import Array, Indices
 from matplotlib.figure import Figure
 
@@ -32,14 +35,18 @@ LARGEST_GRID = 180
 """Nodes of the drawn surface along one side."""
 
 
-def show_features(found: FeatureMap, heading: str, path: Path) -> Path:
-    """Write the picture of ``found`` to ``path`` (.html or .png) and return it.
+def show_features(found: FeatureMap, heading: str, path: Path, contours: Sequence[Contour] = ()) -> Path:
+    """Write the picture of ``found``, with the partial paths that ``contours`` join, to ``path`` (.html or .png).
+
+    Returns ``path``.
 
     Raises
     ------
     IsfError : EXPORT_FORMAT_UNKNOWN (ending, or plotly is not installed), FILE_NOT_WRITABLE
     """
-    return write_view(path, lambda figure: _draw_page(figure, found, heading), lambda: _figure(found, heading))
+    return write_view(
+        path, lambda figure: _draw_page(figure, found, heading, contours), lambda: _figure(found, heading, contours)
+    )
 
 
 def name_of(feature: SurfaceFeature) -> str:
@@ -66,7 +73,30 @@ def _thinned(found: FeatureMap) -> tuple[Array, Indices, Indices]:
     return mesh.vertices * MM, mesh.faces, label
 
 
-def _draw_page(figure: Any, found: FeatureMap, heading: str) -> str:
+def partial_lines(found: FeatureMap, contours: Sequence[Contour]) -> dict[int, Array]:
+    """The partial path (N, 3) mm of every feature that ``contours`` touch: tips, a row of NaN after each curve."""
+    lines: dict[int, list[Array]] = {}
+    gap = np.full((1, 3), np.nan)
+    for contour in contours:
+        ends = (
+            np.append(contour.forming_tip, contour.forming_tip[:1], axis=0) if contour.closed else contour.forming_tip
+        )
+        label = found.of_points(contour.contact)
+        cuts = np.flatnonzero(np.diff(label)) + 1
+        for begin, end in itertools.pairwise([0, *cuts.tolist(), len(label)]):
+            lines.setdefault(int(label[begin]), []).append(np.vstack([ends[begin : end + 1] * MM, gap]))
+    return {number: np.vstack(lines[number]) for number in sorted(lines)}
+
+
+def _path_colour(kind: Kind) -> tuple[float, float, float]:
+    """Of a partial path on a feature: its colour, darker."""
+    from matplotlib.colors import to_rgb
+
+    red, green, blue = to_rgb(COLOURS[kind])
+    return 0.45 * red, 0.45 * green, 0.45 * blue
+
+
+def _draw_page(figure: Any, found: FeatureMap, heading: str, contours: Sequence[Contour]) -> str:
     """Draw on an empty figure of plotly and return its title."""
     vertices, faces, label = _thinned(found)
     kinds = np.array([list(Kind).index(feature.kind) for feature in found.features])
@@ -89,6 +119,25 @@ def _draw_page(figure: Any, found: FeatureMap, heading: str) -> str:
             hovertext=[name_of(found.features[k]) for k in owner],
             hoverinfo="text",
         )
+    for number, line in partial_lines(found, contours).items():
+        feature = found.features[number]
+        figure.add_scatter3d(
+            **dict(zip("xyz", line.T, strict=True)),
+            mode="lines",
+            line={"color": "rgb({:.0%},{:.0%},{:.0%})".format(*_path_colour(feature.kind)), "width": 3},
+            name=f"path of {name_of(feature)}",
+            showlegend=False,
+        )
+    if contours:
+        starts = np.array([contour.forming_tip[0] for contour in contours]) * MM
+        figure.add_scatter3d(
+            **dict(zip("xyz", starts.T, strict=True)),
+            mode="markers",
+            marker={"color": ["#c1121f" if contour.retract else "#1f2933" for contour in contours], "size": 3},
+            text=[_start_text(contour) for contour in contours],
+            hoverinfo="text",
+            name="starts (red: lifted before)",
+        )
     places = np.array([feature.place for feature in found.features]) * MM
     figure.add_scatter3d(
         **dict(zip("xyz", (places + [0.0, 0.0, 0.5]).T, strict=True)),
@@ -102,7 +151,12 @@ def _draw_page(figure: Any, found: FeatureMap, heading: str) -> str:
     return heading
 
 
-def _figure(found: FeatureMap, heading: str) -> Figure:
+def _start_text(contour: Contour) -> str:
+    form = "closed" if contour.closed else "open"
+    return f"{contour_label(contour.index)}, {form}, {-contour.forming_tip[0, 2] * MM:.2f} mm deep"
+
+
+def _figure(found: FeatureMap, heading: str, contours: Sequence[Contour]) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import to_rgb
     from matplotlib.patches import Patch
@@ -131,7 +185,13 @@ def _figure(found: FeatureMap, heading: str) -> Figure:
     for feature in found.features:
         x, y = feature.place[:2] * MM
         above.annotate(f"{feature.number + 1}", (x, y), ha="center", va="center", fontsize=8, color="#1f2933")
-    above.set(aspect="equal", xlabel="x in mm", ylabel="y in mm", title="from above")
+    for number, line in partial_lines(found, contours).items():
+        above.plot(*line[:, :2].T, color=_path_colour(found.features[number].kind), lw=0.5)
+    for lifted, colour in ((False, "#1f2933"), (True, "#c1121f")):
+        starts = np.array([c.forming_tip[0, :2] for c in contours if c.retract == lifted]).reshape(-1, 2) * MM
+        above.plot(*starts.T, ".", ms=4, color=colour)
+    title = "from above, with partial paths; starts black, after a lift red" if contours else "from above"
+    above.set(aspect="equal", xlabel="x in mm", ylabel="y in mm", title=title)
     kinds = [kind for kind in Kind if kind.value in found.counts()]
     patches = [Patch(color=COLOURS[kind], label=f"{found.counts()[kind.value]} {kind.title}") for kind in kinds]
     above.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9)
