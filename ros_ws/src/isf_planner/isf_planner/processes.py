@@ -24,6 +24,7 @@ from isf_core.types import Array
 
 from isf_planner.checks import part_checks
 from isf_planner.features.segmentation import find_features
+from isf_planner.features.surface_features import FeatureMap
 from isf_planner.forming import stages
 from isf_planner.forming.sides import UPSIDE_DOWN, HalfPart, Side, parts, swapped
 from isf_planner.loops import level_spacing, sections
@@ -32,7 +33,7 @@ from isf_planner.part import mesh_checks
 from isf_planner.part.meshes import Mesh
 from isf_planner.part.warning_places import in_sheet
 from isf_planner.paths import adsif_path, sequencing, tool_paths, tpif_path
-from isf_planner.paths.partial_paths import partial_paths
+from isf_planner.paths.partial_paths import partial_paths, without_path
 from isf_planner.surface import target_surface, tip_surface
 
 Progress = Callable[[str, float], None]
@@ -85,8 +86,9 @@ class FormingProcess(ABC):
         mesh = loaded.moved(shifts[0])  # the height of an island's floor is known from the others
         made = stages.preforms(mesh, [side.forming_tool for side in sides], job_file, step.part(0.4, 0.5))
         begins = np.linspace(0.5, 0.9, len(made.parts) + 1)
+        of_part = sides[0].partial.found if sides[0].partial else None
         preforms = tuple(
-            _plan_half(half, job_file, step.part(float(begin), float(end)), preform=True)[0]
+            _plan_half(half, job_file, step.part(float(begin), float(end)), of_part)[0]
             for half, (begin, end) in zip(made.parts, pairwise(begins), strict=True)
         )
         return PreparedPart(mesh, tuple(sides), preforms, (*warnings, *made.warnings), stages=made.stages)
@@ -174,16 +176,16 @@ def _parts(mesh: Mesh, job_file: JobFile) -> list[HalfPart]:
 
 
 def _plan_half(
-    half: HalfPart, job_file: JobFile, step: Steps, *, preform: bool = False
+    half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None = None
 ) -> tuple[Side, Array, list[str]]:
     """Loops of what one tool forms, in the view of that tool; the shift (3,) m of the mesh in frame ``sheet``.
 
-    ``preform``: it is a shape before the part, whose features have no levels of their own.
+    ``of_part``: features of the part that a shape before it becomes; they are its own, too, at common levels.
 
     What is told, also by an error, names places in frame ``sheet``.
     """
     try:
-        side, shift, warnings = _plan_view(half, job_file, step, preform=preform)
+        side, shift, warnings = _plan_view(half, job_file, step, of_part)
     except IsfError as error:
         what, where = (in_sheet(text, half.forming_tool, half.base) for text in (error.what, error.where))
         raise IsfError(error.code, what, where=where, advice=error.advice) from error
@@ -191,7 +193,9 @@ def _plan_half(
     return side, upright, [in_sheet(text, half.forming_tool, half.base) for text in warnings]
 
 
-def _plan_view(half: HalfPart, job_file: JobFile, step: Steps, *, preform: bool) -> tuple[Side, Array, list[str]]:
+def _plan_view(
+    half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None
+) -> tuple[Side, Array, list[str]]:
     job, rig = swapped(job_file.job, half.forming_tool), job_file.rig
     radius = job.tool_1.ball_radius
     part = mesh_checks.check_and_place(half.mesh, rig.clamp.size, job.tool_1.radius, place=job.part.place)
@@ -209,8 +213,8 @@ def _plan_view(half: HalfPart, job_file: JobFile, step: Steps, *, preform: bool)
     warnings += part_checks.check_reach(surface, height, part.depth, radius)
 
     grid = sections.TipGrid(x, y, height, part.depth)
-    found = find_features(part.mesh, radius) if job.path.partial_paths else None
-    by_feature = feature_levels(grid, surface, found, job, own=not preform) if found else None
+    found = (of_part or find_features(part.mesh, radius)) if job.path.partial_paths else None
+    by_feature = feature_levels(grid, surface, found, job, own=of_part is None) if found else None
     levels = by_feature.z if by_feature else level_spacing.levels(grid, surface, job)
     nodes, reported = sections.trace(grid, levels, job)
     warnings += reported
@@ -218,8 +222,8 @@ def _plan_view(half: HalfPart, job_file: JobFile, step: Steps, *, preform: bool)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
     partial = partial_paths(tree, found, by_feature, radius) if found and by_feature else None
-    if partial:
-        warnings += [*partial.warnings, *sequencing.near_ribs(tree, partial, radius)]
+    if partial and by_feature and of_part is None:
+        warnings += [*without_path(partial, by_feature), *sequencing.near_ribs(tree, partial, radius)]
     return Side(tree, surface, half.forming_tool, half.base, partial), shift, warnings
 
 

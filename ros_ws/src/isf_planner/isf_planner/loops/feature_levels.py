@@ -4,8 +4,8 @@ With ``path.spacing`` scallop or arc a wall is divided by its own slope, so that
 passed over as often as that one. The ribs at its upper and lower end are divided with it, and narrow walls with a wide
 one beside them, by the flattest of both, as lifts for short passes would cost more than they save. Walls alike (one
 kind, one range of depth, steps within 4 %, so that ridges are within 8 %) share their levels, and close levels of
-different walls are made one: there their paths join. With spacing depth all features have the same levels, and in the
-shapes before a part, whose smooth surface has no edges to tell features by.
+different walls are made one: there their paths join. With spacing depth all features have the same levels. So they
+have in the shapes before a part: there the features of the part lie, seen from above, but blended into each other.
 
 What touches a border that runs along the levels belongs to both sides of it: at the lowest level of a wall the tool
 also touches what follows below. So a level of a feature holds for its neighbours above and below, too; it lies within

@@ -59,15 +59,14 @@ class PartialPaths:
     ----------
     found : features of the surface
     curves : of all partial paths ; passes : what they join to, loop by loop
-    rib_distance : for every loop (N,) m from its contacts to the nearest rib that runs down, infinite without one
-    warnings : features that are formed with their neighbours, with their place
+    rib_distance : for every loop (N,) m, seen from above, from its contacts to the nearest rib that runs down, infinite
+        without one
     """
 
     found: FeatureMap
     curves: tuple[Curve, ...]
     passes: tuple[Pass, ...]
     rib_distance: tuple[Array, ...]
-    warnings: tuple[str, ...] = ()
 
     @property
     def features(self) -> tuple[int, ...]:
@@ -76,21 +75,16 @@ class PartialPaths:
 
 
 def partial_paths(tree: LoopTree, found: FeatureMap, levels: FeatureLevels, radius: float) -> PartialPaths:
-    """Partial paths along the loops of ``tree`` for a ball of ``radius`` m.
-
-    Raises
-    ------
-    IsfError : PARTIAL_PATH_MISSING for a wall that the ball cannot touch
-    """
+    """Partial paths along the loops of ``tree`` for a ball of ``radius`` m; the features lie as seen from above."""
     ribs = [feature.number for feature in found.features if feature.kind is Kind.RIB_SEMI_VERTICAL]
-    nodes = found.heights.points()[np.isin(found.label.ravel(), ribs)]
+    nodes = found.heights.points()[np.isin(found.label.ravel(), ribs), :2]
     near_ribs = KDTree(nodes) if len(nodes) else None
     curves: list[Curve] = []
     passes: list[Pass] = []
     rib_distance: list[Array] = []
     for number, loop in enumerate(tree.loops):
         contact = loop.contact(radius)
-        away = near_ribs.query(contact)[0] if near_ribs else np.full(len(contact), np.inf)
+        away = near_ribs.query(contact[:, :2])[0] if near_ribs else np.full(len(contact), np.inf)
         rib_distance.append(away)
         spacing = _spacing(loop)
         label = _without_touches(found.of_points(contact), max(1, round(SHORTEST_CURVE * radius / spacing)))
@@ -105,8 +99,7 @@ def partial_paths(tree: LoopTree, found: FeatureMap, levels: FeatureLevels, radi
             for begin, count in runs(taken)
             if taken[begin]
         ]
-    warnings = _check(found, levels, {curve.feature for curve in curves})
-    return PartialPaths(found, tuple(curves), tuple(passes), tuple(rib_distance), warnings)
+    return PartialPaths(found, tuple(curves), tuple(passes), tuple(rib_distance))
 
 
 def runs(values: Indices | Mask) -> list[tuple[int, int]]:
@@ -155,20 +148,25 @@ def _extended(formed: Mask, near_rib: Mask, reach: int) -> Mask:
             continue
         for end, way in ((begin - 1, -1), (begin + count, 1)):
             for k in range(n):
+                taken[(end + k * way) % n] = True
                 if k >= reach and not near_rib[(end + k * way) % n]:
                     break
-                taken[(end + k * way) % n] = True
     for begin, count in runs(taken):
         if not taken[begin] and count < n and count < 2 * reach:
             taken[np.mod(np.arange(begin, begin + count), n)] = True
     return taken
 
 
-def _check(found: FeatureMap, levels: FeatureLevels, with_path: set[int]) -> tuple[str, ...]:
-    """Warnings of walls that no level line reaches; raises IsfError PARTIAL_PATH_MISSING."""
+def without_path(partial: PartialPaths, levels: FeatureLevels) -> tuple[str, ...]:
+    """Warnings of walls that no level line reaches, with their place.
+
+    Raises
+    ------
+    IsfError : PARTIAL_PATH_MISSING for a wall that the ball cannot touch
+    """
     warnings = []
-    for feature in found.features:
-        if not feature.kind.wall or feature.number in with_path:
+    for feature in partial.found.features:
+        if not feature.kind.wall or feature.number in partial.features:
             continue
         what = f"feature {feature.number + 1} ({feature.kind.title}, {np.degrees(feature.wall_angle):.0f} deg)"
         if levels.touched[feature.number] == 0:
