@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -46,7 +47,9 @@ def test_features_and_stages_of_a_steep_part(tmp_path: Path) -> None:
         .replace("process: DSIF", "process: SPIF")
     )
     lines = [line for line in text.splitlines() if not line.strip().startswith(("support_force", "engage_depth"))]
-    text = "\n".join(lines).replace("path:\n", "path:\n  morph: {failure_angle: 60 deg, shapes: 1}\n")
+    text = "\n".join(lines).replace(
+        "path:\n", "path:\n  partial_paths: true\n  morph: {failure_angle: 60 deg, shapes: 1}\n"
+    )
     (tmp_path / "job.yaml").write_text(text + "\nwall_angle_limit: 70 deg\n", encoding="utf-8")
     shown = ("--show", "features.html", "--colour", "features")
     done = isf("plan", "job.yaml", *shown, "-o", "run", "--json", cwd=tmp_path)
@@ -59,7 +62,13 @@ def test_features_and_stages_of_a_steep_part(tmp_path: Path) -> None:
     assert found["stages"][0]["depth_mm"] < found["stages"][1]["depth_mm"] == pytest.approx(12.0, abs=0.01)
     assert found["stages"][1]["gap_over_limit"] > 1.0
     assert any("the sheet may fold over at" in warning for warning in found["warnings"])
-    assert "1 ruled, positive" in (tmp_path / "features.html").read_text(encoding="utf-8")
+    partial = found["partial_paths"]
+    assert partial["closed"] == found["contours"]  # the walls are alike all around
+    assert partial["open"] == 0
+    assert partial["curves"] >= partial["closed"] > partial["paths"] >= 2
+    page = (tmp_path / "features.html").read_text(encoding="utf-8")
+    assert "1 ruled, positive" in page
+    assert re.search(r"path of \d+ ruled, positive", page)
 
 
 def test_parts_are_listed_and_made(tmp_path: Path) -> None:

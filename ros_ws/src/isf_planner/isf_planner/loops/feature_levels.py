@@ -201,7 +201,9 @@ def _merged(groups: list[Array], depth: float) -> tuple[Array, list[Indices]]:
         level[k] = len(found) - 1
     z = np.array([values[members].mean() for members in found])
     z = np.maximum(z, -depth)
-    last = z <= -depth + ONE_LEVEL * float(step[found[-1]].min())
+    # a level just above the bottom would be none of a pocket (isf_planner.loops.sections)
+    least = max(ONE_LEVEL * float(step[found[-1]].min()), 1.01 * tip_loops.SMALLEST_STEP * abs(float(z[0])))
+    last = z <= -depth + least
     if not last.any():
         z, last = np.append(z, -depth), np.append(last, True)
     first = int(np.argmax(last))

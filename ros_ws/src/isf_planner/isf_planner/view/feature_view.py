@@ -88,12 +88,11 @@ def partial_lines(found: FeatureMap, contours: Sequence[Contour]) -> dict[int, A
     return {number: np.vstack(lines[number]) for number in sorted(lines)}
 
 
-def _path_colour(kind: Kind) -> tuple[float, float, float]:
+def _path_colour(kind: Kind) -> str:
     """Of a partial path on a feature: its colour, darker."""
-    from matplotlib.colors import to_rgb
+    from matplotlib.colors import to_hex, to_rgb
 
-    red, green, blue = to_rgb(COLOURS[kind])
-    return 0.45 * red, 0.45 * green, 0.45 * blue
+    return str(to_hex([0.45 * channel for channel in to_rgb(COLOURS[kind])]))
 
 
 def _draw_page(figure: Any, found: FeatureMap, heading: str, contours: Sequence[Contour]) -> str:
@@ -124,7 +123,7 @@ def _draw_page(figure: Any, found: FeatureMap, heading: str, contours: Sequence[
         figure.add_scatter3d(
             **dict(zip("xyz", line.T, strict=True)),
             mode="lines",
-            line={"color": "rgb({:.0%},{:.0%},{:.0%})".format(*_path_colour(feature.kind)), "width": 3},
+            line={"color": _path_colour(feature.kind), "width": 3},
             name=f"path of {name_of(feature)}",
             showlegend=False,
         )
@@ -185,11 +184,11 @@ def _figure(found: FeatureMap, heading: str, contours: Sequence[Contour]) -> Fig
     for feature in found.features:
         x, y = feature.place[:2] * MM
         above.annotate(f"{feature.number + 1}", (x, y), ha="center", va="center", fontsize=8, color="#1f2933")
-    for number, line in partial_lines(found, contours).items():
-        above.plot(*line[:, :2].T, color=_path_colour(found.features[number].kind), lw=0.5)
-    for lifted, colour in ((False, "#1f2933"), (True, "#c1121f")):
+    for number, path in partial_lines(found, contours).items():
+        above.plot(*path[:, :2].T, color=_path_colour(found.features[number].kind), lw=0.5)
+    for lifted, dot in ((False, "#1f2933"), (True, "#c1121f")):
         starts = np.array([c.forming_tip[0, :2] for c in contours if c.retract == lifted]).reshape(-1, 2) * MM
-        above.plot(*starts.T, ".", ms=4, color=colour)
+        above.plot(*starts.T, ".", ms=4, color=dot)
     title = "from above, with partial paths; starts black, after a lift red" if contours else "from above"
     above.set(aspect="equal", xlabel="x in mm", ylabel="y in mm", title=title)
     kinds = [kind for kind in Kind if kind.value in found.counts()]
