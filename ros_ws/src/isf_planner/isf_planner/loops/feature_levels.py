@@ -22,7 +22,7 @@ from isf_core.files.job import Job
 from isf_core.types import Array, Indices, Mask
 
 from isf_planner.features.surface_features import FeatureMap, Kind, SurfaceFeature
-from isf_planner.loops import level_spacing
+from isf_planner.loops import level_spacing, tip_loops
 from isf_planner.loops.level_spacing import Places
 from isf_planner.loops.sections import TipGrid
 from isf_planner.surface.target_surface import TargetSurface
