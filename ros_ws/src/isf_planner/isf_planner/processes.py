@@ -27,7 +27,7 @@ from isf_planner.features.segmentation import find_features
 from isf_planner.features.surface_features import FeatureMap
 from isf_planner.forming import stages
 from isf_planner.forming.sides import UPSIDE_DOWN, HalfPart, Side, parts, swapped
-from isf_planner.loops import level_spacing, sections
+from isf_planner.loops import level_spacing, sections, tip_loops
 from isf_planner.loops.feature_levels import feature_levels
 from isf_planner.part import mesh_checks
 from isf_planner.part.meshes import Mesh
@@ -215,7 +215,12 @@ def _plan_view(
     grid = sections.TipGrid(x, y, height, part.depth)
     found = (of_part or find_features(part.mesh, radius)) if job.path.partial_paths else None
     by_feature = feature_levels(grid, surface, found, job, own=of_part is None) if found else None
-    levels = by_feature.z if by_feature else level_spacing.levels(grid, surface, job)
+    if by_feature:
+        levels = by_feature.z
+    elif job.path.spacing == "depth":
+        levels = tip_loops.levels(part.depth, job.path.incremental_depth)
+    else:
+        levels = level_spacing.levels(grid, surface, job)
     nodes, reported = sections.trace(grid, levels, job)
     warnings += reported
     part_checks.check_pockets(part.mesh, levels, nodes, radius)
