@@ -20,13 +20,15 @@ class ErrorCode(IntEnum):
     INTERNAL = 1
     """A fault of this software."""
 
-    # files (job, rig, material)
+    # files (job, rig, material, checkpoint)
     FILE_NOT_FOUND = 1001
     FILE_SYNTAX = 1002
     FILE_FIELD = 1003
     FILE_UNIT = 1004
     FILE_NOT_WRITABLE = 1005
     FILE_OUTSIDE = 1006
+    CHECKPOINT_UNUSABLE = 1007
+    PART_FINISHED = 1008
 
     # planner
     MESH_UNREADABLE = 1101

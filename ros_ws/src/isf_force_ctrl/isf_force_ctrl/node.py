@@ -22,8 +22,9 @@ from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import quantity
 from isf_core.files.job import JobFile
+from isf_core.files.own_folder import path_below
 from isf_msgs import msg as isf
-from isf_msgs.srv import Arm
+from isf_msgs.srv import Arm, StateFile
 from isf_ros import conversion, process, qos, stamps
 from isf_ros.executive_watch import ExecutiveWatch
 from isf_ros.lifecycle import CellNode
@@ -35,6 +36,7 @@ from std_srvs.srv import Trigger
 
 from isf_force_ctrl.control_state import Mode
 from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.kept_state import load_controller, save_controller
 from isf_force_ctrl.ros.control_clock import PeriodicLoop
 from isf_force_ctrl.ros.identify_action import IdentifyAction
 from isf_force_ctrl.ros.measurement_actions import MeasurementActions
@@ -97,6 +99,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self.create_subscription(isf.Contour, "contour/corrected", self._on_contour, qos.LATCHED)
         self.create_service(Arm, "force_ctrl/arm", self._on_arm)
         self.create_service(Trigger, "force_ctrl/stop", self._on_stop)
+        self.create_service(StateFile, "force_ctrl/save", self._on_save)
+        self.create_service(StateFile, "force_ctrl/load", self._on_load)
         self._attended = Attendance(ExecutiveWatch(self, EXECUTIVE_SILENCE), p.contour_wait)
         heard = self._attended.executive.on_diagnostics
         self.create_subscription(DiagnosticArray, "/diagnostics", heard, 50)
@@ -446,9 +450,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         )
         self._ready.needed = tools_with_load_cell(job_file.job)
         self._ready.check(tared=self._settings.wrenches_tared)
+        here_1, here_2 = self._ready.tip(1), self._ready.tip(2)
         controller = ForceController(control_config(job_file, self._settings))
         park = controller.config.park_height
-        tip_1, tip_2 = self._ready.tip(1, (0.0, 0.0, park)), self._ready.tip(2, (0.0, 0.0, -park))
+        tip_1, tip_2 = here_1 or (0.0, 0.0, park), here_2 or (0.0, 0.0, -park)  # one that is elsewhere faults
         self._awaited = None
         controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
         self._chips = ChipWatch(job_file, override)
@@ -495,6 +500,42 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._step_in_lockstep()
         response.success = True
         return response
+
+    def _on_save(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
+        with self._answering(response), self._lock:
+            save_controller(self._in_lockstep(), self._path_of(request))
+        return response
+
+    def _on_load(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
+        with self._answering(response), self._lock:
+            controller, path = self._in_lockstep(), self._path_of(request)
+            try:
+                load_controller(controller, path)
+            except IsfError:
+                self._controller = None
+                raise
+            self._publish_state(controller, self.get_clock().now().nanoseconds)
+        return response
+
+    def _in_lockstep(self) -> ForceController:
+        """The armed controller, where time stands still between contours: by the clock the tools of a part that goes on
+        are off the sheet. Raises IsfError NOT_ARMED."""
+        if self._controller is None or not self._settings.lockstep:
+            what = "nothing is armed" if self._settings.lockstep else "the state is kept in lockstep only"
+            raise IsfError(ErrorCode.NOT_ARMED, what, advice="arm the plan, in lockstep")
+        return self._controller
+
+    def _path_of(self, request: StateFile.Request) -> Path:
+        return path_below(Path(self._settings.state_folder).absolute(), request.path)
+
+    @contextmanager
+    def _answering(self, response: StateFile.Response) -> Iterator[None]:
+        """An expected failure becomes code and message."""
+        try:
+            yield
+        except IsfError as error:
+            response.code, response.message = int(error.code), error.message
+            self.get_logger().warning(str(error))
 
     def _stop_loop(self) -> None:
         if self._loop is not None:

@@ -34,7 +34,7 @@ from isf_ros.watchdog import RegularLook
 from numpy.typing import NDArray
 
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
-from isf_sim.machine.state import load_machine, save_machine
+from isf_sim.machine.state import load_machine, plant_digest, save_machine
 from isf_sim.real_time import PeriodicThread
 from isf_sim.ros.publishers import MachinePublishers, cloud_message, state_message
 from isf_sim.ros.targets import TargetPair, TargetStream
@@ -188,7 +188,9 @@ class MachineNode(CellNode[MachineParameters]):
     # -- blank and time ------------------------------------------------------------------------------
 
     def clamp(self, machine: SimulatedMachine) -> None:
-        """Take ``machine`` in place of the one before: a fresh blank or a saved one; time goes on where it was.
+        """Take ``machine`` in place of the one before: a fresh blank or a saved one.
+
+        Time goes on where it was, in a node that had no blank where that of the saved machine was.
 
         Raises
         ------
@@ -201,7 +203,8 @@ class MachineNode(CellNode[MachineParameters]):
                 where="sheet",
                 advice="run in lockstep, or take the sheet fast",
             )
-        tick, before = self._tick(), self._machine
+        before = self._machine
+        tick = machine.tick_count if before is None else self._tick()
         if before is not None and before.control_rate != machine.control_rate:
             tick = math.ceil(tick / before.control_rate * machine.control_rate)
         self._first_tick = tick - machine.tick_count
@@ -580,6 +583,7 @@ class MachineServices:
         return response
 
     def _on_save(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
+        plant_digest()  # once it takes a second, in which ticks by the clock go on
         with self._answering(response):
             machine, path = self._node.needed(), self._path_of(request)
             with contextlib.suppress(OSError):  # the file that cannot be written says why

@@ -29,6 +29,10 @@ class ForceCtrlParameters:
     wrenches_tared: bool = parameter(
         False, "the wrenches come tared: machine/tare and machine/state are not needed to arm", read_only=False
     )
+    state_folder: str = parameter(
+        "force_ctrl_states",
+        "folder below which force_ctrl/save writes and force_ctrl/load reads; relative to the working directory",
+    )
     contour_wait: float = parameter(
         10.0,
         "wall time in contact without a next contour after which the tools are lifted, where no executive has the part "

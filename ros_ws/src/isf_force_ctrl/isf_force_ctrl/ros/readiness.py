@@ -109,10 +109,11 @@ class Readiness:
             raise IsfError(ErrorCode.WRENCH_LOST, f"nothing on tool_{forming_tool}/wrench, which forms this contour")
         self.needed = [1, 2]
 
-    def tip(self, tool: int, parked: Vector) -> Vector:
-        """Where a tool is: its fresh pose, else ``parked`` (a machine that is elsewhere faults on the jump)."""
+    def tip(self, tool: int) -> Vector | None:
+        """Where a tool is by its fresh pose; None: not known. To be asked together with :meth:`check`: what is fresh
+        there is so here."""
         pose = self._poses[tool - 1]
-        return pose[1] if pose is not None and time.monotonic() - pose[0] <= FRESH else parked
+        return pose[1] if pose is not None and time.monotonic() - pose[0] <= FRESH else None
 
 
 def tools_with_load_cell(job: Job) -> list[int]:
