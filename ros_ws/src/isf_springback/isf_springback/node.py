@@ -9,7 +9,9 @@ Scans may come from any scanner: ``sensor_msgs/PointCloud2`` with float32 or flo
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,9 +20,11 @@ from typing import Any, TypeVar
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import quantity
 from isf_core.files.job import JobFile, load_job
+from isf_core.files.own_folder import path_below
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo
+from isf_msgs.srv import StateFile
 from isf_ros import process, qos, stamps
-from isf_ros.background import Worker
+from isf_ros.background import Worker, in_thread
 from isf_ros.conversion import (
     cloud_points,
     contour_from_message,
@@ -42,6 +46,9 @@ from isf_springback.session import CorrectionSession
 WAITING_PERIOD = 0.1
 """s of wall time between two attempts at a contour that waits."""
 
+LOOK_PERIOD = 0.01
+"""s of wall time between two looks whether all news of a contour have come, before the state is saved."""
+
 T = TypeVar("T")
 
 
@@ -57,6 +64,10 @@ class SpringbackParameters:
     job: str = parameter("", "job file, for a cell whose executive does not publish part/info")
     base_folder: str = parameter(
         "", "folder that relative material and rig paths of the job in part/info refer to", read_only=False
+    )
+    state_folder: str = parameter(
+        "correction_states",
+        "folder below which springback/save writes and springback/load reads; relative to the working directory",
     )
     result_timeout: float = parameter(
         5.0,
@@ -95,6 +106,8 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         self.create_subscription(PointCloud2, "part/target", self._on_target, qos.LATCHED)
         self.create_subscription(PointCloud2, "tool_lift", self._on_lift, qos.LATCHED)
         self.create_subscription(PointCloud2, "scan", self._on_scan, qos.LATCHED)
+        self.create_service(StateFile, "springback/save", self._on_save)
+        self.create_service(StateFile, "springback/load", self._on_load)
         self.create_timer(WAITING_PERIOD, self._on_timer, clock=self.steady_clock)
 
     def deactivate(self) -> None:
@@ -164,6 +177,47 @@ class SpringbackNode(CellNode[SpringbackParameters]):
             self.report(IsfError(ErrorCode.SCAN_INCOMPLETE, f"not a cloud of points: {error}", where="topic scan"))
             return
         self._go_on_with(lambda session: session.add_scan(points, stamp_seconds(message)))
+
+    async def _on_save(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
+        return await self._answered(response, partial(self._save, request.path))
+
+    async def _on_load(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
+        def load() -> None:
+            folder = path_below(Path(self.values().state_folder).absolute(), request.path)
+            self._in_worker(lambda session: session.load(folder))
+
+        return await self._answered(response, load)
+
+    async def _answered(self, response: StateFile.Response, work: Callable[[], None]) -> StateFile.Response:
+        """``response`` with the code and text of what ``work`` raised; other callbacks are served meanwhile."""
+        try:
+            await in_thread(work, self.executor)
+        except IsfError as error:
+            response.code, response.message = int(error.code), error.message
+            self.get_logger().warning(str(error))
+        return response
+
+    def _save(self, path: str) -> None:
+        """When the news of the last contour are here, or as long after as they are waited for."""
+        values = self.values()
+        folder = path_below(Path(values.state_folder).absolute(), path)
+        deadline = time.monotonic() + values.result_timeout
+        while not self._in_worker(lambda session: session.complete) and time.monotonic() < deadline:
+            time.sleep(LOOK_PERIOD)
+        self._in_worker(lambda session: session.save(folder))
+
+    def _in_worker(self, ask: Callable[[CorrectionSession], T]) -> T:
+        """What ``ask`` finds in the session, to which only the worker has access."""
+        session, answer = self._session, Future[T]()
+
+        def work() -> None:
+            try:
+                answer.set_result(ask(session))
+            except BaseException as error:  # raised where it was asked
+                answer.set_exception(error)
+
+        self._worker.add(work)
+        return answer.result()
 
     def _convert(self, convert: Callable[[Any], T], message: Any) -> T | None:
         """Core object of a message; a malformed one is reported and dropped."""

@@ -12,6 +12,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
@@ -20,6 +21,7 @@ from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
+from isf_springback.contour_record import ContourRecord, read_records, read_target, write_target
 from isf_springback.corrector import Corrector, apply
 from isf_springback.estimators.estimator import NoCorrection
 from isf_springback.lift_feedback import lift_awaited, reading_of
@@ -40,16 +42,6 @@ class Outcome:
     corrected: Contour | None
 
 
-@dataclass
-class _Formed:
-    nominal: Contour
-    correction: ContourCorrection
-    corrected: Contour
-    result: ContourResult | None = None
-    lift: Array | None = None
-    scan: Array | None = None
-
-
 class CorrectionSession:
     """State of the node; ``timeout`` s of ``clock`` is waited for a job or a result."""
 
@@ -62,10 +54,11 @@ class CorrectionSession:
         self._job_plan = ""
         self._waiting: Contour | None = None
         self._since = 0.0
-        self._history: list[_Formed] = []
+        self._history: list[ContourRecord] = []
         self._corrector: Corrector | None = None
         self._declined: IsfError | None = None
         self._target: HeightMap | None = None
+        self._target_written = False
         self._lift: tuple[float, Array] | None = None
         self._scan: tuple[float, Array] | None = None
 
@@ -100,14 +93,14 @@ class CorrectionSession:
             if (formed.correction.plan_id, formed.correction.index) == (result.plan_id, result.index):
                 if formed.result is None and self._corrector is not None:
                     self._corrector.add_result(formed.corrected, result)
-                formed.result = result
+                formed.result, formed.written = result, False
                 self._assign_lift()
                 self._assign_scan()
                 return
 
     def set_target(self, target: HeightMap) -> None:
         """The shape that is wanted."""
-        self._target = target
+        self._target, self._target_written = target, False
         if self._corrector is not None:
             self._corrector.set_target(target)
 
@@ -128,7 +121,7 @@ class CorrectionSession:
         last = self._history[-1]
         if last.result is None or last.lift is not None or self._lift[0] < last.result.end - STAMP_TOLERANCE:
             return
-        last.lift, self._lift = self._lift[1], None
+        last.lift, self._lift, last.written = self._lift[1], None, False
         if self._corrector is not None:
             self._corrector.add_lift(reading_of(last.lift), last.nominal.index)
 
@@ -139,9 +132,40 @@ class CorrectionSession:
         last = self._history[-1]
         if last.result is None or last.scan is not None or self._scan[0] < last.result.end - STAMP_TOLERANCE:
             return
-        last.scan, self._scan = self._scan[1], None
+        last.scan, self._scan, last.written = self._scan[1], None, False
         if self._corrector is not None:
             self._corrector.add_scan(last.scan, last.nominal.index)
+
+    @property
+    def complete(self) -> bool:
+        """True when all that is to come after the last contour has come."""
+        if not self._history:
+            return True
+        last = self._history[-1]
+        index = last.nominal.index + 1
+        return last.result is not None and not self._lift_lacks(index) and not self._scan_lacks(index)
+
+    def save(self, folder: Path) -> None:
+        """Write what has come since it was saved last; raises IsfError FILE_NOT_WRITABLE."""
+        if self._target is not None and not self._target_written:
+            write_target(self._target, folder)
+            self._target_written = True
+        for record in self._history:
+            if not record.written:
+                record.write(folder)
+
+    def load(self, folder: Path) -> None:
+        """Go on after the contours that were saved in ``folder``; with the next contour its method is given all of them
+        again.
+
+        Raises
+        ------
+        IsfError : FILE_NOT_FOUND, CHECKPOINT_UNUSABLE
+        """
+        history, target = read_records(folder), read_target(folder)
+        self._history, self._corrector, self._waiting, self._lift, self._scan = history, None, None, None, None
+        if target is not None:
+            self._target, self._target_written = target, True
 
     def drop(self) -> None:
         """Forget a contour that waits."""
@@ -175,7 +199,7 @@ class CorrectionSession:
             error = coded(fault, where=contour_label(contour.index), advice=f"a fault of method '{self.method_name}'")
             return Outcome(_refusal(contour, self.method_name, error), None)
         self._history = [f for f in self._history if f.nominal.index != contour.index]
-        self._history.append(_Formed(contour, correction, corrected))
+        self._history.append(ContourRecord(contour, correction, corrected))
         return Outcome(correction, corrected)
 
     def _result_is_here(self, contour: Contour) -> bool:
@@ -187,19 +211,23 @@ class CorrectionSession:
 
     def _scan_is_here(self, contour: Contour) -> bool:
         """True unless a scan was announced by the job for this contour and the method would use it."""
-        if self._job is None or not self._history or not self._follows(contour):
-            return True
-        wanted = scan_awaited(self._job, contour.index) and self._corrector is not None and self._corrector.uses_scans
-        last = self._history[-1]
-        return not wanted or last.nominal.index != contour.index - 1 or last.scan is not None
+        return not self._is_next(contour) or not self._scan_lacks(contour.index)
 
     def _lift_is_here(self, contour: Contour) -> bool:
         """True unless a tool lift was announced by the job for this contour and the method would use it."""
-        if self._job is None or not self._history or not self._follows(contour):
-            return True
-        wanted = lift_awaited(self._job, contour.index) and self._corrector is not None and self._corrector.uses_lifts
-        last = self._history[-1]
-        return not wanted or last.nominal.index != contour.index - 1 or last.lift is not None
+        return not self._is_next(contour) or not self._lift_lacks(contour.index)
+
+    def _is_next(self, contour: Contour) -> bool:
+        """True for the contour after the last one of the part in hand."""
+        return bool(self._history) and self._follows(contour) and self._history[-1].nominal.index == contour.index - 1
+
+    def _scan_lacks(self, index: int) -> bool:
+        wanted = self._job is not None and scan_awaited(self._job, index)
+        return wanted and self._history[-1].scan is None and self._corrector is not None and self._corrector.uses_scans
+
+    def _lift_lacks(self, index: int) -> bool:
+        wanted = self._job is not None and lift_awaited(self._job, index)
+        return wanted and self._history[-1].lift is None and self._corrector is not None and self._corrector.uses_lifts
 
     def _with_missing(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:
         """The correction with LIFT_MISSING or SCAN_MISSING when its lift or scan never came, or why a change of method
@@ -239,6 +267,8 @@ class CorrectionSession:
             self._corrector = None
             self._lift = self._scan = None  # of an earlier part
         self._declined = None
+        if self._corrector is None and self._history:
+            self._corrector = self._taken_up()
         if self._corrector is None or self._corrector.name != self.method_name:
             try:
                 check_method(self.method_name, self._job)
@@ -247,19 +277,65 @@ class CorrectionSession:
                     raise
                 self._declined = error  # half a part is formed: it goes on with the method it has
                 return self._corrector
-            corrector = make_corrector(self.method_name, self._job)
-            if self._target is not None:
-                corrector.set_target(self._target)
-            for formed in self._history:
-                corrector.follow(formed.nominal, formed.correction)
-                if formed.result is not None:
-                    corrector.add_result(formed.corrected, formed.result)
-                if formed.lift is not None:
-                    corrector.add_lift(reading_of(formed.lift), formed.nominal.index)
-                if formed.scan is not None:
-                    corrector.add_scan(formed.scan, formed.nominal.index)
+            corrector = self._made(self.method_name)
+            for record in self._history:
+                corrector.follow(record.nominal, record.correction)
+                _tell(corrector, record)
             self._corrector = corrector
         return self._corrector
+
+    def _made(self, method: str) -> Corrector:
+        assert self._job is not None  # checked by whoever corrects
+        corrector = make_corrector(method, self._job)
+        if self._target is not None:
+            corrector.set_target(self._target)
+        return corrector
+
+    def _taken_up(self) -> Corrector:
+        """The corrector in the state in which it was after the contours that were loaded: it corrects them again.
+
+        Raises
+        ------
+        IsfError : CHECKPOINT_UNUSABLE, it corrects them otherwise
+        """
+        method = self._history[-1].correction.method
+        own = len(self._history)
+        while own > 0 and self._history[own - 1].correction.method == method:
+            own -= 1  # before them another method corrected
+        corrector = self._made(method)
+        for k, record in enumerate(self._history):
+            if k < own:
+                corrector.follow(record.nominal, record.correction)
+            else:
+                offset = corrector.correct(record.nominal).offset
+                if offset.shape != record.correction.offset.shape or not _same(offset, record.correction.offset):
+                    raise IsfError(
+                        ErrorCode.CHECKPOINT_UNUSABLE,
+                        f"the method '{method}' now gives another correction than when it was formed",
+                        where=contour_label(record.nominal.index),
+                        advice="what it reads (models, files that the job names) has changed: restore it, or form the "
+                        "part again",
+                    )
+            _tell(corrector, record)
+        return corrector
+
+
+SAME = 1e-6
+"""m, largest difference of two corrections that count as the same: another processor may round otherwise."""
+
+
+def _same(offset: Array, before: Array) -> bool:
+    return bool((np.abs(offset - before) <= SAME).all())
+
+
+def _tell(corrector: Corrector, record: ContourRecord) -> None:
+    """What was measured of a contour."""
+    if record.result is not None:
+        corrector.add_result(record.corrected, record.result)
+    if record.lift is not None:
+        corrector.add_lift(reading_of(record.lift), record.nominal.index)
+    if record.scan is not None:
+        corrector.add_scan(record.scan, record.nominal.index)
 
 
 def _with(correction: ContourCorrection, code: ErrorCode, what: str, advice: str) -> ContourCorrection:

@@ -174,6 +174,66 @@ def test_a_contour_sent_twice_gets_the_same_answer(session):
     assert np.array_equal(session.advance().correction.offset, first.correction.offset)
 
 
+@pytest.mark.parametrize("switch", [None, 6])
+def test_a_part_goes_on_as_if_it_had_not_been_interrupted(session, switch, tmp_path, clock):
+    """Bit for bit, after a change of the method too."""
+    going_on = None
+    for index in range(14):
+        if index == switch:
+            session.choose("none")
+        if index == 10:
+            going_on = CorrectionSession(TIMEOUT, clock)
+            going_on.choose("none" if switch else "")
+            going_on.load(tmp_path)
+            going_on.set_job(job_file(), "plan")
+        whole = form(session, index, load=400.0 + 20.0 * index)
+        assert session.complete
+        if going_on is None:
+            session.save(tmp_path)
+        else:
+            again = form(going_on, index, load=400.0 + 20.0 * index)
+            assert again.correction.code == 0
+            assert np.array_equal(again.correction.offset, whole.correction.offset)
+            assert np.array_equal(again.corrected.contact, whole.corrected.contact)
+    assert switch or level(whole) > 3e-3
+
+
+def test_only_what_is_new_is_written(session, tmp_path):
+    form(session, 0)
+    session.save(tmp_path)
+    first = (tmp_path / "contour_000000.npz").stat().st_mtime_ns
+    form(session, 1)
+    session.save(tmp_path)
+    assert (tmp_path / "contour_000000.npz").stat().st_mtime_ns == first
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["contour_000000.npz", "contour_000001.npz"]
+
+
+def test_a_method_that_decides_otherwise_by_now_is_noticed(session, tmp_path, clock):
+    for index in range(6):
+        form(session, index)
+    session.save(tmp_path)
+    other = CorrectionSession(TIMEOUT, clock)
+    other.load(tmp_path)
+    other.set_job(job_file(gain="gain: 0.8"), "plan")
+    other.add_contour(cone_contour(6))
+    refused = other.advance()
+    assert refused.corrected is None
+    assert refused.correction.code == ErrorCode.CHECKPOINT_UNUSABLE
+    assert "another correction" in refused.correction.message
+
+
+@pytest.mark.parametrize("size", [0, 10, 5000])
+def test_a_damaged_file_of_a_contour_is_refused(session, size, tmp_path):
+    form(session, 0)
+    session.save(tmp_path)
+    path = tmp_path / "contour_000000.npz"
+    path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(IsfError) as caught:
+        session.load(tmp_path)
+    assert caught.value.code == ErrorCode.CHECKPOINT_UNUSABLE
+    assert form(session, 1).correction.code == 0  # the part in hand goes on
+
+
 def test_results_of_other_plans_are_ignored(session):
     form(session, 0)
     session.add_contour(cone_contour(1))

@@ -1,0 +1,145 @@
+"""What became of one contour, kept in a file: from these a correction is taken up where it was.
+
+A numpy archive for each contour: planned contour, correction, corrected contour, result, tool lift and scan.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+
+TARGET = "target.npz"
+
+T = TypeVar("T", Contour, ContourCorrection, ContourResult, HeightMap)
+
+
+@dataclass
+class ContourRecord:
+    """A contour that was corrected, and what was measured since.
+
+    Attributes
+    ----------
+    nominal, corrected : as planned, and as it was to be formed
+    result : None until it has come
+    lift : (K, 4) rows of the tool lift after it, None: none
+    scan : (P, 3) m, points of the scan after it, None: none
+    written : nothing has come since it was written to its file
+    """
+
+    nominal: Contour
+    correction: ContourCorrection
+    corrected: Contour
+    result: ContourResult | None = None
+    lift: Array | None = None
+    scan: Array | None = None
+    written: bool = False
+
+    @property
+    def file_name(self) -> str:
+        """Name of its file."""
+        return f"contour_{self.nominal.index:06d}.npz"
+
+    def write(self, folder: Path) -> None:
+        """Replace its file in ``folder``; raises IsfError FILE_NOT_WRITABLE."""
+        arrays = _arrays("nominal", self.nominal) | _arrays("correction", self.correction)
+        arrays |= _arrays("corrected", self.corrected)
+        if self.result is not None:
+            arrays |= _arrays("result", self.result)
+        arrays |= {name: value for name in ("lift", "scan") if (value := getattr(self, name)) is not None}
+        _write(folder / self.file_name, arrays)
+        self.written = True
+
+
+def read_records(folder: Path) -> list[ContourRecord]:
+    """All records in ``folder``, in the order of their contours.
+
+    Raises
+    ------
+    IsfError : FILE_NOT_FOUND, there is no such folder; CHECKPOINT_UNUSABLE, a file is damaged or of another version
+    """
+    if not folder.is_dir():
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such folder of contours", where=str(folder))
+    return [_record(path) for path in sorted(folder.glob("contour_*.npz"))]
+
+
+def write_target(target: HeightMap, folder: Path) -> None:
+    """Replace the file of the wanted shape in ``folder``; raises IsfError FILE_NOT_WRITABLE."""
+    _write(folder / TARGET, _arrays("target", target))
+
+
+def read_target(folder: Path) -> HeightMap | None:
+    """The wanted shape, None where there is no file of it; raises IsfError CHECKPOINT_UNUSABLE."""
+    path = folder / TARGET
+    return _decoded(HeightMap, "target", _read(path), path) if path.exists() else None
+
+
+def _record(path: Path) -> ContourRecord:
+    arrays = _read(path)
+    return ContourRecord(
+        nominal=_decoded(Contour, "nominal", arrays, path),
+        correction=_decoded(ContourCorrection, "correction", arrays, path),
+        corrected=_decoded(Contour, "corrected", arrays, path),
+        result=_decoded(ContourResult, "result", arrays, path) if "result.index" in arrays else None,
+        lift=arrays.get("lift"),
+        scan=arrays.get("scan"),
+        written=True,
+    )
+
+
+def _arrays(prefix: str, item: Any) -> dict[str, Any]:
+    return {f"{prefix}.{one.name}": np.asarray(getattr(item, one.name)) for one in fields(item)}
+
+
+def _decoded(kind: type[T], prefix: str, arrays: Mapping[str, Any], path: Path) -> T:
+    try:
+        values = {one.name: _value(one.name, arrays[f"{prefix}.{one.name}"]) for one in fields(kind)}
+        return kind(**values)
+    except (KeyError, TypeError, ValueError) as error:
+        raise _unusable(path, f"lacks {error}") from error
+
+
+def _value(name: str, array: Any) -> Any:
+    if name == "process":
+        return Process(int(array))
+    if name == "remarks":
+        return tuple(str(text) for text in array)
+    return array.item() if array.ndim == 0 else array
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise _unusable(path, f"is damaged: {error}") from error
+
+
+def _write(path: Path, arrays: Mapping[str, Any]) -> None:
+    partial = path.with_name(path.name + ".partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with partial.open("wb") as file:
+            np.savez(file, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)  # a file that is there is a whole one
+    except OSError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_WRITABLE, f"cannot be written: {error}", where=str(path), advice="choose another folder"
+        ) from error
+
+
+def _unusable(path: Path, what: str) -> IsfError:
+    return IsfError(
+        ErrorCode.CHECKPOINT_UNUSABLE, what, where=str(path), advice="form the part again, on a fresh blank"
+    )
