@@ -45,7 +45,7 @@ def test_messages_come_in_the_order_of_receipt(bag: Path) -> None:
     with open_bag(bag) as found:
         played = list(playback.in_order(found, found.connections))
         assert [item.time for item in played] == sorted(item.time for item in played)
-        assert len(played) == found.reader.message_count
+        assert len(played) == found.message_count
         begin = playback.begin_of_contour(found, 2)
         assert all(item.time >= begin for item in playback.in_order(found, found.connections, begin))
         before = {item.connection.topic for item in playback.latched_before(found, found.connections, begin)}

@@ -62,29 +62,62 @@ def read_cell(path: Path | str, namespace: str | None) -> PartRecord:
 
 @dataclass(frozen=True)
 class PartSpan:
-    """What belongs to a part: messages of its plan that were received from ``start`` (ns since 1970) on."""
+    """What belongs to a part.
+
+    Attributes
+    ----------
+    plan_id : of its plan
+    start : ns since 1970, messages received before are of another part
+    announced : ns since 1970, when its job was announced, last
+    begun : ns since 1970, when its job was announced, first: a part that was resumed is announced again
+    dropped : (after, before) ns since 1970: what was formed beyond the checkpoint with which the part went on
+    """
 
     plan_id: str
     start: int
+    announced: int
+    begun: int
+    dropped: tuple[tuple[int, int], ...] = ()
+
+    def holds(self, time: int) -> bool:
+        """True for a message received at ``time`` (ns since 1970)."""
+        return time >= self.start and not any(begin < time < end for begin, end in self.dropped)
 
 
 def last_part(bag: OpenBag, namespace: str | None = None) -> PartSpan:
     """The last part in ``bag``; raises IsfError as :func:`read_bag`."""
     try:
-        jobs = list(_Messages(bag, namespace).of(topics.JOB))
+        return _last_span(_Messages(bag, namespace))
     except IsfError:
         raise
     except Exception as error:  # a damaged file shows in as many ways as there are bytes
         raise unreadable(bag.path, f"is damaged: {error}") from error
-    return _last_span(jobs, bag.path)
 
 
-def _last_span(jobs: list[tuple[int, Any]], path: Path) -> PartSpan:
+def _last_span(messages: _Messages) -> PartSpan:
+    jobs = list(messages.of(topics.JOB))
     if not jobs:
-        raise _incomplete(path, f"holds no job: nothing was received on {topics.JOB.name}")
-    time, job = jobs[-1]
+        raise _incomplete(messages.bag.path, f"holds no job: nothing was received on {topics.JOB.name}")
+    announced, job = jobs[-1]
+    first = len(jobs) - 1
+    dropped = []
+    while first > 0 and _goes_on(jobs[first][1], jobs[first - 1][1]):
+        (until, resumed), since = jobs[first], jobs[first - 1][0]
+        beyond = [
+            time
+            for time, contour in messages.of(topics.NOMINAL)
+            if contour.plan_id == job.plan_id and contour.index >= resumed.first_index and since <= time < until
+        ]
+        dropped += [(min(beyond), until)] if beyond else []
+        first -= 1
+    begun = jobs[first][0]
     # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted
-    return PartSpan(job.plan_id, time if len(jobs) > 1 else 0)
+    return PartSpan(job.plan_id, begun if first > 0 else 0, announced, begun, tuple(dropped))
+
+
+def _goes_on(job: Any, before: Any) -> bool:
+    """True when ``job`` announces the rest of the part of the one ``before``."""
+    return getattr(job, "first_index", 0) > 0 and (job.plan_id, job.correction) == (before.plan_id, before.correction)
 
 
 def part_of(bag: OpenBag, namespace: str | None = None) -> PartRecord:
@@ -101,10 +134,9 @@ def part_of(bag: OpenBag, namespace: str | None = None) -> PartRecord:
 
 
 def _read_part(messages: _Messages, path: Path) -> PartRecord:
-    jobs = list(messages.of(topics.JOB))
-    span = _last_span(jobs, path)
-    start, job = jobs[-1]
-    part = _Part(messages, span.plan_id, span.start)
+    span = _last_span(messages)
+    start, job = span.begun, list(messages.of(topics.JOB))[-1][1]
+    part = _Part(messages, span)
     notes = messages.missing_fields()
     nominal = part.by_index(topics.NOMINAL, fields.contour_of)
     corrected = part.by_index(topics.CORRECTED, fields.contour_of)
@@ -115,7 +147,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
     # the target is latched when the part is planned, before the job is announced; the scan comes after it
     target_message = _last(messages.of(topics.TARGET))
     target = None if target_message is None else fields.height_map_of(target_message[1])
-    scans = [item for item in messages.of(topics.SCAN) if item[0] >= start]
+    scans = [item for item in messages.of(topics.SCAN) if item[0] >= start and span.holds(item[0])]
     formed = max((result.end for result in results), default=math.inf)
     final = scan_cloud.final_scans(scans, formed, part.unfinished_since(results), part.last_news())
     last = final[-1:]
@@ -147,7 +179,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
         late_ticks=_counted(before, after, "late_ticks") + sum(result.late_ticks for result in results),
         lost_messages=_counted(before, after, "targets_lost") + sum(result.lost_messages for result in results),
         sim_time=_process_time(before, after, results),
-        wall_time=(_end_time(messages, scans if last else [], start) - start) / NANO,
+        wall_time=(_end_time(messages, scans if last else [], start) - start - _passed(span)) / NANO,
         faults=_faults(after),
         notes=(
             *messages.bag.notes,
@@ -155,7 +187,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
             *_of_version(job.software),
             *(f"not in the bag: {what}" for what in missing),
         ),
-        events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if time >= part.start),
+        events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if span.holds(time)),
         scans=_between(scans[: len(scans) - len(final)], results),
         sheet=_sheet(job),
         base_folder=getattr(job, "base_folder", ""),
@@ -164,18 +196,17 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
 
 @dataclass(frozen=True)
 class _Part:
-    """The messages of one plan that were received from ``start`` (ns since 1970) on."""
+    """The messages of one part."""
 
     messages: _Messages
-    plan_id: str
-    start: int
+    span: PartSpan
 
     def by_index(self, topic: Topic, convert: Callable[[Any], Item]) -> tuple[Item, ...]:
         """Items in the order of their contours; of an index that came twice the last counts."""
         found = {
             message.index: convert(message)
             for time, message in self.messages.of(topic)
-            if message.plan_id == self.plan_id and time >= self.start
+            if message.plan_id == self.span.plan_id and self.span.holds(time)
         }
         return tuple(found[index] for index in sorted(found))
 
@@ -185,14 +216,20 @@ class _Part:
         times = [
             time
             for time, item in self.messages.of(topics.NOMINAL)
-            if item.plan_id == self.plan_id and time >= self.start and item.index > last
+            if item.plan_id == self.span.plan_id and self.span.holds(time) and item.index > last
         ]
         return min(times, default=0)
 
     def last_news(self) -> int:
         """Receive time (ns since 1970) of the last contour or result; 0 when there is none."""
         news = (item for topic in (topics.NOMINAL, topics.RESULT) for item in self.messages.of(topic))
-        return max((time for time, item in news if item.plan_id == self.plan_id and time >= self.start), default=0)
+        span = self.span
+        return max((time for time, item in news if item.plan_id == span.plan_id and span.holds(time)), default=0)
+
+
+def _passed(span: PartSpan) -> int:
+    """ns of what does not belong to the part, the time in which nobody formed it included."""
+    return sum(end - begin for begin, end in span.dropped)
 
 
 def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -> tuple[ContourScan, ...]:

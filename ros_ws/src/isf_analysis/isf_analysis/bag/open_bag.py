@@ -89,12 +89,13 @@ class OpenBag:
     Attributes
     ----------
     path : as it was asked for
+    readers : of the bag, and of those in which a resumed part goes on
     types : of the messages, by the definitions in the bag
     notes : what had to be done, and what is damaged, for people
     """
 
     path: Path
-    reader: Reader
+    readers: tuple[Reader, ...]
     types: Typestore
     notes: list[str] = field(default_factory=list)
     _stack: ExitStack = field(default_factory=ExitStack)
@@ -111,19 +112,39 @@ class OpenBag:
 
     @property
     def connections(self) -> list[Connection]:
-        """Topics with their types."""
-        return list(self.reader.connections)
+        """Topics with their types and the messages of all readers."""
+        found: dict[tuple[str, str], Connection] = {}
+        for item in (connection for reader in self.readers for connection in reader.connections):
+            first = found.get((item.topic, item.msgtype))
+            found[item.topic, item.msgtype] = item if first is None else _with_messages_of(first, item)
+        return list(found.values())
+
+    @property
+    def message_count(self) -> int:
+        """Messages by the index of the bag."""
+        return sum(reader.message_count for reader in self.readers)
+
+    @property
+    def start_time(self) -> int:
+        """ns since 1970, when the first message was received."""
+        return min(reader.start_time for reader in self.readers)
+
+    @property
+    def duration(self) -> int:
+        """ns from the first message to after the last one."""
+        return max(reader.end_time for reader in self.readers) - self.start_time if self.message_count else 0
 
     def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
         """Messages of ``connections`` in the order of the file."""
-        directory: Any = self.reader.storage
-        storages = getattr(directory, "storages", [directory])
-        by_chunks = directory.metadata.compression_mode != "message"
-        for storage in storages:
-            if by_chunks and isinstance(storage, McapReader):
-                yield from self._chunks(storage, connections)
-            else:
-                yield from self._rows(storage, connections)
+        for reader in self.readers:
+            directory: Any = reader.storage
+            storages = getattr(directory, "storages", [directory])
+            by_chunks = directory.metadata.compression_mode != "message"
+            for storage in storages:
+                if by_chunks and isinstance(storage, McapReader):
+                    yield from self._chunks(storage, connections)
+                else:
+                    yield from self._rows(reader, storage, connections)
 
     def messages(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:
         """(time of receipt in ns, message) in the order of receipt; for topics of few messages.
@@ -145,14 +166,16 @@ class OpenBag:
 
     # -- inside ----------------------------------------------------------------------------------
 
-    def _rows(self, storage: Any, connections: Collection[Connection]) -> Iterator[Block]:
+    def _rows(self, reader: Reader, storage: Any, connections: Collection[Connection]) -> Iterator[Block]:
         """Of a storage without chunks: message by message, put together again."""
         wanted = _of_storage(storage, connections)
+        names = {(connection.topic, connection.msgtype) for connection in connections}
+        own = [item for item in reader.connections if (item.topic, item.msgtype) in names]
         waiting: dict[int, list[tuple[int, bytes]]] = {number: [] for number in wanted}
         held = 0
         with _left_out(self):
             # the reader of the folder undoes the compression of single messages, that of one file has none
-            for connection, time, data in self.reader.messages(list(connections)):
+            for connection, time, data in reader.messages(own):
                 number = next((n for n, known in wanted.items() if known.topic == connection.topic), None)
                 if number is None:
                     continue
@@ -312,7 +335,17 @@ def open_bag(path: Path | str) -> OpenBag:
     path, stack = bag_of(Path(path)), ExitStack()
     try:
         reader, notes = _open(path, stack)
-        return OpenBag(path, reader, _types_of(reader.connections), notes, stack)
+        readers = [reader]
+        for continued in continued_in(path):
+            try:
+                reader, more = _open(continued, stack)
+            except IsfError as error:  # ended before anything was recorded
+                notes.append(f"left out: {error.message}")
+                continue
+            readers.append(reader)
+            notes += [text for text in more if text not in notes]
+        types = _types_of([connection for reader in readers for connection in reader.connections])
+        return OpenBag(path, tuple(readers), types, notes, stack)
     except IsfError:
         stack.close()
         raise
@@ -324,6 +357,29 @@ def open_bag(path: Path | str) -> OpenBag:
 def bag_of(run: Path) -> Path:
     """Bag of a run: ``run/bag`` when there is one, else ``run`` itself."""
     return run / "bag" if (run / "bag").exists() else run
+
+
+_CONTINUED = "bag_resumed_"
+"""Begin of the names of the bags beside ``bag`` in which the same part goes on; a number follows."""
+
+
+def continued_in(bag: Path) -> list[Path]:
+    """Bags of a run in which the part of its ``bag`` goes on, in their order."""
+    if bag.name != "bag":
+        return []
+    found = [path for path in bag.parent.glob(f"{_CONTINUED}*") if path.name.removeprefix(_CONTINUED).isdecimal()]
+    return sorted(found, key=lambda path: int(path.name.removeprefix(_CONTINUED)))
+
+
+def next_bag(bag: Path) -> Path:
+    """Where the part of a run's ``bag`` is recorded when it goes on."""
+    known = continued_in(bag)
+    number = int(known[-1].name.removeprefix(_CONTINUED)) + 1 if known else 1
+    return bag.with_name(f"{_CONTINUED}{number}")
+
+
+def _with_messages_of(first: Connection, other: Connection) -> Connection:
+    return first._replace(msgcount=first.msgcount + other.msgcount)
 
 
 def unreadable(path: Path, what: str, advice: str = "") -> IsfError:

@@ -79,7 +79,7 @@ def begin_of_contour(bag: OpenBag, index: int, namespace: str | None = None) -> 
         indices = {
             message.index: time
             for time, message in bag.messages(connections)
-            if message.plan_id == part.plan_id and time >= part.start
+            if message.plan_id == part.plan_id and part.holds(time)
         }
     except Exception as error:  # a damaged file shows in as many ways as there are bytes
         raise unreadable(bag.path, f"is damaged: {error}") from error

@@ -18,7 +18,10 @@ from isf_analysis.bag.bag_file import BagFile
 from isf_analysis.bag.topics import Topic
 
 FLUSH_PERIOD = 1.0
-"""s between two hand-overs to the operating system: what a killed recorder can lose."""
+"""s between two hand-overs to the operating system: what a killed recorder can lose of the streams."""
+
+AT_ONCE = ("LATCHED", "EVENT")
+"""Kinds of delivery that are handed over as they come: contours, their results, scans."""
 
 Message = tuple[Connection, int, bytes]
 """Topic, receive time in ns since 1970, serialised message."""
@@ -42,6 +45,8 @@ class Recording:
         self.error: IsfError | None = None
         self._bag = BagFile(path, compression=compression)
         self.connections = [self._bag.add(topic, name) for topic, name in topics]
+        kinds = zip(topics, self.connections, strict=True)
+        self._at_once = {connection.id for (topic, _), connection in kinds if topic.delivery in AT_ONCE}
         self._queue: queue.SimpleQueue[Sequence[Message] | None] = queue.SimpleQueue()
         self._waiting = 0
         self._thread = threading.Thread(target=self._write, name="bag writer", daemon=True)
@@ -76,7 +81,8 @@ class Recording:
                 for connection, timestamp, data in messages:
                     self._bag.write(connection, timestamp, data)
                 self.written += len(messages)
-                if time.monotonic() - flushed > FLUSH_PERIOD:
+                at_once = any(connection.id in self._at_once for connection, _, _ in messages)
+                if at_once or time.monotonic() - flushed > FLUSH_PERIOD:
                     self._bag.flush()
                     flushed = time.monotonic()
             except IsfError as error:

@@ -18,13 +18,13 @@ from isf_cell.commands.run_folder import make_folder
 def show_bag(path: Path, *, namespace: str | None = None, as_json: bool) -> None:
     """Part (of the cell ``namespace``), duration and topics of the bag at ``path``; raises IsfError BAG_UNREADABLE."""
     with isf_analysis.open(path, namespace) as bag:
-        reader = bag.raw.reader
+        raw = bag.raw
         topics = [{"name": name, "type": table.type, "messages": table.messages} for name, table in bag.items()]
         data: dict[str, Any] = {
             "bag": str(bag.raw.path),
-            "messages": reader.message_count,
-            "duration_s": reader.duration * 1e-9,
-            "start": reader.start_time * 1e-9,
+            "messages": raw.message_count,
+            "duration_s": raw.duration * 1e-9,
+            "start": raw.start_time * 1e-9,
             "topics": topics,
             "part": None,
         }

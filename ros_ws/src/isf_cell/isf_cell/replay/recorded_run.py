@@ -10,7 +10,7 @@ from typing import Any
 import isf_analysis
 import numpy as np
 from isf_analysis.bag import topics
-from isf_analysis.bag.bag_reader import last_part, namespace_of
+from isf_analysis.bag.bag_reader import PartSpan, last_part, namespace_of
 from isf_analysis.bag.cdr_columns import Columns
 from isf_analysis.bag.tables import Bag, read_tables
 from isf_analysis.measures.record import PartRecord
@@ -132,15 +132,17 @@ def read_run(path: Path, namespace: str | None = None) -> RecordedRun:
         part = bag.part
         try:
             namespace = namespace_of(bag.raw, namespace)
-            began = last_part(bag.raw, namespace).start
-            streams = _streams(bag, namespace, began)
+            span = last_part(bag.raw, namespace)
+            began = span.start
+            # force control of a part that went on was not armed at the first of its ticks
+            streams = _streams(bag, namespace, began) if span.announced == span.begun else {}
             return RecordedRun(
                 path=bag.raw.path,
                 part=part,
                 armed=_armed(bag, namespace, part.plan_id),
                 ticks=_ticks(streams, part),
-                scans=_clouds(bag, f"{namespace}/{topics.SCAN.name}", "xyz", began),
-                lifts=_clouds(bag, f"{namespace}/{topics.LIFT.name}", fields.LIFT, began),
+                scans=_clouds(bag, f"{namespace}/{topics.SCAN.name}", "xyz", span),
+                lifts=_clouds(bag, f"{namespace}/{topics.LIFT.name}", fields.LIFT, span),
                 retuned=_retuned(bag, namespace, part.plan_id, began),
             )
         except (KeyError, ValueError) as error:
@@ -189,15 +191,15 @@ def _retuned(bag: Bag, namespace: str, plan_id: str, began: int) -> tuple[str, .
     return tuple(dict.fromkeys(found))
 
 
-def _clouds(bag: Bag, name: str, columns: Sequence[str], began: int) -> tuple[tuple[float, Array], ...]:
-    """Of the topic ``name``, received from ``began`` ns on."""
+def _clouds(bag: Bag, name: str, columns: Sequence[str], span: PartSpan) -> tuple[tuple[float, Array], ...]:
+    """Of the topic ``name``, of the part."""
     return tuple(
         (
             stamp_of(message),
             fields.cloud_columns(message, columns) if message.data.size else np.empty((0, len(columns))),
         )
         for time, message in _messages(bag, name)
-        if time >= began
+        if span.holds(time)
     )
 
 

@@ -1,0 +1,96 @@
+"""A part in two bags: formed, killed, and gone on with; read as one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.bag.bag_writer import write_bag
+from isf_analysis.bag.open_bag import next_bag, open_bag
+from isf_analysis.bag.playback import begin_of_contour
+from isf_analysis.bag.topics import cell_types
+from isf_analysis.measures.record import PartRecord
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from synthetic_part import make_part
+
+CONTOURS, AT = 6, 3
+SECOND = 1_000_000_000
+
+
+def part_of(contours: slice, depth: float) -> PartRecord:
+    """Some contours of the part; the first result is marked by a force of ``depth`` N."""
+    whole = make_part(contours=CONTOURS, spacing=10e-3, points=12)
+    results = tuple(replace(item, forming_force=np.full((12, 3), depth)) for item in whole.results[contours])
+    return replace(
+        whole,
+        nominal=whole.nominal[contours],
+        corrected=whole.corrected[contours],
+        corrections=whole.corrections[contours],
+        results=results,
+    )
+
+
+def resumed_bag(source: Path, target: Path) -> Path:
+    """The bag as that of a part that goes on at contour ``AT``."""
+    types = cell_types()
+    with Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as writer, Reader(source) as reader:
+        added = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=types) for c in reader.connections}
+        for connection, time, data in reader.messages():
+            kept: Any = data
+            if connection.topic == "/part/info":
+                message = types.deserialize_cdr(data, connection.msgtype)
+                kept = types.serialize_cdr(replace(message, first_index=AT), connection.msgtype)
+            writer.write(added[connection.id], time, kept)
+    return target
+
+
+def run_in_two_bags(folder: Path) -> Path:
+    """Contours 0 to 4, then again 3 to 5: the second one was killed after its last checkpoint, before contour 3."""
+    write_bag(part_of(slice(0, 5), 100.0), folder / "bag", end=200 * SECOND)
+    source = write_bag(part_of(slice(AT, CONTOURS), 300.0), folder / "later", end=900 * SECOND)
+    resumed_bag(source, next_bag(folder / "bag"))
+    return folder
+
+
+def test_two_bags_are_one_part(tmp_path: Path) -> None:
+    record = read_bag(run_in_two_bags(tmp_path))
+    assert record.failure() is None
+    assert [result.index for result in record.results] == list(range(CONTOURS))
+    forces = [float(result.forming_force[0, 2]) for result in record.results]
+    assert forces == [100.0] * AT + [300.0] * (CONTOURS - AT)
+    assert record.formed == record.planned == CONTOURS
+    assert not any("not in the bag" in note for note in record.notes)
+
+
+def test_the_time_in_which_nobody_formed_is_not_counted(tmp_path: Path) -> None:
+    assert read_bag(run_in_two_bags(tmp_path)).wall_time < 600.0
+
+
+def test_the_second_bag_without_its_announcement_of_a_rest_is_a_part_of_its_own(tmp_path: Path) -> None:
+    write_bag(part_of(slice(0, 5), 100.0), tmp_path / "bag", end=200 * SECOND)
+    write_bag(part_of(slice(AT, CONTOURS), 300.0), next_bag(tmp_path / "bag"), end=900 * SECOND)
+    assert [result.index for result in read_bag(tmp_path / "bag").results] == [3, 4, 5]
+
+
+def test_a_contour_is_played_from_where_it_was_formed_for_good(tmp_path: Path) -> None:
+    run = run_in_two_bags(tmp_path)
+    with open_bag(run) as bag:
+        assert begin_of_contour(bag, 2) < 300 * SECOND < begin_of_contour(bag, 4)
+        with Reader(run / "bag") as first, Reader(run / "bag_resumed_1") as second:
+            assert bag.message_count == first.message_count + second.message_count
+            assert bag.duration == second.end_time - first.start_time
+            names = {connection.topic for connection in first.connections}
+        assert sorted(connection.topic for connection in bag.connections) == sorted(names)
+
+
+def test_a_bag_that_holds_nothing_is_left_out(tmp_path: Path) -> None:
+    """Killed once more before the recorder wrote anything."""
+    run = run_in_two_bags(tmp_path)
+    next_bag(run / "bag").mkdir()
+    record = read_bag(run)
+    assert record.formed == CONTOURS
+    assert any("left out" in note for note in record.notes)
+    assert next_bag(run / "bag").name == "bag_resumed_3"
