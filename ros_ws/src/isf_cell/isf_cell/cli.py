@@ -13,7 +13,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
 
 from isf_cell.commands import bag_cli, springback_cli, terminal
-from isf_cell.commands.arguments import Job, Json, Namespace, Output, Seed, Variant, numbers
+from isf_cell.commands.arguments import Job, Json, Namespace, Output, Seed, Variant, given, numbers
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import RunOptions
 from isf_cell.processes.results_stream import keep_for_results
@@ -153,7 +153,8 @@ def simulate(
 
 @app.command()
 def form(
-    job: Job,
+    context: typer.Context,
+    job: Annotated[Path | None, typer.Argument(help="job file (YAML)", metavar="JOB", show_default=False)] = None,
     correction: Correction = None,
     support_force: SupportForce = None,
     variant: Variant = 0,
@@ -164,11 +165,32 @@ def form(
     real_time: Annotated[
         bool, typer.Option("--real-time", help="run by the wall clock instead of in lockstep with the simulation")
     ] = False,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            "--resume", help="go on with the part in this folder, at the contour that was not finished", metavar="RUN"
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Form a part through the ROS 2 node graph: five nodes and a recorder, each a process of its own."""
-    from isf_cell.commands.form import form_part
+    from isf_cell.commands.form import form_part, resume_part
 
+    if resume is not None:
+        asked = {
+            "JOB": job,
+            "--correction": correction,
+            "--support-force": support_force,
+            "--variant": variant,
+            "--seed": seed,
+            "--sheet": sheet,
+            "--output": output,
+            "--real-time": real_time,
+        }
+        resume_part(resume, given(context, asked), compare=compare, as_json=json)
+        return
+    if job is None:
+        raise typer.BadParameter("name a job file, or --resume RUN", ctx=context, param_hint="JOB")
     options = RunOptions(correction, support_force, variant, seed, sheet_kind(sheet, "--sheet"))
     form_part(job, options, output, compare=compare, lockstep=not real_time, as_json=json)
 

@@ -28,10 +28,12 @@ from std_srvs.srv import SetBool
 
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import PartGoal
+from isf_cell.run.checkpoint import CheckpointFolder
 from isf_cell.run.graph_cell import GraphCell, GraphSettings, managed_nodes
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
 from isf_cell.run.machine_client import MACHINE
+from isf_cell.run.part_keeper import PartKeeper, PartTotals
 from isf_cell.run.part_run import PartRun
 from isf_cell.run.part_step import PartStep
 
@@ -63,7 +65,11 @@ class ExecutiveParameters:
         "tools whose wrench a node load_cell_k makes; it is brought up, tared and watched with the others",
         choices=("", "1", "2", "1 2"),
     )
-    checkpoint: str = parameter("", "file written after every contour; empty: none")
+    checkpoint: str = parameter(
+        "",
+        "folder of the checkpoint written after every contour, also the state_folder of machine, springback and "
+        "force_ctrl; empty: none",
+    )
 
 
 class ExecutiveNode(CellNode[ExecutiveParameters]):
@@ -77,7 +83,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
 
     def configure(self) -> None:
         values = self.values()
-        self._checkpoint = Path(values.checkpoint) if values.checkpoint else None
+        self._checkpoint = CheckpointFolder(Path(values.checkpoint).absolute()) if values.checkpoint else None
         self._settings = GraphSettings(
             values.lockstep,
             values.service_timeout,
@@ -183,23 +189,39 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         """Form the part in a worker thread."""
         started = time.monotonic()
         try:
-            goal = _goal_of(request)
+            goal = self._goal_of(request)
         except IsfError as error:
             return FormPart.Result(code=int(error.code), message=error.message)
-        run = PartRun(cell, goal, self, self._checkpoint)
+        keeper = None if self._checkpoint is None else PartKeeper(self._checkpoint, cell, self)
+        run = PartRun(cell, goal, self, keeper)
         failed = run.run()
-        results, counts = run.results, cell.counts
+        totals = PartTotals.of(run.results, cell.counts, goal.resume)
         return FormPart.Result(
             code=int(failed.code) if failed else 0,
             message=failed.message if failed else "",
             plan_id=run.planned.plan_id if run.planned else "",
-            contours=run.completed,
-            ticks=counts.ticks,
-            late_ticks=counts.late + sum(result.late_ticks for result in results),
-            lost_messages=counts.lost + sum(result.lost_messages for result in results),
-            sim_time=results[-1].end - results[0].start if results else 0.0,
+            contours=totals.contours,
+            ticks=totals.ticks,
+            late_ticks=totals.late_ticks,
+            lost_messages=totals.lost_messages,
+            sim_time=totals.ended - totals.began,
             wall_time=time.monotonic() - started,
         )
+
+    def _goal_of(self, request: FormPart.Goal) -> PartGoal:
+        """Raises IsfError of job, options and checkpoint."""
+        if request.resume:
+            if self._checkpoint is None:
+                raise IsfError(
+                    ErrorCode.FILE_NOT_FOUND,
+                    "the executive keeps no checkpoint",
+                    where="parameter checkpoint",
+                    advice="start it with the folder of the part that is to go on",
+                )
+            return PartGoal.resumed(self._checkpoint.take_up())
+        force = None if np.isnan(request.support_force) else float(request.support_force)
+        options = RunOptions(request.correction or None, force, request.world, request.seed, sheet_kind(request.sheet))
+        return PartGoal(JobFile(request.job_text, Path(request.base_folder), "job"), options, request.first_index)
 
     def _on_result(self, message: ContourResult) -> None:
         if self._cell:
@@ -239,13 +261,6 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             response.message = "no part is being formed"
             self._paused = False
         return response
-
-
-def _goal_of(request: FormPart.Goal) -> PartGoal:
-    """Raises IsfError of job and options."""
-    force = None if np.isnan(request.support_force) else float(request.support_force)
-    options = RunOptions(request.correction or None, force, request.world, request.seed, sheet_kind(request.sheet))
-    return PartGoal(JobFile(request.job_text, Path(request.base_folder), "job"), options, request.first_index)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from isf_core.errors import ErrorCode, IsfError
@@ -28,6 +29,16 @@ Namespace = Annotated[
     str | None, typer.Option("--namespace", help="cell that is meant, where a bag holds several", metavar="NAME")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object on stdout")]
+
+
+def given(context: typer.Context, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of ``values``, by the names of their options, that are on the command line."""
+    names = {name: name.lstrip("-").replace("-", "_").lower() for name in values}
+    sources = {name: context.get_parameter_source(own) for name, own in names.items()}
+    return {name: values[name] for name, source in sources.items() if source is not None and source.name in _GIVEN}
+
+
+_GIVEN = ("COMMANDLINE", "ENVIRONMENT")
 
 
 def numbers(text: str, where: str) -> tuple[int, ...]:

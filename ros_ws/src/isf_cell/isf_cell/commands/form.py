@@ -1,15 +1,18 @@
-"""``isf form``: a part through the node graph, with report."""
+"""``isf form``: a part through the node graph, with report; or the rest of one."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
-from isf_core.files.job import load_job
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile, load_job
 from isf_msgs.action import FormPart
 
-from isf_cell.commands import terminal
-from isf_cell.commands.run_folder import run_folder
+from isf_cell.commands import resume, terminal
+from isf_cell.commands.run_folder import make_folder, run_folder
 from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.processes.reference_run import ReferenceRun
 from isf_cell.run import graph_run
@@ -22,10 +25,43 @@ def form_part(
     """Form ``job`` with a cell of its own; raises IsfError when the part does not complete."""
     job_file = load_job(job)
     options.check(job_file)
+    with run_folder(output, job_file.job.name) as folder, resume.alone(folder):
+        resume.Request(job, lockstep).write(folder)
+        _form(job_file, options, folder, job if compare else None, lockstep=lockstep, as_json=as_json, goes_on=False)
+
+
+def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, as_json: bool) -> None:
+    """Form the rest of the part in the folder ``run``; ``given``: options of the command line by their names.
+
+    Raises IsfError as :func:`isf_cell.commands.resume.resumed`, BUSY, and when the part does not complete.
+    """
+    if not run.is_dir():
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such run", where=str(run), advice="check the path")
+    folder = make_folder(run)
+    found = resume.resumed(folder, given)
+    checkpoint = found.checkpoint
+    job = found.job if compare else None
+    if compare and job is None and checkpoint.correction != UNCORRECTED:
+        terminal.say("the job file is gone or another one by now: the uncorrected part is left out")
+    with resume.alone(folder):
+        job_file, options = checkpoint.job_file, checkpoint.options
+        _form(job_file, options, folder, job, lockstep=found.lockstep, as_json=as_json, goes_on=True)
+
+
+def _form(
+    job_file: JobFile,
+    options: RunOptions,
+    folder: Path,
+    compared: Path | None,
+    *,
+    lockstep: bool,
+    as_json: bool,
+    goes_on: bool,
+) -> None:
+    """``compared``: job file of the uncorrected part that is simulated, None: none."""
     method = options.method(job_file)
     mode = "lockstep" if lockstep else "real time"
     with ExitStack() as stack:
-        folder = stack.enter_context(run_folder(output, job_file.job.name))
         progress = stack.enter_context(terminal.part_progress(f"{job_file.job.name} ({method}, ROS 2, {mode})"))
         progress.phase("starting the nodes")
 
@@ -44,11 +80,16 @@ def form_part(
                 )
             )
 
-        result, failure = graph_run.form(job_file, options, folder, show, lockstep=lockstep)
+        try:
+            result, failure = graph_run.form(job_file, options, folder, show, lockstep=lockstep, resume=goes_on)
+        except IsfError as error:
+            raise resume.with_advice(error, folder) from error
+        if failure is not None:
+            failure = resume.with_advice(failure, folder)
         reference = None
-        if compare and method != UNCORRECTED and failure is None:
+        if compared is not None and method != UNCORRECTED and failure is None:
             progress.phase("simulating the uncorrected part")
-            reference = stack.enter_context(ReferenceRun(job, options, folder / "uncorrected"))
+            reference = stack.enter_context(ReferenceRun(compared, options, folder / "uncorrected"))
             reference.wait()
     from isf_cell.commands.report import finish  # late: figures take a second to load, the nodes should start first
 

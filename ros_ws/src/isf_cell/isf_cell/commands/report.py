@@ -17,6 +17,7 @@ from isf_core.events import torn
 
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import ReportedError
+from isf_cell.commands.resume import how_to_go_on
 from isf_cell.commands.run_folder import make_folder
 
 
@@ -96,3 +97,5 @@ def report_bag(
     if export is not None:
         for path in write_shape(read_bag(bag, namespace), export):
             terminal.say(f"shape   {path}")
+    if rest := how_to_go_on(bag.parent):
+        terminal.say(rest)

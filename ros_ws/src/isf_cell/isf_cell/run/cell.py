@@ -14,16 +14,29 @@ from isf_core.errors import IsfError
 from isf_core.files.job import JobFile
 
 from isf_cell.options import RunOptions
+from isf_cell.run.checkpoint import Checkpoint
 from isf_cell.run.part_step import PartStep
 
 
 @dataclass(frozen=True)
 class PartGoal:
-    """What is to be formed; ``first_index`` > 0 goes on with a part whose first contours are formed."""
+    """What is to be formed.
+
+    Attributes
+    ----------
+    first_index : > 0 goes on with a part whose first contours are formed
+    resume : its checkpoint; None: what was formed before is not known
+    """
 
     job_file: JobFile
     options: RunOptions
     first_index: int = 0
+    resume: Checkpoint | None = None
+
+    @classmethod
+    def resumed(cls, checkpoint: Checkpoint) -> PartGoal:
+        """The rest of a part; raises IsfError of the job."""
+        return cls(checkpoint.job_file, checkpoint.options, checkpoint.next_index, checkpoint)
 
     @property
     def method(self) -> str:
@@ -55,7 +68,8 @@ class Cell(Protocol):
         """Make everything that takes part ready to work."""
 
     def reset(self, goal: PartGoal) -> None:
-        """A fresh blank in the clamp, or for ``first_index`` > 0 the one that is there; faults are cleared."""
+        """A fresh blank in the clamp, or for ``first_index`` > 0 the one that is there, a simulated one as it was kept;
+        faults are cleared."""
 
     def tare(self) -> None:
         """Set the load cells to zero."""

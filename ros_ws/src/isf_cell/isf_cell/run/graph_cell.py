@@ -18,7 +18,7 @@ from isf_core.errors import ErrorCode, IsfError, told
 from isf_core.events import Event, force_unknown, torn
 from isf_msgs.action import LiftTool, MoveAside, PlanPart
 from isf_msgs.msg import Contour, JobInfo, MachineState
-from isf_msgs.srv import Arm, GetContour, Reset, Scan, Stop, Tare
+from isf_msgs.srv import Arm, GetContour, Reset, Scan, StateFile, Stop, Tare
 from isf_ros import stamps
 from isf_ros.conversion import contour_from_message, lift_to_cloud
 from isf_ros.lifecycle import failure
@@ -28,9 +28,11 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from isf_cell.run.cell import FormedContour, Operator, PartGoal, PlannedPart
+from isf_cell.run.checkpoint import CONTOURS, state_file
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
 from isf_cell.run.machine_client import HARMLESS, MACHINE, MachineClient
+from isf_cell.run.part_keeper import TickCounts
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
 
@@ -46,6 +48,10 @@ COMMANDS = (
     (Stop, "machine/stop"),
     (Arm, "force_ctrl/arm"),
     (Trigger, "force_ctrl/stop"),
+    (StateFile, "springback/save"),
+    (StateFile, "springback/load"),
+    (StateFile, "force_ctrl/save"),
+    (StateFile, "force_ctrl/load"),
 )
 """Services that change something."""
 
@@ -61,6 +67,9 @@ _END_THE_PART = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
 
 RECORDED_FIRST = "tool_1/wrench"
 """Topic of the machine that a recorder has to hear before the first contour."""
+
+LONGEST_RELEASE = 2.0
+"""s of machine time in which a protective stop of the simulated machine has released its tools."""
 
 REAL_MACHINE = -1
 """Variant of what is not simulated."""
@@ -87,15 +96,6 @@ class GraphSettings:
     silence_timeout: float
     load_cells: tuple[str, ...] = ()
     """Nodes that make wrenches of raw readings."""
-
-
-@dataclass(frozen=True)
-class TickCounts:
-    """What the machine counted: ticks, late ones, and targets that were lost."""
-
-    ticks: int = 0
-    late: int = 0
-    lost: int = 0
 
 
 class GraphCell:
@@ -185,12 +185,30 @@ class GraphCell:
         """As in the protocol."""
         self._machine.check(goal.method, goal.job_file)
         self._state, self._events = None, []
+        kept = goal.resume.state_of(MACHINE) if goal.resume is not None else ""
+        if kept and not self._machine.offer.simulated:
+            raise IsfError(
+                ErrorCode.CHECKPOINT_UNUSABLE,
+                "the part was formed on the simulated machine, this is another one",
+                where=MACHINE,
+                advice="start the simulated machine",
+            )
+        if kept:
+            self._machine.take_up(kept, self._watch_nodes, timeout=6 * self._settings.service_timeout)
+            if not self._exact:
+                self._machine.stop("the part goes on", self._watch_nodes)
+                self._wait_until_released(goal)
+                self._machine.reset(goal, self._watch_nodes, timeout=6 * self._settings.service_timeout)
+            return
+        if goal.resume is not None:
+            self._operator.phase("the machine keeps no state: the part goes on with the sheet in its clamp")
         self._machine.reset(goal, self._watch_nodes, timeout=6 * self._settings.service_timeout)
 
     def tare(self) -> None:
-        """As in the protocol."""
+        """As in the protocol; the simulated machine of a resumed part has the tare that it had."""
         machine = self._machine
-        machine.tare(self._watch_nodes)
+        if not machine.taken_up:
+            machine.tare(self._watch_nodes)
         for name in self._settings.load_cells:
             self._tare_load_cell(name)
         if not machine.offer.state:
@@ -229,7 +247,11 @@ class GraphCell:
         self._client.set_parameter("springback", "base_folder", base, self.check)
         self._client.set_parameter("springback", "method", goal.method, self.check)
         self._to_graph.publish_info(self._info(goal, planned))
-        request = Arm.Request(
+        if goal.resume is not None:
+            request = StateFile.Request(path=CONTOURS)
+            timeout = 6 * self._settings.service_timeout
+            self._client.checked_call(StateFile, "springback/load", request, self.check, timeout=timeout)
+        armed = Arm.Request(
             plan_id=planned.plan_id,
             first_index=goal.first_index,
             count=planned.count,
@@ -240,14 +262,23 @@ class GraphCell:
         deadline = time.monotonic() + self._settings.service_timeout
         pause = threading.Event()
         while True:
-            response = self._client.call(Arm, "force_ctrl/arm", request, self.check)
+            response = self._client.call(Arm, "force_ctrl/arm", armed, self.check)
             if not response.code:
+                self._take_up_force_control(goal)
                 self._wait_for_recorder()
                 return
             error = failure(response.code, response.message)
             if error.code not in _NOT_HEARD_YET or time.monotonic() > deadline:
                 raise error
             pause.wait(0.2)
+
+    def _take_up_force_control(self, goal: PartGoal) -> None:
+        """In lockstep it goes on with the tools on the sheet as they were; else the next contour is approached."""
+        kept = goal.resume.state_of("force_ctrl") if goal.resume is not None and self._exact else ""
+        if kept and self._machine.taken_up:
+            timeout = 6 * self._settings.service_timeout
+            request = StateFile.Request(path=kept)
+            self._client.checked_call(StateFile, "force_ctrl/load", request, self.check, timeout=timeout)
 
     def _wait_for_recorder(self) -> None:
         """A recorder, where there is one, finds the machine late on a busy computer: without the wrenches of the first
@@ -296,6 +327,25 @@ class GraphCell:
             self._machine.scan(self.check, sensor=self._sensor)
         except IsfError as error:
             self._go_on_after(error, f"no scan after {after}")
+
+    @property
+    def _exact(self) -> bool:
+        """The part can go on with the tools on the sheet.
+
+        Not by the clock, nor where nodes of load cells, whose tare is not kept, have to be tared with the tools free.
+        """
+        return self._settings.lockstep and not self._settings.load_cells
+
+    def save_state(self, next_index: int) -> None:
+        """Have springback and the simulated machine write what they are in before contour ``next_index``."""
+        timeout = 6 * self._settings.service_timeout
+        request = StateFile.Request(path=CONTOURS)
+        self._client.checked_call(StateFile, "springback/save", request, self.check, timeout=timeout)
+        if self._exact:
+            request = StateFile.Request(path=state_file("force_ctrl", next_index))
+            self._client.checked_call(StateFile, "force_ctrl/save", request, self.check, timeout=timeout)
+        if self._machine.offer.simulated:
+            self._machine.save(state_file(MACHINE, next_index), self.check, timeout=timeout)
 
     def check(self) -> None:
         """Raise IsfError when a node died or was taken down, the operator cancelled, the machine has a fault, the load
@@ -349,6 +399,21 @@ class GraphCell:
                 self._attempt(lambda name=name: self._client.bring_down(name, _no_watch))  # type: ignore[misc]
 
     # -- inside ----------------------------------------------------------------------------------
+
+    def _wait_until_released(self, goal: PartGoal) -> None:
+        """In lockstep a stop is answered when the tools are clear; by the clock its ticks take their time."""
+        if self._settings.lockstep:
+            return
+        needed = LONGEST_RELEASE * goal.job_file.job.control.rate
+        ticks: list[int] = []
+
+        def released() -> bool:
+            if (state := self._state) is not None and state.fault_codes:
+                ticks.append(state.tick)
+            return bool(ticks) and ticks[-1] - ticks[0] >= needed
+
+        what = "the machine does not report that it has released the tools"
+        self._client.wait_until(released, self._watch_nodes, what, ErrorCode.SERVICE_TIMEOUT)
 
     def _tare_load_cell(self, name: str) -> None:
         """The node takes its zero from readings that may not all have come yet; in lockstep they come with a tare of
@@ -438,6 +503,7 @@ class GraphCell:
             lockstep=self._settings.lockstep,
             software=__version__,
             base_folder=str(goal.job_file.base),
+            first_index=goal.first_index,
         )
 
 

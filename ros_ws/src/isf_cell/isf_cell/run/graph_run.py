@@ -12,6 +12,7 @@ from typing import Any
 import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
+from isf_analysis.bag.open_bag import next_bag
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.files.rig import tools_with_spindle_cells
@@ -27,6 +28,7 @@ from rclpy.task import Future
 from isf_cell.options import RunOptions
 from isf_cell.processes.held_interrupt import ctrl_c_held_back
 from isf_cell.processes.process_group import NodeProcess, ProcessGroup
+from isf_cell.run.checkpoint import CHECKPOINT
 
 START_TIMEOUT = 180.0
 """s for all nodes to come up; the first start after a build compiles kernels, and a busy computer takes a minute."""
@@ -38,26 +40,35 @@ once, at the start, may be missed), and an executive tells its process 2 times a
 Feedback = Callable[[FormPart.Feedback], None]
 
 
-def start_cell(group: ProcessGroup, bag: Path | None, *, lockstep: bool, job_file: JobFile | None = None) -> None:
+def start_cell(
+    group: ProcessGroup,
+    bag: Path | None,
+    *,
+    lockstep: bool,
+    job_file: JobFile | None = None,
+    checkpoint: Path | None = None,
+) -> None:
     """Start the five nodes, and the recorder when a ``bag`` folder is given.
 
     Where the rig of ``job_file`` has spindle cells the machine gives out their voltages, and a node ``load_cell_k`` of
-    each such tool makes the wrench.
+    each such tool makes the wrench. ``checkpoint``: folder of the part's.
     """
+    states = {} if checkpoint is None else {"state_folder": str(checkpoint)}
+    kept = {} if checkpoint is None else {"checkpoint": str(checkpoint)}
     tools = tools_with_spindle_cells(job_file.rig) if job_file is not None else ()
     if bag is not None:
         group.start("isf_analysis", "recorder", {"output": str(bag), "autostart": True}, outlives=True)
-    group.start("isf_sim", "machine", {"lockstep": lockstep, "raw_cells": bool(tools)})
+    group.start("isf_sim", "machine", {"lockstep": lockstep, "raw_cells": bool(tools), **states})
     for k in tools:
         assert job_file is not None
         rig = find_named("rigs", job_file.job.rig, job_file.base)
         remap = (f"raw_cells:=tool_{k}/raw_cells", f"wrench:=tool_{k}/wrench")
         group.start("isf_load_cell", "load_cell", {"rig": str(rig), "tool": k}, name=f"load_cell_{k}", remap=remap)
     group.start("isf_planner", "planner", {})
-    group.start("isf_springback", "springback", {})
-    group.start("isf_force_ctrl", "force_ctrl", {"lockstep": lockstep})
+    group.start("isf_springback", "springback", states)
+    group.start("isf_force_ctrl", "force_ctrl", {"lockstep": lockstep, **states})
     cells = " ".join(str(k) for k in tools)
-    group.start("isf_cell", "executive", {"lockstep": lockstep, "load_cells": cells})
+    group.start("isf_cell", "executive", {"lockstep": lockstep, "load_cells": cells, **kept})
 
 
 class CellClient:
@@ -109,7 +120,9 @@ class CellClient:
                 advice=f"see the logs in {group.log_folder}; ./isf doctor checks the installation",
             )
 
-    def form(self, job_file: JobFile, options: RunOptions, feedback: Feedback, group: ProcessGroup) -> Any:
+    def form(
+        self, job_file: JobFile, options: RunOptions, feedback: Feedback, group: ProcessGroup, *, resume: bool = False
+    ) -> Any:
         """Result of ``form_part``; Ctrl-C cancels the part and still returns its result."""
         goal = FormPart.Goal(
             job_text=job_file.text,
@@ -119,6 +132,7 @@ class CellClient:
             world=options.variant,
             seed=options.seed,
             sheet=options.sheet,
+            resume=resume,
         )
         handle = self._wait(
             self._action.send_goal_async(goal, feedback_callback=lambda message: feedback(message.feedback)), group
@@ -183,20 +197,30 @@ class CellClient:
 
 
 def form(
-    job_file: JobFile, options: RunOptions, folder: Path, feedback: Feedback, *, lockstep: bool = True
+    job_file: JobFile,
+    options: RunOptions,
+    folder: Path,
+    feedback: Feedback,
+    *,
+    lockstep: bool = True,
+    resume: bool = False,
 ) -> tuple[Any, IsfError | None]:
     """Form one part with a cell of its own; returns the action's result and its failure, if any.
 
-    ``folder`` receives ``bag`` and ``logs``. All processes are ended before this returns. A part that was formed while
-    its recorder ended or could not write has the failure BAG_INCOMPLETE.
+    ``folder`` receives ``bag``, ``logs`` and ``checkpoint``; with ``resume`` the part of its checkpoint goes on, in a
+    bag beside the first. All processes are ended before this returns. A part that was formed while its recorder ended
+    or could not write has the failure BAG_INCOMPLETE.
     """
-    bag = folder / "bag"
+    bag, logs = folder / "bag", folder / "logs"
+    if resume:
+        bag = next_bag(bag)
+        logs = folder / bag.name.replace("bag", "logs")
     client = CellClient()
     try:
-        with ProcessGroup(folder / "logs") as group:
-            start_cell(group, bag, lockstep=lockstep, job_file=job_file)
+        with ProcessGroup(logs) as group:
+            start_cell(group, bag, lockstep=lockstep, job_file=job_file, checkpoint=folder / CHECKPOINT)
             client.wait_ready(group)
-            result = client.form(job_file, options, feedback, group)
+            result = client.form(job_file, options, feedback, group, resume=resume)
             recorder = group["recorder"]
             ended_early = not recorder.alive
     finally:

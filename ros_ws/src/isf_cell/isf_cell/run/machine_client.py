@@ -81,6 +81,8 @@ class MachineClient:
     def __init__(self, client: GraphClient, *, lockstep: bool, report: Callable[[str], None]) -> None:
         self._client, self._lockstep, self._report = client, lockstep, report
         self._tared = False
+        self.taken_up = False
+        """A saved simulated machine goes on, with the tare that it had."""
         self._found = 0.0
         self.offer = MachineOffer()
         """As far as it was looked for: before, all of it."""
@@ -159,6 +161,15 @@ class MachineClient:
             sheet=goal.options.sheet,
         )
         self._client.checked_call(Reset, f"{MACHINE}/reset", request, watch, timeout=timeout)
+
+    def save(self, path: str, watch: Watch, *, timeout: float) -> None:
+        """Have the simulated machine write its state to ``path`` below its folder."""
+        self._client.checked_call(StateFile, f"{MACHINE}/save", StateFile.Request(path=path), watch, timeout=timeout)
+
+    def take_up(self, path: str, watch: Watch, *, timeout: float) -> None:
+        """Go on with the simulated machine saved at ``path``, its tools where they were."""
+        self._client.checked_call(StateFile, f"{MACHINE}/load", StateFile.Request(path=path), watch, timeout=timeout)
+        self.taken_up = True
 
     def tare(self, watch: Watch) -> None:
         """Set the load cells to zero, once: a second tare would still be going on when the tools move.

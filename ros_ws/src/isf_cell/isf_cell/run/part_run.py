@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import os
 import threading
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Sequence
+from typing import Protocol
 
 from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
@@ -22,6 +20,18 @@ PAUSE = 0.1
 """s between two looks at the operator who paused."""
 
 
+class Keeper(Protocol):
+    """Who keeps the part on the disk: :class:`isf_cell.run.part_keeper.PartKeeper`."""
+
+    def begin(self, goal: PartGoal) -> None:
+        """Before the first contour."""
+
+    def keep(
+        self, goal: PartGoal, planned: PlannedPart, next_index: int, results: Sequence[ContourResult], lost: str = ""
+    ) -> None:
+        """Before contour ``next_index``; ``lost``: why the part cannot be completed. Never raises IsfError."""
+
+
 class PartRun:
     """Forms one part of ``goal`` in ``cell``.
 
@@ -31,13 +41,13 @@ class PartRun:
     results : of the contours formed so far
     """
 
-    def __init__(self, cell: Cell, goal: PartGoal, operator: Operator, checkpoint: Path | None = None) -> None:
+    def __init__(self, cell: Cell, goal: PartGoal, operator: Operator, keeper: Keeper | None = None) -> None:
         self.planned: PlannedPart | None = None
         self.results: list[ContourResult] = []
         self._cell = cell
         self._goal = goal
         self._operator = operator
-        self._checkpoint = checkpoint
+        self._keeper = keeper
 
     @property
     def completed(self) -> int:
@@ -62,20 +72,24 @@ class PartRun:
         cell, goal, operator = self._cell, self._goal, self._operator
         job_file = goal.job_file
         goal.options.check(job_file)
-        if goal.first_index > 0 and goal.method != UNCORRECTED:
+        if goal.first_index > 0 and goal.method != UNCORRECTED and goal.resume is None:
             raise IsfError(
                 ErrorCode.CORRECTION_FAILED,
                 f"a part corrected by '{goal.method}' cannot start at first_index {goal.first_index}",
-                advice="its corrections would start from zero under a formed sheet; resume with correction 'none'",
+                advice="its corrections would start from zero under a formed sheet; go on from its checkpoint, or with "
+                "correction 'none'",
             )
         operator.phase("bringing up the nodes")
         cell.bring_up()
         check_method(goal.method, job_file)  # before the plan, which takes its time
-        operator.phase("resetting the machine" if goal.first_index else "clamping a fresh blank")
+        operator.phase("taking up the part" if goal.first_index else "clamping a fresh blank")
         cell.reset(goal)
         cell.tare()
         operator.phase("planning")
         self.planned = planned = cell.plan(goal)
+        self._check_plan(planned)
+        if self._keeper is not None:
+            self._keeper.begin(goal)
         cell.arm(goal, planned)
         for index in range(goal.first_index, planned.count):
             self._pause_before(index, planned.count)
@@ -87,7 +101,20 @@ class PartRun:
             if scan_due(job_file, index, planned.count):
                 cell.scan(formed, aside=job_file.job.springback.scan_clear and formed.nominal.closed)
             cell.check()
-            self._write_checkpoint(index + 1)
+            if self._keeper is not None:
+                self._keeper.keep(goal, planned, index + 1, self.results)
+
+    def _check_plan(self, planned: PlannedPart) -> None:
+        """Raise IsfError CHECKPOINT_UNUSABLE unless ``planned`` is the plan that the part was begun with."""
+        before = self._goal.resume
+        if before is None or (before.plan_id, before.count) == (planned.plan_id, planned.count):
+            return
+        raise IsfError(
+            ErrorCode.CHECKPOINT_UNUSABLE,
+            f"the job now has another plan, {planned.plan_id} of {planned.count} contours, than the part was begun "
+            f"with, {before.plan_id} of {before.count}",
+            advice="a file that the job names has changed (mesh, rig, material): restore it, or form the part again",
+        )
 
     def _form_contour(self, index: int) -> FormedContour:
         formed = self._cell.form_contour(index)
@@ -96,6 +123,8 @@ class PartRun:
             raise IsfError(ErrorCode(formed.result.code), formed.result.message, where=contour_label(index))
         self._operator.formed(PartStep.of(formed.nominal, formed.correction, formed.result))
         if (lost := self._cell.torn()) is not None:
+            if self._keeper is not None and self.planned is not None:
+                self._keeper.keep(self._goal, self.planned, index + 1, self.results, lost.message)
             raise lost
         return formed
 
@@ -112,33 +141,3 @@ class PartRun:
     def _check_operator(self) -> None:
         if self._operator.cancelled():
             raise IsfError(ErrorCode.CANCELLED, "cancelled by the operator")
-
-    def _write_checkpoint(self, next_index: int) -> None:
-        if self._checkpoint is None or self.planned is None:
-            return
-        goal, planned = self._goal, self.planned
-        name, options = goal.job_file.job.name, goal.options
-        Checkpoint(name, planned.plan_id, next_index, planned.count, goal.method, options.variant, options.seed).write(
-            self._checkpoint
-        )
-
-
-@dataclass(frozen=True)
-class Checkpoint:
-    """Progress of one part: the next contour to form is ``next_index`` of ``count``."""
-
-    job_name: str
-    plan_id: str
-    next_index: int
-    count: int
-    correction: str
-    variant: int
-    seed: int
-
-    def write(self, path: Path) -> None:
-        """Replace the file in one step: after a crash it holds either the old or the new state."""
-        temporary = path.with_suffix(".part")
-        temporary.write_text(json.dumps(asdict(self)), encoding="utf-8")
-        with temporary.open() as stream:
-            os.fsync(stream.fileno())
-        temporary.replace(path)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import pytest
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import FormedContour, PartGoal, PlannedPart
+from isf_cell.run.checkpoint import Checkpoint
 from isf_cell.run.part_run import PartRun
 from isf_cell.run.part_step import PartStep
 from isf_core.contour import Contour, ContourResult
@@ -88,6 +88,24 @@ class ScriptedCell:
 
 
 @dataclass
+class NotingKeeper:
+    """Notes before which contour the part was kept."""
+
+    kept: list[int] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+
+    def begin(self, goal: PartGoal) -> None:
+        assert not self.kept
+
+    def keep(
+        self, goal: PartGoal, planned: PlannedPart, next_index: int, results: Sequence[ContourResult], lost: str = ""
+    ) -> None:
+        assert [result.index for result in results] == list(range(goal.first_index, next_index))
+        self.kept.append(next_index)
+        self.lost += [lost] if lost else []
+
+
+@dataclass
 class Watching:
     """An operator who cancels after ``patience`` contours, and looks at pauses ``pauses`` times."""
 
@@ -116,22 +134,24 @@ def _result(contour: Contour, code: ErrorCode) -> ContourResult:
 
 
 def _run(cell: ScriptedCell, operator: Watching, springback: str = "method: none", **more: object) -> IsfError | None:
-    checkpoint = more.pop("checkpoint", None)
+    keeper = more.pop("keeper", None)
     goal = replace(PartGoal(quick_cone(springback, step=LONGER), RunOptions()), **more)  # type: ignore[arg-type]
-    return PartRun(cell, goal, operator, checkpoint).run()  # type: ignore[arg-type]
+    return PartRun(cell, goal, operator, keeper).run()  # type: ignore[arg-type]
 
 
-def test_the_whole_part(contours: tuple[Contour, ...], tmp_path: Path) -> None:
-    cell, operator, checkpoint = ScriptedCell(contours), Watching(), tmp_path / "part.json"
-    assert _run(cell, operator, checkpoint=checkpoint) is None
+def test_the_whole_part(contours: tuple[Contour, ...]) -> None:
+    cell, operator, keeper = ScriptedCell(contours), Watching(), NotingKeeper()
+    assert _run(cell, operator, keeper=keeper) is None
     assert cell.asked == [*BEGIN, *(f"contour {k}" for k in range(CONTOURS)), "finish"]
     assert [step.index for step in operator.steps] == list(range(CONTOURS))
-    assert json.loads(checkpoint.read_text())["next_index"] == CONTOURS
+    assert keeper.kept == list(range(1, CONTOURS + 1))
 
 
 def test_a_torn_part_ends_after_the_contour(contours: tuple[Contour, ...]) -> None:
     cell, operator = ScriptedCell(contours, {"torn": ErrorCode.SHEET_TORN}), Watching()
-    error = _run(cell, operator)
+    keeper = NotingKeeper()
+    error = _run(cell, operator, keeper=keeper)
+    assert keeper.lost == ["torn"]
     assert error is not None
     assert error.code is ErrorCode.SHEET_TORN
     assert cell.asked == [*BEGIN, "contour 0", "contour 1", "contour 2", "stop SHEET_TORN", "finish"]
@@ -205,7 +225,29 @@ def test_a_part_goes_on_where_it_was(contours: tuple[Contour, ...]) -> None:
     ]
 
 
-def test_a_corrected_part_does_not_go_on(contours: tuple[Contour, ...]) -> None:
+def test_a_corrected_part_goes_on_from_its_checkpoint(contours: tuple[Contour, ...]) -> None:
+    cell, keeper = ScriptedCell(contours), NotingKeeper()
+    assert _run(cell, Watching(), "method: analytic", first_index=3, resume=_checkpoint(), keeper=keeper) is None
+    assert cell.asked[-3:] == ["contour 3", "contour 4", "finish"]
+    assert keeper.kept == [4, 5]
+
+
+@pytest.mark.parametrize("other", [{"plan_id": "cone-2"}, {"count": CONTOURS + 1}])
+def test_a_part_does_not_go_on_with_another_plan(contours: tuple[Contour, ...], other: dict[str, object]) -> None:
+    cell = ScriptedCell(contours)
+    failed = _run(cell, Watching(), first_index=3, resume=replace(_checkpoint(), **other))  # type: ignore[arg-type]
+    assert failed is not None
+    assert failed.code is ErrorCode.CHECKPOINT_UNUSABLE
+    assert cell.asked[-3:] == ["plan", "stop CHECKPOINT_UNUSABLE", "finish"]
+
+
+def _checkpoint() -> Checkpoint:
+    job_file = quick_cone("method: analytic", step=LONGER)
+    job = (job_file.job.name, job_file.text, str(job_file.base))
+    return Checkpoint(*job, "analytic", None, 0, 0, "fast", "cone-1", CONTOURS, 3)
+
+
+def test_a_corrected_part_does_not_go_on_without(contours: tuple[Contour, ...]) -> None:
     cell = ScriptedCell(contours)
     failed = _run(cell, Watching(), "method: analytic", first_index=3)
     assert failed is not None

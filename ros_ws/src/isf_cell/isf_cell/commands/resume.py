@@ -1,0 +1,131 @@
+"""``isf form --resume RUN``: what the run was begun with, whether it can go on, and what is said of it."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import load_job
+
+from isf_cell.run.checkpoint import CHECKPOINT, Checkpoint, CheckpointFolder
+
+REQUEST_FILE = "request.json"
+"""In the folder of the checkpoint: what the command was asked for beyond what the executive knows."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """``job``: file; ``lockstep``: False by the wall clock."""
+
+    job: Path
+    lockstep: bool
+
+    def write(self, run: Path) -> None:
+        """Keep it with the run; raises IsfError FILE_NOT_WRITABLE."""
+        path = run / CHECKPOINT / REQUEST_FILE
+        try:
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(json.dumps({"job": str(self.job.absolute()), "lockstep": self.lockstep}), encoding="utf-8")
+        except OSError as error:
+            raise IsfError(ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(path)) from error
+
+    @classmethod
+    def read(cls, run: Path) -> Request:
+        """Raises IsfError FILE_NOT_FOUND, CHECKPOINT_UNUSABLE."""
+        path = run / CHECKPOINT / REQUEST_FILE
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            return cls(Path(data["job"]), bool(data["lockstep"]))
+        except FileNotFoundError as error:
+            raise IsfError(
+                ErrorCode.FILE_NOT_FOUND,
+                "not a run of ./isf form that can go on: it has no checkpoint",
+                where=str(run),
+                advice="name the folder that ./isf form wrote to; ./isf simulate keeps none",
+            ) from error
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise IsfError(
+                ErrorCode.CHECKPOINT_UNUSABLE, f"is damaged: {error}", where=str(path), advice="form the part again"
+            ) from error
+
+
+@dataclass(frozen=True)
+class Resumed:
+    """A part that goes on. ``job`` : its file, None where that is gone or holds another job by now."""
+
+    checkpoint: Checkpoint
+    job: Path | None
+    lockstep: bool
+
+
+def resumed(run: Path, given: Mapping[str, Any]) -> Resumed:
+    """The part of ``run``; ``given``: options of the command line by their names, with what they ask for.
+
+    Raises
+    ------
+    IsfError : FILE_NOT_FOUND, CHECKPOINT_UNUSABLE, PART_FINISHED, SHEET_TORN (cannot go on); FILE_FIELD (an option
+        asks for something else than what the part was begun with); of the job
+    """
+    request = Request.read(run)
+    checkpoint = CheckpointFolder(run / CHECKPOINT).read()
+    begun = {
+        "JOB": checkpoint.job_text,
+        "--correction": checkpoint.correction,
+        "--support-force": checkpoint.support_force,
+        "--variant": checkpoint.variant,
+        "--seed": checkpoint.seed,
+        "--sheet": checkpoint.sheet,
+        "--output": run.resolve(),
+        "--real-time": not request.lockstep,
+    }
+    for name, value in given.items():
+        asked = load_job(value).text if name == "JOB" else Path(value).resolve() if name == "--output" else value
+        if asked != begun[name]:
+            words = "another job" if name == "JOB" else f"{asked}, the part was begun with {begun[name]}"
+            raise IsfError(
+                ErrorCode.FILE_FIELD, words, where=name, advice="leave it out: a part goes on as it was begun"
+            )
+    try:
+        same = load_job(request.job).text == checkpoint.job_text
+    except IsfError:
+        same = False
+    return Resumed(checkpoint, request.job if same else None, request.lockstep)
+
+
+def how_to_go_on(run: Path) -> str:
+    """The command with which the part of ``run`` goes on; empty: it cannot."""
+    try:
+        CheckpointFolder(run / CHECKPOINT).read()
+    except IsfError:
+        return ""
+    return f"the part can go on: ./isf form --resume {run}"
+
+
+def with_advice(error: IsfError, run: Path) -> IsfError:
+    """``error``, its advice followed by the command with which the part of ``run`` goes on, if it can."""
+    advice = "; ".join(filter(None, (error.advice, how_to_go_on(run))))
+    return IsfError(error.code, error.what, where=error.where, advice=advice)
+
+
+@contextmanager
+def alone(run: Path) -> Iterator[None]:
+    """Only one command at a time forms the part of ``run``; raises IsfError BUSY. A killed one does not count."""
+    path = run / CHECKPOINT / "lock"
+    path.parent.mkdir(exist_ok=True)
+    with path.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise IsfError(
+                ErrorCode.BUSY,
+                "another command forms this part",
+                where=str(run),
+                advice="wait until it ends, or end it",
+            ) from error
+        yield

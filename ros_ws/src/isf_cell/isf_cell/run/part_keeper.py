@@ -1,0 +1,127 @@
+"""Keeps a part on the disk after every contour, and counts over all sessions in which it is formed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from isf_core.contour import ContourResult, contour_label
+from isf_core.errors import IsfError
+
+from isf_cell.run.cell import Operator, PartGoal, PlannedPart
+from isf_cell.run.checkpoint import Checkpoint, CheckpointFolder
+
+
+@dataclass(frozen=True)
+class TickCounts:
+    """What the machine counted: ticks, late ones, and targets that were lost."""
+
+    ticks: int = 0
+    late: int = 0
+    lost: int = 0
+
+
+class StateSaver(Protocol):
+    """A cell as far as its state can be kept."""
+
+    @property
+    def counts(self) -> TickCounts:
+        """Of the machine since this session began."""
+
+    def save_state(self, next_index: int) -> None:
+        """Have machine and springback write their states before contour ``next_index``; raises IsfError."""
+
+
+@dataclass(frozen=True)
+class PartTotals:
+    """Numbers of a part over all its sessions; ``began``, ``ended`` in s by the clock of the results."""
+
+    contours: int
+    ticks: int
+    late_ticks: int
+    lost_messages: int
+    began: float
+    ended: float
+
+    @classmethod
+    def of(cls, results: Sequence[ContourResult], counts: TickCounts, before: Checkpoint | None) -> PartTotals:
+        """Of the ``results`` and ``counts`` of this session, and of what is known of those ``before``."""
+        now = cls(
+            contours=sum(result.completed for result in results),
+            ticks=counts.ticks,
+            late_ticks=counts.late + sum(result.late_ticks for result in results),
+            lost_messages=counts.lost + sum(result.lost_messages for result in results),
+            began=results[0].start if results else 0.0,
+            ended=results[-1].end if results else 0.0,
+        )
+        if before is None:
+            return now
+        return cls(
+            before.next_index + now.contours,
+            before.ticks + now.ticks,
+            before.late_ticks + now.late_ticks,
+            before.lost_messages + now.lost_messages,
+            before.began,
+            now.ended or before.ended,
+        )
+
+
+class PartKeeper:
+    """Writes the checkpoint of one part in ``folder``; what keeps it from that is told to the ``operator``, once."""
+
+    def __init__(self, folder: CheckpointFolder, saver: StateSaver, operator: Operator) -> None:
+        self._folder = folder
+        self._saver = saver
+        self._operator = operator
+        self._failed = False
+
+    def begin(self, goal: PartGoal) -> None:
+        """Before the first contour of ``goal``: the checkpoint of another part goes."""
+        try:
+            if goal.resume is None:
+                self._folder.begin()
+        except IsfError as error:
+            self._failed = True
+            self._operator.phase(f"no checkpoints are kept: {error}")
+
+    def keep(
+        self, goal: PartGoal, planned: PlannedPart, next_index: int, results: Sequence[ContourResult], lost: str = ""
+    ) -> None:
+        """Write the checkpoint before contour ``next_index``. A part whose checkpoint cannot be written is formed
+        nevertheless: it can go on from the last one. ``lost`` says why it cannot be completed."""
+        if self._failed:
+            return
+        try:
+            if next_index < planned.count and not lost:
+                self._saver.save_state(next_index)
+            self._folder.write(self._checkpoint(goal, planned, next_index, results, lost))
+        except IsfError as error:
+            self._failed = True
+            self._operator.phase(f"no checkpoint after {contour_label(next_index - 1)} and later ones: {error}")
+
+    def _checkpoint(
+        self, goal: PartGoal, planned: PlannedPart, next_index: int, results: Sequence[ContourResult], lost: str
+    ) -> Checkpoint:
+        job_file, options = goal.job_file, goal.options
+        totals = PartTotals.of(results, self._saver.counts, goal.resume)
+        return Checkpoint(
+            job_name=job_file.job.name,
+            job_text=job_file.text,
+            base_folder=str(job_file.base),
+            correction=goal.method,
+            support_force=options.support_force,
+            variant=options.variant,
+            seed=options.seed,
+            sheet=options.sheet,
+            plan_id=planned.plan_id,
+            count=planned.count,
+            next_index=next_index,
+            began=totals.began,
+            ended=totals.ended,
+            ticks=totals.ticks,
+            late_ticks=totals.late_ticks,
+            lost_messages=totals.lost_messages,
+            lost=lost,
+            files=self._folder.checksums(next_index),
+        )
