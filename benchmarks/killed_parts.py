@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -60,8 +61,9 @@ def formed_with_a_kill(words: list[str], victim: str, contour: int, delay: float
             killed = children_of(process.pid)
             time.sleep(delay)
             chosen = {"all": [process.pid, *killed.values()], "command": [process.pid]}.get(victim)
-            for number in chosen or [killed[victim]]:
-                os.kill(number, signal.SIGKILL)
+            for number in chosen or [killed[name] for name in [victim] if name in killed]:
+                with suppress(ProcessLookupError):  # the part was faster
+                    os.kill(number, signal.SIGKILL)
     process.wait()
     while any(Path(f"/proc/{number}").exists() for number in killed.values()):
         time.sleep(0.2)

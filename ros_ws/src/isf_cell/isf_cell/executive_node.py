@@ -28,7 +28,7 @@ from std_srvs.srv import SetBool
 
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import PartGoal
-from isf_cell.run.checkpoint import CheckpointFolder
+from isf_cell.run.checkpoint import Checkpoint, CheckpointFolder
 from isf_cell.run.graph_cell import GraphCell, GraphSettings, managed_nodes
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
@@ -218,6 +218,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
                     where="parameter checkpoint",
                     advice="start it with the folder of the part that is to go on",
                 )
+            _check_request(request, self._checkpoint.read())
             return PartGoal.resumed(self._checkpoint.take_up())
         force = None if np.isnan(request.support_force) else float(request.support_force)
         options = RunOptions(request.correction or None, force, request.world, request.seed, sheet_kind(request.sheet))
@@ -261,6 +262,22 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             response.message = "no part is being formed"
             self._paused = False
         return response
+
+
+def _check_request(request: FormPart.Goal, begun: Checkpoint) -> None:
+    """Raise IsfError FILE_FIELD where a part that goes on is to be another one than it was begun as."""
+    for name, asked, was in (
+        ("job_text", request.job_text, begun.job_text),
+        ("correction", request.correction, begun.correction),
+        ("sheet", request.sheet, begun.sheet),
+    ):
+        if asked and asked != was:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                "a part goes on as it was begun, this is another one",
+                where=f"form_part, {name}",
+                advice="leave it empty",
+            )
 
 
 def main(args: list[str] | None = None) -> None:

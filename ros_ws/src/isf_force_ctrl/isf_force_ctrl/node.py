@@ -509,10 +509,15 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _on_load(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
         with self._answering(response), self._lock:
             controller, path = self._in_lockstep(), self._path_of(request)
+            if controller.mode is not Mode.ARMED:
+                raise IsfError(
+                    ErrorCode.NOT_ARMED, "a state is taken up right after arming", advice="arm the plan again before"
+                )
             try:
                 load_controller(controller, path)
-            except IsfError:
-                self._controller = None
+            except IsfError as error:
+                if error.code == ErrorCode.CHECKPOINT_UNUSABLE:
+                    self._controller = None
                 raise
             self._publish_state(controller, self.get_clock().now().nanoseconds)
         return response

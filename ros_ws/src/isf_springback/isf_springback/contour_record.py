@@ -6,6 +6,7 @@ A numpy archive for each contour: planned contour, correction, corrected contour
 from __future__ import annotations
 
 import os
+import re
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -19,6 +20,7 @@ from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
 TARGET = "target.npz"
+_NAME = re.compile(r"contour_(\d{6})\.\d{3,}\.npz")
 
 T = TypeVar("T", Contour, ContourCorrection, ContourResult, HeightMap)
 
@@ -34,6 +36,7 @@ class ContourRecord:
     lift : (K, 4) rows of the tool lift after it, None: none
     scan : (P, 3) m, points of the scan after it, None: none
     written : nothing has come since it was written to its file
+    revision : number of its file; each time it is written it gets another one, since a checkpoint may name the last
     """
 
     nominal: Contour
@@ -43,14 +46,16 @@ class ContourRecord:
     lift: Array | None = None
     scan: Array | None = None
     written: bool = False
+    revision: int = 0
 
     @property
     def file_name(self) -> str:
         """Name of its file."""
-        return f"contour_{self.nominal.index:06d}.npz"
+        return f"contour_{self.nominal.index:06d}.{self.revision:03d}.npz"
 
     def write(self, folder: Path) -> None:
-        """Replace its file in ``folder``; raises IsfError FILE_NOT_WRITABLE."""
+        """Write it to a new file in ``folder``; raises IsfError FILE_NOT_WRITABLE."""
+        self.revision += 1
         arrays = _arrays("nominal", self.nominal) | _arrays("correction", self.correction)
         arrays |= _arrays("corrected", self.corrected)
         if self.result is not None:
@@ -61,15 +66,16 @@ class ContourRecord:
 
 
 def read_records(folder: Path) -> list[ContourRecord]:
-    """All records in ``folder``, in the order of their contours.
+    """The last record of every contour in ``folder``, in the order of their contours.
 
     Raises
     ------
-    IsfError : FILE_NOT_FOUND, there is no such folder; CHECKPOINT_UNUSABLE, a file is damaged or of another version
+    IsfError : FILE_NOT_FOUND, there is none; CHECKPOINT_UNUSABLE, a file is damaged or of another version
     """
-    if not folder.is_dir():
-        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such folder of contours", where=str(folder))
-    return [_record(path) for path in sorted(folder.glob("contour_*.npz"))]
+    newest = {found[1]: path for path in sorted(folder.glob("contour_*.npz")) if (found := _NAME.fullmatch(path.name))}
+    if not newest:
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no contours are kept here", where=str(folder))
+    return [_record(path) for path in newest.values()]
 
 
 def write_target(target: HeightMap, folder: Path) -> None:
@@ -93,6 +99,7 @@ def _record(path: Path) -> ContourRecord:
         lift=arrays.get("lift"),
         scan=arrays.get("scan"),
         written=True,
+        revision=int(path.name.split(".")[1]),
     )
 
 

@@ -268,7 +268,7 @@ class CorrectionSession:
             self._lift = self._scan = None  # of an earlier part
         self._declined = None
         if self._corrector is None and self._history:
-            self._corrector = self._taken_up()
+            self._corrector = self._taken_up(contour)
         if self._corrector is None or self._corrector.name != self.method_name:
             try:
                 check_method(self.method_name, self._job)
@@ -291,20 +291,27 @@ class CorrectionSession:
             corrector.set_target(self._target)
         return corrector
 
-    def _taken_up(self) -> Corrector:
+    def _taken_up(self, contour: Contour) -> Corrector:
         """The corrector in the state in which it was after the contours that were loaded: it corrects them again.
 
         Raises
         ------
-        IsfError : CHECKPOINT_UNUSABLE, it corrects them otherwise
+        IsfError : CHECKPOINT_UNUSABLE, it corrects them otherwise, or they are not those before ``contour``
         """
+        indices = [record.nominal.index for record in self._history]
+        if indices != list(range(indices[0], contour.index)):
+            raise IsfError(
+                ErrorCode.CHECKPOINT_UNUSABLE,
+                f"the contours that are kept are not those up to {contour_label(contour.index - 1)}",
+                advice="form the part again, on a fresh blank",
+            )
         method = self._history[-1].correction.method
         own = len(self._history)
         while own > 0 and self._history[own - 1].correction.method == method:
             own -= 1  # before them another method corrected
         corrector = self._made(method)
         for k, record in enumerate(self._history):
-            if k < own:
+            if k < own or record.correction.code:  # corrected without what came too late: not so again
                 corrector.follow(record.nominal, record.correction)
             else:
                 offset = corrector.correct(record.nominal).offset

@@ -201,11 +201,28 @@ def test_a_part_goes_on_as_if_it_had_not_been_interrupted(session, switch, tmp_p
 def test_only_what_is_new_is_written(session, tmp_path):
     form(session, 0)
     session.save(tmp_path)
-    first = (tmp_path / "contour_000000.npz").stat().st_mtime_ns
+    first = (tmp_path / "contour_000000.001.npz").stat().st_mtime_ns
     form(session, 1)
     session.save(tmp_path)
-    assert (tmp_path / "contour_000000.npz").stat().st_mtime_ns == first
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["contour_000000.npz", "contour_000001.npz"]
+    assert (tmp_path / "contour_000000.001.npz").stat().st_mtime_ns == first
+    names = ["contour_000000.001.npz", "contour_000001.001.npz"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+def test_contours_of_another_state_are_not_gone_on_with(session, tmp_path, clock):
+    """Those of a part that came farther, and none at all."""
+    for index in range(8):
+        form(session, index)
+    session.save(tmp_path)
+    other = CorrectionSession(TIMEOUT, clock)
+    other.load(tmp_path)
+    other.set_job(job_file(), "plan")
+    other.add_contour(cone_contour(4))
+    assert other.advance().correction.code == ErrorCode.CHECKPOINT_UNUSABLE
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(IsfError) as caught:
+        other.load(tmp_path / "empty")
+    assert caught.value.code == ErrorCode.FILE_NOT_FOUND
 
 
 def test_a_method_that_decides_otherwise_by_now_is_noticed(session, tmp_path, clock):
@@ -226,7 +243,7 @@ def test_a_method_that_decides_otherwise_by_now_is_noticed(session, tmp_path, cl
 def test_a_damaged_file_of_a_contour_is_refused(session, size, tmp_path):
     form(session, 0)
     session.save(tmp_path)
-    path = tmp_path / "contour_000000.npz"
+    path = tmp_path / "contour_000000.001.npz"
     path.write_bytes(path.read_bytes()[:size])
     with pytest.raises(IsfError) as caught:
         session.load(tmp_path)

@@ -108,7 +108,10 @@ def _last_span(messages: _Messages) -> PartSpan:
             for time, contour in messages.of(topics.NOMINAL)
             if contour.plan_id == job.plan_id and contour.index >= resumed.first_index and since <= time < until
         ]
-        dropped += [(min(beyond), until)] if beyond else []
+        if not beyond:  # nothing to be left out but the time in which nobody formed the part
+            news = (topics.NOMINAL, topics.RESULT, topics.SCAN)
+            beyond = [max((time for topic in news for time, _ in messages.of(topic) if time < until), default=until)]
+        dropped.append((min(beyond), until))
         first -= 1
     begun = jobs[first][0]
     # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted

@@ -38,12 +38,13 @@ def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, as_json: 
     if not run.is_dir():
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such run", where=str(run), advice="check the path")
     folder = make_folder(run)
-    found = resume.resumed(folder, given)
-    checkpoint = found.checkpoint
-    job = found.job if compare else None
-    if compare and job is None and checkpoint.correction != UNCORRECTED:
-        terminal.say("the job file is gone or another one by now: the uncorrected part is left out")
+    resume.Request.read(folder)  # before anything is written into a folder that is no run
     with resume.alone(folder):
+        found = resume.resumed(folder, given)
+        checkpoint = found.checkpoint
+        job = found.job if compare else None
+        if compare and job is None and checkpoint.correction != UNCORRECTED:
+            terminal.say("the job file is gone or another one by now: the uncorrected part is left out")
         job_file, options = checkpoint.job_file, checkpoint.options
         _form(job_file, options, folder, job, lockstep=found.lockstep, as_json=as_json, goes_on=True)
 

@@ -115,17 +115,26 @@ def with_advice(error: IsfError, run: Path) -> IsfError:
 
 @contextmanager
 def alone(run: Path) -> Iterator[None]:
-    """Only one command at a time forms the part of ``run``; raises IsfError BUSY. A killed one does not count."""
+    """Only one command at a time forms the part of ``run``; a killed one does not count.
+
+    Raises IsfError BUSY, FILE_NOT_WRITABLE.
+    """
     path = run / CHECKPOINT / "lock"
-    path.parent.mkdir(exist_ok=True)
-    with path.open("w") as file:
+    try:
+        path.parent.mkdir(exist_ok=True)
+        file = path.open("w")
+    except OSError as error:
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(path)) from error
+    with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        except BlockingIOError as error:
             raise IsfError(
                 ErrorCode.BUSY,
                 "another command forms this part",
                 where=str(run),
                 advice="wait until it ends, or end it",
             ) from error
+        except OSError as error:  # a file system without locks
+            raise IsfError(ErrorCode.FILE_NOT_WRITABLE, f"cannot be locked: {error}", where=str(path)) from error
         yield

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
@@ -36,6 +37,9 @@ FORM_AGAIN = "form the part again, on a fresh blank"
 
 NODES = ("machine", "force_ctrl")
 """Nodes whose whole state is in one file, of the last contour alone."""
+
+
+_STATE = re.compile(rf"({'|'.join(NODES)})_\d{{6}}\.npz|{CONTOURS}/(contour_\d{{6}}\.\d{{3,}}|target)\.npz")
 
 
 def state_file(node: str, next_index: int) -> str:
@@ -120,9 +124,7 @@ class CheckpointFolder:
         has not changed since it was read last is not read again."""
         found = {}
         with _writing(self.path):
-            for name in self._names():
-                if name.startswith(NODES) and name not in [state_file(node, next_index) for node in NODES]:
-                    continue
+            for name in self._newest(next_index):
                 path = self.path / name
                 changed = path.stat().st_mtime_ns
                 if self._known.get(name, (0, ""))[0] != changed:
@@ -144,6 +146,9 @@ class CheckpointFolder:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
+            for folder in (self.path / CONTOURS, self.path):  # their names have to be on the disk before it names them
+                if folder.is_dir():
+                    _sync_folder(folder)
             partial.replace(path)
             _sync_folder(self.path)
             self._keep_only(checkpoint.files)
@@ -219,9 +224,18 @@ class CheckpointFolder:
         return IsfError(ErrorCode.CHECKPOINT_UNUSABLE, what, where=str(self.path / PART_FILE), advice=advice)
 
     def _names(self) -> list[str]:
-        found = [path for node in NODES for path in self.path.glob(f"{node}_*.npz")]
-        found += (self.path / CONTOURS).glob("*.npz")
-        return sorted(path.relative_to(self.path).as_posix() for path in found)
+        """Files of state; others may lie beside them, such as those that a person had the machine save."""
+        found = [*self.path.glob("*.npz"), *(self.path / CONTOURS).glob("*.npz")]
+        names = (path.relative_to(self.path).as_posix() for path in found)
+        return sorted(name for name in names if _STATE.fullmatch(name))
+
+    def _newest(self, next_index: int) -> list[str]:
+        """Of the nodes those before contour ``next_index``, of every contour the last file."""
+        nodes = [state_file(node, next_index) for node in NODES]
+        newest = {
+            name.split(".")[0]: name for name in self._names() if name.startswith(f"{CONTOURS}/") or name in nodes
+        }
+        return list(newest.values())
 
     def _keep_only(self, names: Iterable[str]) -> None:
         for name in set(self._names()) - set(names):

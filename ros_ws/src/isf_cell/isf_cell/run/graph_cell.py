@@ -195,7 +195,7 @@ class GraphCell:
             )
         if kept:
             self._machine.take_up(kept, self._watch_nodes, timeout=6 * self._settings.service_timeout)
-            if not self._exact:
+            if not self._goes_on_exactly(goal):
                 self._machine.stop("the part goes on", self._watch_nodes)
                 self._wait_until_released(goal)
                 self._machine.reset(goal, self._watch_nodes, timeout=6 * self._settings.service_timeout)
@@ -274,10 +274,9 @@ class GraphCell:
 
     def _take_up_force_control(self, goal: PartGoal) -> None:
         """In lockstep it goes on with the tools on the sheet as they were; else the next contour is approached."""
-        kept = goal.resume.state_of("force_ctrl") if goal.resume is not None and self._exact else ""
-        if kept and self._machine.taken_up:
+        if goal.resume is not None and self._goes_on_exactly(goal):
             timeout = 6 * self._settings.service_timeout
-            request = StateFile.Request(path=kept)
+            request = StateFile.Request(path=goal.resume.state_of("force_ctrl"))
             self._client.checked_call(StateFile, "force_ctrl/load", request, self.check, timeout=timeout)
 
     def _wait_for_recorder(self) -> None:
@@ -336,16 +335,25 @@ class GraphCell:
         """
         return self._settings.lockstep and not self._settings.load_cells
 
-    def save_state(self, next_index: int) -> None:
-        """Have springback and the simulated machine write what they are in before contour ``next_index``."""
+    def _goes_on_exactly(self, goal: PartGoal) -> bool:
+        """Machine and force control are taken up as they were; else the tools are released and come from the air."""
+        before = goal.resume
+        return self._exact and before is not None and all(before.state_of(name) for name in (MACHINE, "force_ctrl"))
+
+    def save_state(self, next_index: int) -> tuple[str, ...]:
+        """As in :class:`isf_cell.run.part_keeper.StateSaver`."""
+        written = [f"{CONTOURS}/contour_{next_index - 1:06d}"]
         timeout = 6 * self._settings.service_timeout
         request = StateFile.Request(path=CONTOURS)
         self._client.checked_call(StateFile, "springback/save", request, self.check, timeout=timeout)
         if self._exact:
-            request = StateFile.Request(path=state_file("force_ctrl", next_index))
+            written.append(state_file("force_ctrl", next_index))
+            request = StateFile.Request(path=written[-1])
             self._client.checked_call(StateFile, "force_ctrl/save", request, self.check, timeout=timeout)
         if self._machine.offer.simulated:
-            self._machine.save(state_file(MACHINE, next_index), self.check, timeout=timeout)
+            written.append(state_file(MACHINE, next_index))
+            self._machine.save(written[-1], self.check, timeout=timeout)
+        return tuple(written)
 
     def check(self) -> None:
         """Raise IsfError when a node died or was taken down, the operator cancelled, the machine has a fault, the load

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from isf_core.contour import ContourResult, contour_label
-from isf_core.errors import IsfError
+from isf_core.errors import ErrorCode, IsfError
 
 from isf_cell.run.cell import Operator, PartGoal, PlannedPart
 from isf_cell.run.checkpoint import Checkpoint, CheckpointFolder
@@ -29,8 +29,11 @@ class StateSaver(Protocol):
     def counts(self) -> TickCounts:
         """Of the machine since this session began."""
 
-    def save_state(self, next_index: int) -> None:
-        """Have machine and springback write their states before contour ``next_index``; raises IsfError."""
+    def save_state(self, next_index: int) -> tuple[str, ...]:
+        """Have machine and springback write their states before contour ``next_index``.
+
+        Returns how the names of their files begin, below the folder of the checkpoint. Raises IsfError.
+        """
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,10 @@ class PartTotals:
         )
 
 
+_CELL_ENDS = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
+"""What a part does not go on after, though it comes while its state is saved."""
+
+
 class PartKeeper:
     """Writes the checkpoint of one part in ``folder``; what keeps it from that is told to the ``operator``, once."""
 
@@ -74,31 +81,39 @@ class PartKeeper:
         self._folder = folder
         self._saver = saver
         self._operator = operator
-        self._failed = False
+        self._refused = False
+        self._told = False
 
     def begin(self, goal: PartGoal) -> None:
-        """Before the first contour of ``goal``: the checkpoint of another part goes."""
+        """Before the blank of ``goal`` is clamped: the checkpoint of another part goes."""
         try:
             if goal.resume is None:
                 self._folder.begin()
         except IsfError as error:
-            self._failed = True
+            self._refused = True
             self._operator.phase(f"no checkpoints are kept: {error}")
 
     def keep(
         self, goal: PartGoal, planned: PlannedPart, next_index: int, results: Sequence[ContourResult], lost: str = ""
     ) -> None:
         """Write the checkpoint before contour ``next_index``. A part whose checkpoint cannot be written is formed
-        nevertheless: it can go on from the last one. ``lost`` says why it cannot be completed."""
-        if self._failed:
+        nevertheless, and it is tried again after the next contour. ``lost`` says why it cannot be completed.
+
+        Raises IsfError NODE_DIED, CANCELLED.
+        """
+        if self._refused:
             return
         try:
-            if next_index < planned.count and not lost:
-                self._saver.save_state(next_index)
-            self._folder.write(self._checkpoint(goal, planned, next_index, results, lost))
+            expected = self._saver.save_state(next_index) if next_index < planned.count and not lost else ()
+            checkpoint = self._checkpoint(goal, planned, next_index, results, lost)
+            _check_files(checkpoint, expected)
+            self._folder.write(checkpoint)
         except IsfError as error:
-            self._failed = True
-            self._operator.phase(f"no checkpoint after {contour_label(next_index - 1)} and later ones: {error}")
+            if error.code in _CELL_ENDS:
+                raise
+            if not self._told:
+                self._told = True
+                self._operator.phase(f"no checkpoint after {contour_label(next_index - 1)}: {error}")
 
     def _checkpoint(
         self, goal: PartGoal, planned: PlannedPart, next_index: int, results: Sequence[ContourResult], lost: str
@@ -125,3 +140,15 @@ class PartKeeper:
             lost=lost,
             files=self._folder.checksums(next_index),
         )
+
+
+def _check_files(checkpoint: Checkpoint, expected: Sequence[str]) -> None:
+    """Raise IsfError FILE_NOT_FOUND unless every state that was saved lies where the checkpoint is."""
+    for beginning in expected:
+        if not any(name.startswith(beginning) for name in checkpoint.files):
+            raise IsfError(
+                ErrorCode.FILE_NOT_FOUND,
+                f"the state {beginning} is not in the folder of the checkpoint",
+                where="parameter state_folder of machine, springback and force_ctrl",
+                advice="start them with the folder that the executive has as checkpoint",
+            )

@@ -24,12 +24,13 @@ class Keeper(Protocol):
     """Who keeps the part on the disk: :class:`isf_cell.run.part_keeper.PartKeeper`."""
 
     def begin(self, goal: PartGoal) -> None:
-        """Before the first contour."""
+        """Before the blank is clamped."""
 
     def keep(
         self, goal: PartGoal, planned: PlannedPart, next_index: int, results: Sequence[ContourResult], lost: str = ""
     ) -> None:
-        """Before contour ``next_index``; ``lost``: why the part cannot be completed. Never raises IsfError."""
+        """Before contour ``next_index``; ``lost``: why the part cannot be completed. Raises IsfError where the
+        cell does not go on."""
 
 
 class PartRun:
@@ -83,13 +84,13 @@ class PartRun:
         cell.bring_up()
         check_method(goal.method, job_file)  # before the plan, which takes its time
         operator.phase("taking up the part" if goal.first_index else "clamping a fresh blank")
+        if self._keeper is not None:
+            self._keeper.begin(goal)
         cell.reset(goal)
         cell.tare()
         operator.phase("planning")
         self.planned = planned = cell.plan(goal)
         self._check_plan(planned)
-        if self._keeper is not None:
-            self._keeper.begin(goal)
         cell.arm(goal, planned)
         for index in range(goal.first_index, planned.count):
             self._pause_before(index, planned.count)

@@ -10,8 +10,12 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from isf_cell.options import RunOptions
+from isf_cell.run.cell import PartGoal, PlannedPart
 from isf_cell.run.checkpoint import CONTOURS, PART_FILE, Checkpoint, CheckpointFolder, state_file
+from isf_cell.run.part_keeper import PartKeeper, TickCounts
 from isf_core.errors import ErrorCode, IsfError
+from quick_cone import quick_cone
 
 PART = Checkpoint(
     job_name="cone",
@@ -37,7 +41,7 @@ def kept(path: Path, index: int = 2) -> CheckpointFolder:
     folder.begin()
     (path / CONTOURS).mkdir(exist_ok=True)
     for k in range(index):
-        (path / CONTOURS / f"contour_{k:06d}.npz").write_bytes(b"contour %d" % k)
+        (path / CONTOURS / f"contour_{k:06d}.001.npz").write_bytes(b"contour %d" % k)
     (path / state_file("machine", index)).write_bytes(b"machine %d" % index)
     folder.write(replace(PART, next_index=index, files=folder.checksums(index)))
     return folder
@@ -54,27 +58,111 @@ def test_it_is_read_as_it_was_written(tmp_path: Path) -> None:
     found = CheckpointFolder(tmp_path).read()
     assert replace(found, files={}) == PART
     assert found.state_of("machine") == "machine_000002.npz"
-    assert set(found.files) == {"machine_000002.npz", "contours/contour_000000.npz", "contours/contour_000001.npz"}
+    assert set(found.files) == {
+        "machine_000002.npz",
+        "contours/contour_000000.001.npz",
+        "contours/contour_000001.001.npz",
+    }
 
 
 def test_the_machine_before_the_last_contour_goes_and_what_a_kill_left_too(tmp_path: Path) -> None:
     folder = kept(tmp_path)
     (tmp_path / state_file("machine", 3)).write_bytes(b"machine 3")
-    (tmp_path / CONTOURS / "contour_000002.npz").write_bytes(b"contour 2")
+    (tmp_path / CONTOURS / "contour_000002.001.npz").write_bytes(b"contour 2")
     assert CheckpointFolder(tmp_path).read().next_index == 2
     assert (tmp_path / state_file("machine", 3)).exists()  # who only looks changes nothing
     assert CheckpointFolder(tmp_path).take_up().next_index == 2  # killed before part.json was replaced
     assert not (tmp_path / state_file("machine", 3)).exists()
-    assert not (tmp_path / CONTOURS / "contour_000002.npz").exists()
+    assert not (tmp_path / CONTOURS / "contour_000002.001.npz").exists()
     (tmp_path / state_file("machine", 3)).write_bytes(b"machine 3")
     folder.write(replace(PART, next_index=3, files=folder.checksums(3)))
     assert [path.name for path in tmp_path.glob("machine_*")] == [state_file("machine", 3)]
 
 
-def test_a_new_part_leaves_nothing_of_the_one_before(tmp_path: Path) -> None:
-    kept(tmp_path).begin()
+def test_what_comes_late_leaves_the_checkpoint_whole_until_the_next_one(tmp_path: Path) -> None:
+    folder = kept(tmp_path)
+    late = tmp_path / CONTOURS / "contour_000001.002.npz"
+    late.write_bytes(b"contour 1 and its scan")
+    assert CheckpointFolder(tmp_path).read().next_index == 2  # killed before part.json was replaced
+    folder.write(replace(PART, files=folder.checksums(2)))
+    assert "contours/contour_000001.002.npz" in CheckpointFolder(tmp_path).read().files
+    assert [path.name for path in (tmp_path / CONTOURS).glob("contour_000001*")] == [late.name]
+
+
+def test_a_new_part_leaves_nothing_of_the_one_before_and_what_is_not_of_it(tmp_path: Path) -> None:
+    folder = kept(tmp_path)
+    own = {tmp_path / "machine_before_trimming.npz", tmp_path / CONTOURS / "mine.npz"}
+    for path in own:
+        path.write_bytes(b"saved by a person")
+    folder.begin()
     assert refusal(tmp_path).code is ErrorCode.FILE_NOT_FOUND
-    assert not list(tmp_path.rglob("*.npz"))
+    assert set(tmp_path.rglob("*.npz")) == own
+
+
+class Saver:
+    """A cell whose states land in ``folder``, after the ``failures`` given for the first calls."""
+
+    counts = TickCounts()
+
+    def __init__(self, folder: Path, *failures: IsfError) -> None:
+        self._folder, self._failures = folder, list(failures)
+
+    def save_state(self, next_index: int) -> tuple[str, ...]:
+        if self._failures:
+            raise self._failures.pop(0)
+        (self._folder / CONTOURS).mkdir(parents=True, exist_ok=True)
+        (self._folder / CONTOURS / f"contour_{next_index - 1:06d}.001.npz").write_bytes(b"contour")
+        return (f"{CONTOURS}/contour_{next_index - 1:06d}",)
+
+
+class Phases:
+    """What an operator is told."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def phase(self, text: str, *_: int) -> None:
+        self.told.append(text)
+
+
+def keeper_of(path: Path, saver: Saver) -> tuple[PartKeeper, PartGoal, Phases]:
+    phases, goal = Phases(), PartGoal(quick_cone(), RunOptions())
+    keeper = PartKeeper(CheckpointFolder(path), saver, phases)  # type: ignore[arg-type]
+    keeper.begin(goal)
+    return keeper, goal, phases
+
+
+def test_a_save_that_fails_is_told_once_and_tried_again(tmp_path: Path) -> None:
+    full = IsfError(ErrorCode.FILE_NOT_WRITABLE, "no space left")
+    keeper, goal, phases = keeper_of(tmp_path, Saver(tmp_path, full, full))
+    for index in (1, 2, 3):
+        keeper.keep(goal, PlannedPart("plan", 5), index, [])
+    assert CheckpointFolder(tmp_path).read().next_index == 3
+    assert len(phases.told) == 1
+    assert "no space left" in phases.told[0]
+    keeper.keep(goal, PlannedPart("plan", 5), 4, [], "the sheet tore")
+    assert refusal(tmp_path).code is ErrorCode.SHEET_TORN
+
+
+def test_a_torn_part_is_known_as_such_where_nothing_could_be_saved(tmp_path: Path) -> None:
+    keeper, goal, _ = keeper_of(tmp_path, Saver(tmp_path, *[IsfError(ErrorCode.SERVICE_TIMEOUT, "late")] * 2))
+    keeper.keep(goal, PlannedPart("plan", 5), 1, [])
+    keeper.keep(goal, PlannedPart("plan", 5), 2, [], "the sheet tore")
+    assert refusal(tmp_path).code is ErrorCode.SHEET_TORN
+
+
+def test_a_node_that_dies_meanwhile_ends_the_part(tmp_path: Path) -> None:
+    keeper, goal, _ = keeper_of(tmp_path, Saver(tmp_path, IsfError(ErrorCode.NODE_DIED, "machine ended")))
+    with pytest.raises(IsfError) as caught:
+        keeper.keep(goal, PlannedPart("plan", 5), 1, [])
+    assert caught.value.code is ErrorCode.NODE_DIED
+
+
+def test_states_that_land_elsewhere_are_no_checkpoint(tmp_path: Path) -> None:
+    keeper, goal, phases = keeper_of(tmp_path / "checkpoint", Saver(tmp_path / "elsewhere"))
+    keeper.keep(goal, PlannedPart("plan", 5), 1, [])
+    assert refusal(tmp_path / "checkpoint").code is ErrorCode.FILE_NOT_FOUND
+    assert "state_folder" in phases.told[0]
 
 
 @pytest.mark.parametrize(
