@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from isf_ros import process
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 LIMIT = 120.0
@@ -18,7 +18,7 @@ class Waiting:
 
     def __init__(self, node: Node) -> None:
         self.node = node
-        self._executor = process.make_executor(streams=True)
+        self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
 
     def until(self, condition: Callable[[], Any], timeout: float = LIMIT) -> bool:
