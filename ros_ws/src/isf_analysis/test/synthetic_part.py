@@ -6,7 +6,8 @@ those of the published 50 deg cone (Ren 2018, table 4.6): 5.7 mm largest error u
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from isf_analysis.measures.record import PartRecord
@@ -154,6 +155,32 @@ def make_part(
         lost_messages=0,
         sim_time=round(time, 6),
         wall_time=71.25,
+    )
+
+
+def in_stages(part: PartRecord) -> PartRecord:
+    """``part`` formed in two stages: one of the same contours 0.3 mm beside, in a sheet of 1 mm, and its own."""
+    count = len(part.nominal)
+    beside = np.array([0.3e-3, 0.0, 0.0])
+
+    def after(item: Any) -> Any:
+        return replace(item, index=item.index + count)
+
+    first = [
+        replace(item, contact=item.contact + beside, thickness=np.full(len(item), 1e-3), count=2 * count)
+        for item in part.nominal
+    ]
+    last = [replace(item, index=item.index + count, count=2 * count, stage=1) for item in part.nominal]
+    span = part.results[-1].end - part.results[0].start + 1.0
+    return replace(
+        part,
+        nominal=(*first, *last),
+        corrected=(*part.corrected, *map(after, part.corrected)),
+        corrections=(*part.corrections, *map(after, part.corrections)),
+        results=(
+            *part.results,
+            *(replace(after(item), start=item.start + span, end=item.end + span) for item in part.results),
+        ),
     )
 
 

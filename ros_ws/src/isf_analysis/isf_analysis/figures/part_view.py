@@ -40,9 +40,9 @@ def part_view(record: PartRecord, deviation: Deviation | None) -> str:
     """
     drawing = Drawing(page.new_figure())
     shape = _shape(record, deviation)
-    contours = {contour.index: contour for contour in record.nominal}
-    if deviation is not None and shape is not None:
-        _deviation(drawing, shape, deviation)
+    contours = {contour.index: contour for contour in record.last_stage}
+    if deviation is not None and shape is not None and record.target is not None:
+        _deviation(drawing, shape, deviation, record.target)
     if shape is not None and contours:
         _thickness(drawing, shape, list(contours.values()))
     _paths(drawing, record, contours, shape)
@@ -91,7 +91,7 @@ def _short(lengths: Array) -> Array:
     return np.round(MM * lengths, 3).astype(np.float32)
 
 
-def _deviation(drawing: Drawing, shape: HeightMap, deviation: Deviation) -> None:
+def _deviation(drawing: Drawing, shape: HeightMap, deviation: Deviation, target: HeightMap) -> None:
     x, y, z = _grid(shape)
     columns, rows = np.searchsorted(deviation.error.x, shape.x), np.searchsorted(deviation.error.y, shape.y)
     limit = map_limit(deviation)
@@ -108,9 +108,11 @@ def _deviation(drawing: Drawing, shape: HeightMap, deviation: Deviation) -> None
         lighting={"ambient": 0.8, "diffuse": 0.35, "specular": 0.03},
     )
     wx, wy, worst = deviation.whole.worst
-    row, column = np.nanargmin(np.abs(shape.y - wy)), np.nanargmin(np.abs(shape.x - wx))
-    label = MM * np.array([wx, wy, shape.z[row, column]]), f"{MM * worst:+.2f} mm"
-    drawing.close("deviation", *([label] if np.isfinite(worst) else []))
+    labels = []
+    if np.isfinite(worst):  # at the node of the target, which a thinned shape may not have
+        height = target.z[np.searchsorted(target.y, wy), np.searchsorted(target.x, wx)] + worst
+        labels.append((MM * np.array([wx, wy, height]), f"{MM * worst:+.2f} mm"))
+    drawing.close("deviation", *labels)
 
 
 def _thickness(drawing: Drawing, shape: HeightMap, contours: Sequence[Contour]) -> None:

@@ -45,7 +45,7 @@ _EVENT_MARKS = {
 def map_limit(*deviations: Deviation | None) -> float:
     """mm, half of the colour scale that holds every given part: a round number above the largest |e| shown."""
     largest = [
-        MM * max(deviation.whole.max_abs, np.nan_to_num(deviation.regions["rim"].max_abs))
+        MM * max(np.nan_to_num(deviation.regions[name].max_abs) for name in ("wall_and_base", "rim"))
         for deviation in deviations
         if deviation is not None
     ]

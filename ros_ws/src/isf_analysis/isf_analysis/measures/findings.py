@@ -66,9 +66,10 @@ def _group(group: events.EventGroup, record: PartRecord) -> dict[str, Any]:
 def reached_errors(record: PartRecord, error: HeightMap) -> dict[int, Array]:
     """m, by index of the contours whose correction told what will remain: ``error`` of the finished part where it did.
 
-    (N,) as the residual, NaN at points of which either is unknown.
+    Of the last stage: what an earlier one leaves is formed again. (N,) as the residual, NaN at points of which either
+    is unknown.
     """
-    contours = {contour.index: contour for contour in record.nominal}
+    contours = {contour.index: contour for contour in record.last_stage}
     return {
         item.index: np.where(np.isfinite(item.residual), error.at(contours[item.index].contact[:, :2]), np.nan)
         for item in record.corrections
@@ -79,10 +80,12 @@ def reached_errors(record: PartRecord, error: HeightMap) -> dict[int, Array]:
 def _outlook(record: PartRecord, error: HeightMap | None) -> dict[str, Any] | None:
     """What the correction expected to be wrong with itself: over all points, and of the last contour that told.
 
-    Beside it what was reached at the same points.
+    Of the last stage, and beside it what was reached at the same points.
     """
-    residual = [item.residual for item in record.corrections if len(item.residual)]
-    spread = [item.uncertainty for item in record.corrections if len(item.uncertainty)]
+    earlier = {contour.index for contour in record.nominal} - {contour.index for contour in record.last_stage}
+    told = [item for item in record.corrections if item.index not in earlier]
+    residual = [item.residual for item in told if len(item.residual)]
+    spread = [item.uncertainty for item in told if len(item.uncertainty)]
     if not residual and not spread:
         return None
     left = np.concatenate(residual) if residual else np.empty(0)
@@ -110,8 +113,8 @@ def _time(record: PartRecord) -> dict[str, Any] | None:
         "planned_s": found.planned,
         "actual_s": found.actual,
         "slowed_s": found.slowed,
-        "force_ramps_s": found.force_ramps,
-        "force_control_s": found.force_control,
+        "force_ramps_s": _number(found.force_ramps),
+        "force_control_s": _number(found.force_control),
         "rest_s": found.rest,
         "between_s": found.between,
         "slowest_contour": found.slowest,

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import yaml
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
+from isf_core.errors import IsfError
 from isf_core.events import Event, torn
+from isf_core.files import yaml_file
 from isf_core.files.job import ToleranceSpec
-from isf_core.files.quantity import FROM_FILE
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SEALED_VARIANTS
 
@@ -86,6 +88,12 @@ class PartRecord:
         return sum(result.completed for result in self.results)
 
     @property
+    def last_stage(self) -> tuple[Contour, ...]:
+        """Contours as planned that made the shape what it is: all, or of a part formed in stages those of the last."""
+        last = max((contour.stage for contour in self.nominal), default=0)
+        return tuple(contour for contour in self.nominal if contour.stage == last)
+
+    @property
     def sealed(self) -> bool:
         """True for a variant that is kept to publish results with."""
         return self.variant in SEALED_VARIANTS
@@ -97,12 +105,28 @@ class PartRecord:
 
     @property
     def tolerance(self) -> ToleranceSpec:
-        """What the part is judged by, from its job; the default where the record holds no job that can be read."""
+        """What the part is judged by, from its job; the default where that has no such section that can be read."""
+        return self._judged_by[0]
+
+    @property
+    def tolerance_note(self) -> str:
+        """Why the default of :attr:`tolerance` stands for that of the job; empty: it does not."""
+        return self._judged_by[1]
+
+    @cached_property
+    def _judged_by(self) -> tuple[ToleranceSpec, str]:
+        used = ToleranceSpec()
         try:
-            section = (yaml.safe_load(self.job_text) or {}).get("tolerance", {})
-            return ToleranceSpec.model_validate(section, context=FROM_FILE)
-        except (yaml.YAMLError, AttributeError, ValueError):
-            return ToleranceSpec()
+            job = yaml.safe_load(self.job_text)
+            if not isinstance(job, Mapping) or "tolerance" not in job:
+                return used, ""
+            return yaml_file.parse(yaml.safe_dump(job["tolerance"]), ToleranceSpec, "tolerance"), ""
+        except IsfError as error:
+            why = error.what
+        except (yaml.YAMLError, ValueError, RecursionError):
+            why = "the job is not valid YAML"
+        used_words = f"{1e3 * used.shape:g} mm, {100 * used.share:g} % are used"
+        return used, f"tolerance of the job cannot be read: {why}; {used_words}"
 
     def failure(self) -> tuple[int, str] | None:
         """Code and text of what ended the part early, or tore it; code 0 when unknown; None for a whole part."""

@@ -1,7 +1,8 @@
 """The formed shape as files for other programs: STL, PLY and VTK, in mm, in the frame ``sheet``.
 
 The upper surface of the sheet as it was scanned, two triangles for every cell whose four corners were measured. PLY and
-VTK carry numbers at every point: the deviation, and the thickness of the plan where something was formed.
+VTK carry numbers at every point: the deviation, where the report has one, and the thickness of the plan where something
+was formed (in the last stage).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from isf_core.types import Array, Indices
 from isf_core.view.coloured import near_path
 
 from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.summary import deviation_of
 from isf_analysis.measures.surface_distance import Surface
 
 MM = 1e3
@@ -27,8 +29,7 @@ def write_shape(record: PartRecord, folder: Path) -> tuple[Path, ...]:
 
     Raises
     ------
-    IsfError : BAG_INCOMPLETE when the part was not scanned ; MESH_EMPTY when no cell of the scan is whole ;
-        FILE_NOT_WRITABLE
+    IsfError : BAG_INCOMPLETE when the part was not scanned, or no cell of the scan is whole ; FILE_NOT_WRITABLE
     """
     scan = record.scan
     if scan is None:
@@ -38,15 +39,23 @@ def write_shape(record: PartRecord, folder: Path) -> tuple[Path, ...]:
             where="topic scan",
             advice="scan the part after its last contour",
         )
-    surface = Surface.of_height_map(scan)
+    try:
+        surface = Surface.of_height_map(scan)
+    except IsfError as failure:
+        raise IsfError(
+            ErrorCode.BAG_INCOMPLETE,
+            "no cell of the scan is whole: there is nothing to export",
+            where="topic scan",
+            advice="scan the part again",
+        ) from failure
     used, local = np.unique(surface.faces, return_inverse=True)  # points that were not measured are left out
     points, faces = surface.vertices[used], local.reshape(-1, 3)
     values: dict[str, Array] = {}
-    if record.target is not None:
+    if record.target is not None and _compared(record):
         error = points[:, 2] - record.target.at(points[:, :2])
         values["deviation_mm"] = (MM * error).astype(np.float32)
-    if record.nominal:
-        thickness = near_path(record.nominal, [contour.thickness for contour in record.nominal], scan.x, scan.y)
+    if formed := record.last_stage:
+        thickness = near_path(formed, [contour.thickness for contour in formed], scan.x, scan.y)
         values["planned_thickness_mm"] = (MM * thickness.ravel()[used]).astype(np.float32)
     vertices = MM * points
     mesh = trimesh.Trimesh(vertices, faces, process=False, vertex_attributes=values)
@@ -65,6 +74,14 @@ def write_shape(record: PartRecord, folder: Path) -> tuple[Path, ...]:
             ErrorCode.FILE_NOT_WRITABLE, what, where=str(folder), advice="choose a writable folder"
         ) from error
     return tuple(folder / name for name in written)
+
+
+def _compared(record: PartRecord) -> bool:
+    """Whether the report compares scan and target: they go together."""
+    try:
+        return deviation_of(record) is not None
+    except IsfError:
+        return False
 
 
 def _vtk(vertices: Array, faces: Indices, values: dict[str, Array], title: str) -> bytes:

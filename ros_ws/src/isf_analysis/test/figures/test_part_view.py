@@ -13,22 +13,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from isf_analysis.figures import style
 from isf_analysis.figures.part_view import LARGEST_GRID, MAXIMUM_POINTS, part_view
+from isf_analysis.measures.deviation import regions_of
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import deviation_of
 from isf_analysis.report.page import write_report
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
-from synthetic_part import make_part
-
-pytest.importorskip("plotly")
+from synthetic_part import in_stages, make_part
 
 PART = make_part(contours=5, spacing=2.5e-3)
 NUMBERS = {"f4": "<f4", "f8": "<f8", "u1": "u1"}
 
 
 def shown(part: PartRecord) -> dict[str, Any]:
-    """What the page of ``part`` holds."""
+    """What the page of ``part`` holds; without plotly there is none."""
+    pytest.importorskip("plotly")
     html = part_view(part, deviation_of(part))
     (packed,) = re.findall(r"data-view3d>([A-Za-z0-9+/=]+)</script>", html)
     content: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(packed)))
@@ -72,6 +73,47 @@ def test_the_worst_spot_is_labelled_where_it_is() -> None:
     assert surface["cmax"] == -surface["cmin"] == 0.8
 
 
+def test_a_part_of_which_only_the_flange_was_measured_has_a_report_and_no_label(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(style, "DPI", 34)
+    target = PART.target
+    assert target is not None
+    z = target.z.copy()
+    z[regions_of(target)["wall_and_base"]] = np.nan
+    part = replace(PART, scan=HeightMap(target.x, target.y, z))
+    assert shown(part)["views"]["deviation"]["annotations"] == []
+    assert write_report(part, tmp_path).numbers["deviation"]["max_mm"] is None
+
+
+def test_the_worst_spot_is_labelled_beside_unknown_nodes_of_a_thinned_shape() -> None:
+    """Every second node is drawn; of a cell that is known among unknown ones, the corner that lies beside them."""
+    target = make_part(contours=1, spacing=0.5e-3).target
+    assert target is not None
+    for row in (len(target.y) // 2, len(target.y) // 2 + 1):
+        z = target.z.copy()
+        column = row
+        z[row - 4 : row + 5, column - 4 : column + 5] = np.nan
+        cell = slice(row, row + 2), slice(column, column + 2)
+        z[cell] = target.z[cell]
+        z[row, column] += 3e-3
+        part = replace(PART, target=target, scan=HeightMap(target.x, target.y, z))
+        (label,) = shown(part)["views"]["deviation"]["annotations"]
+        assert label["text"] == "+3.00 mm"
+        assert label["z"] == pytest.approx(1e3 * z[row, column], abs=1e-3)
+
+
+def test_of_a_part_formed_in_stages_the_last_one_is_shown() -> None:
+    """The first stage lies above it in plan, and the sheet was thicker then."""
+    content = shown(in_stages(PART))
+    (label,) = content["views"]["thickness (plan)"]["annotations"]
+    assert label["text"] == f"{1e3 * PART.nominal[0].thickness.min():.2f} mm"
+    surface = content["data"][content["views"]["thickness (plan)"]["traces"][-1]]
+    assert np.nanmax(array(surface["surfacecolor"])) == pytest.approx(1e3 * PART.nominal[0].thickness.max(), abs=1e-3)
+    line = content["data"][content["views"]["forming force"]["traces"][-1]]
+    assert np.isnan(array(line["x"])).sum() == len(PART.results)
+
+
 def test_paths_carry_the_forces_and_corrections_of_the_record() -> None:
     content = shown(PART)
     for name, values in (
@@ -105,6 +147,7 @@ def test_a_record_of_less_shows_the_rest(case: str) -> None:
 
 
 def test_nothing_to_show_is_no_picture() -> None:
+    pytest.importorskip("plotly")
     nothing = replace(PART, scan=None, target=None, results=(), corrections=(), nominal=(), corrected=())
     assert part_view(nothing, None) == ""
 

@@ -19,7 +19,7 @@ from isf_analysis.report.page import write_report
 from isf_core.contour import ContourCorrection
 from isf_core.events import Event, EventKind
 from isf_core.geometry.height_map import HeightMap
-from synthetic_part import Cone, make_events, make_part
+from synthetic_part import Cone, in_stages, make_events, make_part
 
 PLAIN = make_part(contours=6, spacing=2.5e-3)
 
@@ -88,6 +88,22 @@ def test_the_summary_holds_what_happened_and_survives_a_bag(tmp_path: Path) -> N
     for key in ("remarks", "outlook", "force_regions", "contact_losses", "backoffs"):
         assert again[key] == numbers[key], key
     assert [event["text"] for event in again["events"]] == [event["text"] for event in numbers["events"]]
+
+
+def test_expected_and_reached_are_those_of_the_last_stage() -> None:
+    """The first stage expects much to remain, which the last one forms."""
+    part = in_stages(replace(PLAIN, corrections=tuple(_expecting(1e-4, item) for item in PLAIN.corrections)))
+    earlier = len(PLAIN.nominal)
+    corrections = [_expecting(9e-3, item) for item in part.corrections[:earlier]] + [*part.corrections[earlier:]]
+    outlook = summary(replace(part, corrections=tuple(corrections)))["outlook"]
+    assert outlook["residual_mean_mm"] == pytest.approx(0.1)
+    alone = replace(PLAIN, corrections=tuple(_expecting(1e-4, item) for item in PLAIN.corrections))
+    for key in ("reached_mean_mm", "reached_max_abs_mm"):
+        assert outlook[key] == pytest.approx(summary(alone)["outlook"][key])
+
+
+def _expecting(error: float, item: ContourCorrection) -> ContourCorrection:
+    return replace(item, residual=np.full(len(item.offset), error))
 
 
 def test_a_part_that_reports_nothing_has_empty_entries() -> None:

@@ -11,7 +11,7 @@ from isf_analysis.report.shape_files import write_shape
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
-from synthetic_part import make_part
+from synthetic_part import in_stages, make_part
 
 PART = make_part(contours=5, spacing=2.5e-3)
 MICROMETRE = 1e-3  # mm
@@ -101,6 +101,21 @@ def test_without_target_and_plan_the_shape_alone_is_written(tmp_path: Path) -> N
     assert b"POINT_DATA" not in vtk.read_bytes()
 
 
+def test_a_shape_that_is_not_compared_has_no_deviation(tmp_path: Path) -> None:
+    """The target is flat: the report refuses the comparison."""
+    target = PART.target
+    assert target is not None
+    flat = replace(PART, target=HeightMap(target.x, target.y, np.zeros(target.z.shape)))
+    _, ply, _ = write_shape(flat, tmp_path)
+    assert b"deviation_mm" not in ply.read_bytes()
+    assert b"planned_thickness_mm" in ply.read_bytes()
+
+
+def test_thickness_of_a_part_formed_in_stages_is_that_of_the_last(tmp_path: Path) -> None:
+    one, stages = (write_shape(part, tmp_path / name)[1] for name, part in (("a", PART), ("b", in_stages(PART))))
+    assert one.read_bytes() == stages.read_bytes()
+
+
 def test_what_cannot_be_exported_is_told(tmp_path: Path) -> None:
     scan = PART.scan
     assert scan is not None
@@ -108,7 +123,7 @@ def test_what_cannot_be_exported_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for part, folder, code in (
         (replace(PART, scan=None), tmp_path / "none", ErrorCode.BAG_INCOMPLETE),
-        (unseen, tmp_path / "none", ErrorCode.MESH_EMPTY),
+        (unseen, tmp_path / "none", ErrorCode.BAG_INCOMPLETE),
         (PART, tmp_path / "file" / "below", ErrorCode.FILE_NOT_WRITABLE),
     ):
         with pytest.raises(IsfError) as caught:

@@ -49,7 +49,7 @@ class View:
     Attributes
     ----------
     traces : numbers of the traces that are seen
-    labels : place (3,) mm and text of what is pointed at, always in sight
+    labels : place (3,) mm and text of what is pointed at, always in sight; left out where the place is not known
     """
 
     traces: Sequence[int]
@@ -95,7 +95,10 @@ def fragment(figure: Any, views: Mapping[str, View], label: str) -> str:
     figure.update_layout(scene={"aspectmode": "manual", "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True))})
     drawn = json.loads(figure.to_json())
     chosen = {
-        name: {"traces": list(view.traces), "annotations": [_annotation(place, text) for place, text in view.labels]}
+        name: {
+            "traces": list(view.traces),
+            "annotations": [_annotation(place, text) for place, text in view.labels if np.isfinite(place).all()],
+        }
         for name, view in views.items()
     }
     content = {"data": drawn["data"], "layout": drawn["layout"], "views": chosen}

@@ -41,6 +41,12 @@ def test_views_choose_traces_and_labels_and_the_first_one_is_seen() -> None:
     assert "<b>" not in html
 
 
+def test_a_label_whose_place_is_not_known_is_left_out() -> None:
+    labels = [(np.array([1.0, 2.0, np.nan]), "lost"), (np.array([1.0, 2.0, 3.0]), "known")]
+    (label,) = unpacked(fragment(drawn(), {"all": View([0, 1], labels)}, "part"))["views"]["all"]["annotations"]
+    assert label["text"] == "known"
+
+
 def test_the_box_is_to_scale_but_never_without_height() -> None:
     ratio = unpacked(fragment(drawn(), {"all": View([0, 1])}, "part"))["layout"]["scene"]["aspectratio"]
     assert ratio == pytest.approx({"x": 1.0, "y": 0.5, "z": 0.04})
