@@ -51,7 +51,7 @@ class ForceMetrics:
 def force_metrics(results: Sequence[ContourResult], control_rate: float) -> ForceMetrics | None:
     """Metrics over ``results``; None when none of them was under force control.
 
-    ``control_rate`` (Hz) turns engaged ticks into time.
+    ``control_rate`` (Hz) turns engaged ticks into time, NaN where it is not known (0).
     """
     controlled = [result for result in results if has_set_point(result)]
     if not controlled:
@@ -79,7 +79,7 @@ def force_metrics(results: Sequence[ContourResult], control_rate: float) -> Forc
         contact_fraction=float(np.average(contact, weights=weights)),
         engaged_ticks=len(force),
         engaged_fraction=len(force) / ticks,
-        engaged_time=len(force) / control_rate,
+        engaged_time=len(force) / control_rate if control_rate > 0.0 else float("nan"),
     )
 
 

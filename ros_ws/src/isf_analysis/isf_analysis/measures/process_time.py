@@ -15,7 +15,7 @@ from isf_analysis.measures.record import PartRecord
 
 @dataclass(frozen=True)
 class ProcessTime:
-    """Of the contours that were formed completely; s.
+    """Of the contours that were formed completely; s, NaN for what needs a control rate that is not known.
 
     ``actual`` is ``planned`` + ``slowed`` + ``force_ramps`` + ``force_control`` + ``rest``.
 
@@ -29,7 +29,8 @@ class ProcessTime:
     force_control : time in full force control less the planned time of those contours: the path is slower, or
         finished while the force was built up (negative)
     rest : of contours under position control: approach, lift, accelerating and braking
-    between : from the last tick of one contour to the first of the next: corrections, lifts, scans, waiting
+    between : from the last tick of one contour to the first of the next: corrections, lifts, scans, waiting; without
+        the pairs between which time began anew (the part went on after a crash)
     slowest : index of the contour that took longest beyond its plan ; slowest_excess : s, by how much
     """
 
@@ -55,17 +56,20 @@ def process_time(record: PartRecord) -> ProcessTime | None:
     planned, slowed = np.array([_planned(contour) for contour, _ in pairs]).T
     actual = np.array([result.end - result.start for _, result in pairs])
     controlled = np.array([has_set_point(result) for _, result in pairs])
+    tick = 1.0 / record.control_rate if record.control_rate > 0.0 else math.nan
     full = np.array(
         [
-            np.count_nonzero(engaged(result)) / record.control_rate if under else 0.0
+            np.count_nonzero(engaged(result)) * tick if under else 0.0
             for under, (_, result) in zip(controlled, pairs, strict=True)
         ]
     )
     ramps = math.fsum((actual - full)[controlled])
     held = math.fsum((full - planned - slowed)[controlled])
     rest = math.fsum((actual - planned - slowed)[~controlled])
-    times = sorted((result.start, result.end) for result in results.values())
-    between = math.fsum(max(0.0, after[0] - before[1]) for before, after in pairwise(times))
+    in_order = [result for _, result in sorted(results.items())]
+    # time begins anew where a part went on after a crash: how long it waited is not known
+    pauses = [after.start - before.end for before, after in pairwise(in_order)]
+    between = math.fsum(pause for pause in pauses if pause >= 0.0)
     excess = actual - planned
     worst = int(np.argmax(excess))
     sums = math.fsum(planned), math.fsum(actual), math.fsum(slowed)

@@ -159,8 +159,8 @@ def contact_loss_table(numbers: Numbers) -> str:
     return table("Contact of the support tool", ["", ""], rows)
 
 
-def _seconds(value: float, *, sign: bool = False) -> str:
-    return f"{'+' if sign and value >= 0.0 else ''}{number(value, 1)} s"
+def _seconds(value: float | None, *, sign: bool = False) -> str:
+    return DASH if value is None else f"{'+' if sign and value >= 0.0 else ''}{number(value, 1)} s"
 
 
 def _mm(value: float | None) -> str:

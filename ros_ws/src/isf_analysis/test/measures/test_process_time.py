@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from isf_analysis.measures.process_time import process_time
+from isf_analysis.measures.summary import summary
+from isf_analysis.report.finding_tables import time_table
 from synthetic_part import make_part
 
 PART = make_part(contours=4, spacing=4e-3)
@@ -54,6 +56,26 @@ def test_the_contour_that_waited_is_named_and_time_between_counts_apart() -> Non
     assert found.slowest == 2
     assert found.actual - before.actual == pytest.approx(7.0)
     assert found.between - before.between == pytest.approx(5.0)
+
+
+def test_of_a_part_that_went_on_after_a_crash_time_between_leaves_the_new_beginning_out() -> None:
+    """Contours 3 and 4 ran on a clock that began anew, beside the times of contours 1 and 2."""
+    results = list(PART.results)
+    shift = results[2].start - results[0].start
+    for k in (2, 3):
+        results[k] = replace(results[k], start=results[k].start - shift, end=results[k].end - shift)
+    found = process_time(replace(PART, results=tuple(results)))
+    assert found is not None
+    assert found.between == pytest.approx(2 * 0.4)  # 1 to 2, 3 to 4
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0])
+def test_without_a_control_rate_what_needs_it_is_not_told(rate: float) -> None:
+    numbers = summary(replace(PART, scan=None, control_rate=rate))
+    time = numbers["time"]
+    assert time["force_ramps_s"] is time["force_control_s"] is numbers["force"]["engaged_s"] is None
+    assert time["actual_s"] == pytest.approx(summary(replace(PART, scan=None))["time"]["actual_s"])
+    assert "full force control than planned</th><td>–" in time_table(numbers)
 
 
 def test_without_a_formed_contour_nothing_is_told() -> None:
