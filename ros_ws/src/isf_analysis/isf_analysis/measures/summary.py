@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from isf_core.contour import contour_label
+from isf_core.files.job import ToleranceSpec
 
 from isf_analysis.measures.contour_scan import ScanError, left_out, scan_errors
 from isf_analysis.measures.deviation import BANDS, Deviation, RegionError, SignedStatistics, compare
 from isf_analysis.measures.findings import findings
 from isf_analysis.measures.force_metrics import ForceMetrics, force_metrics
 from isf_analysis.measures.record import PartRecord
-from isf_analysis.measures.verdict import verdict
+from isf_analysis.measures.verdict import force_remarks, verdict
 
 MM = 1e3
 
@@ -30,8 +31,8 @@ def summary(
 ) -> dict[str, Any]:
     """JSON-serialisable numbers of ``record``; what is unknown is None.
 
-    With a ``reference`` (the uncorrected part) it holds the reference's own numbers under ``reference`` and the
-    factors error(reference) / error(record) under ``improvement``.
+    With a ``reference`` (the uncorrected part) it holds the reference's own numbers under ``reference``, judged by the
+    tolerance of ``record``, and the factors error(reference) / error(record) under ``improvement``.
     """
     return summarise(
         record,
@@ -55,12 +56,13 @@ def summarise(
     report: Path | str | None = None,
 ) -> dict[str, Any]:
     """As :func:`summary`, from deviations and errors after ``scans`` that are known already."""
-    numbers = _part(record, deviation)
+    numbers = _part(record, deviation, record.tolerance)
+    numbers["notes"] += [record.tolerance_note] if record.tolerance_note else []
     numbers["scans"] = [_scan(error) for error in scans]
     if record.target is not None:
         numbers["notes"] += left_out(record.scans, scans, record.nominal, record.target)
     if reference is not None:
-        other = _part(reference, reference_deviation)
+        other = _part(reference, reference_deviation, record.tolerance)
         numbers["reference"] = other
         numbers["improvement"] = _improvement(numbers["deviation"], other["deviation"])
     else:
@@ -86,8 +88,10 @@ def scan_errors_of(record: PartRecord) -> tuple[ScanError, ...]:
     return scan_errors(record.scans, record.nominal, record.target)
 
 
-def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
+def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceSpec) -> dict[str, Any]:
+    """Numbers of one part, judged by ``tolerance``."""
     failure = record.failure()
+    force = _force(force_metrics(record.results, record.control_rate))
     return {
         "job": record.job_name,
         "process": record.process,
@@ -102,16 +106,16 @@ def _part(record: PartRecord, deviation: Deviation | None) -> dict[str, Any]:
         "failure": None if failure is None else {"code": failure[0], "message": failure[1]},
         "contours": record.formed,
         "contours_planned": record.planned,
-        "tolerance": {"shape_mm": MM * record.tolerance.shape, "share": record.tolerance.share},
-        "deviation": None if deviation is None else _deviation(deviation, record.tolerance.shape),
-        "force": _force(force_metrics(record.results, record.control_rate)),
+        "tolerance": {"shape_mm": MM * tolerance.shape, "share": tolerance.share},
+        "deviation": None if deviation is None else _deviation(deviation, tolerance.shape),
+        "force": force,
         "ticks": record.ticks,
         "late_ticks": record.late_ticks,
         "lost_messages": record.lost_messages,
         "saturations": sum(result.saturations for result in record.results),
         "sim_s": _number(record.sim_time),
         "wall_s": _number(record.wall_time),
-        "notes": [*record.notes, *_warned(record)],
+        "notes": [*record.notes, *_warned(record), *force_remarks(force)],
         **findings(record, None if deviation is None else deviation.error),
     }
 

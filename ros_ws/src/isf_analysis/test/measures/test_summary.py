@@ -114,6 +114,14 @@ def test_improvement_is_the_errors_before_over_after() -> None:
     assert numbers["improvement"]["mean_abs"] > 3  # 5.4 mm against 1.3 mm of springback in the synthetic part
 
 
+def test_the_reference_is_judged_by_the_tolerance_of_the_part() -> None:
+    """The reference's own job, with its own tolerance, was another one."""
+    wide = replace(REFERENCE, job_text="tolerance: {shape: 50 mm}\n")
+    numbers = summary(PART, wide)
+    assert numbers["reference"]["deviation"] == summary(REFERENCE)["deviation"]
+    assert numbers["reference"]["tolerance"] == numbers["tolerance"]
+
+
 def test_everything_is_json_without_nan() -> None:
     assert PART.scan is not None
     blind = replace(PART, scan=replace(PART.scan, z=np.where(PART.scan.z < -20e-3, np.nan, PART.scan.z)))

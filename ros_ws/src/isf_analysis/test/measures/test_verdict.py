@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import summary
-from isf_analysis.report.result_tables import banners
+from isf_analysis.report.result_tables import banners, cards
 from isf_core.contour import ContourCorrection
 from isf_core.errors import ErrorCode
 from isf_core.events import Event, EventKind
@@ -82,10 +82,26 @@ def test_the_tolerance_of_the_job_decides() -> None:
     assert any("0 % of the points are within 0.04 mm, 95 % are wanted" in text for text in strict)
 
 
-@pytest.mark.parametrize("text", ["", "name: [", "- a list\n", "tolerance: 3\n", "tolerance: {shape: -1 mm}\n", "12"])
-def test_a_record_without_a_job_that_can_be_read_has_the_published_tolerance(text: str) -> None:
-    found = replace(EXACT, job_text=text).tolerance
-    assert (found.shape, found.share) == (0.3e-3, 0.9)
+TEXTS = {
+    "": "",
+    "- a list\n": "",
+    "12": "",
+    "name: cone\n": "",
+    "tolerance: {}\n": "",
+    "name: [": "the job is not valid YAML",
+    "tolerance: 3\n": "is empty or not a mapping",
+    "tolerance: {shape: -1 mm}\n": "shape: ",
+    "tolerance: {shap: 1 mm}\n": "unknown field 'shap'",
+}
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_a_job_without_a_tolerance_that_can_be_read_has_the_published_one_and_a_wrong_one_is_noted(text: str) -> None:
+    part, why = replace(EXACT, job_text=text), TEXTS[text]
+    assert (part.tolerance.shape, part.tolerance.share) == (0.3e-3, 0.9)
+    notes = [note for note in summary(part)["notes"] if note.startswith("tolerance of the job cannot be read")]
+    assert len(notes) == bool(why)
+    assert all(why in note and note.endswith("; 0.3 mm, 90 % are used") for note in notes)
 
 
 def test_all_points_wanted_means_all_of_them() -> None:
@@ -100,15 +116,20 @@ def test_all_points_wanted_means_all_of_them() -> None:
     assert reported(replace(EXACT, job_text=job)) == []
 
 
-def test_a_force_out_of_its_band_is_no_good_part() -> None:
+def test_a_force_out_of_its_band_is_a_red_card_and_a_note_and_leaves_a_part_good() -> None:
     """2 % of the controlled time 11 N beside the set-point, in contact all the time."""
     results = []
     for result in EXACT.results:
         force = np.where(result.tick_engaged, result.tick_set_point, result.tick_normal_force)
         force[::50] += 11.0
         results.append(replace(result, tick_normal_force=force))
-    (text,) = reported(replace(EXACT, results=tuple(results)))
+    part = replace(EXACT, results=tuple(results))
+    assert reported(part) == []
+    numbers = summary(part)
+    (text,) = numbers["notes"]
     assert text.startswith("force out of band: the support force is within 10 N of its set-point in 98.0 %")
+    assert '<div class="card bad"><div class="label">Within ± 10 N' in cards(numbers)
+    assert summary(EXACT)["notes"] == []
 
 
 def test_a_correction_that_failed_is_reported_even_of_a_part_in_tolerance() -> None:
