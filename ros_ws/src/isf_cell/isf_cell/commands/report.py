@@ -38,13 +38,16 @@ def finish(
     bag: Path | None = None,
     counts: Mapping[str, Any] | None = None,
     namespace: str | None = None,
+    export: Path | None = None,
 ) -> None:
     """Report the run in ``folder`` (its ``bag`` by default); raises ``failure`` after reporting it.
 
     A run of which its own bag does not hold the end has the failure BAG_INCOMPLETE.
 
     ``namespace`` is the cell of a bag, or reference, that holds several. ``counts`` replaces numbers that the bag
-    cannot know, such as the wall time.
+    cannot know, such as the wall time. The formed shape is written into the folder ``export`` once the report is
+    written; where it cannot be, that is raised too and told in the JSON object, but not in summary.json: the part does
+    not lack anything.
     """
     own = bag is None
     bag = bag or folder / "bag"
@@ -66,14 +69,27 @@ def finish(
     made = write_report(record, folder, reference=reference, bag=bag, failure=failure)
     data = {**made.numbers, **(counts or {}), "bag": str(bag), "report": str(made.html)}
     if failure:
-        data["error"] = {"code": failure.code.value, "name": failure.code.name, "message": failure.message}
+        data["error"] = _error(failure)
     (folder / "summary.json").write_text(json.dumps(terminal.without_nan(data), indent=2), encoding="utf-8")
+    exported: tuple[Path, ...] = ()
+    try:
+        exported = write_shape(record, export) if export is not None else ()
+    except IsfError as error:
+        if failure is None:
+            failure = error
+            data["error"] = _error(error)
     if as_json:
         terminal.print_json(data)
     terminal.show_summary(data, made.numbers.get("reference"))
     terminal.say(f"report  {made.html}")
+    for path in exported:
+        terminal.say(f"shape   {path}")
     if failure:
         raise ReportedError(failure)
+
+
+def _error(failure: IsfError) -> dict[str, Any]:
+    return {"code": failure.code.value, "name": failure.code.name, "message": failure.message}
 
 
 def report_bag(
@@ -93,9 +109,9 @@ def report_bag(
     """
     bag = bag_of(bag).resolve()
     folder = make_folder(output or bag.parent)
-    finish(folder, reference and bag_of(reference), failure=None, as_json=as_json, bag=bag, namespace=namespace)
-    if export is not None:
-        for path in write_shape(read_bag(bag, namespace), export):
-            terminal.say(f"shape   {path}")
-    if rest := how_to_go_on(bag.parent):
-        terminal.say(rest)
+    reference = reference and bag_of(reference)
+    try:
+        finish(folder, reference, failure=None, as_json=as_json, bag=bag, namespace=namespace, export=export)
+    finally:
+        if rest := how_to_go_on(bag.parent):
+            terminal.say(rest)

@@ -32,7 +32,7 @@ import yaml
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.figures import style
-from isf_analysis.measures.deviation import Deviation, compare
+from isf_analysis.measures.deviation import BANDS, Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
@@ -574,6 +574,7 @@ def _row(trial: Trial) -> dict[str, Any]:
         "largest_mm": 1e3 * trial.largest,
         "mean_mm": 1e3 * trial.mean,
         "within_tolerance_fraction": trial.within,
+        "within_0_3mm_fraction": trial.deviation.within(BANDS[-1]) or 0.0,
         "mean_by_region_mm": {name: 1e3 * region.mean for name, region in regions.items()},
     }
 

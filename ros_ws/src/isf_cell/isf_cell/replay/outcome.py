@@ -276,6 +276,7 @@ def part_numbers(part: PartRecord) -> dict[str, Any]:
         "error_mean_mm": None,
         "error_max_mm": None,
         "within_tolerance_fraction": None,
+        "within_0_3mm_fraction": None,
     }
     if part.scan is not None and part.target is not None:
         try:
@@ -285,6 +286,7 @@ def part_numbers(part: PartRecord) -> dict[str, Any]:
         data["error_mean_mm"] = 1e3 * shape.whole.mean_abs
         data["error_max_mm"] = 1e3 * shape.whole.max_abs
         data["within_tolerance_fraction"] = shape.within(part.tolerance.shape)
+        data["within_0_3mm_fraction"] = shape.within(deviation.BANDS[-1])
     return data
 
 

@@ -1,0 +1,67 @@
+"""``isf report``: one JSON object, whatever fails, and the numbers that scripts look for."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from isf_analysis.bag.bag_writer import write_bag
+from isf_analysis.figures import style
+from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.summary import deviation_of
+from isf_cell.commands import report
+from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
+from isf_cell.commands.tryout import Trial, _row
+from isf_cell.replay.outcome import part_numbers
+from isf_core.geometry.height_map import HeightMap
+from synthetic_part import make_part
+
+PART = make_part(contours=2, spacing=5e-3, points=12)
+
+
+def reported(part: PartRecord, folder: Path) -> None:
+    write_bag(part, folder / "run" / "bag")
+    report.report_bag(folder / "run", None, None, folder / "shape", as_json=True)
+
+
+def test_an_export_without_a_scan_is_one_object_with_the_failure(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(style, "DPI", 34)
+    told: list[str] = []
+    monkeypatch.setattr(report.terminal, "say", told.append)
+    monkeypatch.setattr(report, "how_to_go_on", lambda _: "the part can go on")
+    with pytest.raises(ReportedError) as caught:
+        reported(replace(PART, scan=None), tmp_path)
+    assert exit_for(caught.value.code) == Exit.ANALYSIS
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["error"]["name"] == "BAG_INCOMPLETE"
+    assert "not scanned" in printed["error"]["message"]
+    assert printed["complete"]
+    assert told[-1] == "the part can go on"
+    assert "error" not in json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert (tmp_path / "run" / "report.html").is_file()
+
+
+def test_a_report_with_its_shape(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(style, "DPI", 34)
+    reported(PART, tmp_path)
+    assert "error" not in json.loads(capsys.readouterr().out)
+    assert (tmp_path / "shape" / "formed.ply").is_file()
+
+
+def test_the_published_band_stays_beside_the_tolerance_of_the_job() -> None:
+    """0.31 mm too high all over, in a job that allows 0.32 mm."""
+    target = PART.target
+    assert target is not None
+    high = HeightMap(target.x, target.y, target.z + 0.31e-3)
+    part = replace(PART, scan=high, job_text="tolerance: {shape: 0.32 mm}\n")
+    shape = deviation_of(part)
+    assert shape is not None
+    for numbers in (part_numbers(part), _row(Trial("first", 0, part, shape))):
+        assert numbers["within_tolerance_fraction"] == 1.0
+        assert numbers["within_0_3mm_fraction"] == 0.0
