@@ -3,8 +3,8 @@
 Passes are sorted by depth over all pockets and islands of a side. A closed contour starts next to where the one above
 it was closed, but not within a tool radius of a rib that runs down; the first one as far from ribs as it can. From
 there the tool steps down to the next one. It is lifted clear, moves in the air and plunges instead where the next pass
-is not on the same pocket, begins farther away than the loops are apart, or where the straight way would cut into the
-surface.
+is not on the same pocket, begins farther from the tool than its radius, where the straight way would cut into the
+surface, or between two open passes, which are not one line.
 """
 
 from __future__ import annotations
@@ -27,9 +27,6 @@ from isf_planner.paths.joined_paths import TipPath
 from isf_planner.paths.partial_paths import SAFE, PartialPaths, Pass
 from isf_planner.surface import tip_surface
 from isf_planner.surface.target_surface import TargetSurface
-
-FARTHEST_STEP = 1.5
-"""Longest step down over the distance of the next loop, if that is more than the tool radius."""
 
 WAY_STEP = 0.05
 """Distance of the places at which a step down is looked at, over the tool radius."""
@@ -80,6 +77,7 @@ def sequenced(side: Side, job: Job) -> list[Piece]:
     ends: dict[int, Array] = {}
     pieces: list[Piece] = []
     before = -1
+    tool: Array | None = None
     for one in order:
         loop = tree.loops[one.loop]
         feature = tree.features[loop.feature]
@@ -87,15 +85,14 @@ def sequenced(side: Side, job: Job) -> list[Piece]:
         path = _path(one, side, partial, above, radius)
         path = tool_paths.directed(path, job.path.direction, place[one.loop], clockwise=loop.island)
         follows = before in (loop.feature, feature.parent)
-        retract = (
-            above is None or not follows or not steps_down(side.surface, above, path.points[0], loop.points, radius)
-        )
+        both_open = bool(pieces) and not (path.closed or pieces[-1].path.closed)
+        retract = tool is None or not follows or both_open or not steps_down(side.surface, tool, path.points[0], radius)
         pieces.append(Piece(path, retract))
         if one.loop == feature.loops[-1] and one.closed and not loop.island and not tree.children(feature.number):
             pieces += [Piece(ring, False) for ring in tool_paths.floor_paths(side.surface, path, job)]
         last = pieces[-1].path
-        ends[loop.feature] = last.points[0 if last.closed else -1]
         before = loop.feature
+        tool = ends[loop.feature] = last.points[0 if last.closed else -1]
     return pieces
 
 
@@ -122,14 +119,13 @@ def safe_start(points: Array, rib_distance: Array, above: Array | None, safe: fl
     return int(candidates[np.argmin(np.linalg.norm(points[candidates, :2] - goal[:2], axis=1))])
 
 
-def steps_down(surface: TargetSurface, here: Array, start: Array, loop: Array, radius: float) -> bool:
-    """Whether the tip may move straight from ``here`` (3,) m to ``start`` (3,) m on a line ``loop`` (N, 2) m.
+def steps_down(surface: TargetSurface, here: Array, start: Array, radius: float) -> bool:
+    """Whether the tip may move straight from ``here`` (3,) m to ``start`` (3,) m.
 
-    The way is not much longer than to the nearest point of the line, and nowhere cuts into the ``surface``.
+    The way is no longer than the tool ``radius`` m, seen from above, and nowhere cuts into the ``surface``.
     """
     way = float(np.linalg.norm(start[:2] - here[:2]))
-    apart = float(np.linalg.norm(loop - here[:2], axis=1).min())
-    if way > max(radius, FARTHEST_STEP * apart):
+    if way > radius:
         return False
     share = np.linspace(0.0, 1.0, max(3, int(np.ceil(way / (WAY_STEP * radius)))))
     line = here + share[:, None] * (start - here)

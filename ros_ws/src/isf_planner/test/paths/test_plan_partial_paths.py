@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from isf_planner.part.meshes import Mesh
 from isf_planner.part_library.part import Feature, Part, RoundedSquare
 from isf_planner.part_library.part_mesh import part_mesh
 from isf_planner.part_library.wall_profile import straight_wall
+from isf_planner.paths.sequencing import make_contours
 from planner_parts import job_for, write
 from scipy.spatial import KDTree
 
@@ -34,15 +36,25 @@ def pyramid_with_ribs() -> Mesh:
     return part_mesh(Part("pyramid", (Feature(RoundedSquare(34e-3, 5.5e-3), wall),), 8e-3), 20e-6)
 
 
-def oblique_pyramid() -> Mesh:
-    """16 mm deep; the wall at x > 0 has 25 deg, the others 45 deg; edges sharp, facets up to 2 mm."""
+def oblique_pyramid(island: float = 0.0) -> Mesh:
+    """16 mm deep; the wall at x > 0 has 25 deg, the others 45 deg; edges sharp, facets up to 2 mm.
+
+    ``island`` : m, height of a square one of 45 deg in the middle of the floor, 4 mm wide at its top
+    """
     half, depth = 44e-3, 16e-3
-    px, py, nx, ny = half - depth / np.tan(np.radians([25.0, 45.0, 45.0, 45.0]))
-    rings = [[(s, -s), (s, s), (-s, s), (-s, -s)] for s in (half + 8e-3, half)]
-    rings.append([(px, -ny), (px, py), (-nx, py), (-nx, -ny)])
-    vertices = [(x, y, z) for ring, z in zip(rings, (0.0, 0.0, -depth), strict=True) for x, y in ring]
-    faces = [(8, 9, 10), (8, 10, 11)]
-    for ring in range(2):
+    px, py, nx, _ = half - depth / np.tan(np.radians([25.0, 45.0, 45.0, 45.0]))
+    squares = [(0.0, s, s, s, 0.0) for s in (half + 8e-3, half)]  # middle, half widths at x > 0, at x < 0, in y, height
+    squares.append((0.0, px, nx, py, -depth))
+    if island:
+        squares += [((px - nx) / 2, s, s, s, -depth + z) for s, z in ((2e-3 + island, 0.0), (2e-3, island))]
+    vertices = [
+        (x, y, z)
+        for middle, right, left, side, z in squares
+        for x, y in ((middle + right, -side), (middle + right, side), (middle - left, side), (middle - left, -side))
+    ]
+    last = len(vertices) - 4
+    faces = [(last, last + 1, last + 2), (last, last + 2, last + 3)]
+    for ring in range(len(squares) - 1):
         for i in range(4):
             a, b = 4 * ring + i, 4 * ring + (i + 1) % 4
             faces += [(a, b, b + 4), (a, b + 4, a + 4)]
@@ -59,6 +71,21 @@ def even(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 def oblique(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     options = f"spacing: scallop, scallop_height: {SCALLOP * 1e3} mm, "
     return planned(oblique_pyramid(), tmp_path_factory.mktemp("oblique"), options, depth="2 mm")
+
+
+@pytest.fixture(scope="module")
+def around_an_island(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    options = "spacing: scallop, scallop_height: 0.05 mm, "
+    return planned(oblique_pyramid(island=6e-3), tmp_path_factory.mktemp("island"), options, depth="2 mm")
+
+
+def directed(part: Plan, direction: str, folder: Path) -> tuple[Contour, ...]:
+    """The contours of ``part`` in another direction, of the same loops."""
+    job_file = job_for(folder / "part.ply", process="SPIF", depth="2 mm", spacing="1 mm")
+    turned = type(job_file)(
+        job_file.text.replace("feed:", f"partial_paths: true, direction: {direction}, feed:"), folder
+    )
+    return make_contours(part.base.sides, turned, "turned")
 
 
 def test_eighty_curves_of_four_planes_and_four_ribs_make_ten_contours(even: Plan) -> None:
@@ -125,14 +152,15 @@ def test_depth_never_falls_back_and_open_passes_come_to_rest(oblique: Plan) -> N
         assert contour.speed[-1] < 0.1 * contour.feed
 
 
-def test_ball_never_touches_the_finished_surface_on_the_way(oblique: Plan) -> None:
-    """Lifts, plunges and steps down against points on the mesh 0.6 mm apart, which see 12 um less of a cut."""
-    vertices, faces = oblique.mesh
-    dense = trimesh.remesh.subdivide_to_size(vertices, faces, 0.6e-3, max_iter=20)[0]
-    surface = KDTree(dense)
-    up = np.array([0.0, 0.0, R])
+def cut_on_the_way(part: Plan, contours: Sequence[Contour]) -> float:
+    """m, most that lifts, plunges and steps down between ``contours`` cut into the surface of ``part``.
+
+    Judged by points on the mesh 0.6 mm apart, which see 12 um less.
+    """
+    vertices, faces = part.mesh
+    surface = KDTree(trimesh.remesh.subdivide_to_size(vertices, faces, 0.6e-3, max_iter=20)[0])
     ways: list[Array] = []
-    for before, after in pairwise(oblique.contours):
+    for before, after in pairwise(contours):
         end, start = before.forming_tip[0 if before.closed else -1], after.forming_tip[0]
         if after.retract:
             rise = np.outer([0.0, 0.05e-3, 0.5e-3, 2e-3, 5e-3, 10e-3, 20e-3], [0.0, 0.0, 1.0])
@@ -140,7 +168,28 @@ def test_ball_never_touches_the_finished_surface_on_the_way(oblique: Plan) -> No
         else:
             assert np.linalg.norm(start[:2] - end[:2]) <= R  # no way through the sheet but from loop to loop
             ways.append(end + np.linspace(0, 1, 12)[:, None] * (start - end))
-    centres = np.vstack(ways) + up
-    deepest = float((R - surface.query(centres)[0]).max())
+    return float((R - surface.query(np.vstack(ways) + [0.0, 0.0, R])[0]).max())
+
+
+def test_ball_never_touches_the_finished_surface_on_the_way(oblique: Plan) -> None:
+    deepest = cut_on_the_way(oblique, oblique.contours)
     assert deepest < 25e-6
     assert deepest > -1e-6  # the tools do begin on the surface
+
+
+@pytest.mark.parametrize("direction", ["ccw", "alternating"])
+def test_ball_never_cuts_into_an_island_on_the_way(around_an_island: Plan, direction: str, tmp_path: Path) -> None:
+    """Passes of pocket and island follow each other by depth, so that the tool goes to and fro between them."""
+    contours = directed(around_an_island, direction, tmp_path)
+    assert sum(a.feature != b.feature for a, b in pairwise(contours)) > 10
+    assert not all(contour.retract for contour in contours[1:])
+    # contours around the sharp edges of the island cut up to 28 um into them where they begin
+    assert -1e-6 < cut_on_the_way(around_an_island, contours) < 35e-6
+
+
+def test_open_pass_after_an_open_one_begins_with_a_lift(around_an_island: Plan, tmp_path: Path) -> None:
+    """Else the force controller takes both for pieces of one line, which has to begin where the first one ends."""
+    contours = directed(around_an_island, "alternating", tmp_path)
+    both = [after for before, after in pairwise(contours) if not (before.closed or after.closed)]
+    assert len(both) > 10
+    assert all(contour.retract for contour in both)
