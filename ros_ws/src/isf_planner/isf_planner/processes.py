@@ -228,7 +228,7 @@ def _plan_view(
     shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
     partial = partial_paths(tree, found, by_feature, radius) if found and by_feature else None
     if partial and by_feature and of_part is None:
-        warnings += [*without_path(partial, by_feature), *sequencing.near_ribs(tree, partial, radius)]
+        warnings += [*without_path(partial, by_feature, surface, radius), *sequencing.near_ribs(tree, partial, radius)]
     return Side(tree, surface, half.forming_tool, half.base, partial), shift, warnings
 
 

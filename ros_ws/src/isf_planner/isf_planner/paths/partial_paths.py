@@ -24,6 +24,8 @@ from isf_planner.loops.feature_levels import FeatureLevels
 from isf_planner.loops.sections import LoopTree
 from isf_planner.loops.tip_loops import TipLoop
 from isf_planner.part.mesh_checks import place_text
+from isf_planner.surface import tip_surface
+from isf_planner.surface.target_surface import TargetSurface
 
 SAFE = 1.0
 """Distance of starts and ends from ribs that run down, over the tool radius."""
@@ -157,8 +159,10 @@ def _extended(formed: Mask, near_rib: Mask, reach: int) -> Mask:
     return taken
 
 
-def without_path(partial: PartialPaths, levels: FeatureLevels) -> tuple[str, ...]:
-    """Warnings of walls that no level line reaches, with their place.
+def without_path(
+    partial: PartialPaths, levels: FeatureLevels, surface: TargetSurface, radius: float
+) -> tuple[str, ...]:
+    """Warnings of walls of a ``surface`` that no level line reaches, with their place, for a ball of ``radius`` m.
 
     Raises
     ------
@@ -169,7 +173,7 @@ def without_path(partial: PartialPaths, levels: FeatureLevels) -> tuple[str, ...
         if not feature.kind.wall or feature.number in partial.features:
             continue
         what = f"feature {feature.number + 1} ({feature.kind.title}, {np.degrees(feature.wall_angle):.0f} deg)"
-        if levels.touched[feature.number] == 0:
+        if levels.touched[feature.number] == 0 and not touched(partial.found, feature.number, surface, radius):
             raise IsfError(
                 ErrorCode.PARTIAL_PATH_MISSING,
                 f"{what} is too small for a path of its own: the ball cannot touch it",
@@ -178,3 +182,17 @@ def without_path(partial: PartialPaths, levels: FeatureLevels) -> tuple[str, ...
             )
         warnings.append(f"{what} at {place_text(feature.place)} lies between two levels and has no path of its own")
     return tuple(warnings)
+
+
+def touched(found: FeatureMap, number: int, surface: TargetSurface, radius: float) -> bool:
+    """Whether a ball of ``radius`` m touches a feature when it is put on each of its nodes.
+
+    The survey of the levels drops balls at places in plan that are far apart on a large part, and may miss a small
+    feature.
+    """
+    rows, columns = np.nonzero(found.label == number)
+    dz_dx, dz_dy = (slope[rows, columns] for slope in found.heights.gradient())
+    nodes = np.column_stack([found.heights.x[columns], found.heights.y[rows]])
+    normal = -np.column_stack([dz_dx, dz_dy]) / np.sqrt(1.0 + dz_dx**2 + dz_dy**2)[:, None]
+    _, contact = tip_surface.drop_tool(surface, nodes + radius * normal, radius)
+    return bool((found.of_points(contact) == number).any())

@@ -156,15 +156,39 @@ def test_wall_that_the_tool_cannot_touch_is_refused_with_its_place() -> None:
     surface = patches(3, [Kind.PLANE, Kind.PLANE])
     surface = replace(surface, label=np.zeros_like(surface.label))
     untouched = replace(levels(np.ones((1, 2), dtype=bool)), touched=np.array([99, 0]))
-    found = partial_paths(tree_of([line(L_SHAPE, -1e-3)]), surface, untouched, R)
+    loops = [line(L_SHAPE, -1e-3)]
+    found = partial_paths(tree_of(loops), surface, untouched, R)
+    level = side_of(loops, found).surface
     with pytest.raises(IsfError) as caught:
-        without_path(found, untouched)
+        without_path(found, untouched, level, R)
     assert caught.value.code == ErrorCode.PARTIAL_PATH_MISSING
     assert "feature 2 (plane" in caught.value.what
     assert "x = 0.0, y = 0.0" in caught.value.where
     assert "smaller tool_1.radius" in caught.value.advice
     touched = replace(untouched, touched=np.array([99, 50]))
-    assert "no path of its own" in without_path(found, touched)[0]
+    assert "no path of its own" in without_path(found, touched, level, R)[0]
+
+
+@pytest.mark.parametrize(("angle", "reached"), [(30.0, True), (60.0, False)])
+def test_wall_that_the_survey_missed_is_refused_only_where_no_ball_touches_it(angle: float, reached: bool) -> None:
+    """A wall 1.5 mm high: standing on the floor below, the ball touches one of 30 deg 0.67 mm above the floor, and one
+    of 60 deg, 2.5 mm above it, no more: it leans on the upper edge."""
+    x = np.linspace(-20e-3, 20e-3, 401)
+    slope = np.tan(np.radians(angle))
+    width = 1.5e-3 / slope
+    z = np.tile(-slope * np.clip(x, 0.0, width), (401, 1))
+    normal_xy = np.zeros((401, 401, 2))
+    normal_xy[:, (x > 0) & (x < width), 0] = np.sin(np.radians(angle))
+    label = np.tile(((x > 0.15e-3) & (x < width)).astype(np.int64), (401, 1))
+    features = tuple(SurfaceFeature(k, Kind.PLANE, 0.8, 0.0, 1e-3, -1e-2, 0.0, np.zeros(3)) for k in range(2))
+    found = PartialPaths(FeatureMap(HeightMap(x, x, z), label, features), (), (), ())
+    missed = replace(levels(np.ones((1, 2), dtype=bool)), touched=np.array([99, 0]))
+    surface = TargetSurface(np.array([-20e-3, -20e-3]), 0.1e-3, z, normal_xy)
+    if reached:
+        assert "feature 2 (plane" in without_path(found, missed, surface, R)[1]
+        return
+    with pytest.raises(IsfError, match=r"feature 2 .* cannot touch it"):
+        without_path(found, missed, surface, R)
 
 
 @pytest.mark.parametrize(
