@@ -58,8 +58,8 @@ def small_ring(index: int = 0, count: int = 1, **changes: object) -> Any:
 
 
 def long_ring(index: int = 0, count: int = 1) -> Any:
-    """A contour that is still being formed when a test does something to it: 5 s of the machine's time in contact."""
-    return small_ring(index, count, feed=8e-3)
+    """A contour that is still being formed when a test does something to it: 7 s of the machine's time in contact."""
+    return small_ring(index, count, feed=6e-3)
 
 
 class Cell:
