@@ -15,6 +15,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.quantity import Angle, Force, Frequency, Length
 from isf_core.files.rig import Rig, ToolAxis, load_rig
+from isf_core.files.spindle_cells import CHANNELS
 from isf_core.files.yaml_file import FileModel
 from isf_core.types import Array
 from pydantic import Field, model_validator
@@ -38,9 +39,9 @@ class RigMatrix(FileModel):
 class ThreeCells(FileModel):
     """Three tri-axial cells at 120 degrees around a spindle (Torrao 2013, 3.4.1)."""
 
-    height: Length = Field(gt=0)
-    """From the plane of the cells to the tip."""
-    radius: Length = Field(default=RADIUS, gt=0)
+    height: Length = Field(gt=0, le=2.0)
+    """From the plane of the cells to the tip of the tool in the spindle."""
+    radius: Length = Field(default=RADIUS, gt=0, le=2.0)
     weight_height: Length = Field(default=0.1, gt=0)
     """From the plane of the cells to the centre of what hangs below them."""
     inconsistency_limit: Force = Field(default=math.inf, gt=0)
@@ -75,9 +76,15 @@ class CellFile(FileModel):
     """Of the low-pass; 0: none. Force control has its own: a second one takes from its margin."""
     taps: int | None = Field(default=None, ge=1, le=10_000)
     frozen_after: int = Field(default=50, ge=2)
-    """Readings in a row, all the same, that count as a frozen signal."""
+    """Readings in a row, all the same, that count as a frozen signal; one channel of three cells: while its load
+    moves."""
     drift_limit: Force = Field(default=10.0, gt=0)
     """Change of the unloaded force from which a new tare is asked for."""
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the file says what a reading is in N."""
+        return any(item is not None for item in (self.calibration_matrix, self.calibration_gains, self.load_cell))
 
     @model_validator(mode="after")
     def _one_calibration(self) -> CellFile:
@@ -119,7 +126,7 @@ class CellSetUp:
 
 def load_cell_set_up(file: str, rig: str, tool: int) -> CellSetUp:
     """The cell of ``file`` (path), of ``rig`` (name or path), or of the file with what the rig knows beside it. A rig
-    alone whose tool has spindle cells gives those.
+    whose tool has spindle cells gives those, if the file has no calibration.
 
     ``tool`` (1, 2) is the one whose weight the rig tells. Raises IsfError FILE_NOT_FOUND, FILE_SYNTAX, FILE_UNIT,
     FILE_FIELD.
@@ -139,8 +146,8 @@ def load_cell_set_up(file: str, rig: str, tool: int) -> CellSetUp:
     if weight is None:
         weight = 0.0 if of_rig is None else of_rig.weight
     mass = weight / float(np.linalg.norm(GRAVITY))
-    if not file and of_rig is not None and of_rig.spindle_cells is not None:
-        return spindle_cells_set_up(of_rig)
+    if of_rig is not None and of_rig.spindle_cells is not None and not cell.calibrated:
+        return spindle_cells_set_up(of_rig, cell, where)
     turn = Rotation.from_euler("xyz", cell.rotation).as_matrix()
     if cell.three_cells is not None:
         return _three_cells(cell, cell.three_cells, turn, mass, where)
@@ -189,24 +196,38 @@ def _three_cells(cell: CellFile, three: ThreeCells, turn: Array, mass: float, wh
     return CellSetUp(ThreeCellReading(settings), turn, settings.names)
 
 
-def spindle_cells_set_up(axis: ToolAxis) -> CellSetUp:
-    """The spindle cells of a rig's tool ``axis``, which has some."""
-    cells, cell = axis.spindle_cells, CellFile()
+def spindle_cells_set_up(axis: ToolAxis, cell: CellFile | None = None, where: str = "") -> CellSetUp:
+    """The spindle cells of a rig's tool ``axis``, which has some, with what the file ``cell`` says otherwise.
+
+    Raises IsfError FILE_FIELD (channels or range of ``where`` are not those of nine).
+    """
+    cells, cell = axis.spindle_cells, cell or CellFile()
     assert cells is not None
+    names = cell.channels or CHANNELS
+    if len(set(names)) != 9 or len(names) != 9:
+        raise IsfError(ErrorCode.FILE_FIELD, "the spindle cells of the rig have nine channels", where=where)
+    turned = "rotation" in cell.model_fields_set
+    turn = Rotation.from_euler("xyz", cell.rotation).as_matrix() if turned else cells.turn
+    weight = axis.weight if cell.weight is None else cell.weight
+    limit = np.full(9, cells.amplifier_range) if cell.range is None else _range(cell, None, 9, where)
     settings = ThreeCellSettings(
         gains=cells.gain_array,
-        range=np.full((3, 3), cells.amplifier_range),
+        range=limit.reshape(3, 3),
         height=cells.height,
-        rotation=cells.turn,
+        rotation=turn,
+        names=names,
+        rate=cell.rate,
         radius=cells.radius,
-        mass=axis.weight / float(np.linalg.norm(GRAVITY)),
+        cutoff=cell.cutoff,
+        taps=cell.taps,
+        mass=weight / float(np.linalg.norm(GRAVITY)),
         mass_height=0.5 * cells.height,
         frozen_after=cell.frozen_after,
         drift_limit=cell.drift_limit,
         inconsistency_limit=cells.inconsistency_limit,
         inconsistency_ratio=cells.inconsistency_ratio,
     )
-    return CellSetUp(ThreeCellReading(settings), cells.turn, settings.names)
+    return CellSetUp(ThreeCellReading(settings), turn, settings.names)
 
 
 def _matrix(cell: CellFile, machine: Rig | None, where: str) -> Array:

@@ -55,6 +55,7 @@ class CellRedundancy:
         self._responses = responses(height, radius)
         self.force_matrix = cache(self._force_matrix)
         self.parity = cache(self._parity)
+        self.expected = cache(self._expected)
 
     def _force_matrix(self, live: Live) -> Array:
         """(3, 9): force from readings in N, in which those that do not count are 0.
@@ -87,6 +88,16 @@ class CellRedundancy:
         found = np.zeros((9, 9))
         part = self._responses[use]
         found[np.ix_(use, use)] = np.eye(int(use.sum())) - part @ np.linalg.pinv(part)
+        return found
+
+    def _expected(self, live: Live) -> Array:
+        """(9, 9): reading in N of each channel by the others that count; where they do not tell it, by the smallest
+        force that they allow. 0 on the diagonal and for what does not count."""
+        found = np.zeros((9, 9))
+        for k in np.flatnonzero(live).tolist():
+            others = np.array(live)
+            others[k] = False
+            found[k, others] = self._responses[k] @ np.linalg.pinv(self._responses[others])
         return found
 
     def disagreement(self, readings: Array, live: Live) -> float:

@@ -31,6 +31,7 @@ from std_srvs.srv import Trigger
 from isf_load_cell.cell_file import load_cell_set_up
 from isf_load_cell.frame_tree import FrameTree, Turn
 from isf_load_cell.stream import CellStream
+from isf_load_cell.three_cells import ThreeCellReading
 
 POSE_TYPES = ("pose", "transform", "odometry", "tf")
 """PoseStamped, TransformStamped or Odometry on topic ``pose``; TFMessage on ``/tf`` and ``/tf_static``."""
@@ -155,7 +156,12 @@ class LoadCellParameters:
 
     file: str = parameter("", "file of the cell: what isf calibrate-cell writes, with range, rotation, ... added")
     rig: str = parameter("", "rig (name or path) whose load_cell gives what the file does not")
-    tool: int = parameter(1, "1 or 2: whose weight the rig file gives", minimum=1, maximum=2)
+    tool: int = parameter(
+        1,
+        "1 or 2: the tool of this cell, named in events; whose weight and spindle cells the rig file gives",
+        minimum=1,
+        maximum=2,
+    )
     frame: str = parameter(conversion.FRAME, "frame_id of the wrench")
     with_pose: bool = parameter(False, "the cell turns: weight and axes by its orientation, see pose_type")
     pose_type: str = parameter(
@@ -189,7 +195,12 @@ class LoadCellNode(CellNode[LoadCellParameters]):
             what = "pose_type and pose_frame mean nothing without it"
             raise IsfError(ErrorCode.FILE_FIELD, what, where="parameter with_pose", advice="with_pose:=true")
         set_up = load_cell_set_up(p.file, p.rig, p.tool)
-        self._stream = CellStream(set_up.reading, p.tare_readings)
+        self._reading = set_up.reading
+        self._stream = CellStream(self._reading, p.tare_readings)
+        if isinstance(self._reading, ThreeCellReading) and (needed := self._reading.indispensable()):
+            self.get_logger().warning(
+                f"load-cell channels {', '.join(needed)} cannot be spared: height is many times the radius"
+            )
         self._mounting = set_up.rotation
         self._names = set_up.channels or ()
         self._order: tuple[tuple[str, ...], tuple[int, ...]] = ((), ())
@@ -209,6 +220,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         self.create_timer(LOOK, self._look, clock=self.steady_clock)
 
     def activate(self) -> None:
+        self._stream = CellStream(self._reading, self._settings.tare_readings)  # no zero of the part before
         self._reported = ""
         self._raw.feed()  # from now on something has to come
         if self._pose is not None:

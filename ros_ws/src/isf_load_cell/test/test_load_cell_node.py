@@ -268,7 +268,7 @@ def test_a_cell_that_turns_needs_its_pose(bench: Bench, tmp_path: Path) -> None:
         ("file:={}", ("1003 FILE_FIELD", "cell.yaml:3", "unknown field 'mass'")),
         ("rig:=none_such", ("1001 FILE_NOT_FOUND", "none_such")),
         ("tool:=1", ("1003 FILE_FIELD", "no load cell is named")),
-        ("tool:=3", ("1003 FILE_FIELD", "parameter tool", "1 or 2: whose weight")),
+        ("tool:=3", ("1003 FILE_FIELD", "parameter tool", "1 or 2: the tool of")),
         ("tare_readings:=0", ("1003 FILE_FIELD", "parameter tare_readings")),
         ("timeout:=-1.0", ("1003 FILE_FIELD", "parameter timeout", "0.01 to 60 s (time without")),
         ("timeout:=.nan", ("1003 FILE_FIELD", "parameter timeout")),
@@ -281,6 +281,25 @@ def test_what_cannot_be_used_leaves_the_node_unconfigured(tmp_path: Path, option
         node = LoadCellNode()
         assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
         assert all(word in node._text for word in words), node._text
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+def test_a_cell_that_is_activated_again_has_no_zero_of_the_part_before() -> None:
+    rclpy.init(args=["--ros-args", "-p", "rig:=ren2018", "-p", "tare_readings:=1"])
+    try:
+        node = LoadCellNode()
+        assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+        for _ in range(2):
+            assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+            assert node._stream is not None
+            assert node._stream.fault is not None
+            assert node._stream.fault.code is ErrorCode.NO_TARE
+            node._take(stamps.to_stamp(1), np.zeros(6))
+            node._stream.tare()
+            assert node._stream.fault is None
+            assert node.trigger_deactivate() == TransitionCallbackReturn.SUCCESS
         node.destroy_node()
     finally:
         rclpy.try_shutdown()

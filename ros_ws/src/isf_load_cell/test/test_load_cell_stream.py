@@ -90,12 +90,28 @@ def test_the_rig_alone_is_enough_and_reports_the_weight(tmp_path: Path) -> None:
         ("calibration_gains: {a: 1, b: 1, c: 1, d: 1}\nrange: 5\n", ErrorCode.FILE_FIELD, "as a wrench"),
         (THREE.replace("  c1x: 2456.7\n", ""), ErrorCode.FILE_FIELD, "nine"),
         (THREE.replace("280 mm", "0 mm"), ErrorCode.FILE_FIELD, "height"),
+        (THREE.replace("280 mm", "280 m"), ErrorCode.FILE_FIELD, "height"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, text: str, code: ErrorCode, what: str) -> None:
     with pytest.raises(IsfError, match=what) as caught:
         load_cell_set_up(written(tmp_path, text), "", 1)
     assert caught.value.code is code
+
+
+def test_a_file_without_calibration_goes_with_the_spindle_cells_of_the_rig(tmp_path: Path) -> None:
+    text = "frozen_after: 200\ndrift_limit: 4 N\ncutoff: 50 Hz\n"
+    found = load_cell_set_up(written(tmp_path, text), "torrao2013", 1)
+    assert isinstance(found.reading, ThreeCellReading)
+    s, of_rig = found.reading.settings, load_cell_set_up("", "torrao2013", 1)
+    assert (s.frozen_after, s.drift_limit, s.cutoff, s.inconsistency_limit) == (200, 4.0, pytest.approx(50.0), 5.0)
+    assert np.array_equal(s.gains, of_rig.reading.settings.gains)  # type: ignore[attr-defined]
+    assert (found.channels, s.mass * 9.80665) == (CHANNELS, pytest.approx(300.0))
+    turned = load_cell_set_up(written(tmp_path, "rotation: [0 deg, 0 deg, 90 deg]\nrange: 5\n"), "torrao2013", 1)
+    assert turned.rotation[1, 0] == pytest.approx(1.0)
+    assert turned.reading.settings.range == pytest.approx(5.0)  # type: ignore[attr-defined]
+    with pytest.raises(IsfError, match="nine channels"):
+        load_cell_set_up(written(tmp_path, "channels: [a, b]\n"), "torrao2013", 1)
 
 
 def test_something_has_to_be_named(tmp_path: Path) -> None:
@@ -163,8 +179,8 @@ def volts(force: list[float]) -> np.ndarray:
 def test_one_of_nine_channels_may_fail_in_any_way(channel: int, how: str) -> None:
     reading = three()
     found = np.zeros(6)
-    for k in range(8):
-        force = [100.0 + k, 50.0 - k, 900.0 + k]
+    for k in range(12):
+        force = [100.0 + 30.0 * k, 50.0 - 30.0 * k, 900.0 + 30.0 * k]
         values = volts(force)
         values[channel] = {"no number": np.nan, "saturated": 9.45, "frozen": volts([100.0, 50.0, 900.0])[channel]}[how]
         found = reading.wrench(values)
@@ -261,6 +277,131 @@ def test_exchanged_cables_are_named(pair: tuple[int, int], ends: bool) -> None:
     assert warning is not None
     assert words in warning.what
     assert np.abs(errors[60:].mean(axis=0)).max() < 3.0
+
+
+def converted(reading: ThreeCellReading, forces: list[list[float]], bits: int, stuck: int | None = None) -> None:
+    """Readings of ``forces`` after a tare, over a converter of ``bits`` and with noise of a fifth of its step."""
+    noise, step = np.random.default_rng(3), 20.0 / 2**bits
+    held = np.nan
+
+    def of(force: list[float]) -> np.ndarray:
+        nonlocal held
+        values = volts(force) + 0.013 * np.arange(9) + 0.2 * step * noise.standard_normal(9)
+        values = step * np.round(values / step)
+        if stuck is not None:
+            held = values[stuck] if np.isnan(held) else held
+            values[stuck] = held
+        return values
+
+    reading.tare(np.array([of([0.0, 0.0, 0.0]) for _ in range(60)]))
+    for force in forces:
+        reading.wrench(of(force))
+
+
+REST = [[0.0, 0.0, 0.0]] * 400
+
+
+@pytest.mark.parametrize("bits", [12, 14])
+def test_a_quiet_sound_channel_is_not_frozen(bits: int) -> None:
+    reading = three(frozen_after=20, drift_limit=20.0)
+    converted(reading, REST, bits)
+    assert reading._same.max() >= 20  # one that moves under the noise of the others
+    converted(reading, [force for force in FORCES for _ in range(25)], bits)
+    assert (reading.warning(), reading.take_news()) == (None, [])
+
+
+@pytest.mark.parametrize("stuck", range(9))
+def test_a_channel_stuck_since_the_tare_is_found_when_its_load_moves(stuck: int) -> None:
+    reading = three(frozen_after=20)
+    converted(reading, REST, 14, stuck)
+    assert reading.warning() is None  # nothing tells it from a quiet one
+    converted(reading, [force for force in FORCES for _ in range(5)], 14, stuck)
+    assert list(reading.lost) == [stuck]
+    assert reading.lost[stuck].code is ErrorCode.WRENCH_FROZEN
+
+
+def test_one_wrong_reading_of_a_channel_freezes_no_other() -> None:
+    reading = three(frozen_after=5)
+    for k in range(20):
+        values = volts([0.0, 0.0, 900.0]) + np.where(np.arange(9) < 3, 0.0, 1e-4 * (k % 2))
+        values[5] += 0.5 * (k == 12)
+        reading.wrench(values)
+    assert reading.warning() is None
+
+
+def test_an_amplifier_that_stands_still_ends_the_stream_and_is_not_tared() -> None:
+    reading = three(frozen_after=5)
+    for _ in range(5):
+        reading.wrench(volts([0.0, 0.0, 900.0]))
+    with pytest.raises(IsfError, match="all load-cell channels") as caught:
+        reading.wrench(volts([0.0, 0.0, 900.0]))
+    assert caught.value.code is ErrorCode.WRENCH_FROZEN
+    still = np.zeros((6, 9))
+    with pytest.raises(IsfError, match="all load-cell channels"):
+        reading.tare(still)
+    still[0, 4] = 1e-4  # one that lives
+    reading.tare(still)
+    assert reading.lost == {}
+
+
+OFF = np.array([1.0, -1.0, 0.0, 1.0, 1.0, 0.0, -1.0, 1.0, 0.0]) / GAIN
+"""Errors of the shear channels that no single one explains, per N."""
+
+
+def test_a_disagreement_that_nothing_explains_is_told_once_and_the_force_goes_on() -> None:
+    reading = three(inconsistency_limit=5.0, inconsistency_ratio=0.0)
+
+    def read(off: float) -> None:
+        for k in range(80):
+            reading.wrench(volts([0.0, 0.0, 300.0 + 0.01 * (k % 2)]) + off * OFF)
+
+    read(4.0)
+    assert 5.0 < reading.inconsistency < 15.0
+    warning = reading.warning()
+    assert warning is not None
+    assert warning.code is ErrorCode.WRENCH_INCONSISTENT
+    assert "no single one explains it" in warning.what
+    assert reading.take_news() == [warning]
+    read(0.0)
+    assert reading.warning() is None
+    read(4.0)
+    assert reading.warning() is not None
+    assert reading.take_news() == []
+    reading.tare(np.zeros((3, 9)))
+    assert reading.warning() is None
+    with pytest.raises(IsfError, match="no single one explains it"):
+        read(12.0)
+
+
+def test_a_search_that_found_nothing_is_not_done_again_at_every_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading = three(inconsistency_limit=5.0, inconsistency_ratio=0.0)
+    search, searches = reading._redundancy.suspects, []
+
+    def counted(*args: object) -> object:
+        searches.append(args)
+        return search(*args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(reading._redundancy, "suspects", counted)
+    for k in range(300):
+        reading.wrench(volts([0.0, 0.0, 300.0 + 0.01 * k]) + 4.0 * OFF)
+    assert 10 <= len(searches) <= 24  # every 25th, and while it grows
+
+
+def test_quick_unloading_loses_no_sound_channel() -> None:
+    # Gains that bear a disagreement of nearly the limit: smoothed readings hold the old load, so the limit must too.
+    reading = three(inconsistency_limit=2.0, inconsistency_ratio=0.01)
+    factors, seen = np.ones(9), 0.0
+    factors[[2, 5]] = 1.04, 0.99
+    for k in range(200):
+        reading.wrench(factors * volts([0.1 * (k % 2), 0.1 * (k % 2), 3000.0 if k < 150 else 0.0]))
+        seen = max(seen, reading.inconsistency)
+    assert seen > 5.0  # more than the limit at rest
+    assert (reading.warning(), reading.take_news()) == (None, [])
+
+
+@pytest.mark.parametrize(("height", "needed"), [(0.28, ()), (0.6, ("z1", "z2", "z3"))])
+def test_channels_that_cannot_be_spared_are_named(height: float, needed: tuple[str, ...]) -> None:
+    assert three(height=height).indispensable() == needed
 
 
 def test_two_channels_that_are_off_end_the_stream() -> None:

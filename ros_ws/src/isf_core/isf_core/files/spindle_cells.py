@@ -56,9 +56,9 @@ class SpindleCells(FileModel):
         tuple[VoltageGain, VoltageGain, VoltageGain],
     ]
     """Of cells 1, 2, 3: x, y and axial channel."""
-    height: Length = Field(gt=0)
-    """From the plane of the cells to the tip (H)."""
-    radius: Length = Field(gt=0)
+    height: Length = Field(gt=0, le=2.0)
+    """From the plane of the cells to the tip of the tool in the spindle (H)."""
+    radius: Length = Field(gt=0, le=2.0)
     """Of the circle on which the cells stand (R_f)."""
     rotation: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
     """Of the arrangement against frame sheet, about its fixed axes x, y, z in this order; a tool with its cells below
