@@ -97,7 +97,9 @@ def png(figure: Figure) -> bytes:
 
 
 def legend_above(axes: Axes, columns: int = 4) -> None:
-    """Legend in rows above the axes, where it hides no data."""
+    """Legend in rows above the axes, where it hides no data; none where nothing has a name."""
+    if not axes.get_legend_handles_labels()[0]:
+        return
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
