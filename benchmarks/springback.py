@@ -117,7 +117,7 @@ def run(case: Case) -> dict[str, Any]:
         return row
     deviation = compare(record.scan, record.target)
     regions = deviation.regions
-    row["within"] = 100.0 * (deviation.within() or 0.0)
+    row["within"] = 100.0 * (deviation.within(0.3e-3) or 0.0)
     for region in REGIONS:
         errors = regions[region]
         if errors is not None:

@@ -12,6 +12,7 @@ import forked_process
 import pytest
 import trimesh
 from isf_cell.commands.exit_codes import Exit
+from packed_page import text_of
 
 ROOT = Path(__file__).resolve().parents[2]
 JOB = ROOT / "examples" / "jobs" / "mini_cone.yaml"
@@ -66,7 +67,7 @@ def test_features_and_stages_of_a_steep_part(tmp_path: Path) -> None:
     assert partial["closed"] == found["contours"]  # the walls are alike all around
     assert partial["open"] == 0
     assert partial["curves"] >= partial["closed"] > partial["paths"] >= 2
-    page = (tmp_path / "features.html").read_text(encoding="utf-8")
+    page = text_of((tmp_path / "features.html").read_text(encoding="utf-8"))
     assert "1 ruled, positive" in page
     assert re.search(r"path of \d+ ruled, positive", page)
 

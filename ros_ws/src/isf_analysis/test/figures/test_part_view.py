@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import gzip
-import json
 import re
 import sys
 import warnings
@@ -22,6 +20,7 @@ from isf_analysis.measures.summary import deviation_of
 from isf_analysis.report.page import write_report
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
+from packed_page import unpacked
 from synthetic_part import in_stages, make_part
 
 PART = make_part(contours=5, spacing=2.5e-3)
@@ -31,10 +30,7 @@ NUMBERS = {"f4": "<f4", "f8": "<f8", "u1": "u1"}
 def shown(part: PartRecord) -> dict[str, Any]:
     """What the page of ``part`` holds; without plotly there is none."""
     pytest.importorskip("plotly")
-    html = part_view(part, deviation_of(part))
-    (packed,) = re.findall(r"data-view3d>([A-Za-z0-9+/=]+)</script>", html)
-    content: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(packed)))
-    return content
+    return unpacked(part_view(part, deviation_of(part)))
 
 
 def array(value: Any) -> Array:

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import base64
 import gzip
-import json
 import re
 from typing import Any
 
 import numpy as np
 import pytest
 from isf_core.view.page import View, fragment, new_figure, page, scripts
+from packed_page import unpacked
 
 pytest.importorskip("plotly")
-
-
-def unpacked(html: str) -> dict[str, Any]:
-    (packed,) = re.findall(r"data-view3d>([A-Za-z0-9+/=]+)</script>", html)
-    content: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(packed)))
-    return content
 
 
 def drawn() -> Any:

@@ -16,6 +16,7 @@ from isf_planner.part.meshes import Mesh
 from isf_planner.part_library import PARTS, part_mesh
 from isf_planner.surface import height_grid
 from isf_planner.view import feature_view
+from packed_page import text_of
 
 RADIUS = 5e-3
 WIDE = 8e-3
@@ -161,7 +162,8 @@ def test_bowl_dome_and_trough() -> None:
 
 
 def test_picture_names_what_is_there(pyramid: FeatureMap, tmp_path: Path) -> None:
-    page = feature_view.show_features(pyramid, "pyramid", tmp_path / "features.html").read_text(encoding="utf-8")
+    html = feature_view.show_features(pyramid, "pyramid", tmp_path / "features.html").read_text(encoding="utf-8")
+    page = text_of(html)
     for text in ("8 plane", "8 rib, semi-vertical", "4 rib, transition", "4 rib, bottom", "1 floor", "70 deg"):
         assert text in page
     assert feature_view.show_features(pyramid, "pyramid", tmp_path / "features.png").stat().st_size > 20_000
