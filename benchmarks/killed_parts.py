@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import select
 import signal
 import subprocess
 import sys
@@ -56,17 +57,20 @@ def formed_with_a_kill(words: list[str], victim: str, contour: int, delay: float
     process = subprocess.Popen(command(*words), stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     assert process.stderr is not None
     killed: dict[str, int] = {}
+    ends: list[int] = []
     for line in process.stderr:
         if f"contour {contour}/" in line and not killed:
             killed = children_of(process.pid)
-            time.sleep(delay)
+            ends = [os.pidfd_open(number) for number in killed.values()]
+            time.sleep(delay)  # drawn at random: where in the contour the kill comes
             chosen = {"all": [process.pid, *killed.values()], "command": [process.pid]}.get(victim)
             for number in chosen or [killed[name] for name in [victim] if name in killed]:
                 with suppress(ProcessLookupError):  # the part was faster
                     os.kill(number, signal.SIGKILL)
     process.wait()
-    while any(Path(f"/proc/{number}").exists() for number in killed.values()):
-        time.sleep(0.2)
+    for end in ends:  # nodes that were not killed see that their command is gone
+        select.select([end], [], [])
+        os.close(end)
     return bool(killed)
 
 

@@ -49,7 +49,7 @@ def when(condition: Callable[[], bool], act: Callable[[], None]) -> threading.Th
         end = time.monotonic() + PATIENCE
         while not condition():
             assert time.monotonic() < end
-            time.sleep(0.02)
+            time.sleep(0.02)  # looks again, at most PATIENCE s: nobody is told that a checkpoint is on the disk
         act()
 
     thread = threading.Thread(target=watch, daemon=True)

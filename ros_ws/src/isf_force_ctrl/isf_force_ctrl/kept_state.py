@@ -16,6 +16,7 @@ import numpy as np
 from isf_core import __version__
 from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.archive import write_archive
 from isf_core.object_state import Encoder, StateMismatchError
 
 from isf_force_ctrl.control_state import Mode
@@ -46,16 +47,8 @@ def save_controller(controller: ForceController, path: Path) -> None:
         "state": encoder.encode(controller),
     }
     arrays: dict[str, Any] = {f"a{k}": array for k, array in enumerate(encoder.arrays)}
-    partial = path.with_name(path.name + ".partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            np.savez(file, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
-        partial.replace(path)  # a file that is there is a whole one
-    except OSError as error:
-        raise IsfError(
-            ErrorCode.FILE_NOT_WRITABLE, f"cannot be written: {error}", where=str(path), advice="choose another folder"
-        ) from error
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    write_archive(path, arrays, make_folder=True)
 
 
 def load_controller(controller: ForceController, path: Path) -> None:

@@ -116,3 +116,12 @@ def refusal(controller: ForceController, path: Path) -> ErrorCode:
     with pytest.raises(IsfError) as caught:
         load_controller(controller, path)
     return caught.value.code
+
+
+def test_a_link_in_the_way_of_the_file_is_not_followed(formed: Formed, tmp_path: Path) -> None:
+    outside = tmp_path / "outside"
+    outside.write_text("precious")
+    (tmp_path / "state.npz.partial").symlink_to(outside)
+    save_controller(formed.controller, tmp_path / "state.npz")
+    assert outside.read_text() == "precious"
+    load_controller(formed.armed(1), tmp_path / "state.npz")

@@ -5,7 +5,6 @@ A numpy archive for each contour: planned contour, correction, corrected contour
 
 from __future__ import annotations
 
-import os
 import re
 import zipfile
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.archive import write_archive
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
@@ -61,7 +61,7 @@ class ContourRecord:
         if self.result is not None:
             arrays |= _arrays("result", self.result)
         arrays |= {name: value for name in ("lift", "scan") if (value := getattr(self, name)) is not None}
-        _write(folder / self.file_name, arrays)
+        write_archive(folder / self.file_name, arrays, make_folder=True)
         self.written = True
 
 
@@ -80,7 +80,7 @@ def read_records(folder: Path) -> list[ContourRecord]:
 
 def write_target(target: HeightMap, folder: Path) -> None:
     """Replace the file of the wanted shape in ``folder``; raises IsfError FILE_NOT_WRITABLE."""
-    _write(folder / TARGET, _arrays("target", target))
+    write_archive(folder / TARGET, _arrays("target", target), make_folder=True)
 
 
 def read_target(folder: Path) -> HeightMap | None:
@@ -129,21 +129,6 @@ def _read(path: Path) -> dict[str, Any]:
             return {name: archive[name] for name in archive.files}
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise _unusable(path, f"is damaged: {error}") from error
-
-
-def _write(path: Path, arrays: Mapping[str, Any]) -> None:
-    partial = path.with_name(path.name + ".partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            np.savez(file, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)  # a file that is there is a whole one
-    except OSError as error:
-        raise IsfError(
-            ErrorCode.FILE_NOT_WRITABLE, f"cannot be written: {error}", where=str(path), advice="choose another folder"
-        ) from error
 
 
 def _unusable(path: Path, what: str) -> IsfError:

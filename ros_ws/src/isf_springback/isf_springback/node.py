@@ -9,6 +9,7 @@ Scans may come from any scanner: ``sensor_msgs/PointCloud2`` with float32 or flo
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -46,9 +47,6 @@ from isf_springback.session import CorrectionSession
 WAITING_PERIOD = 0.1
 """s of wall time between two attempts at a contour that waits."""
 
-LOOK_PERIOD = 0.01
-"""s of wall time between two looks whether all news of a contour have come, before the state is saved."""
-
 T = TypeVar("T")
 
 
@@ -84,6 +82,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
     def __init__(self) -> None:
         super().__init__("springback", SpringbackParameters)
         self._session = CorrectionSession(self.values().result_timeout)
+        self._news = threading.Event()  # something has been handed to the worker
         self._worker = Worker(lambda error: self.fault(error, "correction"))
         self._activation = 0
         self._done = 0
@@ -202,8 +201,9 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         values = self.values()
         folder = path_below(Path(values.state_folder).absolute(), path)
         deadline = time.monotonic() + values.result_timeout
-        while not self._in_worker(lambda session: session.complete) and time.monotonic() < deadline:
-            time.sleep(LOOK_PERIOD)
+        while not self._in_worker(lambda session: session.complete) and (left := deadline - time.monotonic()) > 0.0:
+            self._news.wait(left)
+            self._news.clear()
         self._in_worker(lambda session: session.save(folder))
 
     def _in_worker(self, ask: Callable[[CorrectionSession], T]) -> T:
@@ -232,6 +232,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
         """Have the worker tell the session the ``news``, and correct the contour that waits if its time has come."""
         session, activation = self._session, self._activation
         self._worker.add(lambda: news(session))
+        self._news.set()
         self._worker.add(lambda: self._advance(session, activation))
 
     def _on_timer(self) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import Event, EventKind
+from isf_core.files.archive import write_archive
 from isf_core.files.job import JobFile
 from isf_core.object_state import Encoder, StateMismatchError, differing
 
@@ -58,16 +59,8 @@ def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
         "state": state,
     }
     arrays: dict[str, Any] = {f"a{k}": array for k, array in enumerate(encoder.arrays)}
-    partial = path.with_name(path.name + ".partial")
-    try:
-        partial.unlink(missing_ok=True)  # a link of that name is not followed
-        with partial.open("wb") as file:
-            np.savez_compressed(file, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
-        partial.replace(path)  # a file that is there is a whole one
-    except OSError as error:
-        raise IsfError(
-            ErrorCode.FILE_NOT_WRITABLE, f"cannot be written: {error}", where=str(path), advice="choose another folder"
-        ) from error
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    write_archive(path, arrays, compressed=True)
     return path
 
 
