@@ -16,7 +16,7 @@ from pathlib import Path
 
 import isf_analysis
 import numpy as np
-from isf_analysis.bag.bag_file import BagFile
+from isf_analysis.bag.bag_file import BagFile, Storage
 from isf_analysis.bag.tables import read_tables
 from isf_analysis.bag.topics import CELL, cell_types, make_message
 from rosbags.rosbag2 import Reader
@@ -31,7 +31,7 @@ NANO = 1_000_000_000
 def make_bag(folder: Path, megabytes: float, compression: str) -> Path:
     """A bag of about so many megabytes (before compression) in ``folder``."""
     types, rng = cell_types(), np.random.default_rng(1)
-    bag = BagFile(folder, compression=compression)
+    bag = BagFile(folder, Storage(compression=compression))
     topics = {topic.name: topic for topic in CELL if topic.name in EVERY}
     connections = {name: bag.add(topic) for name, topic in topics.items()}
     messages = {name: make_message(topic.type) for name, topic in topics.items()}

@@ -4,6 +4,8 @@ Subscriptions are raw and polled: a timer takes everything that has arrived, in 
 message costs ten times as much as storing it; the times of receipt are those the middleware took, not the timer's.
 Lost messages are counted by gaps in the middleware's sequence numbers; the "message lost" event of the subscription
 would wake the executor for every message and cost most of a processor core at 3000 messages a second.
+
+With a ring it keeps the last seconds in memory and writes a bag of them when a node reports a fault, or is asked to.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from isf_core.errors import ErrorCode, IsfError
 from isf_ros import process, qos
 from isf_ros.lifecycle import CellNode
@@ -25,10 +28,13 @@ from isf_ros.qos_match import best_effort, kept_apart, nothing_comes, taken_best
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from std_srvs.srv import Trigger
 
-from isf_analysis.bag.bag_file import check_free
+from isf_analysis.bag.bag_file import COMPRESSIONS, NANO, STORAGES, Storage, check_free
 from isf_analysis.bag.recording import Message, Recording
+from isf_analysis.bag.ring import Ring
 from isf_analysis.bag.topics import CELL, Topic
 
 EXIT_INCOMPLETE = 6
@@ -43,6 +49,12 @@ DELIVERY_PERIOD = 0.5
 QUEUE_DEPTHS = {"STREAM": 4000, "SENSOR": 2000, "LATCHED": 100, "EVENT": 500, "DEFAULT": 500}
 """Messages a subscription holds between two looks: 4 s of a stream at 1 kHz, should this process be held up."""
 
+MEGABYTE = 1_000_000
+
+ERROR = int.from_bytes(DiagnosticStatus.ERROR, "little")
+
+DIAGNOSTICS = "/diagnostics"
+
 _COUNTED = ("STREAM", "LATCHED", "EVENT")
 """Kinds of delivery that are reliable and have one publisher: there a gap means a loss."""
 
@@ -55,9 +67,29 @@ class RecorderParameters:
         "", "folder of the bag; must not exist; empty: recording-DATE-TIME here; the next of this process: NAME-2"
     )
     topics: tuple[str, ...] = parameter(tuple(topic.name for topic in CELL), "topics to record, as in topics.CELL")
-    compression: str = parameter(
-        "none", "none or zstd (a fifth of the size, more processor time)", choices=("none", "zstd")
+    storage: str = parameter(
+        "mcap", "kind of the files: mcap, or sqlite3 for tools that read nothing else", choices=STORAGES
     )
+    compression: str = parameter(
+        "none", "none or zstd (a fifth of the size, more processor time); mcap alone", choices=COMPRESSIONS
+    )
+    split_size: float = parameter(
+        0.0, "messages after which the bag goes on in its next file; 0: one file", unit="MB", minimum=0.0
+    )
+    split_time: float = parameter(
+        0.0, "time after which the bag goes on in its next file; 0: one file", unit="s", minimum=0.0
+    )
+    queue_size: float = parameter(
+        256.0, "what may wait for a slow disk before messages of streams are left out", unit="MB", minimum=1.0
+    )
+    ring: float = parameter(
+        0.0,
+        "keep the last time in memory, and write it when a node reports a fault or snapshot is called; 0: write all",
+        unit="s",
+        minimum=0.0,
+    )
+    ring_after: float = parameter(5.0, "time after the last fault that belongs to the same bag", unit="s", minimum=0.0)
+    ring_size: float = parameter(512.0, "memory of the ring; what is older goes", unit="MB", minimum=1.0)
 
 
 class _Polled(CallbackGroup):
@@ -82,6 +114,11 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._output = self._first = Path()
         self._recordings = 0
         self._recording: Recording | None = None
+        self._storage = Storage()
+        self._ring: Ring | None = None
+        self._faulty: set[str] = set()
+        self._ends_at = 0.0
+        self._told_left_out = False
         self._subscriptions_polled: list[Subscription] = []
         self._timer: Any = None
         self._received: dict[str, int] = {}
@@ -91,6 +128,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._not_installed: list[str] = []
         self.failure: IsfError | None = None
         """What first kept it from recording all that came."""
+        self.create_service(Trigger, "recorder/snapshot", self._snapshot)
 
     def report(self, error: IsfError) -> None:
         """As every node; the exit code tells it too."""
@@ -110,6 +148,9 @@ class RecorderNode(CellNode[RecorderParameters]):
                 where="parameter topics",
                 advice="install their package, or leave these topics out",
             )
+        self._storage = Storage(
+            values.storage, values.compression, round(values.split_size * MEGABYTE), values.split_time
+        )
         output = Path(values.output or time.strftime("recording-%Y%m%d-%H%M%S")).absolute()
         if output != self._first:
             check_free(output)
@@ -120,19 +161,33 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._lost = {}
         self._sequence = {}
         self._not_delivered = set()
+        values = self.values()
+        self._ring = None
+        if values.ring:
+            latched = {number for number, topic in enumerate(self._topics) if topic.delivery == "LATCHED"}
+            self._ring = Ring(round(values.ring * NANO), round(values.ring_size * MEGABYTE), latched)
+            self._faulty = set()
+        else:
+            self._recording = self._begin()
+        self._group = _Polled()
+        self._subscriptions_polled = [self._subscribe(topic, _profile(topic)) for topic in self._topics]
+        self._delivery = self.create_timer(DELIVERY_PERIOD, self._check_delivery, clock=self.steady_clock)
+        self._timer = self.create_timer(POLL_PERIOD, self._poll, clock=self.steady_clock)
+
+    def _begin(self) -> Recording:
+        """A new bag, named after the first one."""
+        values = self.values()
         names = [self.resolve_topic_name(topic.name) for topic in self._topics]
         self._recordings += 1
         self._output = self._first
-        if self._recordings > 1:  # activated once more: beside the one before
+        if self._recordings > 1:  # activated once more, or the next fault: beside the one before
             self._output = self._first.with_name(f"{self._first.name}-{self._recordings}")
-        recording = Recording(
-            self._output, list(zip(self._topics, names, strict=True)), compression=self.values().compression
+        return Recording(
+            self._output,
+            list(zip(self._topics, names, strict=True)),
+            self._storage,
+            queue_size=round(values.queue_size * MEGABYTE),
         )
-        self._group = _Polled()
-        self._subscriptions_polled = [self._subscribe(topic, _profile(topic)) for topic in self._topics]
-        self._recording = recording
-        self._delivery = self.create_timer(DELIVERY_PERIOD, self._check_delivery, clock=self.steady_clock)
-        self._timer = self.create_timer(POLL_PERIOD, self._poll, clock=self.steady_clock)
 
     def deactivate(self) -> None:
         try:
@@ -161,9 +216,12 @@ class RecorderNode(CellNode[RecorderParameters]):
         }
         if self._not_installed:
             values["not_installed"] = ", ".join(self._not_installed)
+        if self._ring is not None:
+            values["ring_s"] = self._ring.held / NANO
         if recording is not None:
             values["written"] = recording.written
             values["longest_queue"] = recording.longest_queue
+            values["left_out"] = recording.left_out.total()
         return values
 
     # -- recording -------------------------------------------------------------------------------
@@ -201,28 +259,88 @@ class RecorderNode(CellNode[RecorderParameters]):
             self._subscriptions_polled[number] = self._subscribe(topic, looser)
 
     def _poll(self) -> None:
+        if self._recording is None and self._ring is None:
+            return
+        batch = self._take()
+        if self._ring is not None:
+            self._ring.add(batch)
+            self._look_for_faults(batch)
         recording = self._recording
         if recording is None:
             return
-        batch: list[Message] = []
-        sources = zip(self._topics, self._subscriptions_polled, recording.connections, strict=True)
-        for topic, subscription, connection in sources:
-            handle, kind = subscription.handle, subscription.msg_type
-            with handle:
-                while (taken := handle.take_message(kind, True)) is not None:
-                    data, info = taken
-                    batch.append((connection, info["received_timestamp"] or time.time_ns(), data))
-                    self._received[topic.name] += 1
-                    if topic.delivery in _COUNTED:
-                        self._count_gap(topic.name, info["publication_sequence_number"])
         if batch:
-            batch.sort(key=_received_at)
             recording.add(batch)
+        if recording.left_out and not self._told_left_out:
+            self._told_left_out = True
+            self.report(
+                IsfError(
+                    ErrorCode.BAG_INCOMPLETE,
+                    "the disk does not follow: messages of streams are left out",
+                    where=str(recording.path),
+                    advice="record fewer topics or to a faster disk, or let more wait (parameter queue_size)",
+                )
+            )
         if recording.error is not None:
             self._recording = None
             self.report(recording.error)
             with suppress(IsfError):  # the same again: what the disk took is closed as far as it goes
                 recording.close()
+        elif self._ring is not None and time.monotonic() > self._ends_at:
+            self._close_recording()
+
+    def _take(self) -> list[Message]:
+        """What has arrived, in the order of its receipt."""
+        batch: list[Message] = []
+        for number, (topic, subscription) in enumerate(zip(self._topics, self._subscriptions_polled, strict=True)):
+            handle, kind = subscription.handle, subscription.msg_type
+            with handle:
+                while (taken := handle.take_message(kind, True)) is not None:
+                    data, info = taken
+                    batch.append((number, info["received_timestamp"] or time.time_ns(), data))
+                    self._received[topic.name] += 1
+                    if topic.delivery in _COUNTED:
+                        self._count_gap(topic.name, info["publication_sequence_number"])
+        batch.sort(key=_received_at)
+        return batch
+
+    def _look_for_faults(self, batch: list[Message]) -> None:
+        """A node that begins to report an error makes the ring a bag."""
+        own = self.get_name()
+        for number, _, data in batch:
+            if self._topics[number].name != DIAGNOSTICS:
+                continue
+            for status in deserialize_message(data, DiagnosticArray).status:
+                if int.from_bytes(status.level, "little") < ERROR or own in status.name:
+                    self._faulty.discard(status.name)
+                elif status.name not in self._faulty:
+                    self._faulty.add(status.name)
+                    self._keep(f"{status.name}: {status.message}")
+
+    def _keep(self, why: str) -> None:
+        """Write the ring and what follows for a while; a fault meanwhile makes it longer."""
+        assert self._ring is not None
+        self._ends_at = time.monotonic() + self.values().ring_after
+        if self._recording is not None:
+            return
+        try:
+            self._recording = self._begin()
+        except IsfError as error:
+            self.report(error)
+            return
+        self._told_left_out = False
+        self.get_logger().warning(f"the last {self._ring.held / NANO:.1f} s go to {self._output}: {why}")
+        self._recording.add(self._ring.messages())
+
+    def _snapshot(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """The ring as a bag now, because somebody wants it."""
+        if self._ring is None or self._timer is None:
+            response.message = "no ring: set parameter ring to the seconds to keep, then configure and activate"
+            return response
+        self._poll()
+        self._keep("asked for")
+        response.success = self._recording is not None
+        response.message = str(self._output) if response.success else "the bag cannot be written"
+        return response
 
     def _finish(self) -> None:
         """Take what has arrived, then close the bag; does nothing when none is open."""
@@ -230,14 +348,19 @@ class RecorderNode(CellNode[RecorderParameters]):
             self._timer.cancel()
             self.destroy_timer(self._timer)
             self._timer = None
-        if self._recording is None:
-            return
-        self._poll()
+            self._poll()
+        self._ring = None
+        self._close_recording()
+
+    def _close_recording(self) -> None:
         recording, self._recording = self._recording, None
-        if recording is not None:
-            recording.close()
-            lost = "".join(f", {count} of {topic} lost" for topic, count in self._lost.items())
-            print(f"recorded {recording.written} messages{lost} in {recording.path}", file=sys.stderr)
+        if recording is None:
+            return
+        recording.close()
+        lost = "".join(f", {count} of {topic} lost" for topic, count in self._lost.items())
+        out = recording.left_out.total()
+        left_out = f", {out} left out" if out else ""
+        print(f"recorded {recording.written} messages{lost}{left_out} in {recording.path}", file=sys.stderr)
 
     def _count_gap(self, topic: str, number: int | None) -> None:
         """Count the messages between this one and the one before; a lower number is of a new publisher."""

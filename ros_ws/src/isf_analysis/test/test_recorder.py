@@ -18,9 +18,9 @@ import forked_process
 import pytest
 import rclpy
 from burst_publisher import SCANS, target_bytes, wrench_bytes
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from isf_analysis.bag import bag_file
+from isf_analysis.bag import repair
 from isf_analysis.bag.topics import cell_types
 from isf_analysis.recorder_node import EXIT_INCOMPLETE
 from isf_ros import qos
@@ -30,6 +30,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState, PointCloud2
+from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.graph
 
@@ -285,11 +286,40 @@ def test_a_disk_that_is_full_is_reported_and_never_a_success(tmp_path: Path, obs
     assert recovered(bag, tmp_path)
 
 
+def test_a_ring_is_written_when_a_node_reports_a_fault_and_when_asked(tmp_path: Path, observer: Node) -> None:
+    bag = tmp_path / "bag"
+    faults = observer.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    fault = DiagnosticStatus(name="machine", level=DiagnosticStatus.ERROR, message="1401 E_STOP")
+
+    def kept() -> bool:
+        faults.publish(DiagnosticArray(status=[fault]))  # again and again, as nodes do: one fault all the same
+        return (bag / "metadata.yaml").exists()
+
+    with recorder(bag, ring=300.0, ring_after=0.2, split_size=0.02) as process:
+        publish_burst(100)
+        assert not list(tmp_path.glob("bag*"))
+        assert spin_until(observer, kept)
+        client = observer.create_client(Trigger, "recorder/snapshot")
+        assert client.wait_for_service(LIMIT)
+        future = client.call_async(Trigger.Request())
+        assert spin_until(observer, future.done)
+        assert (future.result().success, future.result().message) == (True, f"{bag}-2")
+        text = end(process, signal.SIGINT)
+    assert text.count("recorded") == 2
+    assert "1401 E_STOP" in text
+    for folder in (bag, tmp_path / "bag-2"):
+        assert len(list(folder.glob("bag*_*.mcap"))) > 2
+        found = messages(folder)
+        assert [data for _, data in found["/tool_1/wrench"]][-100:] == [wrench_bytes(number) for number in range(100)]
+        assert len(found["/part/info"]) >= 1
+    assert not (tmp_path / "bag-3").exists()
+
+
 def recovered(bag: Path, folder: Path) -> list[bytes]:
     """Wrenches of tool 1 in a repaired copy of a bag that was not closed."""
     copy = folder / "repaired.mcap"
     copy.unlink(missing_ok=True)
-    if not bag_file.repair(bag / "bag.mcap", copy):
+    if not repair.whole_records(bag / "bag.mcap", copy):
         return []
     with Reader(copy) as reader:
         wrenches = [connection for connection in reader.connections if connection.topic == "/tool_1/wrench"]

@@ -215,12 +215,30 @@ def record(
         list[str] | None,
         typer.Option("--remap", "-r", help="topic that has another name here; repeat for each", metavar="FROM:=TO"),
     ] = None,
+    storage: Annotated[str, typer.Option(help="mcap, or sqlite3")] = "mcap",
+    compression: Annotated[str, typer.Option(help="none or zstd, of mcap")] = "none",
+    split_size: Annotated[float, typer.Option(help="MB after which the next file begins  [default: one file]")] = 0.0,
+    split_time: Annotated[float, typer.Option(help="s after which the next file begins  [default: one file]")] = 0.0,
+    ring: Annotated[
+        float, typer.Option(help="s to keep in memory, written when a node reports a fault  [default: write all]")
+    ] = 0.0,
 ) -> None:
     """Record the topics of a running cell until Ctrl-C."""
     from isf_cell.processes import executables
 
     path = executables.find("isf_analysis", "recorder")
-    arguments = ["--ros-args", "-p", "autostart:=true", "-p", f"output:={output.absolute()}"]
+    values = {
+        "autostart": "true",
+        "output": output.absolute(),
+        "storage": storage,
+        "compression": compression,
+        "split_size": split_size,
+        "split_time": split_time,
+        "ring": ring,
+    }
+    arguments = ["--ros-args"]
+    for name, value in values.items():
+        arguments += ["-p", f"{name}:={value}"]
     for names in remap or ():
         arguments += ["-r", executables.checked_remap(names)]
     os.execv(path, [str(path), *arguments])

@@ -1,37 +1,91 @@
-"""A bag file open for writing, and the repair of one whose writer was killed: MCAP in a rosbag2 folder.
+"""A bag open for writing: files of MCAP or SQLite in a rosbag2 folder.
 
 Written through rosbags with the message definitions inside, so that it works without ROS and its files open in
-``ros2 bag`` and Foxglove alike, and with a checksum for every chunk.
-
-An MCAP file is a magic number, records (one byte of opcode, eight of length, content), an index, a footer and the
-magic number again. A killed writer leaves the first two, the last record possibly cut. The readable copy ends after the
-last whole record and gets a footer that says "no index"; readers then scan the records. Source: MCAP format
-specification 0, sections "Records", "Footer".
+``ros2 bag`` and Foxglove alike; MCAP with a checksum for every chunk. A bag is one file, or several where it is split:
+each is whole in itself, and ``metadata.yaml`` names them in their order, as those of ``ros2 bag record`` do.
 """
 
 from __future__ import annotations
 
-import os
-import shutil
+import sqlite3
 import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 from zlib import crc32
 
+import yaml
 from isf_core.errors import ErrorCode, IsfError
-from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.enums import CompressionFormat
+from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
+from rosbags.typesys.store import Typestore
 
 from isf_analysis.bag.topics import Delivery, Topic, cell_types
 
 COMPRESSIONS = ("none", "zstd")
+STORAGES = ("mcap", "sqlite3")
+NANO = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Storage:
+    """How a bag lies on the disk.
+
+    Attributes
+    ----------
+    storage : one of STORAGES; a killed writer leaves MCAP as far as it was flushed, SQLite as well
+    compression : one of COMPRESSIONS; MCAP alone
+    split_size : bytes of messages after which the next file begins; 0: never
+    split_time : s of messages after which the next file begins; 0: never
+
+    Raises IsfError BAG_NOT_WRITABLE for what cannot be.
+    """
+
+    storage: str = "mcap"
+    compression: str = "none"
+    split_size: int = 0
+    split_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        for what, value, known in (
+            ("storage", self.storage, STORAGES),
+            ("compression", self.compression, COMPRESSIONS),
+        ):
+            if value not in known:
+                raise _not_so(f"no {what} '{value}'", f"known: {', '.join(known)}")
+        if self.storage == "sqlite3" and self.compression != "none":
+            raise _not_so("SQLite has no compression here", "take storage mcap, or compression none")
+        if self.split_size < 0 or not 0.0 <= self.split_time < float("inf"):
+            raise _not_so("a bag is split after a positive size and time", "0: one file")
+
+
+def _not_so(what: str, advice: str) -> IsfError:
+    return IsfError(ErrorCode.BAG_NOT_WRITABLE, what, where="storage of the bag", advice=advice)
+
 
 _UNLIMITED = QosTime(9223372036, 854775807)
 
 _CHECKSUM = 33
 """Bytes from the begin of a chunk to its checksum: opcode, length, first and last time, size."""
+
+_REFUSALS = (OSError, WriterError, sqlite3.Error)
+"""What a disk that refuses shows as."""
 
 _DEPTHS: dict[Delivery, int] = {"STREAM": 10, "SENSOR": 5, "LATCHED": 1, "EVENT": 50, "DEFAULT": 10}
 
@@ -59,11 +113,188 @@ class _CheckedMcap(McapWriter):
         self.bio.write(checksum.to_bytes(4, "little"))
         self.bio.seek(end)
 
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system; up to 1 MB waits in memory for its chunk."""
+        if self.chunk.msgs:
+            self.close_chunk()
+        self.bio.flush()
 
-class _CheckedWriter(Writer):
-    """Writes MCAP with checksums."""
 
-    STORAGE_PLUGINS = {**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: _CheckedMcap}  # noqa: RUF012, as in the library
+class _Database(Sqlite3Writer):
+    """SQLite, which the library keeps in one transaction from the first message to the last, and to one thread."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        self.conn.close()
+        self.conn: sqlite3.Connection = sqlite3.connect(
+            self.path, check_same_thread=False
+        )  # made by one thread, filled by another
+        self.cursor = self.conn.cursor()
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system."""
+        self.conn.commit()
+
+
+@dataclass
+class _File:
+    """One file of a bag and what is in it."""
+
+    name: str
+    counts: Counter[int] = field(default_factory=Counter)
+    size: int = 0
+    begin: int = 2**63 - 1
+    end: int = 0
+
+    def metadata(self, writer: Writer) -> dict[str, Any]:
+        """Entry of ``files`` in metadata.yaml."""
+        begin, end = (self.begin, self.end) if self.counts else (writer.min_timestamp, writer.min_timestamp)
+        return {
+            "path": self.name,
+            "starting_time": {"nanoseconds_since_epoch": begin},
+            "duration": {"nanoseconds": end - begin},
+            "message_count": self.counts.total(),
+        }
+
+
+class _Place:
+    """Where the library makes its file: named after the folder, unless there are several in it."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.name = name
+        self._folder = folder
+
+    def __truediv__(self, name: str) -> Path:
+        return self._folder / name
+
+
+class _Files:
+    """The storage of a bag: a file, and where it is split the next one when that is full. Each is whole in itself."""
+
+    def __init__(self, writer: _SplitWriter, folder: Path, compression: CompressionMode) -> None:
+        self._writer, self._folder, self._compression = writer, folder, compression
+        self._topics: list[tuple[Connection, str]] = []
+        self.files: list[_File] = []
+        self._begin()
+
+    def _begin(self) -> None:
+        options = self._writer.options
+        split = options.split_size or options.split_time
+        name = f"{self._folder.name}_{len(self.files)}" if split else self._folder.name
+        place: Any = _Place(self._folder, name)
+        kind: Any = _STORAGES[options.storage]
+        self._file: _CheckedMcap | _Database = kind(place, self._compression)
+        self.path = self._file.path
+        self.files.append(_File(self.path.name))
+        types: set[str] = set()
+        for connection, profiles in self._topics:
+            if connection.msgtype not in types:
+                types.add(connection.msgtype)
+                self._file.add_msgtype(connection)
+            self._file.add_connection(connection, profiles)
+
+    def add_msgtype(self, connection: Connection) -> None:
+        self._file.add_msgtype(connection)
+
+    def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
+        self._topics.append((connection, offered_qos_profiles))
+        self._file.add_connection(connection, offered_qos_profiles)
+
+    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
+        if self._full(timestamp):
+            self._end()
+            self._begin()
+        self._file.write(connection, timestamp, data)
+        file = self.files[-1]
+        file.counts[connection.id] += 1
+        file.size += len(data)
+        file.begin, file.end = min(file.begin, timestamp), max(file.end, timestamp)
+
+    def _full(self, timestamp: int) -> bool:
+        file, options = self.files[-1], self._writer.options
+        if not file.size:
+            return False
+        return bool(
+            (options.split_size and file.size >= options.split_size)
+            or (options.split_time and timestamp - file.begin >= options.split_time * NANO)
+        )
+
+    def _end(self) -> None:
+        self._file.close(self._writer.version, self._writer.metadata(self.files[-1:]))
+
+    def flush(self) -> None:
+        self._file.flush()
+
+    def close(self, version: int, metadata: str) -> None:
+        """The text of the library speaks of one file."""
+        self._end()
+
+    def abort(self) -> None:
+        self._file.abort()
+
+
+_STORAGES = {"mcap": _CheckedMcap, "sqlite3": _Database}
+
+
+class _SplitWriter(Writer):
+    """Writes a folder of several files, whose metadata the library knows for one alone."""
+
+    def __init__(self, path: Path, options: Storage) -> None:
+        self.options = options
+        plugin = StoragePlugin[options.storage.upper()]
+        super().__init__(path, version=9, storage_plugin=plugin)
+        self.STORAGE_PLUGINS = {plugin: partial(_Files, self)}  # type: ignore[dict-item]
+
+    def metadata(self, files: Sequence[_File]) -> str:
+        """Text of what metadata.yaml says of ``files``."""
+        return _yaml(self.information(files))
+
+    def information(self, files: Sequence[_File]) -> dict[str, Any]:
+        """What metadata.yaml says of ``files``."""
+        counts: Counter[int] = sum((file.counts for file in files), Counter())
+        begin = min((file.begin for file in files if file.counts), default=self.min_timestamp)
+        end = max((file.end for file in files), default=0)
+        return {
+            "version": self.version,
+            "storage_identifier": self.storage_plugin.name.lower(),
+            "relative_file_paths": [file.name for file in files],
+            "duration": {"nanoseconds": max(0, end - begin)},
+            "starting_time": {"nanoseconds_since_epoch": begin},
+            "message_count": counts.total(),
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": {
+                        "name": item.topic,
+                        "type": item.msgtype,
+                        "serialization_format": item.ext.serialization_format,
+                        "offered_qos_profiles": dump_qos_v9(item.ext.offered_qos_profiles),
+                        "type_description_hash": item.digest,
+                    },
+                    "message_count": counts[item.id],
+                }
+                for item in self.connections
+                if isinstance(item.ext, ConnectionExtRosbag2)
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "files": [file.metadata(self) for file in files],
+            "custom_data": None,
+            "ros_distro": "rosbags",
+        }
+
+    def close(self) -> None:
+        """End the last file, then name all in metadata.yaml: from then on the folder is a whole bag."""
+        storage: Any = self.storage
+        self.storage: Any = None
+        storage.close(self.version, "")
+        text = _yaml({"rosbag2_bagfile_information": self.information(storage.files)})
+        written = self.metapath.with_suffix(".yaml.tmp")
+        written.write_text(text, encoding="utf-8")
+        written.replace(self.metapath)
+
+
+def _yaml(content: dict[str, Any]) -> str:
+    return str(yaml.safe_dump(content, sort_keys=False))
 
 
 class BagFile:
@@ -74,22 +305,16 @@ class BagFile:
     IsfError : BAG_NOT_WRITABLE from every method when the disk refuses or the folder exists
     """
 
-    def __init__(self, path: Path, *, compression: str = "none") -> None:
+    def __init__(self, path: Path, storage: Storage | None = None) -> None:
         self.path = path
-        if compression not in COMPRESSIONS:
-            raise IsfError(
-                ErrorCode.BAG_NOT_WRITABLE,
-                f"no compression '{compression}'",
-                where=str(path),
-                advice=f"known: {', '.join(COMPRESSIONS)}",
-            )
+        options = storage or Storage()
         check_free(path)
         try:
-            self._writer = _CheckedWriter(path, version=9, storage_plugin=StoragePlugin.MCAP)
-            if compression == "zstd":
+            self._writer = _SplitWriter(path, options)
+            if options.compression == "zstd":
                 self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
-        except (OSError, WriterError) as error:
+        except _REFUSALS as error:
             raise self._refused(error) from error
 
     def add(self, topic: Topic, name: str | None = None) -> Connection:
@@ -99,28 +324,28 @@ class BagFile:
             absolute, topic.type, typestore=cell_types(), offered_qos_profiles=[_qos(topic.delivery)]
         )
 
+    def add_like(self, connection: Connection, types: Typestore) -> Connection:
+        """Add a topic as it is in another bag, whose message ``types`` are given; before the first write."""
+        profiles = connection.ext.offered_qos_profiles if isinstance(connection.ext, ConnectionExtRosbag2) else ()
+        return self._writer.add_connection(
+            connection.topic, connection.msgtype, typestore=types, offered_qos_profiles=profiles
+        )
+
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         """Append one serialised message received at ``timestamp`` (ns since 1970)."""
         try:
             self._writer.write(connection, timestamp, data)
-        except OSError as error:
+        except _REFUSALS as error:
             raise self._refused(error) from error
 
     def flush(self) -> None:
-        """Hand everything written so far to the operating system, so that a killed process loses nothing of it.
-
-        MCAP keeps up to 1 MB in memory; the chunk is closed early. Does nothing when the library gives no access.
-        """
+        """Hand everything written so far to the operating system, so that a killed process loses nothing of it."""
         storage = self._writer.storage
-        close_chunk = getattr(storage, "close_chunk", None)
-        chunk = getattr(storage, "chunk", None)
-        stream = getattr(storage, "bio", None)
+        if not isinstance(storage, _Files):
+            return
         try:
-            if close_chunk is not None and chunk is not None and chunk.msgs:
-                close_chunk()
-            if stream is not None:
-                stream.flush()
-        except OSError as error:
+            storage.flush()
+        except _REFUSALS as error:
             raise self._refused(error) from error
 
     def close(self) -> None:
@@ -131,7 +356,7 @@ class BagFile:
             self._writer.min_timestamp = self._writer.max_timestamp = time.time_ns()
         try:
             self._writer.close()
-        except (OSError, WriterError) as error:
+        except _REFUSALS as error:
             raise self._refused(error) from error
 
     def _refused(self, error: Exception) -> IsfError:
@@ -157,49 +382,3 @@ def _qos(delivery: Delivery) -> Qos:
         liveliness_lease_duration=_UNLIMITED,
         avoid_ros_namespace_conventions=False,
     )
-
-
-MAGIC = b"\x89MCAP0\r\n"
-_HEADER, _FOOTER, _DATA_END = 0x01, 0x02, 0x0F
-_PREFIX = 9  # opcode and length
-
-
-def repair(damaged: Path, repaired: Path) -> bool:
-    """Copy the whole records of ``damaged`` to the new file ``repaired``; False when there is none to copy."""
-    with damaged.open("rb") as source:
-        end = _end_of_whole_records(source)
-        if end is None:
-            return False
-        source.seek(0)
-        with repaired.open("xb") as target:
-            shutil.copyfileobj(source, target)
-            target.truncate(end)
-            target.seek(end)
-            target.write(_record(_DATA_END, bytes(4)))  # no checksum
-            target.write(_record(_FOOTER, bytes(20)))  # no summary, no checksum
-            target.write(MAGIC)
-    return True
-
-
-def _end_of_whole_records(source: BinaryIO) -> int | None:
-    """Position after the last whole data record; None when not even the header of the file is whole."""
-    size = os.fstat(source.fileno()).st_size
-    if source.read(len(MAGIC)) != MAGIC:
-        return None
-    end: int | None = None
-    position = len(MAGIC)
-    while position + _PREFIX <= size:
-        source.seek(position)
-        prefix = source.read(_PREFIX)
-        opcode, length = prefix[0], int.from_bytes(prefix[1:], "little")
-        following = position + _PREFIX + length
-        if end is None and opcode != _HEADER:
-            return None
-        if opcode in (_DATA_END, _FOOTER) or following > size:
-            break
-        end = position = following
-    return end
-
-
-def _record(opcode: int, content: bytes) -> bytes:
-    return bytes([opcode]) + len(content).to_bytes(8, "little") + content

@@ -27,7 +27,7 @@ from rosbags.rosbag2.storage_mcap import McapReader, decompress
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from isf_analysis.bag import bag_file
+from isf_analysis.bag import repair
 from isf_analysis.bag.topics import cell_types
 
 ENDED_BY_FORCE = "the recorder was ended by force; the bag is read as far as it goes"
@@ -139,12 +139,13 @@ class OpenBag:
         for reader in self.readers:
             directory: Any = reader.storage
             storages = getattr(directory, "storages", [directory])
-            by_chunks = directory.metadata.compression_mode != "message"
-            for storage in storages:
-                if by_chunks and isinstance(storage, McapReader):
+            if directory.metadata.compression_mode != "message" and all(
+                isinstance(item, McapReader) for item in storages
+            ):
+                for storage in storages:
                     yield from self._chunks(storage, connections)
-                else:
-                    yield from self._rows(reader, storage, connections)
+            else:
+                yield from self._rows(reader, connections)
 
     def messages(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:
         """(time of receipt in ns, message) in the order of receipt; for topics of few messages.
@@ -166,20 +167,16 @@ class OpenBag:
 
     # -- inside ----------------------------------------------------------------------------------
 
-    def _rows(self, reader: Reader, storage: Any, connections: Collection[Connection]) -> Iterator[Block]:
-        """Of a storage without chunks: message by message, put together again."""
-        wanted = _of_storage(storage, connections)
-        names = {(connection.topic, connection.msgtype) for connection in connections}
-        own = [item for item in reader.connections if (item.topic, item.msgtype) in names]
+    def _rows(self, reader: Reader, connections: Collection[Connection]) -> Iterator[Block]:
+        """Of files without chunks: message by message, put together again."""
+        wanted = _of_storage(reader, connections)
+        own = [item for item in reader.connections if item.id in wanted]
         waiting: dict[int, list[tuple[int, bytes]]] = {number: [] for number in wanted}
         held = 0
         with _left_out(self):
             # the reader of the folder undoes the compression of single messages, that of one file has none
             for connection, time, data in reader.messages(own):
-                number = next((n for n, known in wanted.items() if known.topic == connection.topic), None)
-                if number is None:
-                    continue
-                waiting[number].append((time, bytes(data)))
+                waiting[connection.id].append((time, bytes(data)))
                 held += 1
                 if held == ROWS:
                     yield from _together(waiting, wanted)
@@ -334,16 +331,15 @@ def open_bag(path: Path | str) -> OpenBag:
     """
     path, stack = bag_of(Path(path)), ExitStack()
     try:
-        reader, notes = _open(path, stack)
-        readers = [reader]
+        readers, notes = _open(path, stack)
         for continued in continued_in(path):
             try:
-                reader, more = _open(continued, stack)
+                more, told = _open(continued, stack)
             except IsfError as error:  # ended before anything was recorded
                 notes.append(f"left out: {error.message}")
                 continue
-            readers.append(reader)
-            notes += [text for text in more if text not in notes]
+            readers += more
+            notes += [text for text in told if text not in notes]
         types = _types_of([connection for reader in readers for connection in reader.connections])
         return OpenBag(path, tuple(readers), types, notes, stack)
     except IsfError:
@@ -403,40 +399,64 @@ def _types_of(connections: list[Connection]) -> Typestore:
     return store
 
 
-def _open(path: Path, stack: ExitStack) -> tuple[Reader, list[str]]:
-    """Open reader and notes on what had to be done for it."""
+def _open(path: Path, stack: ExitStack) -> tuple[list[Reader], list[str]]:
+    """Open readers, one where the bag is whole, else one per file; and notes on what had to be done for it."""
     if not path.exists():
         raise unreadable(path, "no such bag", advice="check the path; it is relative to here")
-    if path.is_file() or (path / "metadata.yaml").is_file():
-        first: Path = path
-    else:
-        files = sorted(path.glob("*.mcap"))
-        if not files:
-            raise unreadable(path, "holds no bag: neither metadata.yaml nor an .mcap file")
-        first = files[0]
     try:
-        reader = Reader(first)
-        reader.open()
+        if path.is_file() or (path / "metadata.yaml").is_file():
+            return [_reader(path, stack)], []
     except Exception as error:  # as above: whatever a damaged file causes
-        storage = first if first.is_file() else next(iter(sorted(first.glob("*.mcap"))), None)
-        if storage is None or storage.suffix != ".mcap":
+        if path.is_file() and path.suffix != ".mcap":
             raise unreadable(path, f"cannot be read: {error}") from error
-        return _open_repaired(path, storage, stack), [ENDED_BY_FORCE]
+    files = [path] if path.is_file() else files_of(path)
+    if not files:
+        raise unreadable(path, "holds no bag: neither metadata.yaml nor an .mcap or .db3 file")
+    readers: list[Reader] = []
+    notes: list[str] = []
+    for file in files:
+        try:
+            readers.append(_reader_of_part(path, file, stack, notes))
+        except IsfError as error:
+            if file == files[-1] and readers:  # begun, and ended before anything was written
+                notes.append(f"left out: {error.message}")
+                continue
+            raise
+    return readers, notes
+
+
+def files_of(bag: Path) -> list[Path]:
+    """Files of the folder ``bag`` in the order in which they were written."""
+
+    def number(file: Path) -> tuple[int, str]:
+        digits = file.stem.rpartition("_")[2]
+        return (int(digits) if digits.isdecimal() else 0, file.name)
+
+    return sorted([*bag.glob("*.mcap"), *bag.glob("*.db3")], key=number)
+
+
+def _reader(path: Path, stack: ExitStack) -> Reader:
+    reader = Reader(path)
+    reader.open()
     stack.callback(reader.close)
-    return reader, []
+    return reader
 
 
-def _open_repaired(path: Path, storage: Path, stack: ExitStack) -> Reader:
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="isf_bag_")))
-    repaired = folder / storage.name
+def _reader_of_part(bag: Path, file: Path, stack: ExitStack, notes: list[str]) -> Reader:
+    """Of one file of a bag that was not closed: only its last file is not whole."""
     try:
-        if not bag_file.repair(storage, repaired):
-            raise unreadable(path, f"{storage.name} is not an MCAP file or is empty")
-        reader = Reader(repaired)
-        reader.open()
+        return _reader(file, stack)
+    except Exception as error:
+        if file.suffix != ".mcap":
+            raise unreadable(bag, f"{file.name} cannot be read: {error}") from error
+    notes.append(ENDED_BY_FORCE)
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="isf_bag_")))
+    whole = folder / file.name
+    try:
+        if not repair.whole_records(file, whole):
+            raise unreadable(bag, f"{file.name} is not an MCAP file or is empty")
+        return _reader(whole, stack)
     except IsfError:
         raise
     except Exception as error:
-        raise unreadable(path, f"cannot be read: {error}") from error
-    stack.callback(reader.close)
-    return reader
+        raise unreadable(bag, f"cannot be read: {error}") from error

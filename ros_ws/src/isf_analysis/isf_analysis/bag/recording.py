@@ -1,6 +1,7 @@
 """A recording in progress: a thread that writes what it is given, so that a slow disk never stops who gives.
 
-The queue is unlimited: nothing is dropped while memory lasts; ``longest_queue`` tells how far the disk fell behind.
+What waits for the disk is bounded. Beyond it messages of streams are left out and counted; contours, their results,
+scans and events never are.
 """
 
 from __future__ import annotations
@@ -8,13 +9,13 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from isf_core.errors import IsfError
-from rosbags.interfaces import Connection
 
-from isf_analysis.bag.bag_file import BagFile
+from isf_analysis.bag.bag_file import BagFile, Storage
 from isf_analysis.bag.topics import Topic
 
 FLUSH_PERIOD = 1.0
@@ -23,39 +24,56 @@ FLUSH_PERIOD = 1.0
 AT_ONCE = ("LATCHED", "EVENT")
 """Kinds of delivery that are handed over as they come: contours, their results, scans."""
 
-Message = tuple[Connection, int, bytes]
-"""Topic, receive time in ns since 1970, serialised message."""
+Message = tuple[int, int, bytes]
+"""Number of the topic in the recording, receive time in ns since 1970, serialised message."""
 
 
 class Recording:
     """A bag being filled by a thread of its own.
 
-    ``topics`` are (topic, absolute name) pairs; ``connections`` has the handles to :meth:`put` messages with, in
-    the same order.
+    ``topics`` are (topic, absolute name) pairs, by whose number messages are given. At most ``queue_size`` bytes of
+    messages wait for the disk; ``left_out`` counts what did not fit, by number of the topic.
 
     Raises
     ------
     IsfError : BAG_NOT_WRITABLE when the bag cannot be made, or from :meth:`close` when it could not be written
     """
 
-    def __init__(self, path: Path, topics: Sequence[tuple[Topic, str]], *, compression: str = "none") -> None:
+    def __init__(
+        self,
+        path: Path,
+        topics: Sequence[tuple[Topic, str]],
+        storage: Storage | None = None,
+        *,
+        queue_size: int = 256_000_000,
+    ) -> None:
         self.path = path
         self.written = 0
         self.longest_queue = 0
+        self.left_out: Counter[int] = Counter()
         self.error: IsfError | None = None
-        self._bag = BagFile(path, compression=compression)
-        self.connections = [self._bag.add(topic, name) for topic, name in topics]
-        kinds = zip(topics, self.connections, strict=True)
-        self._at_once = {connection.id for (topic, _), connection in kinds if topic.delivery in AT_ONCE}
+        self._bag = BagFile(path, storage)
+        self._connections = [self._bag.add(topic, name) for topic, name in topics]
+        self._at_once = {number for number, (topic, _) in enumerate(topics) if topic.delivery in AT_ONCE}
         self._queue: queue.SimpleQueue[Sequence[Message] | None] = queue.SimpleQueue()
-        self._waiting = 0
+        self._queue_size = queue_size
+        self._taken = self._taken_bytes = 0  # of this thread
+        self._written_bytes = 0  # of the writer's
         self._thread = threading.Thread(target=self._write, name="bag writer", daemon=True)
         self._thread.start()
 
     def add(self, messages: Sequence[Message]) -> None:
         """Take messages to be written; returns at once."""
-        self._waiting += len(messages)
-        self.longest_queue = max(self.longest_queue, self._waiting - self.written)
+        size = sum(len(data) for _, _, data in messages)
+        if self._taken_bytes - self._written_bytes + size > self._queue_size:
+            self.left_out.update(number for number, _, _ in messages if number not in self._at_once)
+            messages = [message for message in messages if message[0] in self._at_once]
+            size = sum(len(data) for _, _, data in messages)
+        if not messages:
+            return
+        self._taken += len(messages)
+        self._taken_bytes += size
+        self.longest_queue = max(self.longest_queue, self._taken - self.written)
         self._queue.put(messages)
 
     def close(self) -> None:
@@ -78,10 +96,11 @@ class Recording:
             if self.error is not None:
                 continue  # the disk refused: go on taking, so that closing does not hang
             try:
-                for connection, timestamp, data in messages:
-                    self._bag.write(connection, timestamp, data)
+                for number, timestamp, data in messages:
+                    self._bag.write(self._connections[number], timestamp, data)
                 self.written += len(messages)
-                at_once = any(connection.id in self._at_once for connection, _, _ in messages)
+                self._written_bytes += sum(len(data) for _, _, data in messages)
+                at_once = any(number in self._at_once for number, _, _ in messages)
                 if at_once or time.monotonic() - flushed > FLUSH_PERIOD:
                     self._bag.flush()
                     flushed = time.monotonic()

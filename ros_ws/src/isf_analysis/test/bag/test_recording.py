@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from isf_analysis.bag import bag_file, topics
-from isf_analysis.bag.bag_file import BagFile
+from isf_analysis.bag import repair, topics
+from isf_analysis.bag.bag_file import BagFile, Storage
 from isf_analysis.bag.recording import Recording
 from isf_analysis.bag.topics import cell_types, make_message
 from isf_core.errors import ErrorCode, IsfError
@@ -24,9 +24,8 @@ def test_every_topic_of_the_cell_has_a_type_the_bags_know() -> None:
 
 def test_messages_come_back_in_order_and_are_counted(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "bag", [(WRENCH, "/left/tool_1/wrench")])
-    connection = recording.connections[0]
     for start in range(0, 1000, 10):
-        recording.add([(connection, start + k + 1, DATA) for k in range(10)])
+        recording.add([(0, start + k + 1, DATA) for k in range(10)])
     recording.close()
     assert recording.written == 1000
     assert 10 <= recording.longest_queue <= 1000
@@ -47,8 +46,8 @@ def test_a_disk_that_refuses_is_reported_on_closing(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr(BagFile, "write", refuse)
     recording = Recording(tmp_path / "bag", [(WRENCH, "/tool_1/wrench")])
-    recording.add([(recording.connections[0], 1, DATA)])
-    recording.add([(recording.connections[0], 2, DATA)])
+    recording.add([(0, 1, DATA)])
+    recording.add([(0, 2, DATA)])
     with pytest.raises(IsfError, match="no space left") as caught:
         recording.close()
     assert caught.value.code == ErrorCode.BAG_NOT_WRITABLE
@@ -61,7 +60,7 @@ def test_a_flushed_bag_survives_without_being_closed(tmp_path: Path) -> None:
     bag.write(connection, 1, DATA)
     bag.flush()
     bag.write(connection, 2, DATA)  # still in memory
-    assert bag_file.repair(tmp_path / "bag" / "bag.mcap", tmp_path / "repaired.mcap")
+    assert repair.whole_records(tmp_path / "bag" / "bag.mcap", tmp_path / "repaired.mcap")
     with Reader(tmp_path / "repaired.mcap") as reader:
         assert [stamp for _, stamp, _ in reader.messages()] == [1]
     bag.close()
@@ -71,5 +70,5 @@ def test_a_flushed_bag_survives_without_being_closed(tmp_path: Path) -> None:
 
 def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
     with pytest.raises(IsfError, match="known: none, zstd"):
-        BagFile(tmp_path / "bag", compression="rar")
+        BagFile(tmp_path / "bag", Storage(compression="rar"))
     assert not (tmp_path / "bag").exists()

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_analysis.bag import table_files, topics
-from isf_analysis.bag.bag_file import BagFile
+from isf_analysis.bag.bag_file import BagFile, Storage
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.bag.cdr_columns import ColumnReader
 from isf_analysis.bag.open_bag import Block
@@ -124,7 +124,7 @@ def test_names_that_do_not_exist_are_told_with_those_that_do(bag: Path) -> None:
 def test_sqlite_and_compressed_bags_give_the_same_tables(bag: Path, tmp_path: Path) -> None:
     part = write_bag(PART, tmp_path / "part", end=200_000_000_000)
     other = with_streams(part, tmp_path / "db3", StoragePlugin.SQLITE3)
-    zstd = BagFile(tmp_path / "zstd", compression="zstd")
+    zstd = BagFile(tmp_path / "zstd", Storage(compression="zstd"))
     with Reader(bag) as reader:
         by_name = {topic.name: topic for topic in CELL}
         added = {c.topic: zstd.add(by_name[c.topic.strip("/")]) for c in reader.connections}

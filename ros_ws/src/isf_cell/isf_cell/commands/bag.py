@@ -1,4 +1,4 @@
-"""``isf bag``: a bag summed up, and written as tables; without ROS."""
+"""``isf bag``: a bag summed up, written as tables, and made whole again; without ROS."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import isf_analysis
+from isf_analysis.bag.copy import copy_bag
 from isf_analysis.bag.table_files import write_tables
 from isf_core.errors import IsfError
 
@@ -93,3 +94,23 @@ def write_bag_tables(
     for note in notes:
         terminal.warn(note)
     terminal.say(f"tables  {folder}")
+
+
+def repair_bag(path: Path, output: Path, *, as_json: bool) -> None:
+    """What can be read of the bag at ``path`` as the new bag ``output``.
+
+    Raises IsfError BAG_UNREADABLE, BAG_NOT_WRITABLE.
+    """
+    copied = copy_bag(path, output.absolute())
+    if as_json:
+        terminal.print_json(
+            {
+                "bag": str(copied.path),
+                "topics": copied.topics,
+                "messages": copied.messages,
+                "notes": list(copied.notes),
+            }
+        )
+    terminal.say(f"{copied.messages} messages of {copied.topics} topics in {copied.path}")
+    for note in copied.notes:
+        terminal.warn(note)

@@ -10,7 +10,8 @@ import typer
 from isf_cell.commands.arguments import Json, Namespace
 
 app = typer.Typer(
-    help="What is in a bag: a short summary, and its topics and contours as tables.", no_args_is_help=True
+    help="What is in a bag: a short summary, its topics and contours as tables; and a bag made whole again.",
+    no_args_is_help=True,
 )
 
 Bag = Annotated[Path, typer.Argument(help="bag, or folder of a run", metavar="BAG", show_default=False)]
@@ -42,3 +43,15 @@ def tables(
     from isf_cell.commands.bag import write_bag_tables
 
     write_bag_tables(bag, output, form, topic, namespace=namespace, as_json=json)
+
+
+@app.command()
+def repair(
+    bag: Bag,
+    output: Annotated[Path, typer.Option("--output", "-o", help="the new bag; must not exist", metavar="DIR")],
+    json: Json = False,
+) -> None:
+    """Write what can be read of a bag as a new one: with index and metadata, in one file."""
+    from isf_cell.commands.bag import repair_bag
+
+    repair_bag(bag, output, as_json=json)

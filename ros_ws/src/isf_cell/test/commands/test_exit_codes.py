@@ -49,6 +49,7 @@ def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
         (("simulate", JOB, "--seed", "-1"), Exit.USAGE, "--seed"),
         (("springback", "compare", JOB, "--seed", "-1"), Exit.USAGE, "--seed"),
         (("report", "nowhere", "-o", "/proc/rep"), Exit.INPUT, "choose a writable"),
+        (("bag", "repair", "nowhere", "-o", "new"), Exit.ANALYSIS, "no such bag"),
         (("record", "-o", "bag", "-r", "tool_1/raw=left"), Exit.INPUT, "'tool_1/raw=left' is not FROM:=TO"),
         (("simulate",), Exit.USAGE, "JOB"),
         (("fly",), Exit.USAGE, "fly"),
