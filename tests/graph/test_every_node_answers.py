@@ -37,6 +37,7 @@ NODES = {
     "springback": "isf_springback",
     "load_cell": "isf_load_cell",
     "recorder": "isf_analysis",
+    "dashboard": "isf_dashboard",
     "executive": "isf_cell",
 }
 UP = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
@@ -89,7 +90,11 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     folder = tmp_path_factory.mktemp("cell")
     file = folder / "cell.yaml"
     file.write_text("calibration_matrix: [[2, 0.1, 0], [0, -3, 0], [0, 0.2, 4]]\nrange: 1000\n", encoding="utf-8")
-    options = {"load_cell": {"file": str(file)}, "recorder": {"output": str(folder / "bag")}}
+    options: dict[str, dict[str, object]] = {
+        "load_cell": {"file": str(file)},
+        "recorder": {"output": str(folder / "bag")},
+        "dashboard": {"port": 0},
+    }
     rclpy.init()
     with ProcessGroup(folder) as group:
         for name, package in NODES.items():

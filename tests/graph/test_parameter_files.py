@@ -25,6 +25,11 @@ NODES = {
     "springback": ("isf_springback.node", "SpringbackNode", "isf_springback.node.SpringbackParameters"),
     "load_cell": ("isf_load_cell.node", "LoadCellNode", "isf_load_cell.node.LoadCellParameters"),
     "recorder": ("isf_analysis.recorder_node", "RecorderNode", "isf_analysis.recorder_node.RecorderParameters"),
+    "dashboard": (
+        "isf_dashboard.dashboard_node",
+        "DashboardNode",
+        "isf_dashboard.dashboard_node.DashboardParameters",
+    ),
     "executive": ("isf_cell.executive_node", "ExecutiveNode", "isf_cell.executive_node.ExecutiveParameters"),
 }
 

@@ -21,6 +21,7 @@ NODES = {
     "isf_load_cell.node": "LoadCellNode",
     "isf_springback.node": "SpringbackNode",
     "isf_analysis.recorder_node": "RecorderNode",
+    "isf_dashboard.dashboard_node": "DashboardNode",
     "isf_cell.executive_node": "ExecutiveNode",
 }
 

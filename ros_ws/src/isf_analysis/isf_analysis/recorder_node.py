@@ -24,9 +24,8 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_ros import process, qos
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
+from isf_ros.polled import Polled, polled_subscription, taken
 from isf_ros.qos_match import best_effort, kept_apart, nothing_comes, taken_best_effort
-from rclpy.callback_groups import CallbackGroup
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -90,19 +89,6 @@ class RecorderParameters:
     )
     ring_after: float = parameter(5.0, "time after the last fault that belongs to the same bag", unit="s", minimum=0.0)
     ring_size: float = parameter(512.0, "memory of the ring; what is older goes", unit="MB", minimum=1.0)
-
-
-class _Polled(CallbackGroup):
-    """Keeps the executor from waking for a subscription."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        pass
 
 
 class RecorderNode(CellNode[RecorderParameters]):
@@ -169,7 +155,7 @@ class RecorderNode(CellNode[RecorderParameters]):
             self._faulty = set()
         else:
             self._recording = self._begin()
-        self._group = _Polled()
+        self._group = Polled()
         self._subscriptions_polled = [self._subscribe(topic, _profile(topic)) for topic in self._topics]
         self._delivery = self.create_timer(DELIVERY_PERIOD, self._check_delivery, clock=self.steady_clock)
         self._timer = self.create_timer(POLL_PERIOD, self._poll, clock=self.steady_clock)
@@ -227,15 +213,8 @@ class RecorderNode(CellNode[RecorderParameters]):
     # -- recording -------------------------------------------------------------------------------
 
     def _subscribe(self, topic: Topic, profile: QoSProfile) -> Any:
-        return self.create_subscription(
-            _message_class(topic.type),
-            topic.name,
-            _never,
-            profile,
-            callback_group=self._group,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # polled as the messages are
-            raw=True,
-        )
+        kind = _message_class(topic.type)
+        return polled_subscription(self, kind, topic.name, profile, self._group, raw=True)
 
     def _check_delivery(self) -> None:
         """Topics of which nothing comes since they are published best effort are taken so; others are reported once."""
@@ -292,14 +271,11 @@ class RecorderNode(CellNode[RecorderParameters]):
         """What has arrived, in the order of its receipt."""
         batch: list[Message] = []
         for number, (topic, subscription) in enumerate(zip(self._topics, self._subscriptions_polled, strict=True)):
-            handle, kind = subscription.handle, subscription.msg_type
-            with handle:
-                while (taken := handle.take_message(kind, True)) is not None:
-                    data, info = taken
-                    batch.append((number, info["received_timestamp"] or time.time_ns(), data))
-                    self._received[topic.name] += 1
-                    if topic.delivery in _COUNTED:
-                        self._count_gap(topic.name, info["publication_sequence_number"])
+            for data, info in taken(subscription):
+                batch.append((number, info["received_timestamp"] or time.time_ns(), data))
+                self._received[topic.name] += 1
+                if topic.delivery in _COUNTED:
+                    self._count_gap(topic.name, info["publication_sequence_number"])
         batch.sort(key=_received_at)
         return batch
 
@@ -406,10 +382,6 @@ def _profile(topic: Topic) -> QoSProfile:
 
 def _received_at(message: Message) -> int:
     return message[1]
-
-
-def _never(_: bytes) -> None:
-    """Callback of polled subscriptions; the executor never calls it."""
 
 
 def main() -> int:

@@ -171,6 +171,9 @@ def form(
             "--resume", help="go on with the part in this folder, at the contour that was not finished", metavar="RUN"
         ),
     ] = None,
+    dashboard: Annotated[
+        bool, typer.Option("--dashboard", help="serve a page for the browser while the part is formed")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Form a part through the ROS 2 node graph: five nodes and a recorder, each a process of its own."""
@@ -187,12 +190,12 @@ def form(
             "--output": output,
             "--real-time": real_time,
         }
-        resume_part(resume, given(context, asked), compare=compare, as_json=json)
+        resume_part(resume, given(context, asked), compare=compare, dashboard=dashboard, as_json=json)
         return
     if job is None:
         raise typer.BadParameter("name a job file, or --resume RUN", ctx=context, param_hint="JOB")
     options = RunOptions(correction, support_force, variant, seed, sheet_kind(sheet, "--sheet"))
-    form_part(job, options, output, compare=compare, lockstep=not real_time, as_json=json)
+    form_part(job, options, output, compare=compare, lockstep=not real_time, dashboard=dashboard, as_json=json)
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
@@ -259,6 +262,34 @@ def report(
     from isf_cell.commands.report import report_bag
 
     report_bag(bag, reference, output, export, namespace=namespace, as_json=json)
+
+
+@app.command()
+def dashboard(
+    run: Annotated[
+        Path | None,
+        typer.Argument(help="run or bag; none: the running cell of this ROS domain", metavar="RUN", show_default=False),
+    ] = None,
+    port: Annotated[int, typer.Option(help="port on this computer; 0: any that is free", min=0, max=65535)] = 8750,
+    token: Annotated[
+        str | None, typer.Option(help="of the address, to keep it the same  [default: a random one]", metavar="TEXT")
+    ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="also write time, pose and forces of a running cell as text of 12 columns", metavar="FILE"),
+    ] = None,
+    namespace: Annotated[
+        str | None, typer.Option("--namespace", help="cell, where there are several", metavar="NAME")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Show a running cell, with pause and stop, or a recorded part in the browser; until Ctrl-C."""
+    from isf_cell.commands.dashboard import show_cell, show_run
+
+    if run is None:
+        show_cell(port, token or "", log, namespace=namespace, as_json=json)
+    else:
+        show_run(run, port, token or "", log, namespace=namespace, as_json=json)
 
 
 @app.command()

@@ -142,6 +142,7 @@ class ErrorCode(IntEnum):
     BAG_UNREADABLE = 1601
     BAG_INCOMPLETE = 1602
     BAG_NOT_WRITABLE = 1603
+    PORT_UNAVAILABLE = 1610
 
     @property
     def owner(self) -> str:

@@ -196,14 +196,14 @@ def _so_far(target: HeightMap, opening: NDArray[np.int32], contours: list[Contou
         wanted = HeightMap(target.x, target.y, over_die - last.holder_height)
         return wanted, (opening > 0) & (over_die >= last.holder_height)
     with np.errstate(invalid="ignore"):
-        for label, level in _levels(target, opening, contours).items():
+        for label, level in levels_reached(target, opening, contours).items():
             reached = (height >= level) & (height <= 0.0) if level < 0.0 else (height <= level) & (height >= 0.0)
             formed |= (opening == label) & reached
     return target, formed
 
 
-def _levels(target: HeightMap, opening: NDArray[np.int32], contours: list[Contour]) -> dict[int, float]:
-    """m, height of the contact reached last in every feature, by the number of its opening."""
+def levels_reached(target: HeightMap, opening: NDArray[np.int32], contours: list[Contour]) -> dict[int, float]:
+    """m, height of the contact farthest from the flange in every feature, by the number of its ``opening`` (ny, nx)."""
     levels: dict[int, float] = {}
     for contour in contours:
         column = np.rint((contour.contact[:, 0] - target.x[0]) / (target.x[1] - target.x[0])).astype(np.intp)

@@ -12,6 +12,7 @@ from isf_core.files.job import JobFile, load_job
 from isf_msgs.action import FormPart
 
 from isf_cell.commands import resume, terminal
+from isf_cell.commands.dashboard import address_beside
 from isf_cell.commands.run_folder import make_folder, run_folder
 from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.processes.reference_run import ReferenceRun
@@ -20,17 +21,26 @@ from isf_cell.run.part_step import PartStep
 
 
 def form_part(
-    job: Path, options: RunOptions, output: Path | None, *, compare: bool, lockstep: bool, as_json: bool
+    job: Path,
+    options: RunOptions,
+    output: Path | None,
+    *,
+    compare: bool,
+    lockstep: bool,
+    dashboard: bool = False,
+    as_json: bool,
 ) -> None:
     """Form ``job`` with a cell of its own; raises IsfError when the part does not complete."""
     job_file = load_job(job)
     options.check(job_file)
     with run_folder(output, job_file.job.name) as folder, resume.alone(folder):
         resume.Request(job, lockstep).write(folder)
-        _form(job_file, options, folder, job if compare else None, lockstep=lockstep, as_json=as_json, goes_on=False)
+        port = address_beside() if dashboard else None
+        shown = job if compare else None
+        _form(job_file, options, folder, shown, lockstep=lockstep, port=port, as_json=as_json, goes_on=False)
 
 
-def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, as_json: bool) -> None:
+def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, dashboard: bool = False, as_json: bool) -> None:
     """Form the rest of the part in the folder ``run``; ``given``: options of the command line by their names.
 
     Raises IsfError as :func:`isf_cell.commands.resume.resumed`, BUSY, and when the part does not complete.
@@ -46,7 +56,8 @@ def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, as_json: 
         if compare and job is None and checkpoint.correction != UNCORRECTED:
             terminal.say("the job file is gone or another one by now: the uncorrected part is left out")
         job_file, options = checkpoint.job_file, checkpoint.options
-        _form(job_file, options, folder, job, lockstep=found.lockstep, as_json=as_json, goes_on=True)
+        port = address_beside() if dashboard else None
+        _form(job_file, options, folder, job, lockstep=found.lockstep, port=port, as_json=as_json, goes_on=True)
 
 
 def _form(
@@ -56,6 +67,7 @@ def _form(
     compared: Path | None,
     *,
     lockstep: bool,
+    port: int | None,
     as_json: bool,
     goes_on: bool,
 ) -> None:
@@ -82,7 +94,9 @@ def _form(
             )
 
         try:
-            result, failure = graph_run.form(job_file, options, folder, show, lockstep=lockstep, resume=goes_on)
+            result, failure = graph_run.form(
+                job_file, options, folder, show, lockstep=lockstep, resume=goes_on, dashboard_port=port
+            )
         except IsfError as error:
             raise resume.with_advice(error, folder) from error
         if failure is not None:

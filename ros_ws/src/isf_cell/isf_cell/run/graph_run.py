@@ -204,12 +204,14 @@ def form(
     *,
     lockstep: bool = True,
     resume: bool = False,
+    dashboard_port: int | None = None,
 ) -> tuple[Any, IsfError | None]:
     """Form one part with a cell of its own; returns the action's result and its failure, if any.
 
     ``folder`` receives ``bag``, ``logs`` and ``checkpoint``; with ``resume`` the part of its checkpoint goes on, in a
-    bag beside the first. All processes are ended before this returns. A part that was formed while its recorder ended
-    or could not write has the failure BAG_INCOMPLETE.
+    bag beside the first. ``dashboard_port``: of a page beside the run; its token is in the environment
+    (:data:`isf_dashboard.server.TOKEN_VARIABLE`). All processes are ended before this returns. A part that was formed
+    while its recorder ended or could not write has the failure BAG_INCOMPLETE.
     """
     bag, logs = folder / "bag", folder / "logs"
     if resume:
@@ -218,6 +220,8 @@ def form(
     client = CellClient()
     try:
         with ProcessGroup(logs) as group:
+            if dashboard_port is not None:
+                group.start("isf_dashboard", "dashboard", {"port": dashboard_port}, outlives=True)
             start_cell(group, bag, lockstep=lockstep, job_file=job_file, checkpoint=folder / CHECKPOINT)
             client.wait_ready(group)
             result = client.form(job_file, options, feedback, group, resume=resume)

@@ -1,0 +1,413 @@
+"""Node ``dashboard``: hears a cell and serves the page; passes pause and stop on to the nodes that carry them out.
+
+Subscriptions are polled 20 times a second. Of streams the middleware keeps the newest message alone, best effort: what
+the page does not show is never taken apart, and a page cannot hold up the cell.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_analysis.measures import scan_cloud
+from isf_analysis.measures.events import HARMLESS, event_of_message
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.types import Array
+from isf_msgs.action import FormPart
+from isf_msgs.msg import (
+    Contour,
+    ContourCorrection,
+    ContourResult,
+    ForceCtrlState,
+    JobInfo,
+    MachineEvent,
+    MachineState,
+)
+from isf_msgs.srv import Stop
+from isf_ros import process, qos, stamps
+from isf_ros.conversion import (
+    contour_from_message,
+    correction_from_message,
+    height_map_from_message,
+    result_from_message,
+    tip_of,
+    wrench_array,
+)
+from isf_ros.lifecycle import CellNode, failure
+from isf_ros.parameters import parameter
+from isf_ros.polled import Polled, polled_subscription, taken
+from nav_msgs.msg import Path as PathMessage
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import SetBool, Trigger
+
+from isf_dashboard.cell_status import CellStatus, NodeStatus
+from isf_dashboard.history import COLUMNS, History
+from isf_dashboard.part_feed import MM, Job, PartFeed
+from isf_dashboard.server import DEFAULT_PORT, RATE, TOKEN_VARIABLE, DashboardServer, Site
+from isf_dashboard.text_log import LogFile
+
+STATUS_PERIOD = 0.25
+"""s between two looks at what holds now."""
+
+ANSWER, TRIES = 2.0, 3
+"""s for an answer to a command, and how often it is asked: a middleware may drop an answer, and asking for a stop twice
+does no harm."""
+
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Of streams."""
+
+EMERGENCY = "press the emergency stop of the machine"
+
+
+@dataclass(frozen=True)
+class DashboardParameters:
+    """Parameters of the dashboard."""
+
+    port: int = parameter(
+        DEFAULT_PORT, "port of the page on this computer; 0: any that is free", minimum=0, maximum=65535
+    )
+    log: str = parameter("", "text file of 12 columns that is written, a row per update; must not exist; empty: none")
+
+
+@dataclass
+class _Topic:
+    """A topic, what is done with its messages, and what the page tells of its rate."""
+
+    name: str
+    subscription: Any
+    take: Callable[[float, Any], None]
+    number: int | None = None
+    since: float = 0.0
+    rate: float | None = None
+
+    def poll(self, now: float) -> None:
+        """Take what came."""
+        number = None
+        for message, info in taken(self.subscription):
+            number = info["publication_sequence_number"]
+            self.take(now, message)
+        if number is None:
+            if now - self.since > 2.0:
+                self.number, self.rate = None, None
+            return
+        if self.number is None:
+            self.number, self.since = number, now
+        elif now - self.since >= 1.0:
+            self.rate = (number - self.number) / (now - self.since)
+            self.number, self.since = number, now
+
+
+@dataclass
+class _Newest:
+    """What was heard last of tools and force control, and when (s; -inf: never)."""
+
+    row: Array = field(default_factory=lambda: np.full(len(COLUMNS), np.nan))
+    heard: float = -np.inf
+
+
+class DashboardNode(CellNode[DashboardParameters]):
+    """Serves while active."""
+
+    def __init__(self) -> None:
+        super().__init__("dashboard", DashboardParameters, autostart=True)
+        self._server: DashboardServer | None = None
+        self._log: LogFile | None = None
+        self._began = time.monotonic()
+
+    def configure(self) -> None:
+        self._history = History("live")
+        self._feed = PartFeed(self._history)
+        self._status = CellStatus()
+        self._newest = _Newest()
+        self._target: Any = None
+        self._status_due = 0.0
+        self._stop_machine = self.create_client(Stop, "machine/stop")
+        self._stop_force_control = self.create_client(Trigger, "force_ctrl/stop")
+        self._pause = self.create_client(SetBool, "executive/pause")
+
+    def activate(self) -> None:
+        values = self.values()
+        commands = {"stop": self._on_stop, "pause": self._on_pause, "resume": self._on_resume}
+        server = DashboardServer(Site(self._history, commands), values.port, os.environ.get(TOKEN_VARIABLE, ""))
+        try:
+            self._log = LogFile(Path(values.log).absolute()) if values.log else None
+        except IsfError:
+            server.stop()
+            raise
+        self._group = Polled()
+        self._topics = self._subscriptions_of_the_cell()
+        self._timer = self.create_timer(1.0 / RATE, self._poll, clock=self.steady_clock)
+        server.start()
+        self._server = server
+        if TOKEN_VARIABLE not in os.environ:  # else who started it has told it; to the terminal alone, not to the graph
+            print(f"dashboard  {server.url}", flush=True)
+
+    def deactivate(self) -> None:
+        self.close()
+        self.destroy_timer(self._timer)
+        for topic in self._topics:
+            self.destroy_subscription(topic.subscription)
+        self._topics = []
+
+    def close(self) -> None:
+        if self._server is not None:
+            self._server.stop()
+            self._server = None
+        if self._log is not None:
+            try:
+                self._log.close()
+            except IsfError as error:
+                print(error, file=sys.stderr)
+            self._log = None
+
+    def health_values(self) -> dict[str, object]:
+        return {"browsers": self._server.browsers if self._server is not None else 0}
+
+    # -- what is heard -------------------------------------------------------------------------------
+
+    def _subscriptions_of_the_cell(self) -> list[_Topic]:
+        """In the order in which they are to be taken: a job before its contours."""
+        several = lambda profile: QoSProfile(  # noqa: E731 - a look apart, several may come
+            depth=100, reliability=profile.reliability, durability=profile.durability
+        )
+        table: list[tuple[Any, str, QoSProfile, Callable[[float, Any], None]]] = [
+            (PointCloud2, "part/target", qos.LATCHED, self._on_target),
+            (JobInfo, "part/info", qos.LATCHED, self._on_job),
+            (PathMessage, "tool_1/path", qos.LATCHED, lambda now, message: self._on_path(now, 1, message)),
+            (PathMessage, "tool_2/path", qos.LATCHED, lambda now, message: self._on_path(now, 2, message)),
+            (Contour, "contour/nominal", several(qos.LATCHED), self._on_nominal),
+            (ContourCorrection, "contour/correction", several(qos.EVENT), self._on_correction),
+            (ContourResult, "contour/result", several(qos.EVENT), self._on_result),
+            (PointCloud2, "scan", several(qos.LATCHED), self._on_scan),
+            (MachineEvent, "machine/event", several(qos.EVENT), self._on_event),
+            (MachineState, "machine/state", NEWEST, self._on_machine_state),
+            (ForceCtrlState, "force_ctrl/state", NEWEST, self._on_force_state),
+            (WrenchStamped, "tool_1/wrench", NEWEST, lambda now, message: self._on_wrench(now, 1, message)),
+            (WrenchStamped, "tool_2/wrench", NEWEST, lambda now, message: self._on_wrench(now, 2, message)),
+            (PoseStamped, "tool_1/pose", NEWEST, lambda now, message: self._on_pose(now, 1, message)),
+            (PoseStamped, "tool_2/pose", NEWEST, lambda now, message: self._on_pose(now, 2, message)),
+            (DiagnosticArray, "/diagnostics", several(qos.EVENT), self._on_diagnostics),
+            (FormPart.Impl.FeedbackMessage, "form_part/_action/feedback", several(qos.EVENT), self._on_feedback),
+        ]
+        return [
+            _Topic(name, polled_subscription(self, kind, name, profile, self._group), self.guard(take, f"topic {name}"))
+            for kind, name, profile, take in table
+        ]
+
+    def _poll(self) -> None:
+        now = time.monotonic() - self._began
+        for topic in self._topics:
+            topic.poll(now)
+        if now - self._newest.heard < 1.0:
+            row = self._newest.row
+            row[0] = now
+            self._history.sample(row)
+            if self._log is not None:
+                self._write_log(self._log, row)
+        if now >= self._status_due:
+            self._status_due = now + STATUS_PERIOD
+            self._tell_status(now)
+
+    def _write_log(self, log: LogFile, row: Any) -> None:
+        try:
+            log.add(row)
+        except IsfError as error:  # the disk is full: the page goes on
+            self._log = None
+            self.report(error)
+
+    def _on_target(self, now: float, message: PointCloud2) -> None:
+        try:
+            self._target = height_map_from_message(message)
+        except ValueError as error:
+            self._feed.fault(now, "part/target", int(ErrorCode.BAG_INCOMPLETE), str(error))
+            return
+        self._feed.target(now, self._target)
+
+    def _on_job(self, now: float, message: JobInfo) -> None:
+        job = Job(
+            message.job_name,
+            message.job_text,
+            message.plan_id,
+            message.process,
+            message.correction,
+            message.support_force,
+            message.world,
+            message.lockstep,
+            message.software,
+            message.base_folder,
+            message.first_index,
+            stamps.to_seconds(message.header.stamp),
+        )
+        self._feed.job(now, job)
+
+    def _on_path(self, now: float, tool: int, message: PathMessage) -> None:
+        tips = np.array([tip_of(pose) for pose in message.poses], dtype=np.float64).reshape(-1, 3)
+        self._feed.path(now, tool, tips)
+
+    def _on_nominal(self, now: float, message: Contour) -> None:
+        self._feed.nominal(now, contour_from_message(message))
+
+    def _on_correction(self, now: float, message: ContourCorrection) -> None:
+        self._feed.correction(now, correction_from_message(message))
+
+    def _on_result(self, now: float, message: ContourResult) -> None:
+        self._feed.result(now, result_from_message(message))
+
+    def _on_scan(self, now: float, message: PointCloud2) -> None:
+        try:
+            points, shape = scan_cloud.points_of(message), scan_cloud.height_map_of(message, self._target)
+        except IsfError as error:
+            self._feed.fault(now, "scan", int(error.code), error.message)
+            return
+        self._feed.scan(now, points, shape)
+
+    def _on_event(self, now: float, message: MachineEvent) -> None:
+        event = event_of_message(message)
+        self._feed.event(now, event, harmless=event.kind in HARMLESS)
+
+    def _on_machine_state(self, now: float, message: MachineState) -> None:
+        self._newest.heard = now
+        faults = list(zip(message.fault_codes, message.fault_messages, strict=False))
+        self._status.machine(int(message.mode), faults, tared=message.tared, limits=int(message.limits))
+        for code, text in faults:
+            self._feed.fault(now, f"machine fault {code}", int(code), text)
+        if not faults:
+            self._feed.well("machine fault")
+
+    def _on_force_state(self, now: float, message: ForceCtrlState) -> None:
+        self._newest.heard = now
+        values = {
+            "set_point": message.set_point,
+            "normal_force": message.normal_force_filtered,
+            "feed": MM * message.feed,
+            "contour": message.index,
+            "mode": message.mode,
+            "flags": message.flags,
+        }
+        for name, value in values.items():
+            self._newest.row[COLUMNS.index(name)] = value
+
+    def _on_wrench(self, now: float, tool: int, message: WrenchStamped) -> None:
+        self._newest.heard = now
+        first = COLUMNS.index(f"fx{tool}")
+        self._newest.row[first : first + 3] = wrench_array(message)[:3]
+
+    def _on_pose(self, now: float, tool: int, message: PoseStamped) -> None:
+        self._newest.heard = now
+        first = COLUMNS.index(f"x{tool}")
+        self._newest.row[first : first + 3] = MM * np.array(tip_of(message))
+        first = COLUMNS.index(f"phi{tool}")
+        self._newest.row[first : first + 3] = _angles(message.pose.orientation)
+
+    def _on_diagnostics(self, now: float, message: DiagnosticArray) -> None:
+        own = self.get_namespace().rstrip("/") + "/"
+        for status in message.status:
+            name = status.name.removeprefix(own)
+            if not status.name.startswith(own) or name == self.get_name():
+                continue
+            values = {item.key: item.value for item in status.values}
+            level = int.from_bytes(status.level, "little") if isinstance(status.level, bytes) else int(status.level)
+            self._status.node(now, name, NodeStatus(level, values.pop("state", ""), status.message, values))
+            if level >= 2:
+                self._feed.fault(now, name, int(ErrorCode.INTERNAL), status.message)
+            else:
+                self._feed.well(name)
+
+    def _on_feedback(self, now: float, message: Any) -> None:
+        self._status.phase = message.feedback.phase
+
+    def _tell_status(self, now: float) -> None:
+        if self._log is not None:
+            self._log.flush()
+        ready = {
+            "stop": self._stop_machine.service_is_ready() or self._stop_force_control.service_is_ready(),
+            "pause": self._pause.service_is_ready(),
+        }
+        rates = {topic.name: topic.rate for topic in self._topics if topic.rate is not None}
+        self._history.set_status(self._status.told(now, ready, rates, heard=now - self._newest.heard < 2.0))
+
+    # -- what is asked for (thread of the server) ----------------------------------------------------
+
+    async def _on_stop(self) -> str:
+        """Protective stop of the machine, and hold of force control, both at once: either one stops the tools."""
+        asked = {
+            "machine": self._asked(self._stop_machine, Stop.Request(reason="stopped at the dashboard")),
+            "force_ctrl": self._asked(self._stop_force_control, Trigger.Request()),
+        }
+        answers = await asyncio.gather(*asked.values(), return_exceptions=True)
+        done, failed = [], []
+        for name, answer in zip(asked, answers, strict=True):
+            if isinstance(answer, BaseException):
+                failed.append(f"{name}: {answer}")
+            elif getattr(answer, "code", 0) or not getattr(answer, "success", True):
+                failed.append(f"{name}: {failure(getattr(answer, 'code', 0) or 1, answer.message)}")
+            else:
+                done.append(name)
+        if not done:
+            raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"nobody has stopped: {'; '.join(failed)}", advice=EMERGENCY)
+        words = {"machine": "protective stop of the machine", "force_ctrl": "force control holds"}
+        text = ", ".join(words[name] for name in done)
+        return f"Stopped: {text}" + (f" ({'; '.join(failed)})" if failed else "")
+
+    async def _on_pause(self) -> str:
+        return await self._set_pause(wanted=True)
+
+    async def _on_resume(self) -> str:
+        return await self._set_pause(wanted=False)
+
+    async def _set_pause(self, *, wanted: bool) -> str:
+        answer = await self._asked(self._pause, SetBool.Request(data=wanted))
+        if not answer.success:
+            raise IsfError(ErrorCode.NOT_ARMED, answer.message, where="executive", advice="form a part first")
+        return str(answer.message)
+
+    async def _asked(self, client: Any, request: Any) -> Any:
+        """Answer of a service; raises IsfError NODE_MISSING, SERVICE_TIMEOUT."""
+        name = client.srv_name
+        if not client.service_is_ready():
+            raise IsfError(ErrorCode.NODE_MISSING, f"nobody serves {name}", advice="start the node, or bring it up")
+        loop, answered = asyncio.get_running_loop(), asyncio.Event()
+        asked = []
+        for _ in range(TRIES):
+            asked.append(client.call_async(request))
+            asked[-1].add_done_callback(lambda _: loop.call_soon_threadsafe(answered.set))
+            try:
+                await asyncio.wait_for(answered.wait(), ANSWER)
+            except TimeoutError:
+                continue
+            break
+        for future in asked:
+            if future.done():
+                return future.result()
+            future.cancel()
+        raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"no answer of {name} within {ANSWER * TRIES:g} s")
+
+
+def _angles(turned: Any) -> Array:
+    """(3,) deg about x, y and z (Rz Ry Rx, Torrao 2013, eq. 4.22) of a quaternion; NaN for one of no length."""
+    try:
+        return np.asarray(Rotation.from_quat([turned.x, turned.y, turned.z, turned.w]).as_euler("ZYX", degrees=True))[
+            ::-1
+        ]
+    except ValueError:
+        return np.full(3, np.nan)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run isf_dashboard dashboard``."""
+    sys.exit(process.run(DashboardNode, args))
+
+
+if __name__ == "__main__":
+    main()

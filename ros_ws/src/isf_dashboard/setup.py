@@ -1,0 +1,29 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = "isf_dashboard"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["py.typed", "page/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+        (f"share/{package_name}/config", glob("config/*.yaml")),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    zip_safe=False,
+    maintainer="ISF cell maintainers",
+    maintainer_email="maintainers@isf-cell.invalid",
+    description="A page in the browser for a running cell or a recorded part, with pause and stop.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "dashboard = isf_dashboard.dashboard_node:main",
+        ],
+    },
+)
