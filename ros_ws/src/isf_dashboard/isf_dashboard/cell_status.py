@@ -77,8 +77,8 @@ class CellStatus:
             )
         executive = self._nodes.get("executive")
         alive = executive is not None and time - executive[0] <= SILENT
-        values = executive[1].values if executive is not None and alive else {}
-        busy, paused = values.get("busy") == "True", values.get("paused") == "True"
+        says = executive[1].values if executive is not None and alive else {}
+        busy, paused = says.get("busy") == "True", says.get("paused") == "True"
         return {
             "recorded": False,
             "heard": heard,

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -178,27 +179,24 @@ class DashboardNode(CellNode[DashboardParameters]):
 
     def _subscriptions_of_the_cell(self) -> list[_Topic]:
         """In the order in which they are to be taken: a job before its contours."""
-        several = lambda profile: QoSProfile(  # noqa: E731 - a look apart, several may come
-            depth=100, reliability=profile.reliability, durability=profile.durability
-        )
         table: list[tuple[Any, str, QoSProfile, Callable[[float, Any], None]]] = [
             (PointCloud2, "part/target", qos.LATCHED, self._on_target),
             (JobInfo, "part/info", qos.LATCHED, self._on_job),
-            (PathMessage, "tool_1/path", qos.LATCHED, lambda now, message: self._on_path(now, 1, message)),
-            (PathMessage, "tool_2/path", qos.LATCHED, lambda now, message: self._on_path(now, 2, message)),
-            (Contour, "contour/nominal", several(qos.LATCHED), self._on_nominal),
-            (ContourCorrection, "contour/correction", several(qos.EVENT), self._on_correction),
-            (ContourResult, "contour/result", several(qos.EVENT), self._on_result),
-            (PointCloud2, "scan", several(qos.LATCHED), self._on_scan),
-            (MachineEvent, "machine/event", several(qos.EVENT), self._on_event),
+            (PathMessage, "tool_1/path", qos.LATCHED, partial(self._on_path, 1)),
+            (PathMessage, "tool_2/path", qos.LATCHED, partial(self._on_path, 2)),
+            (Contour, "contour/nominal", _several(qos.LATCHED), self._on_nominal),
+            (ContourCorrection, "contour/correction", _several(qos.EVENT), self._on_correction),
+            (ContourResult, "contour/result", _several(qos.EVENT), self._on_result),
+            (PointCloud2, "scan", _several(qos.LATCHED), self._on_scan),
+            (MachineEvent, "machine/event", _several(qos.EVENT), self._on_event),
             (MachineState, "machine/state", NEWEST, self._on_machine_state),
             (ForceCtrlState, "force_ctrl/state", NEWEST, self._on_force_state),
-            (WrenchStamped, "tool_1/wrench", NEWEST, lambda now, message: self._on_wrench(now, 1, message)),
-            (WrenchStamped, "tool_2/wrench", NEWEST, lambda now, message: self._on_wrench(now, 2, message)),
-            (PoseStamped, "tool_1/pose", NEWEST, lambda now, message: self._on_pose(now, 1, message)),
-            (PoseStamped, "tool_2/pose", NEWEST, lambda now, message: self._on_pose(now, 2, message)),
-            (DiagnosticArray, "/diagnostics", several(qos.EVENT), self._on_diagnostics),
-            (FormPart.Impl.FeedbackMessage, "form_part/_action/feedback", several(qos.EVENT), self._on_feedback),
+            (WrenchStamped, "tool_1/wrench", NEWEST, partial(self._on_wrench, 1)),
+            (WrenchStamped, "tool_2/wrench", NEWEST, partial(self._on_wrench, 2)),
+            (PoseStamped, "tool_1/pose", NEWEST, partial(self._on_pose, 1)),
+            (PoseStamped, "tool_2/pose", NEWEST, partial(self._on_pose, 2)),
+            (DiagnosticArray, "/diagnostics", _several(qos.EVENT), self._on_diagnostics),
+            (FormPart.Impl.FeedbackMessage, "form_part/_action/feedback", _several(qos.EVENT), self._on_feedback),
         ]
         return [
             _Topic(name, polled_subscription(self, kind, name, profile, self._group), self.guard(take, f"topic {name}"))
@@ -251,7 +249,7 @@ class DashboardNode(CellNode[DashboardParameters]):
         )
         self._feed.job(now, job)
 
-    def _on_path(self, now: float, tool: int, message: PathMessage) -> None:
+    def _on_path(self, tool: int, now: float, message: PathMessage) -> None:
         tips = np.array([tip_of(pose) for pose in message.poses], dtype=np.float64).reshape(-1, 3)
         self._feed.path(now, tool, tips)
 
@@ -298,12 +296,12 @@ class DashboardNode(CellNode[DashboardParameters]):
         for name, value in values.items():
             self._newest.row[COLUMNS.index(name)] = value
 
-    def _on_wrench(self, now: float, tool: int, message: WrenchStamped) -> None:
+    def _on_wrench(self, tool: int, now: float, message: WrenchStamped) -> None:
         self._newest.heard = now
         first = COLUMNS.index(f"fx{tool}")
         self._newest.row[first : first + 3] = wrench_array(message)[:3]
 
-    def _on_pose(self, now: float, tool: int, message: PoseStamped) -> None:
+    def _on_pose(self, tool: int, now: float, message: PoseStamped) -> None:
         self._newest.heard = now
         first = COLUMNS.index(f"x{tool}")
         self._newest.row[first : first + 3] = MM * np.array(tip_of(message))
@@ -392,6 +390,11 @@ class DashboardNode(CellNode[DashboardParameters]):
                 return future.result()
             future.cancel()
         raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"no answer of {name} within {ANSWER * TRIES:g} s")
+
+
+def _several(profile: QoSProfile) -> QoSProfile:
+    """``profile`` for more messages than one between two looks."""
+    return QoSProfile(depth=100, reliability=profile.reliability, durability=profile.durability)
 
 
 def _angles(turned: Any) -> Array:

@@ -185,7 +185,7 @@ class PartFeed:
             time,
             final=final,
             after=self._ended,
-            deviation=MM * self._thinned(error.z),
+            deviation=MM * error.z[self._window],
             largest=MM * float(np.abs(values).max()),
             mean=MM * float(np.abs(values).mean()),
         )
@@ -241,9 +241,6 @@ class PartFeed:
         reached = levels_reached(target, opening, [contour])
         return {str(label): MM * (level + flange) for label, level in reached.items()}
 
-    def _thinned(self, z: Array) -> Array:
-        return z[self._window]
-
     def _tell_target(self, time: float, target: HeightMap) -> None:
         assert self._opening is not None
         labels = np.asarray(np.clip(self._opening, 0, 255), dtype=np.uint8)
@@ -252,8 +249,8 @@ class PartFeed:
             time,
             x=MM * target.x[self._window[1]],
             y=MM * target.y[self._window[0]],
-            z=MM * self._thinned(target.z),
-            opening=self._thinned(labels),
+            z=MM * target.z[self._window],
+            opening=labels[self._window],
             flange=MM * flange_level(target),
         )
 
