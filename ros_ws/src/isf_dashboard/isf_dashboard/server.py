@@ -19,6 +19,7 @@ import threading
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from http.client import responses
 from importlib import resources
 from typing import Any
 
@@ -217,16 +218,16 @@ class _Handler(web.RequestHandler):
         self.set_header("X-Frame-Options", "DENY")
 
     def write_error(self, status_code: int, **_: Any) -> None:
-        self.finish(f"{status_code} {self._reason}\n")
+        self.finish(f"{status_code} {responses.get(status_code, '')}\n")
 
 
 class _Nothing(_Handler):
     """What is not there."""
 
     def prepare(self) -> None:
-        super().prepare()
-        if not self._finished:
+        if self.gate.refusal(self) is None:
             raise web.HTTPError(404)
+        super().prepare()
 
 
 class _Page(_Handler):
