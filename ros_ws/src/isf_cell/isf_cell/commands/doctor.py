@@ -29,6 +29,7 @@ EXECUTABLES = (
     ("isf_cell", "executive"),
     ("isf_cell", "isf"),
     ("isf_analysis", "recorder"),
+    ("isf_dashboard", "dashboard"),
 )
 """Everything that the packages install, by package; a test compares it with their set-up files."""
 
@@ -44,6 +45,7 @@ LIBRARIES = (
     "rosbags",
     "matplotlib",
     "rich",
+    "tornado",
 )
 
 
