@@ -1,5 +1,5 @@
 # colcon build of ros_ws, quiet; its output goes to .isf/log/build.log. The packages in Python come first: their kernels
-# are compiled while the messages are.
+# are compiled while the messages are. The wheels have no tf2: where ROS comes from them its one message is built too.
 
 build_workspace() {
   local log=$isf_state/log/build.log unfinished=$isf_state/build.unfinished
@@ -11,7 +11,7 @@ build_workspace() {
   fi
   : >"$unfinished"
   build_kind >"$isf_state/build.kind"
-  if ! python_packages >"$log" 2>&1 </dev/null || ! (colcon_build --packages-select isf_msgs) >>"$log" 2>&1 </dev/null; then
+  if ! python_packages >"$log" 2>&1 </dev/null || ! message_packages >>"$log" 2>&1 </dev/null; then
     show_end "$log"
     fail "the ROS workspace does not build (all output is in $log)." \
       "The end of the log above names the package and file. After mending it run the same command again."
@@ -21,6 +21,14 @@ build_workspace() {
 
 python_packages() {
   (colcon_build --packages-ignore isf_msgs) && write_environment && start_warm_up
+}
+
+message_packages() {
+  if [ "$isf_kind" = wheels ]; then
+    (colcon_build --base-paths . "$ISF_ROOT/scripts/setup/tf2_msgs" --packages-select isf_msgs tf2_msgs)
+  else
+    (colcon_build --packages-select isf_msgs)
+  fi
 }
 
 build_kind() {

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -13,7 +11,6 @@ import forked_process
 import numpy as np
 import pytest
 import rclpy
-import tf2_messages
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from isf_load_cell.node import LoadCellNode
@@ -96,15 +93,7 @@ def test_the_weight_is_taken_out_by_the_message_of_a_driver(bench: Bench, tmp_pa
     assert bench.wait(lambda: bench.shows(reading(ABOUT_Y, bench.tick), DiagnosticStatus.OK, "ok"))
 
 
-@pytest.fixture(scope="module")
-def tf2(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Processes started meanwhile find tf2_msgs."""
-    prefix = None if tf2_messages.installed() else tf2_messages.build(tmp_path_factory.mktemp("tf2"))
-    with patch.dict(os.environ, tf2_messages.with_tf2(prefix)):
-        yield
-
-
-def test_the_weight_is_taken_out_by_the_frames_of_a_robot(bench: Bench, tmp_path: Path, tf2: None) -> None:  # noqa: F811
+def test_the_weight_is_taken_out_by_the_frames_of_a_robot(bench: Bench, tmp_path: Path) -> None:  # noqa: F811
     """Robot in one process, load cell in another: world - sheet, world - base - wrist - flange."""
     angle = bench.node.create_publisher(Float64, "angle", qos.LATCHED)
     options: dict[str, Any] = {"autostart": True, "tare_readings": 10, "timeout": 4.0, "with_pose": True}
