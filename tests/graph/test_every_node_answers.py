@@ -38,6 +38,7 @@ NODES = {
     "load_cell": "isf_load_cell",
     "recorder": "isf_analysis",
     "dashboard": "isf_dashboard",
+    "cell_state_publisher": "isf_description",
     "executive": "isf_cell",
 }
 UP = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)

@@ -30,6 +30,11 @@ NODES = {
         "DashboardNode",
         "isf_dashboard.dashboard_node.DashboardParameters",
     ),
+    "cell_state_publisher": (
+        "isf_description.node",
+        "CellStateNode",
+        "isf_description.node.CellStateParameters",
+    ),
     "executive": ("isf_cell.executive_node", "ExecutiveNode", "isf_cell.executive_node.ExecutiveParameters"),
 }
 

@@ -22,6 +22,7 @@ NODES = {
     "isf_springback.node": "SpringbackNode",
     "isf_analysis.recorder_node": "RecorderNode",
     "isf_dashboard.dashboard_node": "DashboardNode",
+    "isf_description.node": "CellStateNode",
     "isf_cell.executive_node": "ExecutiveNode",
 }
 

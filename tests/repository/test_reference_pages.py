@@ -26,7 +26,7 @@ def test_tables_of_fields_are_in_step(path: Path) -> None:
 
 def test_parameter_files_are_in_step() -> None:
     files = TABLES["parameter_files"]()
-    assert len(files) == 8
+    assert len(files) == 9
     for path, text in files.items():
         assert path.read_text(encoding="utf-8") == text, "run ./isf python scripts/field_tables.py"
         assert 'glob("config/*.yaml")' in (path.parents[1] / "setup.py").read_text(encoding="utf-8")

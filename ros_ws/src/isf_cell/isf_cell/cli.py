@@ -133,6 +133,21 @@ def part(
 
 
 @app.command()
+def describe(
+    name: Annotated[str, typer.Argument(help="rig (name or file), or job file", metavar="RIG|JOB", show_default=False)],
+    prefix: Annotated[str, typer.Option(help="before every name in the file, such as left_")] = "",
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="URDF file  [default: NAME.urdf]", metavar="FILE")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Describe a cell as URDF: table, clamp, axes, tools and load cells, with limits and masses."""
+    from isf_cell.commands.describe import describe_cell
+
+    describe_cell(name, prefix, output, as_json=json)
+
+
+@app.command()
 def simulate(
     job: Job,
     correction: Correction = None,

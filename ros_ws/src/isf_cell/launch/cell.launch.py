@@ -1,33 +1,94 @@
-"""The whole cell: simulated machine, planner, springback, force control, executive and, if asked for, the recorder.
+"""The whole cell: simulated machine or driver, planner, springback, force control, executive, and what looks at them.
 
-    ros2 launch isf_cell cell.launch.py job:=examples/jobs/ren_cone.yaml record:=runs/cone
+    ros2 launch isf_cell cell.launch.py job:=examples/jobs/ren_cone.yaml record:=runs/cone rviz:=true
     ros2 launch isf_cell cell.launch.py machine:=false lockstep:=false
 
 The executive brings the other nodes up when a part is asked for (action ``form_part``). With ``job`` that request is
 sent at once; without it the cell waits. For a real machine start with ``machine:=false`` beside the cell's own driver.
+``ros2 launch isf_cell cell.launch.py --show-args`` lists the arguments.
 
-Each cell of several is a ``namespace`` with its own /clock; /diagnostics is shared, its messages carry full names.
+Each cell of several is a ``namespace`` with its own /clock, /tf and /tf_static; /diagnostics is shared, its messages
+carry full names. Which nodes there are stands in ``isf_cell.processes.cell_nodes``.
 """
 
+import json
 import math
 import os
+import subprocess
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import yaml
+from isf_cell.processes import cell_nodes
 from launch import LaunchContext, LaunchDescription
 from launch.action import Action
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo, OpaqueFunction, SetEnvironmentVariable
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
-
-CLOCK = [("/clock", "clock")]
-"""A machine in lockstep owns the time of its own cell: two of them must not publish on one topic."""
+from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 MIDDLEWARE_FILE = ("config", "fastdds.xml")
+RVIZ_FILE = ("layouts", "cell.rviz")
+RESPAWN_DELAY = 2.0  # s, so that a node which cannot start does not fill the log
+
+YES, NO = "true", "false"
+ARGUMENTS: dict[str, dict[str, Any]] = {
+    "job": {"default_value": "", "description": "job file to form at once; empty: wait for form_part"},
+    "rig": {"default_value": "", "description": "rig (name or path) that is shown, and has load cells, without a job"},
+    "namespace": {"default_value": "", "description": "namespace of the cell"},
+    "machine": {
+        "default_value": YES,
+        "choices": [YES, NO],
+        "description": "start the simulated machine; false: a driver is there",
+    },
+    "lockstep": {
+        "default_value": YES,
+        "choices": [YES, NO],
+        "description": "machine and force control step together, as fast as they can; false: by the clock",
+    },
+    "nodes": {"default_value": "", "description": "start only these, with spaces between; empty: all"},
+    "params_file": {
+        "default_value": PathJoinSubstitution([FindPackageShare("isf_cell"), "config", "cell.yaml"]),
+        "description": "parameters of all nodes",
+    },
+    "log_level": {
+        "default_value": "info",
+        "choices": ["debug", "info", "warn", "error", "fatal"],
+        "description": "from which on nodes write to their log",
+    },
+    "use_sim_time": {
+        "default_value": "auto",
+        "choices": ["auto", YES, NO],
+        "description": "clock of the nodes is that of the machine; auto: in lockstep that of what shows the cell",
+    },
+    "load_cells": {
+        "default_value": "auto",
+        "choices": ["auto", "none", "1", "2", "1 2"],
+        "description": "tools whose wrench a node load_cell_k makes of raw readings; auto: as rig and files below say",
+    },
+    "load_cell_file_1": {"default_value": "", "description": "file of isf calibrate-cell for the cell of tool_1"},
+    "load_cell_file_2": {"default_value": "", "description": "the same for tool_2"},
+    "record": {"default_value": "", "description": "bag folder to write; empty: record nothing"},
+    "cell_state": {
+        "default_value": YES,
+        "choices": [YES, NO],
+        "description": "publish frames, joint states, description and sheet for viewers",
+    },
+    "robot_state_publisher": {
+        "default_value": NO,
+        "choices": [YES, NO],
+        "description": "it makes the frames instead of cell_state_publisher; needs job or rig",
+    },
+    "frame_prefix": {"default_value": "", "description": "before the name of every frame, on the /tf of all cells"},
+    "rviz": {"default_value": NO, "choices": [YES, NO], "description": "start RViz with the layout of the cell"},
+    "respawn": {
+        "default_value": NO,
+        "choices": [YES, NO],
+        "description": "start planner, springback and cell_state_publisher anew when they have ended",
+    },
+}
 
 WAITING = (
     "no part is asked for: give job:=/path/of/a/job.yaml, or send a goal to the action form_part "
@@ -37,88 +98,10 @@ WAITING = (
 
 def generate_launch_description() -> LaunchDescription:
     """Arguments and nodes of a cell."""
-    namespace = LaunchConfiguration("namespace")
-    params_file = LaunchConfiguration("params_file")
-    record = LaunchConfiguration("record")
-    timing = {"lockstep": ParameterValue(LaunchConfiguration("lockstep"), value_type=bool)}
-
-    arguments = [
-        DeclareLaunchArgument(
-            "job", default_value="", description="job file to form at once; empty: wait for form_part"
-        ),
-        DeclareLaunchArgument("namespace", default_value="", description="namespace of the cell"),
-        DeclareLaunchArgument(
-            "lockstep", default_value="true", description="machine and force control step together, as fast as they can"
-        ),
-        DeclareLaunchArgument(
-            "params_file",
-            default_value=PathJoinSubstitution([FindPackageShare("isf_cell"), "config", "cell.yaml"]),
-            description="parameters of all nodes",
-        ),
-        DeclareLaunchArgument("record", default_value="", description="bag folder to write; empty: record nothing"),
-        DeclareLaunchArgument("machine", default_value="true", description="start the simulated machine"),
-    ]
-    # Lifecycle nodes stay unconfigured here: the executive takes them through their transitions in order.
-    managed = [
-        LifecycleNode(
-            package="isf_sim",
-            executable="machine",
-            name="machine",
-            namespace=namespace,
-            remappings=CLOCK,
-            parameters=[params_file, timing],
-            output="screen",
-            condition=IfCondition(LaunchConfiguration("machine")),
-        ),
-        LifecycleNode(
-            package="isf_planner",
-            executable="planner",
-            name="planner",
-            namespace=namespace,
-            remappings=CLOCK,
-            parameters=[params_file],
-            output="screen",
-        ),
-        LifecycleNode(
-            package="isf_springback",
-            executable="springback",
-            name="springback",
-            namespace=namespace,
-            remappings=CLOCK,
-            parameters=[params_file],
-            output="screen",
-        ),
-        LifecycleNode(
-            package="isf_force_ctrl",
-            executable="force_ctrl",
-            name="force_ctrl",
-            namespace=namespace,
-            remappings=CLOCK,
-            parameters=[params_file, timing],
-            output="screen",
-        ),
-    ]
-    executive = Node(
-        package="isf_cell",
-        executable="executive",
-        name="executive",
-        namespace=namespace,
-        remappings=CLOCK,
-        parameters=[params_file, timing],
-        output="screen",
+    arguments = [DeclareLaunchArgument(name, **said) for name, said in ARGUMENTS.items()]
+    return LaunchDescription(
+        [*arguments, *middleware(), OpaqueFunction(function=start_nodes), OpaqueFunction(function=request_part)]
     )
-    recorder = Node(
-        package="isf_analysis",
-        executable="recorder",
-        name="recorder",
-        namespace=namespace,
-        remappings=CLOCK,
-        parameters=[params_file, {"output": record, "autostart": True}],
-        output="screen",
-        condition=IfCondition(NotEqualsSubstitution(record, "")),
-    )
-    request = OpaqueFunction(function=request_part)
-    return LaunchDescription([*arguments, *middleware(), *managed, executive, recorder, request])
 
 
 def middleware() -> list[Action]:
@@ -127,6 +110,124 @@ def middleware() -> list[Action]:
     if PROFILES in os.environ:
         return []
     return [SetEnvironmentVariable(PROFILES, PathJoinSubstitution([FindPackageShare("isf_cell"), *MIDDLEWARE_FILE]))]
+
+
+def start_nodes(context: LaunchContext) -> list[Action]:
+    """The nodes that the arguments ask for."""
+    asked = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    described = describe(context, asked)
+    choice = choose(asked, described)
+    nodes = cell_nodes.cell_nodes(choice)
+    if only := asked["nodes"].split():
+        unknown = sorted(set(only) - {node.name for node in nodes})
+        if unknown:
+            raise RuntimeError(
+                f"nodes:={asked['nodes']}: the cell has no {', '.join(unknown)}; "
+                f"it has {', '.join(node.name for node in nodes)}"
+            )
+        nodes = [node for node in nodes if node.name in only]
+    actions = [make(node, asked) for node in nodes]
+    return [*actions, *viewers(asked, choice, described)]
+
+
+def choose(asked: dict[str, str], described: dict[str, Any]) -> cell_nodes.CellChoice:
+    """What the arguments say of the cell."""
+    files = {k: str(Path(path).resolve()) for k in (1, 2) if (path := asked[f"load_cell_file_{k}"])}
+    if asked["load_cells"] == "auto":
+        cells = tuple(sorted({*described.get("spindle_cells", []), *files}))
+    else:
+        cells = tuple(int(word) for word in asked["load_cells"].replace("none", "").split())
+    return cell_nodes.CellChoice(
+        lockstep=asked["lockstep"] == YES,
+        machine=asked["machine"] == YES,
+        load_cells=cells,
+        cell_files=files,
+        rig=described.get("rig", ""),
+        bag=asked["record"],
+        viewers=asked["cell_state"] == YES,
+        job=str(Path(asked["job"]).resolve()) if asked["job"] else "",
+        frame_prefix=asked["frame_prefix"],
+        own_frames=own_frames(asked),
+        publish_tf=asked["robot_state_publisher"] == NO,
+    )
+
+
+def own_frames(asked: dict[str, str]) -> bool:
+    """Cells of several have frames of the same names: apart by their topics, unless they are by a prefix."""
+    return bool(asked["namespace"].strip("/")) and not asked["frame_prefix"]
+
+
+def describe(context: LaunchContext, asked: dict[str, str]) -> dict[str, Any]:
+    """What ``isf describe`` says of job or rig: path of the rig file, tools with spindle cells, text of the URDF."""
+    subject = asked["job"] or asked["rig"]
+    if not subject:
+        if asked["robot_state_publisher"] == YES:
+            raise RuntimeError("robot_state_publisher:=true needs job:= or rig:=, to know what to describe")
+        return {}
+    program = PathJoinSubstitution([FindPackagePrefix("isf_cell"), "lib", "isf_cell", "isf"]).perform(context)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "cell.urdf"
+        done = subprocess.run(
+            [program, "describe", subject, "-o", str(path), "--json"], capture_output=True, text=True, check=False
+        )
+        if done.returncode != 0:
+            raise RuntimeError(f"{'job' if asked['job'] else 'rig'}:={subject} cannot be used:\n{done.stderr.strip()}")
+        return {**json.loads(done.stdout), "text": path.read_text(encoding="utf-8")}
+
+
+def make(node: cell_nodes.CellNode, asked: dict[str, str]) -> Action:
+    """One node of the cell as launch starts it."""
+    shows = node.name == "cell_state_publisher"
+    common: dict[str, Any] = {
+        "package": node.package,
+        "executable": node.executable,
+        "name": node.name,
+        "namespace": asked["namespace"],
+        "remappings": [cell_nodes.OWN_CLOCK, *node.remap],
+        "parameters": [asked["params_file"], {**node.parameters, "use_sim_time": sim_time(asked, shows=shows)}],
+        "ros_arguments": ["--log-level", asked["log_level"]],
+        "output": "screen",
+        "respawn": asked["respawn"] == YES and node.keeps_nothing,
+        "respawn_delay": RESPAWN_DELAY,
+    }
+    # Lifecycle nodes stay unconfigured here: the executive takes them through their transitions in order.
+    return LifecycleNode(**common) if node.managed else Node(**common)
+
+
+def sim_time(asked: dict[str, str], *, shows: bool) -> bool:
+    """Whether a node's clock is that of the machine; ``shows``: it shows what happens, with the stamps of messages."""
+    if asked["use_sim_time"] == "auto":
+        return shows and asked["lockstep"] == YES and asked["machine"] == YES
+    return asked["use_sim_time"] == YES
+
+
+def viewers(asked: dict[str, str], choice: cell_nodes.CellChoice, described: dict[str, Any]) -> list[Action]:
+    """robot_state_publisher and RViz, which are no part of this workspace."""
+    common: dict[str, Any] = {
+        "namespace": asked["namespace"],
+        "remappings": [cell_nodes.OWN_CLOCK, *(cell_nodes.OWN_FRAMES if choice.own_frames else ())],
+        "output": "screen",
+    }
+    time = {"use_sim_time": sim_time(asked, shows=True)}
+    actions: list[Action] = []
+    if asked["robot_state_publisher"] == YES:
+        about = {"robot_description": described["text"], "frame_prefix": asked["frame_prefix"], **time}
+        name = "robot_state_publisher"
+        actions.append(Node(package=name, executable=name, name=name, parameters=[about], **common))
+    if asked["rviz"] == YES:
+        layout = PathJoinSubstitution([FindPackageShare("isf_description"), *RVIZ_FILE])
+        fixed = ["-f", f"{asked['frame_prefix']}sheet"]
+        actions.append(
+            Node(
+                package="rviz2",
+                executable="rviz2",
+                name="rviz",
+                arguments=["-d", layout, *fixed],
+                parameters=[time],
+                **common,
+            )
+        )
+    return actions
 
 
 def request_part(context: LaunchContext) -> list[Action]:

@@ -1,25 +1,26 @@
-"""The launch file against stubs of ``launch`` and ``launch_ros``: what it names must exist in this repository.
+"""The launch file against stand-ins of ``launch`` and ``launch_ros``: what its arguments start.
 
-The wheels of ROS 2 hold no launch system, so the file is run against recording stand-ins which accept only the
-arguments that the real classes of Jazzy have. Starting it for real needs an apt installation.
+tests/graph/test_launched_cell.py starts the nodes that it names.
 """
 
 from __future__ import annotations
 
 import ast
 import math
-import sys
-from collections.abc import Iterator
+import re
+import shlex
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import launch_standin
 import pytest
 import yaml
+from isf_cell.processes.cell_nodes import CellChoice, cell_nodes
+from launch_standin import Made, nodes, perform
 
 CELL = Path(__file__).resolve().parents[1]
 SOURCES = CELL.parent
-LAUNCH_FILE = CELL / "launch" / "cell.launch.py"
+EXAMPLES = SOURCES.parents[1] / "examples" / "jobs"
 CONFIG_FILE = CELL / "config" / "cell.yaml"
 
 NODES = {
@@ -28,131 +29,148 @@ NODES = {
     "springback": "isf_springback",
     "force_ctrl": "isf_force_ctrl",
     "executive": "isf_cell",
-    "recorder": "isf_analysis",
-}
-NODE_ARGUMENTS = {
-    "package", "executable", "name", "namespace", "parameters", "remappings", "arguments", "output", "condition",
-    "emulate_tty", "respawn", "ros_arguments",
-}  # fmt: skip
-
-
-class Recorded:
-    """A stand-in that keeps what it was made from; ``allowed`` are the keywords of the real class."""
-
-    allowed: frozenset[str] = frozenset()
-    required: frozenset[str] = frozenset()
-
-    def __init__(self, *args: Any, **keywords: Any) -> None:
-        unknown = set(keywords) - self.allowed
-        missing = self.required - set(keywords)
-        assert not unknown, f"{type(self).__name__} has no argument {unknown}"
-        assert not missing, f"{type(self).__name__} needs {missing}"
-        self.args, self.keywords = args, keywords
-
-    def perform(self, context: dict[str, str]) -> str:
-        return context[self.args[0]]
-
-
-def _kind(name: str, allowed: set[str] | None = None, required: set[str] | None = None) -> type[Recorded]:
-    return type(name, (Recorded,), {"allowed": frozenset(allowed or ()), "required": frozenset(required or ())})
-
-
-MODULES: dict[str, dict[str, type]] = {
-    "launch": {"LaunchDescription": _kind("LaunchDescription"), "LaunchContext": dict},
-    "launch.action": {"Action": _kind("Action")},
-    "launch.actions": {
-        "DeclareLaunchArgument": _kind("DeclareLaunchArgument", {"default_value", "description", "choices"}),
-        "ExecuteProcess": _kind("ExecuteProcess", {"cmd", "output", "name", "condition"}, {"cmd"}),
-        "LogInfo": _kind("LogInfo", {"msg"}, {"msg"}),
-        "OpaqueFunction": _kind("OpaqueFunction", {"function", "args", "kwargs"}, {"function"}),
-        "SetEnvironmentVariable": _kind("SetEnvironmentVariable"),
-    },
-    "launch.conditions": {"IfCondition": _kind("IfCondition")},
-    "launch.substitutions": {
-        "LaunchConfiguration": _kind("LaunchConfiguration", {"default"}),
-        "NotEqualsSubstitution": _kind("NotEqualsSubstitution"),
-        "PathJoinSubstitution": _kind("PathJoinSubstitution"),
-    },
-    "launch_ros": {},
-    "launch_ros.actions": {
-        "Node": _kind("Node", NODE_ARGUMENTS, {"executable"}),
-        "LifecycleNode": _kind("LifecycleNode", NODE_ARGUMENTS, {"executable", "name", "namespace"}),
-    },
-    "launch_ros.parameter_descriptions": {"ParameterValue": _kind("ParameterValue", {"value_type"})},
-    "launch_ros.substitutions": {"FindPackageShare": _kind("FindPackageShare")},
+    "cell_state_publisher": "isf_description",
 }
 
 
 @pytest.fixture
 def launch_file(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Globals of the launch file, executed with the stand-ins."""
-    for name, content in MODULES.items():
-        module = ModuleType(name)
-        for key, value in content.items():
-            setattr(module, key, value)
-        monkeypatch.setitem(sys.modules, name, module)
-    names: dict[str, Any] = {"__file__": str(LAUNCH_FILE)}
-    exec(compile(LAUNCH_FILE.read_text(encoding="utf-8"), str(LAUNCH_FILE), "exec"), names)
-    return names
+    return launch_standin.load(CELL / "launch" / "cell.launch.py", monkeypatch)
 
 
-@pytest.fixture
-def entities(launch_file: dict[str, Any]) -> list[Recorded]:
-    """What the launch description holds."""
-    return list(launch_file["generate_launch_description"]().args[0])
+def started(launch_file: dict[str, Any], **arguments: str) -> dict[str, Made]:
+    return nodes(perform(launch_file, **arguments)[0])
 
 
-def _nodes(entities: list[Recorded]) -> list[Recorded]:
-    return [item for item in entities if type(item).__name__ in ("Node", "LifecycleNode")]
+def parameters(node: Made) -> dict[str, Any]:
+    return dict(node.keywords["parameters"][-1])
 
 
-def _inside(value: Any) -> Iterator[Recorded]:
-    """Every recorded object within ``value``."""
-    if isinstance(value, Recorded):
-        yield value
-        yield from _inside([*value.args, *value.keywords.values()])
-    elif isinstance(value, dict):
-        yield from _inside(list(value.values()))
-    elif isinstance(value, list | tuple):
-        for item in value:
-            yield from _inside(item)
+def test_every_node_of_the_cell_is_started_once(launch_file: dict[str, Any]) -> None:
+    found = started(launch_file)
+    assert {name: node.keywords["package"] for name, node in found.items()} == NODES
+    managed = [name for name, node in found.items() if type(node).__name__ == "LifecycleNode"]
+    assert managed == ["machine", "planner", "springback", "force_ctrl"]  # the executive brings these up
+    assert [parameters(found[name])["lockstep"] for name in ("machine", "force_ctrl", "executive")] == [True] * 3
 
 
-def _console_scripts(package: str) -> set[str]:
-    """Executables that the package's setup.py installs."""
-    tree = ast.parse((SOURCES / package / "setup.py").read_text(encoding="utf-8"))
-    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
-    return {text.split(" = ")[0] for text in texts if " = " in text and ":main" in text}
+def test_it_is_the_list_that_isf_form_starts(launch_file: dict[str, Any]) -> None:
+    """``isf form`` starts cell_nodes(...) as well; what launch adds is the clock and what viewers need."""
+    found = started(launch_file, record="bag", cell_state="false")
+    for node in cell_nodes(CellChoice(bag="bag")):
+        said = found.pop(node.name).keywords
+        assert (said["package"], said["executable"]) == (node.package, node.executable)
+        assert node.parameters.items() <= said["parameters"][-1].items()
+    assert not found
 
 
-def test_every_node_of_the_cell_is_started_once(entities: list[Recorded]) -> None:
-    started = {node.keywords["name"]: node.keywords["package"] for node in _nodes(entities)}
-    assert started == NODES
-    assert len(_nodes(entities)) == len(NODES)
+def test_arguments_are_described_and_their_choices_kept(launch_file: dict[str, Any]) -> None:
+    entities = launch_file["generate_launch_description"]().args[0]
+    declared = [item for item in entities if type(item).__name__ == "DeclareLaunchArgument"]
+    assert all(item.keywords["description"] for item in declared)
+    with pytest.raises(RuntimeError, match="machine:=maybe"):
+        perform(launch_file, machine="maybe")
 
 
-def test_named_executables_are_installed_by_their_packages(entities: list[Recorded]) -> None:
-    for node in _nodes(entities):
-        assert node.keywords["executable"] in _console_scripts(node.keywords["package"])
+def test_the_manual_gives_arguments_that_there_are(launch_file: dict[str, Any]) -> None:
+    entities = launch_file["generate_launch_description"]().args[0]
+    pages = [*(SOURCES.parents[1] / "docs").rglob("*.md"), *SOURCES.glob("*/README.md")]
+    lines = {
+        line
+        for page in pages
+        for line in re.findall(r"ros2 launch isf_cell cell\.launch\.py ([^`#\n]+)", page.read_text(encoding="utf-8"))
+    }
+    assert len(lines) > 8
+    for line in lines:
+        launch_standin.values(entities, dict(word.split(":=") for word in shlex.split(line)))
 
 
-def test_every_launch_argument_is_declared_described_and_used(entities: list[Recorded]) -> None:
-    declared = {item.args[0] for item in entities if type(item).__name__ == "DeclareLaunchArgument"}
-    used = {item.args[0] for item in _inside(entities) if type(item).__name__ == "LaunchConfiguration"}
-    assert declared == {"job", "namespace", "lockstep", "params_file", "record", "machine"}
-    assert used == declared - {"job"}  # request_part reads the job, see below
-    assert all(item.keywords["description"] for item in entities if type(item).__name__ == "DeclareLaunchArgument")
+def test_under_a_driver_no_machine_is_started_and_time_is_the_clock(launch_file: dict[str, Any]) -> None:
+    found = started(launch_file, machine="false", lockstep="false", record="bag", log_level="debug")
+    assert set(found) == {*NODES, "recorder"} - {"machine"}
+    assert parameters(found["force_ctrl"])["lockstep"] is False
+    assert parameters(found["cell_state_publisher"])["use_sim_time"] is False
+    assert parameters(found["recorder"]) == {"output": "bag", "autostart": True, "use_sim_time": False}
+    assert all(node.keywords["ros_arguments"] == ["--log-level", "debug"] for node in found.values())
 
 
-def test_named_config_file_exists_and_is_installed(entities: list[Recorded]) -> None:
-    joined = [item for item in _inside(entities) if type(item).__name__ == "PathJoinSubstitution"]
-    assert joined
-    for item in joined:
-        share, *parts = item.args[0]
-        assert share.args == ("isf_cell",)
-        path = CELL / Path(*parts)
-        assert path.is_file()
-        assert f"config/*{path.suffix}" in (CELL / "setup.py").read_text(encoding="utf-8")
+def test_who_shows_the_cell_has_its_time_in_lockstep(launch_file: dict[str, Any]) -> None:
+    found = started(launch_file, rviz="true")
+    times = {name: parameters(node)["use_sim_time"] for name, node in found.items()}
+    assert {name for name, simulated in times.items() if simulated} == {"cell_state_publisher", "rviz"}
+    assert all(parameters(node)["use_sim_time"] for node in started(launch_file, use_sim_time="true").values())
+
+
+def test_some_nodes_alone(launch_file: dict[str, Any]) -> None:
+    assert set(started(launch_file, nodes="force_ctrl planner")) == {"force_ctrl", "planner"}
+    with pytest.raises(RuntimeError, match=r"the cell has no controller; it has machine, planner, "):
+        started(launch_file, nodes="controller")
+
+
+def test_nine_voltages_of_a_rig_have_their_load_cell(launch_file: dict[str, Any]) -> None:
+    found = started(launch_file, rig="torrao2013")
+    assert set(found) == {*NODES, "load_cell_1"}
+    cell = found["load_cell_1"]
+    assert type(cell).__name__ == "LifecycleNode"
+    assert {key: value for key, value in parameters(cell).items() if key != "rig"} == {"tool": 1, "use_sim_time": False}
+    assert Path(parameters(cell)["rig"]).is_file()
+    assert ("raw_cells", "tool_1/raw_cells") in cell.keywords["remappings"]
+    assert ("wrench", "tool_1/wrench") in cell.keywords["remappings"]
+    assert parameters(found["machine"])["raw_cells"] is True
+    assert parameters(found["executive"])["load_cells"] == "1"
+
+
+def test_cells_of_a_driver_by_their_files(launch_file: dict[str, Any], tmp_path: Path) -> None:
+    file = tmp_path / "cell_2.yaml"
+    found = started(launch_file, machine="false", lockstep="false", load_cell_file_2=str(file))
+    assert parameters(found["load_cell_2"]) == {"tool": 2, "file": str(file), "use_sim_time": False}
+    assert parameters(found["executive"])["load_cells"] == "2"
+    both = started(launch_file, machine="false", load_cells="1 2", load_cell_file_2=str(file))
+    assert {"load_cell_1", "load_cell_2"} <= set(both)
+
+
+def test_cells_of_several_have_clock_and_frames_of_their_own(launch_file: dict[str, Any]) -> None:
+    found = started(launch_file, namespace="cell_1", record="bag", rviz="true")
+    for name, node in found.items():
+        assert node.keywords["namespace"] == "cell_1"
+        remappings = node.keywords["remappings"]
+        assert ("/clock", "clock") in remappings
+        assert (("/tf", "tf") in remappings) == (name in ("cell_state_publisher", "recorder", "rviz"))
+    shared = started(launch_file, namespace="cell_1", frame_prefix="cell_1/", rviz="true")
+    assert parameters(shared["cell_state_publisher"])["frame_prefix"] == "cell_1/"
+    assert all(("/tf", "tf") not in node.keywords["remappings"] for node in shared.values())
+    assert shared["rviz"].keywords["arguments"][-2:] == ["-f", "cell_1/sheet"]
+    layout = shared["rviz"].keywords["arguments"][1]
+    assert Path(layout.perform({})).is_file()
+
+
+def test_robot_state_publisher_makes_the_frames_of_the_job(launch_file: dict[str, Any]) -> None:
+    found = started(launch_file, job=str(EXAMPLES / "mini_cone.yaml"), robot_state_publisher="true")
+    about = parameters(found["robot_state_publisher"])
+    assert about["robot_description"].startswith("<?xml")
+    assert 'name="tool_2"' in about["robot_description"]
+    assert parameters(found["cell_state_publisher"])["publish_tf"] is False
+    with pytest.raises(RuntimeError, match="needs job:= or rig:="):
+        started(launch_file, robot_state_publisher="true")
+    with pytest.raises(RuntimeError, match=r"(?s)rig:=none cannot be used:.*known: behera2015"):
+        started(launch_file, rig="none")
+
+
+def test_what_keeps_nothing_is_started_anew_if_asked_for(launch_file: dict[str, Any]) -> None:
+    """Not what a tool depends on from one tick to the next: machine, load cells, force control, executive."""
+    found = started(launch_file, respawn="true", load_cells="1 2", record="bag")
+    again = {name for name, node in found.items() if node.keywords["respawn"]}
+    assert again == {"planner", "springback", "cell_state_publisher"}
+    assert not any(node.keywords["respawn"] for node in started(launch_file).values())
+
+
+def test_named_config_file_exists_and_is_installed(launch_file: dict[str, Any]) -> None:
+    actions, context = perform(launch_file)
+    for node in nodes(actions).values():
+        assert Path(launch_standin.text(node.keywords["parameters"][0], context)).is_file()
+    (profile,) = launch_file["middleware"]() or [None]
+    assert profile is None or Path(profile.args[1].perform(context)).is_file()
 
 
 def test_without_a_job_nothing_is_requested_and_said_so(launch_file: dict[str, Any]) -> None:
@@ -161,7 +179,7 @@ def test_without_a_job_nothing_is_requested_and_said_so(launch_file: dict[str, A
     assert "job:=" in said.keywords["msg"]
 
 
-def test_a_job_that_is_no_file_is_named_with_what_to_give(launch_file: dict[str, Any], tmp_path: Path) -> None:
+def test_a_job_that_is_no_file_is_named_with_what_to_give(launch_file: dict[str, Any]) -> None:
     with pytest.raises(RuntimeError, match=r"job:=none\.yaml is no file .* give the path of a job file"):
         launch_file["request_part"]({"job": "none.yaml", "namespace": ""})
 
@@ -172,12 +190,9 @@ def test_fast_dds_asks_often_unless_the_user_has_a_profile(
     monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
     (variable,) = launch_file["middleware"]()
     assert variable.args[0] == "FASTRTPS_DEFAULT_PROFILES_FILE"
+    assert Path(variable.args[1].perform({})).is_file()
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")
     assert launch_file["middleware"]() == []
-
-
-def test_every_cell_has_its_own_clock(entities: list[Recorded]) -> None:
-    assert all(node.keywords["remappings"] == [("/clock", "clock")] for node in _nodes(entities))
 
 
 @pytest.mark.parametrize(("namespace", "action"), [("", "/form_part"), ("/cell_1", "/cell_1/form_part")])

@@ -72,6 +72,8 @@ CELL = (
     EVENT,
     SCAN,
     LIFT,
+    Topic("joint_states", "sensor_msgs/msg/JointState", "STREAM"),
+    Topic("robot_description", "std_msgs/msg/String", "LATCHED"),
     Topic("/clock", "rosgraph_msgs/msg/Clock", "SENSOR"),
     Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT"),
     Topic("/rosout", "rcl_interfaces/msg/Log", "DEFAULT"),

@@ -26,6 +26,7 @@ EXECUTABLES = (
     ("isf_force_ctrl", "force_ctrl"),
     ("isf_load_cell", "load_cell"),
     ("isf_driver_example", "driver"),
+    ("isf_description", "cell_state_publisher"),
     ("isf_cell", "executive"),
     ("isf_cell", "isf"),
     ("isf_analysis", "recorder"),

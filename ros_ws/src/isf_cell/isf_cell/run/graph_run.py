@@ -26,6 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from isf_cell.options import RunOptions
+from isf_cell.processes.cell_nodes import CellChoice, cell_nodes
 from isf_cell.processes.held_interrupt import ctrl_c_held_back
 from isf_cell.processes.process_group import NodeProcess, ProcessGroup
 from isf_cell.run.checkpoint import CHECKPOINT
@@ -53,22 +54,18 @@ def start_cell(
     Where the rig of ``job_file`` has spindle cells the machine gives out their voltages, and a node ``load_cell_k`` of
     each such tool makes the wrench. ``checkpoint``: folder of the part's.
     """
-    states = {} if checkpoint is None else {"state_folder": str(checkpoint)}
-    kept = {} if checkpoint is None else {"checkpoint": str(checkpoint)}
     tools = tools_with_spindle_cells(job_file.rig) if job_file is not None else ()
-    if bag is not None:
-        group.start("isf_analysis", "recorder", {"output": str(bag), "autostart": True}, outlives=True)
-    group.start("isf_sim", "machine", {"lockstep": lockstep, "raw_cells": bool(tools), **states})
-    for k in tools:
-        assert job_file is not None
-        rig = find_named("rigs", job_file.job.rig, job_file.base)
-        remap = (f"raw_cells:=tool_{k}/raw_cells", f"wrench:=tool_{k}/wrench")
-        group.start("isf_load_cell", "load_cell", {"rig": str(rig), "tool": k}, name=f"load_cell_{k}", remap=remap)
-    group.start("isf_planner", "planner", {})
-    group.start("isf_springback", "springback", states)
-    group.start("isf_force_ctrl", "force_ctrl", {"lockstep": lockstep, **states})
-    cells = " ".join(str(k) for k in tools)
-    group.start("isf_cell", "executive", {"lockstep": lockstep, "load_cells": cells, **kept})
+    choice = CellChoice(
+        lockstep=lockstep,
+        load_cells=tools,
+        rig=str(find_named("rigs", job_file.job.rig, job_file.base)) if tools and job_file is not None else "",
+        bag="" if bag is None else str(bag),
+        checkpoint="" if checkpoint is None else str(checkpoint),
+    )
+    for node in cell_nodes(choice):
+        name = "" if node.name == node.executable else node.name
+        remap = [f"{own}:={other}" for own, other in node.remap]
+        group.start(node.package, node.executable, node.parameters, name=name, remap=remap, outlives=node.outlives)
 
 
 class CellClient:

@@ -1,0 +1,119 @@
+"""The nodes of a cell: which, with what parameters and names. ``isf form`` and the launch file start the same list.
+
+The launch file is read by the Python of ROS, which need not have the libraries of this workspace: nothing but the
+standard library is imported here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+OWN_CLOCK = ("/clock", "clock")
+"""A machine in lockstep owns the time of its own cell: two of them must not publish on one topic."""
+
+OWN_FRAMES = (("/tf", "tf"), ("/tf_static", "tf_static"))
+"""Every cell has a frame ``sheet``: where two share /tf, one of them needs a prefix, or each topics of its own."""
+
+
+@dataclass(frozen=True)
+class CellNode:
+    """One node of a cell.
+
+    Attributes
+    ----------
+    name : of the node ; package, executable : what is started
+    parameters : by name ; remap : pairs of names
+    managed : the executive takes it through its transitions
+    outlives : ended after the others, since what they say last is for it
+    keeps_nothing : started anew it does the same again; no tool depends on it from one tick to the next
+    """
+
+    name: str
+    package: str
+    executable: str
+    parameters: dict[str, Any] = field(default_factory=dict)
+    remap: tuple[tuple[str, str], ...] = ()
+    managed: bool = False
+    outlives: bool = False
+    keeps_nothing: bool = False
+
+
+@dataclass(frozen=True)
+class CellChoice:
+    """What a cell is made of.
+
+    Attributes
+    ----------
+    lockstep : machine and force control step together; else by the clock
+    machine : the simulated one is started; else the cell's own driver is there
+    load_cells : tools whose wrench a node load_cell makes from raw readings
+    cell_files : tool to the file of its cell ; rig : rig file, for cells without a file of their own, and for viewers
+    bag : folder to record to; "": none
+    checkpoint : folder that a part is kept in; "": none
+    viewers : frames, joint states and sheet for RViz and others are published
+    job : job file that viewers describe; "": that of the part
+    frame_prefix : before the name of every frame ; own_frames : on topics tf and tf_static of the cell
+    publish_tf : false, where robot_state_publisher makes the frames
+    """
+
+    lockstep: bool = True
+    machine: bool = True
+    load_cells: tuple[int, ...] = ()
+    cell_files: dict[int, str] = field(default_factory=dict)
+    rig: str = ""
+    bag: str = ""
+    checkpoint: str = ""
+    viewers: bool = False
+    job: str = ""
+    frame_prefix: str = ""
+    own_frames: bool = False
+    publish_tf: bool = True
+
+
+def cell_nodes(choice: CellChoice) -> list[CellNode]:
+    """All nodes of the cell, in the order in which they are started."""
+    states = {"state_folder": choice.checkpoint} if choice.checkpoint else {}
+    timing: dict[str, Any] = {"lockstep": choice.lockstep}
+    frames = OWN_FRAMES if choice.own_frames else ()
+    nodes = []
+    if choice.bag:
+        wanted = {"output": choice.bag, "autostart": True}
+        nodes.append(CellNode("recorder", "isf_analysis", "recorder", wanted, frames, outlives=True))
+    if choice.machine:
+        raw = {"raw_cells": bool(choice.load_cells)}
+        nodes.append(CellNode("machine", "isf_sim", "machine", {**timing, **raw, **states}, managed=True))
+    nodes += [_load_cell(choice, tool) for tool in choice.load_cells]
+    nodes.append(CellNode("planner", "isf_planner", "planner", managed=True, keeps_nothing=True))
+    nodes.append(CellNode("springback", "isf_springback", "springback", states, managed=True, keeps_nothing=True))
+    nodes.append(CellNode("force_ctrl", "isf_force_ctrl", "force_ctrl", {**timing, **states}, managed=True))
+    executive = {**timing, "load_cells": " ".join(str(tool) for tool in choice.load_cells)}
+    if choice.checkpoint:
+        executive["checkpoint"] = choice.checkpoint
+    nodes.append(CellNode("executive", "isf_cell", "executive", executive))
+    if choice.viewers:
+        nodes.append(_viewer(choice, frames))
+    return nodes
+
+
+def _load_cell(choice: CellChoice, tool: int) -> CellNode:
+    known: dict[str, Any] = {"tool": tool}
+    if tool in choice.cell_files:
+        known["file"] = choice.cell_files[tool]
+    if choice.rig:
+        known["rig"] = choice.rig
+    remap = tuple((name, f"tool_{tool}/{name}") for name in ("raw", "raw_cells", "wrench"))
+    return CellNode(f"load_cell_{tool}", "isf_load_cell", "load_cell", known, remap, managed=True)
+
+
+def _viewer(choice: CellChoice, frames: tuple[tuple[str, str], ...]) -> CellNode:
+    name = "cell_state_publisher"
+    parameters: dict[str, Any] = {
+        "autostart": True,
+        "lockstep": choice.lockstep,
+        "job": choice.job,
+        "rig": choice.rig,
+        "frame_prefix": choice.frame_prefix,
+        "publish_tf": choice.publish_tf,
+    }
+    return CellNode(name, "isf_description", name, parameters, frames, keeps_nothing=True)

@@ -1,0 +1,189 @@
+"""URDF of every rig and of jobs, read by another reader: frames, legs, limits, masses; surfaces of scans."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import load_job
+from isf_core.files.rig import Rig, load_rig
+from isf_core.geometry.hexapod import rotation, spif_a
+from isf_description.cell import HOLDER, describe, tip_frame
+from isf_description.joints import tilt_of, tool_positions
+from isf_description.surface import height_colours, surface
+from isf_description.tree import Body
+from isf_description.urdf import STEEL, mass_properties, to_urdf
+from scipy.spatial.transform import Rotation
+from urdf_reading import Urdf, numbers
+
+ROOT = Path(__file__).resolve().parents[4]
+RIGS = ("behera2015", "lu2016", "praveen2020", "ren2018", "torrao2013")
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+def read(rig: Rig) -> Urdf:
+    return Urdf(to_urdf(describe(rig)))
+
+
+def of_job(name: str) -> Urdf:
+    job_file = load_job(ROOT / "examples" / "jobs" / f"{name}.yaml")
+    return Urdf(to_urdf(describe(job_file.rig, job_file)))
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_every_rig_has_its_frames_and_the_limits_of_its_file(name: str) -> None:
+    rig = load_rig(name)
+    urdf = read(rig)
+    assert urdf.root == "base"
+    assert {"table", "clamp", "sheet", "tool_1", "tool_2", "tool_1_cell", "tool_2_cell"} <= set(urdf.links)
+    np.testing.assert_allclose(urdf.transform("clamp", "sheet", {})[:3, 3], [0.0, 0.0, 1e-3])
+    assert urdf.transform("table", "sheet", {})[2, 3] > 0.3  # both tools have room above the table
+    for k in (1, 2):
+        for axis, travel in zip("xyz", rig.limits.travel, strict=True):
+            assert urdf.limits(f"tool_{k}_{axis}") == pytest.approx((-travel, travel))
+    for joint in urdf.joints.values():
+        if joint.attrib["type"] == "fixed":
+            continue
+        limit = joint.find("limit")
+        assert limit is not None
+        assert float(limit.attrib["effort"]) > 0.0
+        assert float(limit.attrib["velocity"]) > 0.0
+
+
+def test_root_has_no_mass_and_what_moves_has_one() -> None:
+    """KDL, and with it robot_state_publisher, warns of an inertia of the root; simulators refuse to move nothing."""
+    for name in RIGS:
+        urdf = read(load_rig(name))
+        assert urdf.links["base"].find("inertial") is None
+        for joint in urdf.joints.values():
+            child = urdf.links[joint.find("child").attrib["link"]]  # type: ignore[union-attr]
+            inertial = child.find("inertial")
+            if joint.attrib["type"] != "fixed" or child.find("visual") is not None:
+                assert inertial is not None, child.attrib["name"]
+                values = {key: float(text) for key, text in inertial.find("inertia").attrib.items()}  # type: ignore[union-attr]
+                matrix = np.array([[values["i" + min(a, b) + max(a, b)] for b in "xyz"] for a in "xyz"])
+                first, second, third = np.linalg.eigvalsh(matrix)
+                assert 0.0 < first <= second <= third < 1.0001 * (first + second)  # else it is of no body
+
+
+@settings(max_examples=25)
+@given(tip=st.tuples(*[st.floats(-0.1, 0.1)] * 3), k=st.sampled_from([1, 2]), name=st.sampled_from(RIGS))
+def test_the_tip_of_the_urdf_is_the_pose(tip: tuple[float, float, float], k: int, name: str) -> None:
+    rig = load_rig(name)
+    found = read(rig).transform("sheet", f"tool_{k}", tool_positions(rig, k)(tip, UPRIGHT))
+    np.testing.assert_allclose(found[:3, 3], tip, atol=1e-9)
+    np.testing.assert_allclose(found[:3, :3], np.eye(3), atol=1e-12)
+
+
+HEXAPOD = read(load_rig("torrao2013"))
+
+
+@settings(max_examples=15)
+@given(tip=st.tuples(*[st.floats(-0.1, 0.1)] * 3), tilt=st.tuples(*[st.floats(-0.5, 0.5)] * 2))
+def test_legs_of_the_hexapod_end_at_the_platform(tip: tuple[float, float, float], tilt: tuple[float, float]) -> None:
+    machine = spif_a()
+    positions = tool_positions(load_rig("torrao2013"), 1)(tip, tuple(Rotation.from_matrix(rotation(tilt)).as_quat()))
+    placed = HEXAPOD.transform("sheet", "tool_1", positions)
+    np.testing.assert_allclose(placed[:3, 3], tip, atol=1e-9)
+    np.testing.assert_allclose(placed[:3, :3], rotation(tilt), atol=1e-9)
+    platform = HEXAPOD.transform("hexapod_base", "hexapod_platform", positions)
+    upright = HEXAPOD.transform("sheet", tip_frame(load_rig("torrao2013"), 1), positions)
+    np.testing.assert_allclose(
+        upright, [[1, 0, 0, tip[0]], [0, 1, 0, tip[1]], [0, 0, 1, tip[2]], [0, 0, 0, 1]], atol=1e-9
+    )
+    strokes = machine.strokes(np.array(tip), np.array(tilt))
+    for n in range(6):
+        rod = HEXAPOD.transform("hexapod_base", f"leg_{n + 1}_rod", positions)
+        np.testing.assert_allclose(rod[:3, 3], (platform @ [*machine.platform[n], 0.0, 1.0])[:3], atol=1e-9)
+        assert positions[f"leg_{n + 1}_stroke"] == pytest.approx(strokes[n], abs=1e-12)
+
+
+def test_load_cells_stand_where_the_rig_says() -> None:
+    rig = load_rig("torrao2013")
+    np.testing.assert_allclose(HEXAPOD.transform("tool_1", "tool_1_cell", {})[:3, 3], [0.0, 0.0, 0.28])
+    places = [HEXAPOD.transform("tool_1", f"tool_1_cell_{n}", {})[:3, 3] for n in (1, 2, 3)]
+    np.testing.assert_allclose(places[0], [0.11, 0.0, 0.28], atol=1e-12)
+    assert rig.tool_1.spindle_cells is not None
+    np.testing.assert_allclose(np.linalg.norm(places[1] - places[2]), 0.11 * math.sqrt(3.0))
+
+
+def test_a_job_gives_tools_blank_and_die() -> None:
+    spif, tpif, dsif = of_job("spif_cone"), of_job("tpif_cone"), of_job("ren_cone")
+    assert "tool_2" not in spif.links
+    assert "tool_2" in dsif.links
+    sphere = dsif.links["tool_1"].find("visual/geometry/sphere")
+    assert sphere is not None
+    assert float(sphere.attrib["radius"]) == 5e-3
+    lower = dsif.links["tool_2"].find("visual/geometry/sphere/../../origin")
+    assert lower is not None
+    np.testing.assert_allclose(numbers(lower.attrib["xyz"]), [0.0, 0.0, -5e-3])  # the tip is the highest point
+    mesh = tpif.links["die"].find("visual/geometry/mesh")
+    assert mesh is not None
+    assert Path(mesh.attrib["filename"].removeprefix("file://")).is_file()
+    assert mesh.attrib["scale"] == "0.001 0.001 0.001"
+    down = {HOLDER: -0.01}  # the sheet comes down; the die stays, so that it has risen in frame sheet
+    np.testing.assert_allclose(tpif.transform("sheet", "die", {})[:3, 3], np.zeros(3), atol=1e-12)
+    np.testing.assert_allclose(tpif.transform("sheet", "die", down)[:3, 3], [0.0, 0.0, 0.01], atol=1e-12)
+
+
+def test_two_cells_go_into_one_file() -> None:
+    description = describe(load_rig("ren2018")).prefixed("left_")
+    urdf = Urdf(to_urdf(description))
+    assert urdf.root == "left_base"
+    assert all(name.startswith("left_") for name in (*urdf.links, *urdf.joints))
+
+
+def test_masses_by_hand() -> None:
+    """A rod of 2 m along z, 0.1 m beside the axis, and a ball: parallel axes as in a textbook."""
+    rod = Body("cylinder", (0.01, 2.0), "tool", (0.1, 0.0, 0.0))
+    mass, centre, inertia = mass_properties([rod])
+    own = math.pi * 1e-4 * 2.0 * STEEL
+    assert mass == pytest.approx(own)
+    np.testing.assert_allclose(centre, [0.1, 0.0, 0.0])
+    assert inertia[0, 0] == pytest.approx(own * (4.0 / 12.0 + 1e-4 / 4.0))
+    both, _, about = mass_properties([rod, Body("cylinder", (0.01, 2.0), "tool", (-0.1, 0.0, 0.0))])
+    assert both == pytest.approx(2.0 * own)
+    assert about[2, 2] == pytest.approx(2.0 * (own * 0.5e-4 + own * 0.01))
+    assert mass_properties([Body("mesh", (1.0, 1.0, 1.0), "die", file="die.stl")])[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("turn", "said"),
+    [((0.0, 0.0, 0.1, 0.99499), "turned by 11.5 deg about z"), ((0.0, 0.0, 0.0, 0.0), "no quaternion")],
+)
+def test_a_pose_that_the_hexapod_cannot_have_is_refused(turn: tuple[float, float, float, float], said: str) -> None:
+    with pytest.raises(IsfError, match=said) as caught:
+        tilt_of(turn)
+    assert caught.value.code == ErrorCode.TARGET_OUT_OF_WORKSPACE
+    with pytest.raises(IsfError) as caught:
+        tool_positions(load_rig("ren2018"), 1)((math.nan, 0.0, 0.0), UPRIGHT)
+    assert caught.value.code == ErrorCode.TARGET_NOT_FINITE
+
+
+def test_a_scan_becomes_a_surface_with_its_holes() -> None:
+    axis = np.linspace(-0.1, 0.1, 101)
+    x, y = (a.ravel() for a in np.meshgrid(axis, axis))
+    points = np.stack([x, y, 0.1 * x - 0.2 * y], axis=1)
+    hidden = np.hypot(x - 0.05, y) < 0.02
+    points[hidden, 2] = np.nan
+    vertices, triangles = surface(points, 50)
+    np.testing.assert_allclose(vertices[:, 2], 0.1 * vertices[:, 0] - 0.2 * vertices[:, 1], atol=1e-12)
+    corners = vertices[triangles]
+    across, along = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = 0.5 * (across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0])
+    assert (area > 0.0).all()  # seen from above, all turn one way
+    assert area.sum() == pytest.approx(0.2**2 - math.pi * 0.02**2, rel=0.06)
+    assert len(vertices) <= 2500
+    for few in (points[:3], np.full((9, 3), np.nan), np.empty((0, 3))):
+        assert len(surface(few, 50)[1]) == 0
+
+
+def test_the_deepest_place_has_the_end_of_the_scale_and_a_flat_sheet_its_beginning() -> None:
+    colours = height_colours(np.array([0.0, -0.02]))
+    np.testing.assert_allclose(colours, [[0.99, 0.91, 0.14], [0.27, 0.0, 0.33]])
+    assert height_colours(np.full(4, -1e-6)) == pytest.approx(np.tile([0.99, 0.91, 0.14], (4, 1)), abs=0.01)
