@@ -95,6 +95,8 @@ def planned(job: Path) -> dict[str, Series]:
     """Contours and target of the job file ``job``."""
     part = plan(JobFile(job.read_text(encoding="utf-8"), job.parent))
     series = {f"contour.{name}": _each(part.contours, name, kind, points=0) for name, kind in CONTOUR.items()}
+    if any(contour.tilted for contour in part.contours):
+        series["contour.forming_axis"] = _each(part.contours, "forming_axis", Quantity.RATIO, points=0)
     roles = ("index", "feature", "stage", "process", "forming_tool", "closed", "retract")
     of_tool = np.array([[int(getattr(contour, name)) for name in roles] for contour in part.contours])
     series["contour.roles"] = Series(Quantity.COUNT, [of_tool])

@@ -12,6 +12,7 @@ from enum import IntEnum
 import numpy as np
 
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.tool_axis import UNIT_TOLERANCE
 from isf_core.types import Array, Mask, Points, Stamp
 
 
@@ -60,6 +61,8 @@ class Contour:
         (Ren 2018 eq. 2-3), or (0,) for position control
     speed : (N,) m/s, largest speed of the forming tip at each point, or (0,) for ``feed`` everywhere
     predicted_force : (N,) N, axial force on the forming tool that the planner expects, or (0,)
+    forming_axis : (N, 3) unit, from the tip of the forming tool into its shank, or (0, 3) for an upright tool; the
+        support tool is upright (:mod:`isf_core.geometry.tool_axis`)
     retract : both tools are lifted clear and travel above and below the sheet to the first point
     holder_height : m, blank holder over its starting height while this contour is formed (TPIF), 0 at rest
     """
@@ -78,6 +81,7 @@ class Contour:
     support_force: Array = field(default_factory=_empty)
     speed: Array = field(default_factory=_empty)
     predicted_force: Array = field(default_factory=_empty)
+    forming_axis: Points = field(default_factory=_empty3)
     forming_tool: int = 1
     closed: bool = True
     retract: bool = False
@@ -98,6 +102,11 @@ class Contour:
         """True when the support tool follows a force set-point."""
         return len(self.support_force) > 0
 
+    @property
+    def tilted(self) -> bool:
+        """True when the axis of the forming tool is given: it is not upright everywhere."""
+        return len(self.forming_axis) > 0
+
     def validate(self) -> Contour:
         """Return self, or raise IsfError CONTOUR_REJECTED that names the field at fault."""
         n = len(self.forming_tip)
@@ -108,7 +117,13 @@ class Contour:
             "thickness": (n,),
             "forming_tip": (n, 3),
         }
-        optional = {"support_tip": (n, 3), "support_force": (n,), "speed": (n,), "predicted_force": (n,)}
+        optional = {
+            "support_tip": (n, 3),
+            "support_force": (n,),
+            "speed": (n,),
+            "predicted_force": (n,),
+            "forming_axis": (n, 3),
+        }
         where = f"{contour_label(self.index)} of {self.plan_id or '(no plan)'}"
         if n < 3:
             raise IsfError(ErrorCode.CONTOUR_REJECTED, f"has {n} points, needs 3 or more", where=where)
@@ -133,7 +148,28 @@ class Contour:
             if not np.isfinite(array).all():
                 bad = int(np.argmax(~np.isfinite(array).reshape(n, -1).all(axis=1)))
                 raise IsfError(ErrorCode.CONTOUR_REJECTED, f"{name} is not finite at point {bad}", where=where)
+        if self.tilted:
+            self._check_axis(where)
         return self
+
+    def _check_axis(self, where: str) -> None:
+        """Raise CONTOUR_REJECTED unless ``forming_axis`` holds unit vectors that leave the sheet on the tool's side."""
+        axis = self.forming_axis
+        length = np.linalg.norm(axis, axis=1)
+        leaves = np.minimum(-self.push_sign * axis[:, 2], (axis * self.normal).sum(axis=1))
+        for bad, what in (
+            (np.abs(length - 1.0) > UNIT_TOLERANCE, "is no unit vector"),
+            (leaves <= 0.0, "points through the sheet"),
+        ):
+            if bad.any():
+                worst = int(np.argmax(bad))
+                x, y, z = axis[worst]
+                raise IsfError(
+                    ErrorCode.CONTOUR_REJECTED,
+                    f"forming_axis ({x:.4f}, {y:.4f}, {z:.4f}) at point {worst} {what}",
+                    where=where,
+                    advice="it points from the tip into the shank: +z for an upright upper tool, -z for a lower one",
+                )
 
     @property
     def push_sign(self) -> float:

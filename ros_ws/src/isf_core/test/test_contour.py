@@ -79,3 +79,35 @@ def test_shifting_moves_both_tools_and_keeps_the_gap(offset: tuple[float, float,
     # rounding of sums of 1e-2 m in double precision
     np.testing.assert_allclose(after, before, atol=1e-15)
     np.testing.assert_allclose(moved.contact - contour.contact, np.tile(offset, (len(contour), 1)), atol=1e-15)
+
+
+def tilted(tilt: float = np.pi / 6) -> Contour:
+    """The ring with its tool leaning towards the normal."""
+    contour = ring()
+    flat = contour.normal[:, :2] / np.linalg.norm(contour.normal[:, :2], axis=1)[:, None]
+    return replace(contour, forming_axis=np.column_stack([np.sin(tilt) * flat, np.full(len(contour), np.cos(tilt))]))
+
+
+def test_a_tilted_contour_is_accepted_and_an_upright_one_needs_no_axis() -> None:
+    assert tilted().validate().tilted
+    assert not ring().tilted
+
+
+@pytest.mark.parametrize(
+    ("axis", "word"),
+    [
+        ((0.0, 0.0, 0.0), "no unit vector"),
+        ((np.nan, 0.0, 1.0), "not finite"),
+        ((0.0, 0.0, 1.1), "no unit vector"),
+        ((0.0, 0.0, -1.0), "through the sheet"),
+        ((0.6, 0.0, -0.8), "through the sheet"),
+        ((0.8, 0.0, 0.6), "through the sheet"),  # into the wall of 45 deg at x > 0
+    ],
+)
+def test_an_axis_that_is_none_or_leaves_on_the_wrong_side_is_refused(axis: tuple[float, ...], word: str) -> None:
+    contour = tilted()
+    contour.forming_axis[0] = axis
+    with pytest.raises(IsfError, match=word) as caught:
+        contour.validate()
+    assert caught.value.code == ErrorCode.CONTOUR_REJECTED
+    assert "point 0" in caught.value.what

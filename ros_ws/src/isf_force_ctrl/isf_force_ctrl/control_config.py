@@ -6,6 +6,7 @@ Defaults carry their source; those that the source states per update of its 440 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -82,6 +83,8 @@ class ControlConfig:
     component_gain : 1/s, of these two loops; 1 of 24 (chosen)
     component_limit : m, largest offset of each (published limit of an offset, Appendix B)
     ball_reach : m, sum of the radii of both balls
+    largest_tilt : rad, by which the machine can tilt tool 1; 0: it is always upright
+    axis_rate : rad/s, largest rate of its axis
     sign_force, sign_time : N and s, a force against its only possible sign beyond which a load cell's sign is wrong
     drift_limit : N, reading of a free tool from which a new tare is asked for; as in the file of a cell. The published
         bound of the force error (+-10 N): a zero that is off by as much uses it up alone
@@ -147,6 +150,8 @@ class ControlConfig:
     ball_reach: float = 0.0
     aside: tuple[float, float] = (0.0, 0.0)
     set_point: float | None = None
+    largest_tilt: float = 0.0
+    axis_rate: float = math.radians(10.0)
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
@@ -176,6 +181,8 @@ class ControlConfig:
             tangential="tangential" in job.control.components,
             vertical_force=job.control.vertical_force,
             tangential_force=job.control.tangential_force,
+            largest_tilt=rig.largest_tilt,
+            axis_rate=job.tool_axis.largest_rate,
             ball_reach=job.tool_1.ball_radius + (job.tool_2.ball_radius if job.tool_2 is not None else 0.0),
         )
         config.check()

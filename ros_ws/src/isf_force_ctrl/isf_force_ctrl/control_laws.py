@@ -15,7 +15,7 @@ from isf_core.types import Array
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Flag, Mode, Targets
 from isf_force_ctrl.laws.force_and_compliance import ComplianceCompensation, ContactForceLoop, Fir
-from isf_force_ctrl.motion.segments import Row
+from isf_force_ctrl.motion.segments import Row, axis_of_row
 
 NAN = float("nan")
 TRACKING = (Mode.ENGAGE, Mode.CONTROL)
@@ -207,8 +207,8 @@ class ControlLaws:
             x_2, y_2 = x_2 + two.x, y_2 + two.y
         if self._components:
             (a, b, c), (d, e, f) = self._components[0].offset, self._components[1].offset
-            return Targets((x_1 + a, y_1 + b, row[2] + c), (x_2 + d, y_2 + e, row[5] + f), row[12])
-        return Targets((x_1, y_1, row[2]), (x_2, y_2, row[5]), row[12])
+            return Targets((x_1 + a, y_1 + b, row[2] + c), (x_2 + d, y_2 + e, row[5] + f), row[12], axis_of_row(row))
+        return Targets((x_1, y_1, row[2]), (x_2, y_2, row[5]), row[12], axis_of_row(row))
 
 
 MINIMUM_FORCE = 20.0

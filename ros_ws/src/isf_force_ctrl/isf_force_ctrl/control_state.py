@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
+from isf_core.geometry.tool_axis import UPRIGHT
+
 Vector = tuple[float, float, float]
 
 
@@ -47,11 +49,13 @@ SATURATED = 15
 
 
 class Targets(NamedTuple):
-    """Tips to be reached at the next tick, m in frame ``sheet``, offsets included; height of the blank holder, m."""
+    """Tips to be reached at the next tick, m in frame ``sheet``, offsets included; height of the blank holder, m; and
+    axis of tool 1."""
 
     tip_1: Vector
     tip_2: Vector
     holder_height: float = 0.0
+    axis: Vector = UPRIGHT
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 from isf_core.contour import Contour, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.tool_axis import UPRIGHT
 from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -32,6 +33,7 @@ from isf_force_ctrl.motion.segments import (
     Present,
     Row,
     Segment,
+    axis_of_row,
     braking,
     continues,
     contour_segments,
@@ -81,11 +83,12 @@ class ForceController:
         tip_1: Sequence[float],
         tip_2: Sequence[float],
         contour_support_force_override: float | None = None,
+        axis: Sequence[float] = UPRIGHT,
     ) -> None:
         """Accept the contours ``first_index`` .. ``count`` - 1 of ``plan_id``, in order.
 
-        ``tip_1``, ``tip_2`` (3,) m are where the tools are now; the override (N) replaces the contours' set-points,
-        None leaves them (or the configuration's). Clears a fault.
+        ``tip_1``, ``tip_2`` (3,) m are where the tools are now, ``axis`` (3,) is that of tool 1; the override (N)
+        replaces the contours' set-points, None leaves them (or the configuration's). Clears a fault.
 
         Raises IsfError NOT_ARMED.
         """
@@ -99,6 +102,8 @@ class ForceController:
         self._engagement = Engagement(config)
         self._support_force = config.support_force if override is None else override
         row = [*tips[0].tolist(), *tips[1].tolist(), *RESTING[6:]]
+        if tuple(axis) != UPRIGHT:
+            row += map(float, axis)
         self._playback = Playback(row, config.acceleration, config.rate)
         self._log = self._result = self.fault = None
         self.paused = False
@@ -112,7 +117,9 @@ class ForceController:
         self._lift_after_stop = self._idle_after = False
         self._ticks, self._last_tick = 0, -1
         self._used: tuple[Sequence[float], Sequence[float]] = ((), ())
-        self._targets = Targets((tips[0, 0], tips[0, 1], tips[0, 2]), (tips[1, 0], tips[1, 1], tips[1, 2]))
+        self._targets = Targets(
+            (tips[0, 0], tips[0, 1], tips[0, 2]), (tips[1, 0], tips[1, 1], tips[1, 2]), 0.0, axis_of_row(row)
+        )
         self._mode = Mode.ARMED
 
     def start(self, contour: Contour) -> None:

@@ -23,6 +23,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import quantity
 from isf_core.files.job import JobFile
 from isf_core.files.own_folder import path_below
+from isf_core.geometry.tool_axis import UPRIGHT
 from isf_msgs import msg as isf
 from isf_msgs.srv import Arm, StateFile
 from isf_ros import conversion, process, qos, stamps
@@ -382,6 +383,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _on_pose(self, tool: int, message: PoseStamped) -> None:
         tip = conversion.tip_of(message)
         self._ready.pose(tool, tip)
+        if tool == 1:
+            self._ready.axis = conversion.axis_of(message)
         self._output.measured(tool, tip)
         if self._controller is not None:
             self._controller.add_measured(tool, stamps.to_seconds(message.header.stamp), tip)
@@ -455,7 +458,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         park = controller.config.park_height
         tip_1, tip_2 = here_1 or (0.0, 0.0, park), here_2 or (0.0, 0.0, -park)  # one that is elsewhere faults
         self._awaited = None
-        controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override)
+        # where no tool is tilted a driver may give out whatever orientation it likes
+        axis = self._ready.axis if controller.config.largest_tilt > 0.0 else UPRIGHT
+        controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override, axis)
         self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
         self._receiver.restart()

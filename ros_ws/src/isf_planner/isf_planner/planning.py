@@ -12,17 +12,20 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
+from isf_core.geometry.tool_axis import inclination
 from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_planner import replanning
 from isf_planner.checks import part_checks
+from isf_planner.checks.shank_checks import ShankClearance, check_shank
 from isf_planner.forming.sides import merged
 from isf_planner.forming.stages import Stage
 from isf_planner.loops.sections import LoopTree
 from isf_planner.part import mesh_checks, meshes
 from isf_planner.part.meshes import Mesh
 from isf_planner.paths import support_tool, tool_paths
+from isf_planner.paths.five_axis import tilt_warning, with_tool_axis
 from isf_planner.paths.partial_paths import PartialPaths
 from isf_planner.predict.compensation import compensate
 from isf_planner.predict.predictions import with_predictions
@@ -32,10 +35,13 @@ from isf_planner.surface import target_surface
 
 
 def finish(contours: tuple[Contour, ...], job_file: JobFile) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
-    """Contours with predicted forces and compensated tips, and warnings with their place."""
+    """Contours with predicted forces, compensated tips and the axis of a tilted tool, and warnings with their place."""
     filled, warnings = with_predictions(contours, job_file)
     moved, reported = compensate(filled, job_file)
-    return moved, (*warnings, *reported)
+    if not job_file.tilts:
+        return moved, (*warnings, *reported)
+    tilted = with_tool_axis(moved, job_file)
+    return tilted, (*warnings, *reported, *tilt_warning(tilted, job_file))
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,7 @@ class Plan:
     partial : partial paths of all stages, side by side; none where the job does not ask for them
     tree : loops of the forming tool's tip with normals, curvatures and features, or None for a plan from a file
     base : what :func:`replan` needs for a change of tool, or None
+    shank : where shank and holder of a tilted tool come nearest to anything; None with an upright one
     """
 
     plan_id: str
@@ -64,6 +71,7 @@ class Plan:
     partial: tuple[PartialPaths, ...] = field(default=(), repr=False, compare=False)
     tree: LoopTree | None = field(default=None, repr=False, compare=False)
     base: PlanBase | None = field(default=None, repr=False, compare=False)
+    shank: ShankClearance | None = field(default=None, repr=False, compare=False)
 
     @property
     def smallest_thickness(self) -> float:
@@ -82,8 +90,13 @@ class Plan:
 
     @property
     def forming_time(self) -> float:
-        """s, at the planned feed, without the moves between contours."""
-        return sum(_length(contour) / contour.feed for contour in self.contours)
+        """s, at the planned feed, slower where a tilted tool has to turn, without the moves between contours."""
+        return sum(_time(contour) for contour in self.contours)
+
+    @property
+    def largest_tilt(self) -> float:
+        """rad, of the forming tool; 0 where it is upright all along."""
+        return max((float(inclination(c.forming_axis).max()) for c in self.contours if c.tilted), default=0.0)
 
 
 def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Cancelled | None = None) -> Plan:
@@ -120,18 +133,19 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     contours, expected = finish(contours, job_file)
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
-    part_checks.check_axes(contours, rig)
+    part_checks.check_axes(contours, rig, job.tool_1.ball_radius)
     part_checks.check_backing_plate(contours, job)
     last = tuple(contour for contour in contours if contour.stage == len(part.preforms))
     part_checks.check_floors(last, planned, job)
     warnings += part_checks.check_support(last, planned, job)
     target = target_surface.target_map(part.mesh, rig.clamp.size)
+    shank = check_shank(contours, target, job_file) if job_file.tilts else None
     step("done", 1.0)
     base = PlanBase(job, tuple(planned), part_warnings)
     unique = tuple(dict.fromkeys(warnings))
     mesh = part.mesh.vertices, part.mesh.faces
     partial = tuple(side.partial for side in (*part.preforms, *planned) if side.partial is not None)
-    return Plan(plan_id, contours, target, mesh, unique, part.stages, partial, merged(planned), base)
+    return Plan(plan_id, contours, target, mesh, unique, part.stages, partial, merged(planned), base, shank)
 
 
 def replan(before: Plan, job_file: JobFile) -> Plan:
@@ -157,13 +171,14 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     ruled = support_tool.rule_warnings(made, sides, job_file)
     contours, expected = finish(made, job_file)
     part_checks.check_travel(contours, job_file.rig)
-    part_checks.check_axes(contours, job_file.rig)
+    part_checks.check_axes(contours, job_file.rig, job.tool_1.ball_radius)
     part_checks.check_backing_plate(contours, job)
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
+    shank = check_shank(contours, before.target, job_file) if job_file.tilts else None
     left = tool_paths.left_to_sine_law(sides, job)
     reported = tuple(dict.fromkeys((*base.reported, *ruled, *left, *expected, *pressing)))
-    return replace(before, plan_id=plan_id, contours=contours, warnings=reported, tree=merged(sides))
+    return replace(before, plan_id=plan_id, contours=contours, warnings=reported, tree=merged(sides), shank=shank)
 
 
 def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:
@@ -177,6 +192,16 @@ def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:
 def _identify(job_file: JobFile) -> str:
     digest = hashlib.sha256(job_file.text.encode() + job_file.mesh.read_bytes()).hexdigest()
     return f"{job_file.job.name}-{digest[:8]}"
+
+
+def _time(contour: Contour) -> float:
+    """s along the contour."""
+    if not (contour.tilted and len(contour.speed)):
+        return _length(contour) / contour.feed
+    order = np.arange(len(contour) + (1 if contour.closed else 0)) % len(contour)
+    way = np.linalg.norm(np.diff(contour.forming_tip[order], axis=0), axis=1)
+    slow = 1.0 / contour.speed[order]
+    return float((0.5 * way * (slow[1:] + slow[:-1])).sum())
 
 
 def _length(contour: Contour) -> float:

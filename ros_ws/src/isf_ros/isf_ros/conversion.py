@@ -13,6 +13,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.geometry.height_map import HeightMap
+from isf_core.geometry.tool_axis import axis_of_quaternion, quaternion_of
 from isf_core.types import Array
 from isf_msgs import msg as isf
 from nav_msgs.msg import Path
@@ -74,6 +75,18 @@ def set_tip(message: PoseStamped, tip: Sequence[float] | NDArray[np.float64]) ->
     """Write a tool tip (3,) m into a pose."""
     position = message.pose.position
     position.x, position.y, position.z = (float(value) for value in tip)
+
+
+def axis_of(message: PoseStamped) -> tuple[float, float, float]:
+    """(3,) unit, axis of the upper tool of a pose; NaN of a quaternion of zeros (isf_core.geometry.tool_axis)."""
+    turn = message.pose.orientation
+    return axis_of_quaternion((turn.x, turn.y, turn.z, turn.w))
+
+
+def set_axis(message: PoseStamped, axis: Sequence[float] | NDArray[np.float64]) -> None:
+    """Write the axis (3,) of the upper tool into a pose, without roll."""
+    turn = message.pose.orientation
+    turn.x, turn.y, turn.z, turn.w = quaternion_of(axis)
 
 
 def make_pose() -> PoseStamped:

@@ -22,6 +22,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.own_folder import path_below
 from isf_core.geometry.height_map import HeightMap
+from isf_core.geometry.tool_axis import UPRIGHT
 from isf_core.simulated_sheet import DEFAULT_SHEET, LARGEST_NUMBER, SHEET_KINDS, sheet_kind
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
@@ -266,8 +267,9 @@ class MachineNode(CellNode[MachineParameters]):
         if not self.is_active:
             return
         self._stream.heard()
-        self._targets.add(tool, stamps.to_nanoseconds(message.header.stamp), conversion.tip_of(message))
-        self._tick_in_lockstep(stamps.to_nanoseconds(message.header.stamp))
+        stamp, tip = stamps.to_nanoseconds(message.header.stamp), conversion.tip_of(message)
+        self._targets.add(tool, stamp, tip, conversion.axis_of(message) if tool == 1 else UPRIGHT)
+        self._tick_in_lockstep(stamp)
 
     def _on_holder(self, message: PoseStamped) -> None:
         if not self.is_active:
@@ -286,7 +288,7 @@ class MachineNode(CellNode[MachineParameters]):
             self._stream.lost += 1
         if (tips := self._targets.take_at(due)) is not None:
             self._stream.following = True
-            self.finish_tick(machine, machine.tick(*tips, self._targets.holder))
+            self.finish_tick(machine, machine.tick(*tips, self._targets.holder, axis=self._targets.axis))
             self._ticked = time.monotonic()
             self._stream.heard()  # a tick with a coarse solution is long; targets that wait meanwhile are not lost
 
@@ -310,6 +312,7 @@ class MachineNode(CellNode[MachineParameters]):
                         1 + min(missed, most),
                         self._targets.holder,
                         waited=min(max(apart - 1, 0), most),
+                        axis=self._targets.axis,
                     )
                 self._check_stream(machine)
             self._stamp = self._stamp_of(period, machine)

@@ -48,6 +48,7 @@ class CellChoice:
     lockstep : machine and force control step together; else by the clock
     machine : the simulated one is started; else the cell's own driver is there
     load_cells : tools whose wrench a node load_cell makes from raw readings
+    tilts : tool 1 is tilted, and its cells with it
     cell_files : tool to the file of its cell ; rig : rig file, for cells without a file of their own, and for viewers
     bag : folder to record to; "": none
     checkpoint : folder that a part is kept in; "": none
@@ -60,6 +61,7 @@ class CellChoice:
     lockstep: bool = True
     machine: bool = True
     load_cells: tuple[int, ...] = ()
+    tilts: bool = False
     cell_files: dict[int, str] = field(default_factory=dict)
     rig: str = ""
     bag: str = ""
@@ -102,7 +104,11 @@ def _load_cell(choice: CellChoice, tool: int) -> CellNode:
         known["file"] = choice.cell_files[tool]
     if choice.rig:
         known["rig"] = choice.rig
-    remap = tuple((name, f"tool_{tool}/{name}") for name in ("raw", "raw_cells", "wrench"))
+    names = ["raw", "raw_cells", "wrench"]
+    if choice.tilts and tool == 1:
+        known["with_pose"] = True
+        names.append("pose")
+    remap = tuple((name, f"tool_{tool}/{name}") for name in names)
     return CellNode(f"load_cell_{tool}", "isf_load_cell", "load_cell", known, remap, managed=True)
 
 

@@ -58,6 +58,7 @@ def start_cell(
     choice = CellChoice(
         lockstep=lockstep,
         load_cells=tools,
+        tilts=job_file is not None and job_file.tilts,
         rig=str(find_named("rigs", job_file.job.rig, job_file.base)) if tools and job_file is not None else "",
         bag="" if bag is None else str(bag),
         checkpoint="" if checkpoint is None else str(checkpoint),

@@ -53,7 +53,7 @@ def run_ticks(
         if fault is not None and controller.fault is None:
             controller.fail(*fault, ticking=True)
         targets = controller.tick(sample.tick, sample.time, *read)
-        sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height)
+        sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height, axis=targets.axis)
     return sample
 
 

@@ -29,7 +29,7 @@ from isf_core.contour import Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.material import Material, load_material
-from isf_core.files.quantity import Acceleration, Angle, Force, Frequency, Length, Speed, Stress
+from isf_core.files.quantity import Acceleration, Angle, AngularSpeed, Force, Frequency, Length, Speed, Stress
 from isf_core.files.rig import Rig, load_rig
 from isf_core.files.yaml_file import FieldError, FileModel
 from isf_core.process.support_window import SupportWindow, check_window, support_window
@@ -77,6 +77,17 @@ class SheetSpec(FileModel):
     """Of the blank."""
 
 
+class HolderPart(FileModel):
+    """A cylinder or cone about the tool's axis."""
+
+    length: Length = Field(gt=1e-3, lt=1.0)
+    """Along the axis."""
+    radius: Length = Field(gt=0.5e-3, lt=0.5)
+    """At its lower end."""
+    top_radius: Length | None = Field(default=None, gt=0.5e-3, lt=0.5)
+    """At its upper end; None: ``radius``, a cylinder."""
+
+
 class ToolSpec(FileModel):
     """A tool with a hemispherical tip, or a flat tip with a corner radius."""
 
@@ -88,6 +99,9 @@ class ToolSpec(FileModel):
     """From the chuck to the tip; needed for compensation of the tool's own bending."""
     shank_radius: Length | None = Field(default=None, gt=0.5e-3, lt=0.2)
     """Of the shank; None: ``radius``."""
+    holder: tuple[HolderPart, ...] = ()
+    """What holds the shank, from the chuck (``stick_out``) upwards: a tilted tool must not run into anything with it;
+    none: a cylinder 60 mm long of radius 25 mm (assumed), 70 mm above the tip without ``stick_out`` (assumed)."""
     young_modulus: Stress = Field(default=210e9, gt=1e9, lt=1e12)
     """Of the tool; the default is that of steel."""
 
@@ -349,6 +363,28 @@ class PathSpec(FileModel):
         if self.spacing != "depth":
             return f"path.spacing {self.spacing} has no effect: the turns of ADSIF are adsif.pitch apart"
         return None
+
+
+class ToolAxisSpec(FileModel):
+    """How the upper tool is tilted along the path (Torrao 2013, 6.2.3); for a hemispherical tip."""
+
+    strategy: Literal["vertical", "five_axis", "auto"] = "vertical"
+    """vertical: upright; five_axis: towards the sheet's normal by the wall angle, at most ``largest_tilt``; auto:
+    five_axis on a rig that can tilt its tool as far as that asks for, or less, and vertical on the others."""
+    largest_tilt: Angle = Field(default=math.radians(30.0), gt=0.0, le=math.radians(60.0))
+    """Between tool axis and vertical (published: 30 deg)."""
+    largest_rate: AngularSpeed = Field(default=math.radians(10.0), gt=0.0, le=10.0)
+    """Of the turning axis, for which the feed is lowered. Assumed: the platform of the SPIF-A, which turns about a tip
+    438 mm below, then moves at 76 mm/s; its cylinders can do 100 mm/s."""
+    smoothing: Length = Field(default=10e-3, ge=1e-3, lt=0.2)
+    """Length of path over which the axis is averaged: a corner of the wall is no jump of the axis (assumed)."""
+
+    @model_validator(mode="after")
+    def _nothing_ignored(self) -> ToolAxisSpec:
+        for name in ("largest_tilt", "largest_rate", "smoothing"):
+            if name in self.model_fields_set and self.strategy == "vertical":
+                raise ValueError(f"{name} has no effect without strategy five_axis or auto")
+        return self
 
 
 class AdsifSpec(FileModel):
@@ -695,6 +731,8 @@ class Job(FileModel):
     """What the sheet is formed onto; TPIF only, and needed there."""
     path: PathSpec
     """How the surface becomes contours."""
+    tool_axis: ToolAxisSpec = ToolAxisSpec()
+    """Tilt of the upper tool along the path."""
     adsif: AdsifSpec | None = None
     """Of accumulative forming; ADSIF only."""
     control: ControlSpec = ControlSpec()
@@ -729,6 +767,24 @@ class Job(FileModel):
             raise ValueError(problem)
         if self.path.support == "on_blank" and self.control.force_controlled:
             raise ValueError("path.support on_blank has no force control: control.support_force must be 0 N")
+        return self
+
+    @model_validator(mode="after")
+    def _axis_of_process(self) -> Job:
+        if self.tool_axis.strategy != "five_axis":
+            return self
+        if self.process not in ("SPIF", "DSIF"):
+            raise FieldError(
+                f"process {self.process} forms with upright tools",
+                field="tool_axis.strategy",
+                advice="write vertical or auto, or use process SPIF or DSIF",
+            )
+        if self.tool_1.flat_radius > 0.0:
+            raise FieldError(
+                "a flat tip cannot be tilted: it would stand on its edge",
+                field="tool_axis.strategy",
+                advice="use a hemisphere (leave tool_1.corner_radius out), or write vertical",
+            )
         return self
 
     @model_validator(mode="after")
@@ -844,6 +900,13 @@ class JobFile:
         self.rig: Rig = load_rig(self.job.rig, base)
         self.job._support_window = _support_window(self)
         self.mesh: Path = (base / self.job.part.mesh).resolve()
+
+    @property
+    def tilts(self) -> bool:
+        """True when the upper tool is tilted along the path: asked for, and not left out on a rig that cannot."""
+        strategy = self.job.tool_axis.strategy
+        fits = self.job.tool_1.flat_radius == 0.0 and self.job.process in ("SPIF", "DSIF")
+        return strategy == "five_axis" or (strategy == "auto" and fits and self.rig.largest_tilt > 0.0)
 
 
 def _support_window(job_file: JobFile) -> SupportWindow | None:

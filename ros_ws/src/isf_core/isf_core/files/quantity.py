@@ -91,6 +91,7 @@ Force = Annotated[float, BeforeValidator(_to_si("N", "120 N")), Reading("N", 1.0
 Torque = Annotated[float, BeforeValidator(_to_si("N*m", "5 N*m")), Reading("N*m", 1.0)]
 Stress = Annotated[float, BeforeValidator(_to_si("Pa", "70 GPa")), Reading("MPa", 1e6)]
 Angle = Annotated[float, BeforeValidator(_to_si("rad", "50 deg")), Reading("deg", math.pi / 180.0)]
+AngularSpeed = Annotated[float, BeforeValidator(_to_si("rad/s", "10 deg/s")), Reading("deg/s", math.pi / 180.0)]
 Compliance = Annotated[float, BeforeValidator(_to_si("m/N", "1.0 um/N")), Reading("um/N", 1e-6)]
 Stiffness = Annotated[float, BeforeValidator(_to_si("N/m", "0.45 N/um")), Reading("N/um", 1e6)]
 EdgeStiffness = Annotated[float, BeforeValidator(_to_si("N/m**2", "50 N/mm/mm")), Reading("N/mm/mm", 1e6)]

@@ -30,6 +30,7 @@ from isf_core.files.quantity import (
 )
 from isf_core.files.spindle_cells import SpindleCells
 from isf_core.files.yaml_file import FieldError, FileModel, find_named
+from isf_core.geometry.kinematics import make_kinematics
 
 BASE = "based_on"
 
@@ -96,6 +97,8 @@ class Clamp(FileModel):
 
     size: tuple[Length, Length]
     """Free sheet between the clamps, x and y."""
+    height: Length = Field(default=20e-3, ge=0)
+    """Frame of the clamp above the sheet, which a tilted tool must not run into (assumed where it is left out)."""
     edge: Literal["free", "fixed"] = "free"
     """In-plane condition of the clamped edge (deflection and slope are always held): the
     result depends on it by 20-40 %, so it is a named property of the rig."""
@@ -280,6 +283,11 @@ class Rig(FileModel):
                     advice="write published, calibrated, identified or assumed and the source",
                 )
         return self
+
+    @property
+    def largest_tilt(self) -> float:
+        """rad, by which the machine can tilt its upper tool; 0: it is always upright, as every lower tool is."""
+        return make_kinematics(self.kinematics)[0].tilt_limit
 
     @property
     def aside(self) -> tuple[float, float]:

@@ -1,8 +1,9 @@
 """Kinematics: from the pose of a tool to the positions of the axes that make it, and back.
 
-A tool's pose is its tip (3,) m in frame ``sheet`` and the tilt of its axis, (2,) rad about x, then about y. A machine
-names its kinematics in the rig file: the gantry, whose axes are the coordinates of the tip, or the hexapod of
-:mod:`isf_core.geometry.hexapod`.
+A tool's pose is a point (3,) m of it in frame ``sheet`` and the tilt of its axis, (2,) rad about x, then about y. The
+point is where the axis leaves the tip, which of an upright tool is its tip, and of a tilted one
+:func:`isf_core.geometry.tool_axis.point_on_axis`. A machine names its kinematics in the rig file: the gantry, whose
+axes are the coordinates of the tip, or the hexapod of :mod:`isf_core.geometry.hexapod`.
 """
 
 from __future__ import annotations
@@ -26,10 +27,14 @@ class Kinematics(Protocol):
     Attributes
     ----------
     axes : names of the axes
+    tilt_limit : rad, largest tilt of the tool, 0 where it is always upright
     """
 
     @property
     def axes(self) -> tuple[str, ...]: ...
+
+    @property
+    def tilt_limit(self) -> float: ...
 
     def positions(self, tip: Array, tilt: Array = UPRIGHT) -> Array:
         """(A,) m, axis positions for the tip (3,) m and tilt (2,) rad; raises TARGET_OUT_OF_WORKSPACE."""
@@ -51,9 +56,11 @@ class Gantry:
     Attributes
     ----------
     axes : three names, ("X", "Y", "Z") for an upper tool, ("U", "V", "W") for a lower one
+    tilt_limit : rad, none
     """
 
     axes: tuple[str, ...] = ("X", "Y", "Z")
+    tilt_limit: float = 0.0
 
     def positions(self, tip: Array, tilt: Array = UPRIGHT) -> Array:
         """(3,) m, the tip itself."""

@@ -243,7 +243,7 @@ class Probe(ABC):
         if self.clear:
             height = config.park_height
             one, two = np.array([*here.tip_1[:2], height]), np.array([*here.tip_2[:2], -height])
-            high = Posture(one, two, here.angle, here.holder)
+            high = Posture(one, two, here.angle, here.holder, here.axis)
             if max(np.abs(high.tip_1 - here.tip_1).max(), np.abs(high.tip_2 - here.tip_2).max()) > 1e-9:
                 yield from self.follow([tool_moves.move(config, here, high, config.rapid_speed)])
         else:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from isf_core.contour import Contour, Process, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.tool_axis import inclination, turn_per_length
 from isf_core.types import Array
 from numpy.typing import NDArray
 
@@ -18,6 +19,9 @@ from isf_force_ctrl.motion.trajectory import ToolPath, horizontal_direction
 
 MINIMUM_CENTRE_DISTANCE = 0.5e-3
 """m, horizontal distance of the ball centres below which d_n is not defined well enough."""
+
+TILT_TOLERANCE = 1e-6
+"""rad, beyond the largest tilt that rounding may lie."""
 
 MINIMUM_SLOPE = 0.05
 """Horizontal part of the sheet's unit normal below which it has no direction worth following (3 deg; assumed)."""
@@ -64,6 +68,9 @@ def contour_path(
     if keep.sum() < 2:
         raise IsfError(ErrorCode.CONTOUR_REJECTED, "has no length", where=where)
     speed = contour.speed[index % len(contour)][keep] if len(contour.speed) else np.empty(0)
+    if contour.tilted:
+        bound = np.minimum(contour.feed, _axis_speed(contour, config))[index % len(contour)][keep]
+        speed = np.minimum(speed, bound) if len(speed) else bound
     if forced and contour.closed and config.seam_speed < contour.feed:
         seam = _seam_speed(forming[keep], config)
         speed = np.minimum(speed, seam) if len(speed) else seam
@@ -77,7 +84,14 @@ def contour_path(
         forming=contour.forming_tool,
         speed=speed,
         holder=np.full(int(keep.sum()), contour.holder_height) if contour.holder_height else np.empty(0),
+        axis=contour.forming_axis[index % len(contour)][keep] if contour.tilted else contour.forming_axis,
     )
+
+
+def _axis_speed(contour: Contour, config: ControlConfig) -> Array:
+    """(N,) m/s, at which the axis of the tool turns with the largest rate."""
+    turn = turn_per_length(contour.forming_tip, contour.forming_axis, closed=contour.closed)
+    return np.asarray(config.axis_rate / np.maximum(turn, 1e-9))
 
 
 def _direction(contour: Contour, tip_1: Array, tip_2: Array, index: NDArray[np.int64]) -> Array | None:
@@ -135,6 +149,18 @@ def _check_limits(contour: Contour, config: ControlConfig, where: str) -> None:
                 f"{name} at point {worst} ({x:.1f}, {y:.1f}, {z:.1f}) mm is outside the travel of the rig",
                 where=where,
                 advice="the limits are rig.limits.travel less rig.limits.offset",
+            )
+    if contour.tilted:
+        tilt = inclination(contour.forming_axis)
+        worst = int(np.argmax(tilt))
+        most = config.largest_tilt if contour.forming_tool == 1 else 0.0
+        if tilt[worst] > most + TILT_TOLERANCE:
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED,
+                f"forming_axis at point {worst} is tilted by {np.degrees(tilt[worst]):.2f} deg, tool_"
+                f"{contour.forming_tool} of this rig can be tilted by {np.degrees(most):.2f} deg",
+                where=where,
+                advice="plan the part for this rig, or with tool_axis.strategy auto",
             )
     if contour.force_controlled and (contour.support_force < 0).any():
         raise IsfError(ErrorCode.CONTOUR_REJECTED, "support_force is negative: contacts only push", where=where)

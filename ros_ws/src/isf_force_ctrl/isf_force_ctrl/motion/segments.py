@@ -5,6 +5,7 @@ Frame ``sheet``, SI units; one row per control tick (:class:`Column`), played ba
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -12,6 +13,7 @@ from enum import IntEnum
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.tool_axis import UP, UPRIGHT
 from isf_core.types import Array
 
 from isf_force_ctrl.control_config import ControlConfig
@@ -29,7 +31,10 @@ correction moves the one against the other."""
 
 
 class Column(IntEnum):
-    """Where a quantity is in a row; tips take three columns each."""
+    """Where a quantity is in a row; tips and axis take three columns each.
+
+    A row ends before the axis of tool 1 where that tool is upright.
+    """
 
     TIP_1 = 0
     TIP_2 = 3
@@ -40,6 +45,7 @@ class Column(IntEnum):
     SPEED = 10
     LEARNED = 11
     HOLDER = 12
+    AXIS = 13
 
 
 RESTING: Row = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, float("nan"), float("nan"), 0.0, 0.0, 0.0]
@@ -130,7 +136,8 @@ def contour_segments(
     ``runs_on``: another one will continue it, so it is left in motion.
     """
     here, clear = present.here, present.clear
-    start = Posture(path.tip_1[0], path.tip_2[0], float(path.direction[0]), _holder_of(path))
+    axis = path.axis[0] if len(path.axis) else UP
+    start = Posture(path.tip_1[0], path.tip_2[0], float(path.direction[0]), _holder_of(path), axis)
     forced = bool(np.isfinite(path.set_point[0]))
     if present.velocity is not None and continues:
         return _onward(config, path, feed, present, forced=forced, runs_on=runs_on)
@@ -183,6 +190,8 @@ def _onward(
 ) -> list[Segment]:
     """The next turn of a spiral, entered in motion; what the two ends differ by fades out along its begin."""
     assert present.velocity is not None
+    if not len(path.axis) and not np.array_equal(present.here.axis, UP):
+        path = replace(path, axis=np.tile(UP, (len(path.tip_1), 1)))  # the turn before was left tilted
     entry = float(np.linalg.norm(present.velocity[path.forming - 1]))
     rows = rows_of(sample(path, feed, tool_moves.limits_of(config), entry=max(entry, 1e-4), runs_on=runs_on))
     _fade_in(config, rows, present, feed)
@@ -206,11 +215,15 @@ def _fade_in(config: ControlConfig, rows: list[Row], present: Present, feed: flo
     assert present.velocity is not None
     here = present.here
     columns = [0, 1, 2, 3, 4, 5, int(Column.NORMAL_X), int(Column.NORMAL_Y), int(Column.HOLDER)]
+    there = [*here.tip_1, *here.tip_2, np.cos(here.angle), np.sin(here.angle), here.holder]
+    if len(rows[0]) > Column.AXIS:
+        columns += range(Column.AXIS, Column.AXIS + 3)
+        there += here.axis.tolist()
     first, second = (np.array([row[c] for c in columns]) for row in rows[:2])
-    apart = np.array([*here.tip_1, *here.tip_2, np.cos(here.angle), np.sin(here.angle), here.holder]) - first
+    apart = np.array(there) - first
     drift = np.zeros(len(columns))
     drift[:6] = np.concatenate(present.velocity) / config.rate - (second - first)[:6]
-    largest = float(np.abs(apart).max(initial=0.0, where=[True] * 6 + [False] * 2 + [True]))
+    largest = float(np.abs(apart[[0, 1, 2, 3, 4, 5, 8]]).max())
     speed = float(np.abs(drift).max()) * config.rate
     time = max(0.15, 9.4 * largest / feed, float(np.sqrt(29.0 * largest / config.acceleration)))
     time = max(time, 15.0 * speed / config.acceleration)
@@ -254,6 +267,7 @@ def rows_of(motion: Motion, set_point: float | None = None) -> list[Row]:
             motion.speed,
             np.zeros(len(motion)),
             motion.holder,
+            *motion.axis.T[: 3 * bool(len(motion.axis))],
         ]
     )
     rows: list[Row] = table.tolist()
@@ -261,13 +275,23 @@ def rows_of(motion: Motion, set_point: float | None = None) -> list[Row]:
 
 
 def posture_of(row: Row) -> Posture:
-    """Tips, direction of d_n and height of the blank holder of a row."""
+    """Tips, direction of d_n, height of the blank holder and axis of a row."""
     return Posture(
         np.array(row[Column.TIP_1 : Column.TIP_1 + 3]),
         np.array(row[Column.TIP_2 : Column.TIP_2 + 3]),
         float(np.arctan2(row[Column.NORMAL_Y], row[Column.NORMAL_X])),
         row[Column.HOLDER],
+        np.array(axis_of_row(row)),
     )
+
+
+def axis_of_row(row: Row) -> tuple[float, float, float]:
+    """Unit axis of tool 1 of a row."""
+    if len(row) <= Column.AXIS:
+        return UPRIGHT
+    x, y, z = row[Column.AXIS :]
+    size = math.sqrt(x * x + y * y + z * z)
+    return (x / size, y / size, z / size)
 
 
 def _holder_of(path: ToolPath) -> float:

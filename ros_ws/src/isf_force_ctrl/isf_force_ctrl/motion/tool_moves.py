@@ -8,9 +8,10 @@ the tools are clear, or along with a link.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from isf_core.geometry.tool_axis import UP
 from isf_core.types import Array
 
 from isf_force_ctrl.control_config import ControlConfig
@@ -22,12 +23,13 @@ _UP = (1.0, -1.0)
 
 @dataclass(frozen=True)
 class Posture:
-    """Where both tools are: tips (3,) m and the angle of d_n, rad; height of the blank holder, m."""
+    """Where both tools are: tips (3,) m and the angle of d_n, rad; height of the blank holder, m; axis of tool 1."""
 
     tip_1: Array
     tip_2: Array
     angle: float
     holder: float = 0.0
+    axis: Array = field(default_factory=UP.copy)
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ def move(config: ControlConfig, start: Posture, end: Posture, speed: float, form
         config.offset_limit,
         forming=forming,
         holder=(start.holder, end.holder),
+        axis=(start.axis, end.axis),
+        axis_arm=speed / config.axis_rate,
     )
     first = float(np.linalg.norm(end.tip_1 - start.tip_1))
     second = float(np.linalg.norm(end.tip_2 - start.tip_2))
@@ -69,7 +73,7 @@ def move(config: ControlConfig, start: Posture, end: Posture, speed: float, form
 def approach(config: ControlConfig, here: Posture, start: Posture, feed: float, tools: Tools) -> list[Motion]:
     """From anywhere clear of the sheet to the first point of a contour: retract, traverse, descend, touch.
 
-    A tool that takes no part stays where it is.
+    A tool that takes no part stays where it is. Tool 1 is tilted while it traverses.
     """
     high = _raised(config, here, tools)
     over = _with_heights(start, here, tools, (high.tip_1[2], high.tip_2[2]))
@@ -109,7 +113,7 @@ def lift(config: ControlConfig, here: Posture, normal: Array, tools: Tools) -> l
 
 
 def park(config: ControlConfig, here: Posture, tools: Tools) -> list[Motion]:
-    """From park height to the park position x = y = 0; the blank holder comes down."""
+    """From park height to the park position x = y = 0, upright; the blank holder comes down."""
     end = Posture(
         np.array([0.0, 0.0, here.tip_1[2]]) if tools.moves(1) else here.tip_1,
         np.array([0.0, 0.0, here.tip_2[2]]) if tools.moves(2) else here.tip_2,
@@ -150,6 +154,7 @@ def brake(config: ControlConfig, here: Posture, velocity: tuple[Array, Array], f
         nothing,
         speed,
         np.full(count, here.holder),
+        np.empty((0, 3)) if np.array_equal(here.axis, UP) else np.tile(here.axis, (count, 1)),
     )
 
 
@@ -180,4 +185,5 @@ def _moves(config: ControlConfig, legs: list[tuple[Posture, Posture, float]], to
 
 def _differs(start: Posture, end: Posture) -> bool:
     apart = np.abs(end.tip_1 - start.tip_1).max() + np.abs(end.tip_2 - start.tip_2).max()
-    return bool(apart > 1e-9 or start.angle != end.angle or start.holder != end.holder)
+    turns = start.angle != end.angle or start.holder != end.holder or not np.array_equal(start.axis, end.axis)
+    return bool(apart > 1e-9 or turns)

@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from isf_core.geometry.tool_axis import UP, angle_between, between
 from isf_core.types import Array
 from scipy.ndimage import minimum_filter1d
 
@@ -65,6 +66,8 @@ class ToolPath:
     forming : tool (1, 2) that moves at the feed
     speed : (M,) m/s, largest speed of the forming tip at the vertices, or (0,)
     holder : (M,) m, height of the blank holder, or (0,) for 0
+    axis : (M, 3), axis of tool 1, or (0, 3) where it is upright all along
+    axis_arm : m, length at which a turn of ``axis`` counts as motion
     """
 
     tip_1: Array
@@ -76,6 +79,8 @@ class ToolPath:
     forming: int = 1
     speed: Array = field(default_factory=lambda: np.empty(0))
     holder: Array = field(default_factory=lambda: np.empty(0))
+    axis: Array = field(default_factory=lambda: np.empty((0, 3)))
+    axis_arm: float = 0.0
 
     @property
     def forming_tip(self) -> Array:
@@ -100,6 +105,7 @@ class Motion:
     coordinate : (T,) contour coordinate, NaN outside a contour
     speed : (T,) m/s of the forming tip, or of the other one where that rests
     holder : (T,) m, height of the blank holder
+    axis : (T, 3), axis of tool 1, or (0, 3) where it is upright
     """
 
     tip_1: Array
@@ -109,6 +115,7 @@ class Motion:
     coordinate: Array
     speed: Array
     holder: Array
+    axis: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     def __len__(self) -> int:
         return len(self.tip_1)
@@ -138,6 +145,7 @@ def sample(path: ToolPath, feed: float, limits: Limits, *, entry: float = 0.0, r
             path.set_point,
             path.coordinate,
             holder,
+            *path.axis.T[: 3 * bool(len(path.axis))],
         ]
     )
     sampled = np.column_stack([np.interp(travelled, position, column) for column in columns.T])
@@ -156,7 +164,10 @@ def sample(path: ToolPath, feed: float, limits: Limits, *, entry: float = 0.0, r
     tip_1, tip_2 = smooth[:, 0:3], smooth[:, 3:6]
     forming, support = (tip_1, tip_2) if path.forming == 1 else (tip_2, tip_1)
     speed = _speed(forming, support, limits.rate, entry)
-    return Motion(tip_1, tip_2, normal, smooth[:, 10], smooth[:, 11], speed, smooth[:, 12])
+    axis = smooth[:, 13:16]
+    if len(path.axis):
+        axis = axis / np.linalg.norm(axis, axis=1)[:, None]
+    return Motion(tip_1, tip_2, normal, smooth[:, 10], smooth[:, 11], speed, smooth[:, 12], axis)
 
 
 def straight(
@@ -167,14 +178,19 @@ def straight(
     *,
     forming: int = 1,
     holder: tuple[float, float] = (0.0, 0.0),
+    axis: tuple[Array, Array] = (UP, UP),
+    axis_arm: float = 0.0,
 ) -> ToolPath:
     """Path along the vertices ``tip_1``, ``tip_2`` (M, 3) while d_n turns from ``angle[0]`` to ``angle[1]`` (rad).
 
-    The blank ``holder`` moves from its first to its second height (m) meanwhile.
+    The blank ``holder`` moves from its first to its second height (m) meanwhile, and the ``axis`` of tool 1 turns from
+    the first one to the second on a great circle.
     """
     count = len(tip_1)
     turn = np.remainder(angle[1] - angle[0] + np.pi, 2 * np.pi) - np.pi
-    pieces = 1 + int(np.ceil(abs(turn) / 0.1))
+    tilts = not (np.array_equal(axis[0], UP) and np.array_equal(axis[1], UP))
+    lean = float(angle_between(*axis)) if tilts else 0.0
+    pieces = 1 + int(np.ceil(max(abs(turn), lean) / 0.1))
     at = np.linspace(0.0, count - 1.0, (count - 1) * pieces + 1)
     vertices = np.arange(count)
     return ToolPath(
@@ -186,6 +202,8 @@ def straight(
         arm=arm,
         forming=forming,
         holder=holder[0] + (holder[1] - holder[0]) * at / max(count - 1, 1),
+        axis=between(*axis, at / max(count - 1, 1)) if tilts else np.empty((0, 3)),
+        axis_arm=axis_arm if tilts else 0.0,
     )
 
 
@@ -212,6 +230,8 @@ def _path_coordinate(path: ToolPath) -> Array:
     step = np.maximum(step, np.abs(np.diff(path.direction)) * path.arm)
     if len(path.holder):
         step = np.maximum(step, np.abs(np.diff(path.holder)) * HOLDER_RATIO)
+    if path.axis_arm > 0.0:
+        step = np.maximum(step, angle_between(path.axis[:-1], path.axis[1:]) * path.axis_arm)
     return np.concatenate([[0.0], np.cumsum(np.maximum(step, 1e-12))])
 
 
@@ -353,5 +373,12 @@ def _standstill(path: ToolPath) -> Motion:
     normal = np.array([[np.cos(path.direction[0]), np.sin(path.direction[0])]])
     holder = path.holder[-1:] if len(path.holder) else np.zeros(1)
     return Motion(
-        path.tip_1[:1], path.tip_2[:1], normal, path.set_point[-1:], path.coordinate[-1:], np.zeros(1), holder
+        path.tip_1[:1],
+        path.tip_2[:1],
+        normal,
+        path.set_point[-1:],
+        path.coordinate[-1:],
+        np.zeros(1),
+        holder,
+        path.axis[-1:],
     )

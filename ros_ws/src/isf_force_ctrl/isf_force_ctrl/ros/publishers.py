@@ -13,6 +13,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from isf_core.contour import ContourResult
+from isf_core.geometry.tool_axis import UPRIGHT
 from isf_msgs import msg as isf
 from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
@@ -46,6 +47,7 @@ class ForceCtrlPublishers:
         self._results = self._publisher(isf.ContourResult, "contour/result", qos.EVENT)
         self._armed = self._publisher(isf.ForceCtrlArmed, "force_ctrl/armed", qos.LATCHED)
         self._messages = (conversion.make_pose(), conversion.make_pose())
+        self._axis: Vector = UPRIGHT
         self._holder_message = conversion.make_pose()
         self.with_holder = False
         """The machine has a blank holder that moves: its target goes out with every pair of targets."""
@@ -88,8 +90,12 @@ class ForceCtrlPublishers:
         if self._twist_messages is not None and self._twists is not None:
             self._zeros = RESTING
             velocities = [law.step(tip) for law, tip in zip(self._twists, targets[:2], strict=True)]
-            self._send_twists(velocities, (seconds, rest))
+            turning = self._twists[0].turn(targets.axis)
+            self._send_twists(velocities, (seconds, rest), turning)
         else:
+            if targets.axis != self._axis:
+                self._axis = targets.axis
+                conversion.set_axis(self._messages[0], targets.axis)
             for message, tip, publisher in zip(self._messages, targets[:2], self._targets, strict=True):
                 message.header.stamp.sec, message.header.stamp.nanosec = seconds, rest
                 position = message.pose.position
@@ -119,7 +125,12 @@ class ForceCtrlPublishers:
             self._holder.publish(self._holder_message)
         self.last_publish = time.monotonic()
 
-    def _send_twists(self, velocities: Sequence[Vector], stamp: tuple[int, int] | None) -> None:
+    def _send_twists(
+        self, velocities: Sequence[Vector], stamp: tuple[int, int] | None, turning: Vector = (0.0, 0.0, 0.0)
+    ) -> None:
+        if self._twist_messages is not None:
+            angular = self._twist_messages[0].twist.angular
+            angular.x, angular.y, angular.z = turning
         for message, velocity, publisher in zip(self._twist_messages or (), velocities, self._targets, strict=True):
             if stamp is not None:
                 message.header.stamp.sec, message.header.stamp.nanosec = stamp
@@ -171,8 +182,17 @@ class TargetTwist:
     def __init__(self, start: Vector, rate: float) -> None:
         """``start``: where the tool is, m."""
         self._last, self._rate = start, rate
+        self._axis: Vector = UPRIGHT
         self.measured: Sequence[float] = start
         """(3,) m, newest measured tip."""
+
+    def turn(self, axis: Vector) -> Vector:
+        """Angular velocity rad/s that brings the tool's axis to ``axis`` (3,) in this period; nothing pulls it back."""
+        if axis == self._axis:
+            return (0.0, 0.0, 0.0)
+        (a, b, c), (x, y, z), rate = self._axis, axis, self._rate
+        self._axis = axis
+        return (rate * (b * z - c * y), rate * (c * x - a * z), rate * (a * y - b * x))
 
     def step(self, target: Vector) -> Vector:
         """Velocity to be at ``target`` at the end of this period."""

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile
+from isf_core.geometry.tool_axis import UPRIGHT
 from isf_msgs import msg as isf
 from isf_ros.watchdog import ReceiveWatchdog
 
@@ -21,7 +22,10 @@ FRESH = 1.0
 
 
 class Readiness:
-    """Ages of wrenches and poses, state of the machine, and whose wrench is ``needed`` (1, 2)."""
+    """Ages of wrenches and poses, state of the machine, and whose wrench is ``needed`` (1, 2).
+
+    ``axis``: (3,) of tool 1 by its last pose.
+    """
 
     def __init__(self, timeout: float, pose_timeout: float, frames: WrenchFrames) -> None:
         """``timeout``, ``pose_timeout`` s without a wrench, a pose after which they count as lost."""
@@ -30,6 +34,7 @@ class Readiness:
         self._machine: tuple[float, isf.MachineState] | None = None
         self._watchdogs = (ReceiveWatchdog(timeout), ReceiveWatchdog(timeout))
         self._poses: list[tuple[float, Vector] | None] = [None, None]
+        self.axis: Vector = UPRIGHT
 
     def wrench(self, tool: int) -> None:
         """A wrench of ``tool`` has come."""

@@ -16,6 +16,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, ToolSpec
 from isf_core.files.rig import Rig
 from isf_core.geometry.kinematics import make_kinematics
+from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.types import Array, Indices
 
 from isf_planner.checks.mesh_slicing import MeshLoop, slice_mesh
@@ -128,29 +129,45 @@ def check_travel(contours: tuple[Contour, ...], rig: Rig) -> None:
                 )
 
 
-def check_axes(contours: Sequence[Contour], rig: Rig) -> None:
-    """The rig's axes (cylinders, joints) make every pose of the tools; IsfError PART_DOES_NOT_FIT otherwise."""
+def check_axes(contours: Sequence[Contour], rig: Rig, radius: float) -> None:
+    """The rig's axes (cylinders, joints) make every pose of the tools; IsfError PART_DOES_NOT_FIT otherwise.
+
+    ``radius`` m of the ball of a tilted forming tool.
+    """
     for contour in contours:
         for tool, tips in (
             (contour.forming_tool, contour.forming_tip),
             (3 - contour.forming_tool, contour.support_tip),
         ):
             kinematics = make_kinematics(rig.kinematics)[tool - 1]
-            within = kinematics.reachable(tips) if len(tips) else np.ones(0, dtype=bool)
+            axis = contour.forming_axis if tool == contour.forming_tool else np.empty((0, 3))
+            if len(axis):
+                within = kinematics.reachable(point_on_axis(tips, axis, radius), tilt_of(axis))
+            else:
+                within = kinematics.reachable(tips) if len(tips) else np.ones(0, dtype=bool)
             if not within.all():
-                tip = tips[int(np.argmin(within))]
+                worst = int(np.argmin(within))
+                leaning = (axis[worst], radius) if len(axis) else None
                 raise IsfError(
                     ErrorCode.PART_DOES_NOT_FIT,
-                    axis_reason(rig, tip, tool),
-                    where=f"{contour_label(contour.index)} at {place_text(tip)}",
-                    advice="move the part, or the table of the machine",
+                    axis_reason(rig, tips[worst], tool, leaning),
+                    where=f"{contour_label(contour.index)} at {place_text(tips[worst])}",
+                    advice="move the part, or the table of the machine"
+                    + (", or lower tool_axis.largest_tilt" if len(axis) else ""),
                 )
 
 
-def axis_reason(rig: Rig, tip: Array, tool: int = 1) -> str:
-    """Why the axes of ``tool`` (1 or 2) cannot make the ``tip`` (3,) m; empty when they can."""
+def axis_reason(rig: Rig, tip: Array, tool: int = 1, leaning: tuple[Array, float] | None = None) -> str:
+    """Why the axes of ``tool`` (1 or 2) cannot make the ``tip`` (3,) m; empty when they can.
+
+    ``leaning``: axis (3,) and ball radius m of a tilted tool; None: upright.
+    """
+    kinematics = make_kinematics(rig.kinematics)[tool - 1]
     try:
-        make_kinematics(rig.kinematics)[tool - 1].positions(tip)
+        if leaning is None:
+            kinematics.positions(tip)
+        else:
+            kinematics.positions(point_on_axis(tip, *leaning), tilt_of(leaning[0]))
     except IsfError as error:
         return error.what
     return ""

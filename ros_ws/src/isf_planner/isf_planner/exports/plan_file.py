@@ -1,7 +1,9 @@
 """A whole plan in one file: JSON head and arrays in a NumPy archive (.npz), nothing executable, any platform.
 
 All points of all contours stand behind each other in one array per field; the head tells how many belong to each
-contour. A field that a later version adds to the contour is written and read like the others.
+contour. A field that a later version adds to the contour is written and read like the others. What an older version
+must not leave out without a word has a version of its own: 2, the axis of a tilted tool. Plans with an upright tool are
+written as version 1.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from isf_core.types import Array, Points
 
 from isf_planner.planning import Plan
 
-VERSION = 1
+VERSIONS = (1, 2)
 
 _TYPES = get_type_hints(Contour, include_extras=True)
 _ARRAYS = tuple(name for name, kind in _TYPES.items() if kind in (Array, Points))
@@ -31,7 +33,7 @@ def save_plan(plan: Plan, path: Path) -> Path:
     """Write ``plan`` to ``path`` (.npz) and return it; the loop tree is left out. IsfError FILE_NOT_WRITABLE."""
     head = {
         "format": "isf plan",
-        "version": VERSION,
+        "version": 2 if any(contour.tilted for contour in plan.contours) else 1,
         "plan_id": plan.plan_id,
         "warnings": list(plan.warnings),
         "contours": [
@@ -84,8 +86,9 @@ def load_plan(path: Path) -> Plan:
 def _check_head(head: Any, path: Path) -> None:
     if not isinstance(head, dict) or head.get("format") != "isf plan":
         raise _unreadable(path, "is not a plan file")
-    if head.get("version") != VERSION:
-        raise _unreadable(path, f"is a plan file of version {head.get('version')}, this software reads {VERSION}")
+    if head.get("version") not in VERSIONS:
+        known = " and ".join(map(str, VERSIONS))
+        raise _unreadable(path, f"is a plan file of version {head.get('version')}, this software reads {known}")
 
 
 def _unreadable(path: Path, what: str) -> IsfError:

@@ -65,6 +65,31 @@ def test_plan_file_keeps_everything(made: Plan, one_tool: Plan, tmp_path: Path) 
             np.testing.assert_array_equal(array, other_array)
 
 
+def leaning(plan_: Plan, tilt: float = np.radians(20.0)) -> Plan:
+    """The plan with its forming tool tilted towards the normals, not on the first contour."""
+    contours = []
+    for contour in plan_.contours:
+        level = contour.normal[:, :2] / np.maximum(np.hypot(*contour.normal[:, :2].T), 1e-9)[:, None]
+        axis = np.column_stack([np.sin(tilt) * level, np.full(len(contour), np.cos(tilt))])
+        contours.append(replace(contour, forming_axis=axis if contour.index else np.empty((0, 3))).validate())
+    return replace(plan_, contours=tuple(contours))
+
+
+def test_plan_file_of_a_tilted_tool_has_a_version_of_its_own(one_tool: Plan, tmp_path: Path) -> None:
+    """An older version refuses it, and would not form it upright; a file without axes is upright."""
+    tilted = leaning(one_tool)
+    for original, version in ((tilted, 2), (one_tool, 1)):
+        path = save_plan(original, tmp_path / "plan.npz")
+        with np.load(path) as data:
+            assert json.loads(str(data["head"]))["version"] == version
+            old = {name: data[name] for name in data.files if name != "contour_forming_axis"}
+        for contour, other in zip(original.contours, load_plan(path).contours, strict=True):
+            same(contour, other)
+        if version == 1:
+            np.savez_compressed(path, **old)
+            assert not any(contour.tilted for contour in load_plan(path).contours)
+
+
 @pytest.mark.parametrize("form", post_names())
 @pytest.mark.parametrize("tools", [1, 2])
 def test_programs_read_back_to_a_micrometre(form: str, tools: int, made: Plan, one_tool: Plan, tmp_path: Path) -> None:

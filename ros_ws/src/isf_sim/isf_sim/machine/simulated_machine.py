@@ -18,6 +18,7 @@ from isf_core.events import Event
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics, make_kinematics
+from isf_core.geometry.tool_axis import UPRIGHT, between, point_on_axis, tilt_of
 from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
 
@@ -42,6 +43,7 @@ from isf_sim.machine.kernel_bundle import UNCHECKED, TickParts
 from isf_sim.machine.load_cells import BLOCK, DRAWS, CellState, read_again, take_zero
 from isf_sim.machine.spindle_cells import SpindleCellPlant
 from isf_sim.machine.tick import Axes
+from isf_sim.machine.tool_tilt import ToolTilt
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import SCAN_TIME, measured_points
 from isf_sim.sheet import adsif
@@ -145,6 +147,7 @@ class SimulatedMachine:
         self._squeeze = no_squeeze()
         self._parts = TickParts()
         self._kinematics = make_kinematics(rig.kinematics)
+        self._tilt = ToolTilt()
         self._linear = all(isinstance(item, Gantry) for item in self._kinematics)
         radius_2 = job.tool_2.radius if job.tool_2 else 0.0
         self._watch = EventWatch(parts.event_limits)
@@ -185,14 +188,17 @@ class SimulatedMachine:
         holder_height: float = 0.0,
         *,
         waited: int = 0,
+        axis: Sequence[float] = UPRIGHT,
     ) -> MachineSample:
         """One control tick towards tip targets (3,), (3,) m and a blank holder height m; never raises: see ``faults``.
 
-        ``waited``: periods between these targets and the last ones, less one (real time only, where messages may
-        be late): the step may be larger by as many ticks.
+        ``axis`` (3,): of tool 1. ``waited``: periods between these targets and the last ones, less one (real time only,
+        where messages may be late): the step may be larger by as many ticks.
         """
         target = self._target
         target[:3], target[3:] = target_1, target_2
+        if axis != UPRIGHT or not self._tilt.upright:
+            self._ask_tilt(axis, waited)
         if self.faults:
             target[:] = self._axes.target
         elif self._check_in_tick and holder_height == self.holder_height == self._holder_asked:
@@ -210,14 +216,17 @@ class SimulatedMachine:
         holder_height: float = 0.0,
         *,
         waited: int = 0,
+        axis: Sequence[float] = UPRIGHT,
     ) -> MachineSample:
         """``ticks`` control ticks straight from the last targets to these, after a time without ticks."""
         start = self._axes.target.copy()
         way = np.concatenate([target_1, target_2]) - start
+        axes = self._tilt.asked, tuple(axis)
         for k in range(1, ticks):
             point = start + (k / ticks) * way
-            self.tick(point[:3], point[3:], holder_height, waited=waited)
-        return self.tick(target_1, target_2, holder_height, waited=waited)
+            leaning = axis if axes[0] == axes[1] else between(*map(np.array, axes), np.array([k / ticks]))[0].tolist()
+            self.tick(point[:3], point[3:], holder_height, waited=waited, axis=leaning)
+        return self.tick(target_1, target_2, holder_height, waited=waited, axis=axis)
 
     def between_ticks(self) -> None:
         """What need not be done before the readings of a tick are out; the next tick does it otherwise."""
@@ -241,8 +250,9 @@ class SimulatedMachine:
             tips[3:],
             axes.force_1.copy(),
             axes.force_2.copy(),
-            self._volts(0, axes.force_1),
+            self._volts(0, axes.force_1, self._tilt.turn),
             self._volts(1, axes.force_2),
+            self._tilt.axis,
         )
 
     # -- load cells, shape -----------------------------------------------------------------------------
@@ -380,6 +390,7 @@ class SimulatedMachine:
             cell_1=self._cell_1,
             cell_2=self._cell_2,
             held=self._held,
+            tilt=self._tilt,
             watch=self._watch,
             settled=self._settled,
         )
@@ -394,7 +405,7 @@ class SimulatedMachine:
         self.plant, self._adsif, self._axes, self._squeeze = state.plant, state.ring, state.axes, state.squeeze
         self._shell = state.shell
         self._cell_1, self._cell_2, self._held = state.cell_1, state.cell_2, state.held
-        self._watch, self._settled = state.watch, state.settled
+        self._tilt, self._watch, self._settled = state.tilt, state.watch, state.settled
 
     def state_copy(self) -> MachineState:
         """Everything that changes, for :meth:`restore`."""
@@ -406,9 +417,9 @@ class SimulatedMachine:
 
     # -- inside --------------------------------------------------------------------------------------
 
-    def _volts(self, tool: int, force: Array) -> Array | None:
+    def _volts(self, tool: int, force: Array, turn: Array | None = None) -> Array | None:
         plant = self._spindle_cells[tool]
-        return plant.volts(force, self.tick_count, self._held[tool]) if plant is not None else None
+        return plant.volts(force, self.tick_count, self._held[tool], turn) if plant is not None else None
 
     def _volts_again(self, tool: int, volts: Array | None) -> Array | None:
         plant = self._spindle_cells[tool]
@@ -416,16 +427,33 @@ class SimulatedMachine:
             return volts
         return plant.read_again(volts, self._held[tool], self._noise_between_ticks)
 
+    def _ask_tilt(self, axis: Sequence[float], waited: int) -> None:
+        """The axis of tool 1 goes towards ``axis``; latches why it cannot, and then it stays."""
+        if self.faults:
+            return
+        try:
+            self._tilt.ask(axis, self._kinematics[0].tilt_limit, waited)
+        except IsfError as error:
+            self.limits |= LIMIT_TRAVEL if error.code is ErrorCode.TARGET_OUT_OF_WORKSPACE else 0
+            self.latch(error.code, error.what)
+
     def _check(self, target: Array, waited: int) -> None:
         bits = mt.check_target(target, self._axes.target, waited, self._target_limits)
         if bits:
             self._judge_target(bits, target, waited)
-        elif not self._linear and (finding := reach_fault(self._kinematics, target)) is not None:
+        elif not self._linear and (finding := self._reach_fault(target)) is not None:
             self.limits |= LIMIT_TRAVEL
             self.latch(*finding)
             target[:] = self._axes.target
 
+    def _reach_fault(self, target: Array) -> Finding | None:
+        """TARGET_OUT_OF_WORKSPACE when an axis cannot make the tips of ``target`` (6,) m with the tool's axis asked."""
+        axis = self._tilt.asked
+        return reach_fault(self._kinematics, target, None if axis == UPRIGHT else np.array(axis), self._balls[0])
+
     def _advance(self, target: Array, waited: int = UNCHECKED) -> MachineSample:
+        if not self._tilt.upright:
+            self._tilt.follow(self._constants.servo)
         if self.plant.worker.waiting:
             self.between_ticks()
         row = self.tick_count % BLOCK
@@ -570,6 +598,7 @@ class MachineState:
     ring : of accumulative forming, None in other processes
     axes, squeeze, cell_1, cell_2 : axes, sheet between the tools, load cells
     held : (2, 9) V, what stuck channels of spindle cells hold
+    tilt : of tool 1
     watch, settled : what is counted of events, and the conditions that change nothing of it
     """
 
@@ -592,6 +621,7 @@ class MachineState:
     cell_1: CellState
     cell_2: CellState
     held: Array
+    tilt: ToolTilt
     watch: EventWatch
     settled: int
 
@@ -606,6 +636,7 @@ class MachineSample(NamedTuple):
     tip_1, tip_2 : (3,) m, tips by the encoders
     true_force_1, true_force_2 : (3,) N, force of the sheet on each tool without errors of the cells
     volts_1, volts_2 : (9,) V of a tool's spindle cells, before tare; None where the rig has none
+    axis_1 : (3,) unit, axis of tool 1 by the encoders
     """
 
     tick: int
@@ -618,6 +649,7 @@ class MachineSample(NamedTuple):
     true_force_2: Array
     volts_1: Array | None
     volts_2: Array | None
+    axis_1: tuple[float, float, float] = UPRIGHT
 
 
 Finding = tuple[ErrorCode, str]
@@ -659,10 +691,18 @@ def target_faults(bits: int, target: Array, held: Array, allowed: float, travel:
     return flags, faults
 
 
-def reach_fault(kinematics: tuple[Kinematics, Kinematics], target: Array) -> Finding | None:
-    """TARGET_OUT_OF_WORKSPACE when an axis cannot make the tip of ``target`` (6,) m, else None."""
+def reach_fault(
+    kinematics: tuple[Kinematics, Kinematics], target: Array, axis: Array | None = None, radius: float = 0.0
+) -> Finding | None:
+    """TARGET_OUT_OF_WORKSPACE when an axis cannot make the tip of ``target`` (6,) m, else None.
+
+    ``axis`` (3,): of tool 1, whose ball has the ``radius`` m; None: upright.
+    """
     try:
-        kinematics[0].positions(target[:3])
+        if axis is None:
+            kinematics[0].positions(target[:3])
+        else:
+            kinematics[0].positions(point_on_axis(target[:3], axis, radius), tilt_of(axis))
         kinematics[1].positions(target[3:])
     except IsfError as error:
         return error.code, f"target {millimetres(target)}: {error.what}"

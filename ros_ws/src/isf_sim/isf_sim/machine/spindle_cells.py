@@ -36,8 +36,8 @@ class SpindleCellPlant:
         errors = generator.uniform(-cells.gain_error, cells.gain_error, (3, 3))
         self._per_newton = gain * (1.0 + errors) / cells.gain_array
         offsets = generator.uniform(-cells.zero_offset, cells.zero_offset, (3, 3))
-        pull = self._to_cells @ [0.0, 0.0, -weight]
-        self._unloaded = offsets + self._per_newton * self.channel_forces(pull, WEIGHT_HEIGHT * cells.height)
+        self._offsets, self._weight = offsets, np.array([0.0, 0.0, -weight])
+        self._unloaded = self._without_contact(self._to_cells)
         self._step = 2.0 * cells.amplifier_range / 2**cells.adc_bits
         self._faults: list[tuple[CellFault, int]] = [(fault, CHANNELS.index(fault.channel)) for fault in cells.faults]
         self._block, self._noise = -1, np.empty((0, 9))
@@ -48,9 +48,17 @@ class SpindleCellPlant:
         axial = force[2] / 3.0 + (2.0 * height / (3.0 * self._cells.radius**2)) * (self._places @ force[:2])
         return np.column_stack([np.tile(force[:2] / 3.0, (3, 1)), axial])
 
-    def volts(self, force: Array, tick: int, held: Array) -> Array:
+    def _without_contact(self, to_cells: Array) -> Array:
+        """(3, 3) V of the channels under the weight alone, ``to_cells`` (3, 3) from frame ``sheet``."""
+        return np.asarray(
+            self._offsets
+            + self._per_newton * self.channel_forces(to_cells @ self._weight, WEIGHT_HEIGHT * self._cells.height)
+        )
+
+    def volts(self, force: Array, tick: int, held: Array, turn: Array | None = None) -> Array:
         """(9,) V at ``tick`` under ``force`` (3,) N on the tip, axes of frame ``sheet``; NaN where a wire is broken.
 
+        ``turn`` (3, 3) from axes of the tilted tool, whose cells tilt with it, to frame ``sheet``; None: upright.
         ``held`` (9,) V is what stuck channels hold, NaN until they are; written here.
         """
         block, row = divmod(tick, BLOCK)
@@ -58,8 +66,10 @@ class SpindleCellPlant:
             self._noise = np.random.default_rng([*self._seeds, 1, block]).standard_normal((BLOCK, 9))
             self._block = block
         cells = self._cells
-        load = self.channel_forces(self._to_cells @ force, cells.height)
-        volts = (self._unloaded + self._per_newton * load).ravel() + cells.noise * self._noise[row]
+        to_cells = self._to_cells if turn is None else self._to_cells @ turn.T
+        unloaded = self._unloaded if turn is None else self._without_contact(to_cells)
+        load = self.channel_forces(to_cells @ force, cells.height)
+        volts = (unloaded + self._per_newton * load).ravel() + cells.noise * self._noise[row]
         for fault, channel in self._faults:
             if fault.kind == "offset" and tick >= fault.after * self._rate:
                 volts[channel] += fault.value

@@ -8,6 +8,7 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.events import Event
 from isf_core.files.spindle_cells import CHANNELS
+from isf_core.geometry.tool_axis import UPRIGHT
 from isf_msgs.msg import MachineEvent as EventMessage
 from isf_msgs.msg import MachineState
 from isf_ros import conversion, qos, stamps
@@ -47,6 +48,7 @@ class MachinePublishers:
         self._clock = self._publisher(Clock, "/clock", qos.SENSOR) if clock else None
         self._wrench_messages = [conversion.make_wrench() for _ in (1, 2)]
         self._pose_messages = [conversion.make_pose() for _ in (1, 2)]
+        self._axis = UPRIGHT
 
     def wrenches(self, sample: MachineSample, nanoseconds: int) -> None:
         """Both wrenches, or what stands for them, with the stamp ``nanoseconds``."""
@@ -71,8 +73,11 @@ class MachinePublishers:
             publisher.wait_for_all_acked(Duration(seconds=WRENCH_PATIENCE))
 
     def poses(self, sample: MachineSample, nanoseconds: int) -> None:
-        """Both tips by the encoders, and the clock in lockstep."""
+        """Both tips and the axis of tool 1 by the encoders, and the clock in lockstep."""
         stamp = stamps.to_stamp(nanoseconds)
+        if sample.axis_1 != self._axis:
+            self._axis = sample.axis_1
+            conversion.set_axis(self._pose_messages[0], sample.axis_1)
         for publisher, message, tip in zip(self._poses, self._pose_messages, (sample.tip_1, sample.tip_2), strict=True):
             message.header.stamp = stamp
             conversion.set_tip(message, tip)

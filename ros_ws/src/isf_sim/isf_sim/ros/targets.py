@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from isf_core.geometry.tool_axis import UPRIGHT
 from isf_ros.watchdog import ReceiveWatchdog
 
 Tip = tuple[float, float, float]
@@ -20,6 +21,7 @@ class _Target:
     stamp: int = -1
     tip: Tip = (0.0, 0.0, 0.0)
     fresh: bool = False
+    axis: Tip = UPRIGHT
 
 
 class TargetPair:
@@ -27,23 +29,24 @@ class TargetPair:
 
     Attributes
     ----------
-    holder : m, height of the blank holder of the last pair taken
+    holder : m, height of the blank holder, and axis (3,) of tool 1, of the last pair taken
     received : pairs taken ; stamp : ns, of the last pair taken ; elapsed : ns, from the pair before to that one
     """
 
     def __init__(self) -> None:
         self.received = self.stamp = self.elapsed = 0
         self.holder = 0.0
+        self.axis: Tip = UPRIGHT
         self._targets = (_Target(), _Target())
         self._holder = _Target()
         self._with_holder = False
         self._lock = threading.Lock()
 
-    def add(self, tool: int, stamp: int, tip: Tip) -> None:
-        """Target of ``tool`` (1 or 2) with its stamp in ns and tip m."""
+    def add(self, tool: int, stamp: int, tip: Tip, axis: Tip = UPRIGHT) -> None:
+        """Target of ``tool`` (1 or 2) with its stamp in ns, tip m and axis."""
         with self._lock:
             target = self._targets[tool - 1]
-            target.stamp, target.tip, target.fresh = stamp, tip, True
+            target.stamp, target.tip, target.axis, target.fresh = stamp, tip, axis, True
 
     def expect_holder(self, expected: bool) -> None:
         """A pair is whole only with a target of the blank holder, or never mind it; the holder is at its start."""
@@ -80,6 +83,7 @@ class TargetPair:
             for target in needed:
                 target.fresh = False
             self.holder = self._holder.tip[2] if self._with_holder else 0.0
+            self.axis = first.axis
             self.elapsed, self.stamp = (first.stamp - self.stamp if self.received else 0), first.stamp
             self.received += 1
             return first.tip, second.tip

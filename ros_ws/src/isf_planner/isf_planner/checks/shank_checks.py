@@ -1,0 +1,121 @@
+"""Does a tilted tool run into something with its shank or holder? Formed sheet, flat sheet and frame of the clamp.
+
+While a contour is formed, the sheet is taken to have its final shape around it, or in an earlier stage that of the
+stage, and to be flat at the level of the contact inside. A backing plate lies under the sheet, which is met first. The
+frame of the clamp stands on the sheet around its opening (``clamp.height`` of the rig).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from isf_core.contour import Contour, contour_label
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
+from isf_core.files.rig import Rig
+from isf_core.geometry.height_map import HeightMap
+from isf_core.geometry.tool_solid import tool_solid
+from isf_core.types import Array
+from scipy.interpolate import griddata
+
+from isf_planner.part.mesh_checks import place_text
+
+POSES = 5e-3
+"""m of path between two poses that are looked at."""
+TOLERANCE = 0.05e-3
+"""m, by which a shank may seem to cut into a surface that is known by points."""
+FRAME_PITCH = 2e-3
+"""m between the points of the clamp's frame."""
+
+
+@dataclass(frozen=True)
+class ShankClearance:
+    """Where shank and holder come nearest to anything.
+
+    Attributes
+    ----------
+    distance : m ; place : (3,) m, of what they come near to ; part : name of the part of the tool
+    contour, point : where on the path
+    """
+
+    distance: float
+    place: Array
+    part: str
+    contour: int
+    point: int
+
+
+def check_shank(contours: Sequence[Contour], target: HeightMap, job_file: JobFile) -> ShankClearance | None:
+    """The nearest that shank and holder of a tilted tool come to anything; None where no contour is tilted.
+
+    Raises
+    ------
+    IsfError : SHANK_COLLISION with the part of the tool, the place and an advice
+    """
+    if not any(contour.tilted for contour in contours):
+        return None
+    solid = tool_solid(job_file.job.tool_1)
+    frame = clamp_frame(job_file.rig)
+    last = max(contour.stage for contour in contours)
+    shapes = {last: target}
+    nearest: ShankClearance | None = None
+    for contour in contours:
+        if not contour.tilted:
+            continue
+        if contour.stage not in shapes:
+            shapes[contour.stage] = _stage_shape(contours, contour.stage, target)
+        spacing = float(contour.arc_length()[-1]) / max(len(contour) - 1, 1)
+        for k in range(0, len(contour), max(1, round(POSES / max(spacing, 1e-9)))):
+            found = solid.nearest(
+                shapes[contour.stage],
+                frame,
+                contour.forming_tip[k],
+                contour.forming_axis[k],
+                float(contour.contact[k, 2]),
+            )
+            if nearest is None or found[0] < nearest.distance:
+                nearest = ShankClearance(found[0], found[1], solid.names[found[2]], contour.index, k)
+    assert nearest is not None
+    if nearest.distance < -TOLERANCE:
+        framed = nearest.place[2] > 0.0 and _in_frame(nearest.place, job_file.rig)
+        met = "the frame of the clamp" if framed else "the sheet"
+        at = contours[nearest.contour].forming_tip[nearest.point]
+        raise IsfError(
+            ErrorCode.SHANK_COLLISION,
+            f"the {nearest.part} of the tilted tool would run {-1e3 * nearest.distance:.2f} mm into {met} at "
+            f"{place_text(nearest.place)}",
+            where=f"{contour_label(nearest.contour)} with the tip at {place_text(at)}",
+            advice="lower tool_axis.largest_tilt, or use a longer tool (tool_1.stick_out) or a thinner one "
+            "(tool_1.shank_radius, tool_1.holder)",
+        )
+    return nearest
+
+
+def clamp_frame(rig: Rig) -> Array:
+    """(M, 3) m, points of the inner faces and edges of the frame around the free sheet."""
+    (width, depth), height = rig.clamp.size, rig.clamp.height
+    z = np.linspace(0.0, height, max(2, int(np.ceil(height / FRAME_PITCH)) + 1))
+    along = [np.linspace(-size / 2, size / 2, max(2, int(np.ceil(size / FRAME_PITCH)) + 1)) for size in (width, depth)]
+    ring = [
+        *(np.column_stack([along[0], np.full_like(along[0], side * depth / 2)]) for side in (-1.0, 1.0)),
+        *(np.column_stack([np.full_like(along[1], side * width / 2), along[1]]) for side in (-1.0, 1.0)),
+    ]
+    plan = np.vstack(ring)
+    return np.column_stack([np.repeat(plan, len(z), axis=0), np.tile(z, len(plan))])
+
+
+def _in_frame(place: Array, rig: Rig) -> bool:
+    return bool((np.abs(place[:2]) >= 0.5 * np.array(rig.clamp.size) - 1e-9).any())
+
+
+def _stage_shape(contours: Sequence[Contour], stage: int, target: HeightMap) -> HeightMap:
+    """The sheet after an earlier ``stage``, from its contacts and the flat sheet at the clamp."""
+    contact = np.vstack([contour.contact for contour in contours if contour.stage == stage])
+    gx, gy = np.meshgrid(target.x, target.y)
+    edge = np.zeros(gx.shape, dtype=bool)
+    edge[[0, -1]] = edge[:, [0, -1]] = True
+    known = np.vstack([contact, np.column_stack([gx[edge], gy[edge], np.zeros(int(edge.sum()))])])
+    z = griddata(known[:, :2], known[:, 2], (gx, gy), method="linear", fill_value=0.0)
+    return HeightMap(target.x, target.y, z)

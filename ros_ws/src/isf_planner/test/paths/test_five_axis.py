@@ -1,0 +1,172 @@
+"""The axis along contours: the published formula, its bounds, what a rig cannot do, and what shank and holder meet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
+from isf_core.geometry.kinematics import make_kinematics
+from isf_core.geometry.tool_axis import angle_between, inclination, point_on_axis, tilt_of, turn_per_length
+from isf_planner import Plan, plan
+from isf_planner.paths.five_axis import pressing_axis, smoothed, with_tool_axis
+from planner_parts import EXAMPLES
+
+DEG = np.pi / 180.0
+JOBS = EXAMPLES / "jobs"
+
+
+def job_with(axis: str, *, rig: str = "torrao2013", tool: str = "stick_out: 100 mm") -> JobFile:
+    """The example in few contours."""
+    text = (JOBS / "torrao_cone_45_five_axis.yaml").read_text(encoding="utf-8")
+    for old, new in (
+        ("incremental_depth: 1 mm", "incremental_depth: 4 mm"),
+        ("point_spacing: 1 mm", "point_spacing: 2 mm"),
+        ("strategy: auto", axis),
+        ("rig: torrao2013", f"rig: {rig}"),
+        ("stick_out: 100 mm", tool),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    return JobFile(text, JOBS)
+
+
+@pytest.fixture(scope="module")
+def upright() -> Plan:
+    return plan(job_with("strategy: vertical"))
+
+
+@pytest.mark.parametrize(("wall", "tilt"), [(0.0, 0.0), (10.0, 10.0), (30.0, 30.0), (45.0, 30.0), (70.0, 30.0)])
+def test_the_tool_leans_towards_the_normal_by_the_wall_angle_at_most_30_deg(wall: float, tilt: float) -> None:
+    """delta = min(lambda, 30 deg), Torrao 2013, 6.2.3: the wall at +x slopes up outwards, its normal points to -x."""
+    normal = np.array([[-math.sin(wall * DEG), 0.0, math.cos(wall * DEG)]])
+    axis = pressing_axis(normal, 30.0 * DEG)
+    assert axis[0] == pytest.approx([-math.sin(tilt * DEG), 0.0, math.cos(tilt * DEG)], abs=1e-12)
+    assert math.degrees(math.acos(min(1.0, float(axis[0] @ normal[0])))) == pytest.approx(wall - tilt, abs=1e-5)
+
+
+angles = st.lists(st.tuples(st.floats(0.0, 1.4), st.floats(-3.1, 3.1)), min_size=4, max_size=40)
+
+
+@settings(max_examples=60, deadline=None)
+@given(angles, st.floats(2e-3, 30e-3), st.booleans())
+def test_smoothed_axes_turn_no_faster_than_the_bound(
+    walls: list[tuple[float, float]], length: float, closed: bool
+) -> None:
+    """2 tan(30 deg) over the length of the average, whatever the normals do; 5 % for samples of the average."""
+    slope, around = np.array(walls).T
+    normal = np.column_stack([np.sin(slope) * np.cos(around), np.sin(slope) * np.sin(around), np.cos(slope)])
+    turn = np.linspace(0.0, 2 * np.pi, len(walls), endpoint=False)
+    points = 0.03 * np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
+    axis = smoothed(points, pressing_axis(normal, 30 * DEG), length, closed=closed)
+    assert np.linalg.norm(axis, axis=1) == pytest.approx(np.ones(len(axis)), abs=1e-12)
+    assert inclination(axis).max() <= 30 * DEG + 1e-9
+    assert turn_per_length(points, axis, closed=closed).max() <= 1.05 * 2 * math.tan(30 * DEG) / length
+
+
+def test_three_and_five_axes_have_the_same_tips_and_contacts(upright: Plan) -> None:
+    """Bit by bit, which is less than 10 um; only axis and speed differ."""
+    tilted = plan(job_with("{strategy: five_axis, largest_tilt: 20 deg}"))
+    for one, other in zip(upright.contours, tilted.contours, strict=True):
+        np.testing.assert_array_equal(one.forming_tip, other.forming_tip)
+        np.testing.assert_array_equal(one.contact, other.contact)
+        assert not one.tilted
+        assert inclination(other.forming_axis) == pytest.approx(np.minimum(other.wall_angle, 20 * DEG), abs=0.2 * DEG)
+        turn = turn_per_length(other.forming_tip, other.forming_axis, closed=other.closed)
+        speed = other.speed if len(other.speed) else np.full(len(other), other.feed)
+        assert (speed * turn).max() <= 10.001 * DEG  # rad/s, of tool_axis.largest_rate
+    assert tilted.largest_tilt == pytest.approx(20 * DEG, abs=0.1 * DEG)
+    assert tilted.forming_time > 1.2 * upright.forming_time
+    assert tilted.shank is not None
+    assert tilted.shank.distance > 1e-3
+    assert upright.shank is None
+
+
+def test_auto_tilts_as_far_as_the_rig_reaches_and_says_so() -> None:
+    job_file = job_with("strategy: auto")
+    made = plan(job_file)
+    hexapod = make_kinematics(job_file.rig.kinematics)[0]
+    for contour in made.contours:
+        point = point_on_axis(contour.forming_tip, contour.forming_axis, 5e-3)
+        assert hexapod.reachable(point, tilt_of(contour.forming_axis)).all()
+    assert 24 * DEG < made.largest_tilt < 30 * DEG
+    assert any("tilted less than asked for" in text for text in made.warnings)
+
+
+def test_auto_leaves_the_tool_upright_on_a_rig_that_cannot_tilt_it(upright: Plan) -> None:
+    """The same job with another rig: one word."""
+    made = plan(job_with("strategy: auto", rig="ren2018"))
+    assert not any(contour.tilted for contour in made.contours)
+    for one, other in zip(upright.contours, made.contours, strict=True):
+        np.testing.assert_array_equal(one.forming_tip, other.forming_tip)
+
+
+@pytest.mark.parametrize(
+    ("axis", "rig", "tool", "code", "words"),
+    [
+        ("strategy: five_axis", "ren2018", "stick_out: 100 mm", "TOOL_AXIS_REFUSED", "ren2018 cannot tilt"),
+        (
+            "{strategy: five_axis, largest_tilt: 40 deg}",
+            "torrao2013",
+            "stick_out: 100 mm",
+            "TOOL_AXIS_REFUSED",
+            "40.0 deg are asked for",
+        ),
+        ("strategy: five_axis", "torrao2013", "stick_out: 100 mm", "PART_DOES_NOT_FIT", "joint of cylinder"),
+        (
+            "{strategy: auto, largest_rate: 0.01 deg/s}",
+            "torrao2013",
+            "stick_out: 100 mm",
+            "TOOL_AXIS_REFUSED",
+            "deg per mm of path",
+        ),
+        ("strategy: auto", "torrao2013", "shank_radius: 14 mm", "SHANK_COLLISION", "the shank of the tilted tool"),
+        ("strategy: auto", "torrao2013", "stick_out: 15 mm", "SHANK_COLLISION", "the holder of the tilted tool"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_code_and_place(
+    axis: str, rig: str, tool: str, code: str, words: str, upright: Plan
+) -> None:
+    job_file = job_with(axis, rig=rig, tool=tool)
+    known = code == "TOOL_AXIS_REFUSED"  # before anything is looked at that takes a while
+    with pytest.raises(IsfError, match=words) as caught:
+        with_tool_axis(upright.contours, job_file) if known else plan(job_file)
+    assert caught.value.code == ErrorCode[code]
+    assert caught.value.where
+    assert caught.value.advice
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        ("strategy: auto", "{strategy: vertical, largest_tilt: 10 deg}", "largest_tilt"),
+        ("strategy: auto", "{strategy: five_axis, largest_tilt: 30}", "unit"),
+        ("strategy: auto", "{strategy: five_axis, largest_rate: 0 deg/s}", "largest_rate"),
+        ("stick_out: 100 mm", "corner_radius: 1 mm", "flat tip"),
+    ],
+)
+def test_a_job_that_asks_for_what_has_no_effect_or_no_sense_is_refused(old: str, new: str, field: str) -> None:
+    axis = new if old == "strategy: auto" else "strategy: five_axis"
+    with pytest.raises(IsfError, match=field) as caught:
+        job_with(axis, tool="stick_out: 100 mm" if old == "strategy: auto" else new)
+    assert caught.value.code in (ErrorCode.FILE_FIELD, ErrorCode.FILE_UNIT)
+
+
+def test_open_contours_that_go_on_share_the_axis_where_they_join(upright: Plan) -> None:
+    """A spiral: each contour is half of a ring here, and the axis has no step where the next one goes on."""
+    halves: list[Contour] = []
+    for ring in upright.contours[:2]:
+        middle = len(ring) // 2
+        whole = np.append(np.arange(len(ring)), 0)
+        for index in (whole[: middle + 1], whole[middle:]):
+            named = ("contact", "normal", "wall_angle", "thickness", "forming_tip", "predicted_force")
+            part = {name: getattr(ring, name)[index] for name in named}
+            halves.append(replace(ring, closed=False, index=len(halves), **part))
+    made = with_tool_axis(halves, job_with("strategy: auto"))
+    assert float(angle_between(made[0].forming_axis[-1], made[1].forming_axis[0])) < 1e-6
