@@ -234,7 +234,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         )
     filled, warnings = with_predictions(tuple(contours), job_file)  # a compensation would move the program's tips
     part_checks.check_travel(filled, rig)
-    part_checks.check_axes(filled, rig)
+    part_checks.check_axes(filled, rig, job.tool_1.ball_radius)
     part_checks.check_backing_plate(filled, job)
     target = _target(contact, group, rig.clamp.size)
     mesh = height_grid.as_mesh(target)

@@ -221,11 +221,13 @@ class SimulatedMachine:
         """``ticks`` control ticks straight from the last targets to these, after a time without ticks."""
         start = self._axes.target.copy()
         way = np.concatenate([target_1, target_2]) - start
-        axes = self._tilt.asked, tuple(axis)
-        for k in range(1, ticks):
-            point = start + (k / ticks) * way
-            leaning = axis if axes[0] == axes[1] else between(*map(np.array, axes), np.array([k / ticks]))[0].tolist()
-            self.tick(point[:3], point[3:], holder_height, waited=waited, axis=leaning)
+        shares = np.arange(1, ticks) / ticks
+        leaning = [axis] * len(shares)
+        if tuple(axis) != self._tilt.asked:
+            leaning = between(np.array(self._tilt.asked), np.array(axis), shares).tolist()
+        for share, on_the_way in zip(shares.tolist(), leaning, strict=True):
+            point = start + share * way
+            self.tick(point[:3], point[3:], holder_height, waited=waited, axis=on_the_way)
         return self.tick(target_1, target_2, holder_height, waited=waited, axis=axis)
 
     def between_ticks(self) -> None:
