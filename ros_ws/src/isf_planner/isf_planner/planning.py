@@ -60,6 +60,7 @@ class Plan:
     tree : loops of the forming tool's tip with normals, curvatures and features, or None for a plan from a file
     base : what :func:`replan` needs for a change of tool, or None
     shank : where shank and holder of a tilted tool come nearest to anything; None with an upright one
+    ball_radius : m, of the upper tool's tip; NaN where a plan file does not hold it
     """
 
     plan_id: str
@@ -72,6 +73,7 @@ class Plan:
     tree: LoopTree | None = field(default=None, repr=False, compare=False)
     base: PlanBase | None = field(default=None, repr=False, compare=False)
     shank: ShankClearance | None = field(default=None, repr=False, compare=False)
+    ball_radius: float = field(default=float("nan"), compare=False)
 
     @property
     def smallest_thickness(self) -> float:
@@ -145,7 +147,8 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     unique = tuple(dict.fromkeys(warnings))
     mesh = part.mesh.vertices, part.mesh.faces
     partial = tuple(side.partial for side in (*part.preforms, *planned) if side.partial is not None)
-    return Plan(plan_id, contours, target, mesh, unique, part.stages, partial, merged(planned), base, shank)
+    ball = job.tool_1.ball_radius
+    return Plan(plan_id, contours, target, mesh, unique, part.stages, partial, merged(planned), base, shank, ball)
 
 
 def replan(before: Plan, job_file: JobFile) -> Plan:
@@ -178,7 +181,10 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     shank = check_shank(contours, before.target, job_file) if job_file.tilts else None
     left = tool_paths.left_to_sine_law(sides, job)
     reported = tuple(dict.fromkeys((*base.reported, *ruled, *left, *expected, *pressing)))
-    return replace(before, plan_id=plan_id, contours=contours, warnings=reported, tree=merged(sides), shank=shank)
+    tree, ball = merged(sides), job.tool_1.ball_radius
+    return replace(
+        before, plan_id=plan_id, contours=contours, warnings=reported, tree=tree, shank=shank, ball_radius=ball
+    )
 
 
 def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:

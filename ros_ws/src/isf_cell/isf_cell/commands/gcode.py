@@ -29,7 +29,7 @@ from isf_planner.view.program_figure import draw_program
 from isf_cell import in_process
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import ReportedError
-from isf_cell.commands.plan import job_name, reach
+from isf_cell.commands.plan import job_name, reach, tool_axis
 from isf_cell.commands.report import finish, first_failure
 from isf_cell.commands.run_folder import run_folder
 from isf_cell.commands.simulate import ctrl_c_stops_between_contours, stopped
@@ -92,6 +92,7 @@ def run_program(
         with terminal.console.status("reading"):
             program = read_program(text, values, name=file.name, step=1e-3 * step, feed=1e-3 * feed)
             job_file = given or _job_of(program, file, sheet, values, folder, step, feed)
+        program = program.with_ball(job_file.job.tool_1.ball_radius)
         findings = list(program.findings)
         offsets = {system: values.offset(system) for system in program.systems}
         findings += check_work_offsets(program, job_file.rig, offsets) + check_program(program, job_file.rig)
@@ -241,6 +242,7 @@ def _numbers(program: Program, findings: list[Finding], job_file: JobFile, plan:
             "contours": len(plan.contours),
             "contour_lines": list(lines_of(program, plan).values()),
             "forming_path_m": plan.path_length,
+            "tool_axis": tool_axis(plan),
             "depth_mm": -1e3 * min(float(contour.forming_tip[:, 2].min()) for contour in plan.contours),
             "warnings": list(plan.warnings),
         }

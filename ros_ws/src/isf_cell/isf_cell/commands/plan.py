@@ -72,6 +72,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         data |= {"features": found.counts()}
     data |= {"files": [str(path) for path in _write(result, wanted, found)]}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
+    data |= {"tool_axis": tool_axis(result)}
     data |= reach(result, job_file.rig, folder)
     if as_json:
         terminal.print_json(data)
@@ -95,6 +96,8 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         )
     if chosen := support_tool.chosen_force(job_file.job, result.contours):
         terminal.say(chosen)
+    if leaning := tool_axis_text(data["tool_axis"]):
+        terminal.say(leaning)
     for warning in result.warnings:
         terminal.warn(warning)
     terminal.say(f"picture {picture}\ntable   {table}")
@@ -104,12 +107,43 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         terminal.say(f"file    {path}")
 
 
-def machine_use(rig: Rig, contours: Sequence[Contour]) -> dict[str, Any]:
-    """Kinematics of the rig for ``--json`` and, of a hexapod, what the planned ``contours`` ask of its cylinders."""
+def tool_axis(result: Plan) -> dict[str, Any]:
+    """How far the tool is tilted and how near its shank and holder come to anything, for ``--json``."""
+    data: dict[str, Any] = {
+        "tilted_contours": sum(contour.tilted for contour in result.contours),
+        "largest_tilt_deg": float(np.degrees(result.largest_tilt)),
+    }
+    if (shank := result.shank) is not None:
+        data |= {
+            "clearance_mm": 1e3 * shank.distance,
+            "clearance_of": shank.part,
+            "clearance_at_mm": (1e3 * shank.place).tolist(),
+            "clearance_on_contour": shank.contour + 1,
+        }
+    return data
+
+
+def tool_axis_text(data: dict[str, Any]) -> str:
+    """The same for people; empty with an upright tool."""
+    if not data["tilted_contours"]:
+        return ""
+    near = ", ".join(f"{value:.1f}" for value in data["clearance_at_mm"])
+    return (
+        f"tool tilted on {data['tilted_contours']} contours, by {data['largest_tilt_deg']:.1f} deg at most; its "
+        f"{data['clearance_of']} comes {data['clearance_mm']:.1f} mm near to ({near}) mm on contour "
+        f"{data['clearance_on_contour']}"
+    )
+
+
+def machine_use(rig: Rig, contours: Sequence[Contour], ball_radius: float) -> dict[str, Any]:
+    """Kinematics of the rig for ``--json`` and, of a hexapod, what the planned ``contours`` ask of its cylinders.
+
+    ``ball_radius`` m of the upper tool's tip.
+    """
     data: dict[str, Any] = {"kinematics": rig.kinematics}
     hexapod = hexapod_of(rig)
     if hexapod is not None and contours:
-        use = axes_use(hexapod, contours)
+        use = axes_use(hexapod, contours, ball_radius)
         data |= {
             "stroke_left_mm": 1e3 * use.margin,
             "largest_joint_angle_deg": float(np.degrees(use.joint_angle)),
@@ -120,10 +154,12 @@ def machine_use(rig: Rig, contours: Sequence[Contour]) -> dict[str, Any]:
 
 def reach(plan: Plan, rig: Rig, folder: Path) -> dict[str, Any]:
     """The machine's use for ``--json``, and of a hexapod the picture of its reach."""
-    data = {"machine": machine_use(rig, plan.contours)}
+    data = {"machine": machine_use(rig, plan.contours, plan.ball_radius)}
     hexapod = hexapod_of(rig)
     if hexapod is not None:
-        data["machine"]["picture"] = str(draw_reach(hexapod, plan.contours, rig, folder / "reach.png"))
+        data["machine"]["picture"] = str(
+            draw_reach(hexapod, plan.contours, rig, folder / "reach.png", plan.ball_radius)
+        )
     return data
 
 
@@ -242,11 +278,13 @@ def _write_table(result: Plan, path: Path) -> None:
                     1e3 * contour.forming_tip,
                     support,
                     force,
+                    contour.forming_axis if contour.tilted else np.tile([0.0, 0.0, -contour.push_sign], (n, 1)),
                 ]
             )
         )
     header = (
         "contour,contact_x_mm,contact_y_mm,contact_z_mm,normal_x,normal_y,normal_z,wall_angle_deg,thickness_mm,"
-        "forming_x_mm,forming_y_mm,forming_z_mm,support_x_mm,support_y_mm,support_z_mm,support_force_N"
+        "forming_x_mm,forming_y_mm,forming_z_mm,support_x_mm,support_y_mm,support_z_mm,support_force_N,"
+        "axis_x,axis_y,axis_z"
     )
     np.savetxt(path, np.vstack(rows), fmt="%.6g", delimiter=",", header=header, comments="")

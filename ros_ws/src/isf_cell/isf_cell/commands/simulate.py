@@ -43,7 +43,10 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
                 progress = stack.enter_context(terminal.part_progress(title))
                 record = _form(job_file, options, progress)
                 write_bag(record, bag)
-                counts = {"sheet": dict(record.sheet), "machine": machine_use(job_file.rig, record.nominal)}
+                counts = {
+                    "sheet": dict(record.sheet),
+                    "machine": machine_use(job_file.rig, record.nominal, job_file.job.tool_1.ball_radius),
+                }
                 failure = torn(record.events) or first_failure(record.results) or stopped(record)
                 if reference and failure and failure.code == ErrorCode.CANCELLED:
                     reference = None  # ended with the stack

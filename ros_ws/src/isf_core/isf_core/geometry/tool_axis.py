@@ -31,7 +31,7 @@ UNIT_TOLERANCE = 1e-6
 def tilt_of(axis: Array) -> Array:
     """(..., 2) rad about x, then y, that turn z into ``axis`` (..., 3)."""
     axis = np.asarray(axis, dtype=np.float64)
-    about_x = np.arctan2(-axis[..., 1], np.hypot(axis[..., 0], axis[..., 2]))
+    about_x = np.arctan2(0.0 - axis[..., 1], np.hypot(axis[..., 0], axis[..., 2]))
     return np.stack([about_x, np.arctan2(axis[..., 0], axis[..., 2])], axis=-1)
 
 

@@ -16,7 +16,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.files.rig import Rig
 from isf_core.geometry.height_map import HeightMap
-from isf_core.geometry.tool_solid import tool_solid
+from isf_core.geometry.tool_solid import ToolSolid, tool_solid
 from isf_core.types import Array
 from scipy.interpolate import griddata
 
@@ -37,7 +37,7 @@ class ShankClearance:
     Attributes
     ----------
     distance : m ; place : (3,) m, of what they come near to ; part : name of the part of the tool
-    contour, point : where on the path
+    contour, point : where on the path ; solid : shank and holder
     """
 
     distance: float
@@ -45,6 +45,7 @@ class ShankClearance:
     part: str
     contour: int
     point: int
+    solid: ToolSolid
 
 
 def check_shank(contours: Sequence[Contour], target: HeightMap, job_file: JobFile) -> ShankClearance | None:
@@ -76,7 +77,7 @@ def check_shank(contours: Sequence[Contour], target: HeightMap, job_file: JobFil
                 float(contour.contact[k, 2]),
             )
             if nearest is None or found[0] < nearest.distance:
-                nearest = ShankClearance(found[0], found[1], solid.names[found[2]], contour.index, k)
+                nearest = ShankClearance(found[0], found[1], solid.names[found[2]], contour.index, k, solid)
     assert nearest is not None
     if nearest.distance < -TOLERANCE:
         framed = nearest.place[2] > 0.0 and _in_frame(nearest.place, job_file.rig)

@@ -36,6 +36,7 @@ def save_plan(plan: Plan, path: Path) -> Path:
         "version": 2 if any(contour.tilted for contour in plan.contours) else 1,
         "plan_id": plan.plan_id,
         "warnings": list(plan.warnings),
+        "ball_radius": plan.ball_radius,
         "contours": [
             {name: _plain(getattr(contour, name)) for name in _VALUES}
             | {"lengths": {name: len(getattr(contour, name)) for name in _ARRAYS}}
@@ -67,7 +68,8 @@ def load_plan(path: Path) -> Plan:
             contours = _contours(head["contours"], stored)
             target = HeightMap(*(data[f"target_{axis}"] for axis in "xyz"))
             mesh = (data["mesh_vertices"], data["mesh_faces"])
-            return Plan(head["plan_id"], contours, target, mesh, tuple(head["warnings"]))
+            ball = float(head.get("ball_radius", "nan"))
+            return Plan(head["plan_id"], contours, target, mesh, tuple(head["warnings"]), ball_radius=ball)
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path)) from error
     except (

@@ -16,12 +16,22 @@ from isf_core.files.yaml_file import FileModel
 from pydantic import Field, model_validator
 
 FIELDS = {
-    "x1": "mm, tip of the upper tool",
+    "x1": "mm, tip of the upper tool; of a tilted one the point where its axis leaves the tip",
     "y1": "mm",
     "z1": "mm",
     "x2": "mm, tip of the lower tool",
     "y2": "mm",
     "z2": "mm",
+    "i1": "unit vector from the tip into the shank of the upper tool, x",
+    "j1": "y",
+    "k1": "z",
+    "a1": "deg, tilt of the upper tool about x, then",
+    "b1": "about y; no roll",
+    "c1": "deg, a1 + 180: about x for a tool whose z axis points from the shank to the tip (KRL: A 0, B b1, C c1)",
+    "qw1": "the same orientation, half a turn about y first, as a quaternion (RAPID)",
+    "qx1": "x",
+    "qy1": "y",
+    "qz1": "z",
     "force": "N, set-point of the support force, 0 = position control",
     "feed": "mm/s",
     "feed_min": "mm/min",
@@ -47,7 +57,7 @@ class Channel(FileModel):
 
     suffix: str = ""
     """Added to the file name."""
-    plans: str = Field(pattern="^(one tool|two tools)$")
+    plans: str = Field(pattern="^(one tool|one tilted tool|two tools)$")
     """For which plans this program is written."""
     header: list[str] = Field(default_factory=list)
     contour: list[str] = Field(default_factory=list)

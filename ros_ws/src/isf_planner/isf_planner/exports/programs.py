@@ -5,14 +5,16 @@ The table holds both tips, speed and command force at every point.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.tool_axis import UP, point_on_axis, quaternion_of, tilt_of
 from isf_core.types import Array, Indices
 from numpy.typing import NDArray
 
@@ -29,6 +31,7 @@ class PathPoints:
     tool_1, tool_2 : (N, 3) m, tips of the upper and the lower tool; NaN of a tool that is not there
     speed : (N,) m/s ; force : (N,) N, set-point of the support tool's normal force, 0 for position control
     lift : (N,) bool, both tools are lifted clear before this point
+    axis : (N, 3), axis of the upper tool
     """
 
     contour: Indices
@@ -37,6 +40,12 @@ class PathPoints:
     speed: Array
     force: Array
     lift: NDArray[np.bool_]
+    axis: Array
+
+    @property
+    def tilted(self) -> bool:
+        """True when the upper tool is tilted somewhere."""
+        return bool((self.axis != UP).any())
 
     @property
     def two_tools(self) -> bool:
@@ -46,7 +55,8 @@ class PathPoints:
 
 def path_points(contours: Sequence[Contour]) -> PathPoints:
     """Points of all contours in their order."""
-    parts: dict[str, list[Array]] = {"contour": [], "tool_1": [], "tool_2": [], "speed": [], "force": [], "lift": []}
+    names = ("contour", "tool_1", "tool_2", "speed", "force", "lift", "axis")
+    parts: dict[str, list[Array]] = {name: [] for name in names}
     for contour in contours:
         n = len(contour)
         order = np.append(np.arange(n), 0) if contour.closed else np.arange(n)
@@ -61,13 +71,17 @@ def path_points(contours: Sequence[Contour]) -> PathPoints:
         for name, value in zip(("tool_1", "tool_2", "speed", "force"), (*tips, speed, force), strict=True):
             parts[name].append(value[order])
         parts["lift"].append(lift)
+        tilted = contour.tilted and contour.forming_tool == 1
+        parts["axis"].append(contour.forming_axis[order] if tilted else np.tile(UP, (len(order), 1)))
     return PathPoints(**{name: np.concatenate(value) for name, value in parts.items()})  # type: ignore[arg-type]
 
 
 MM = 1e3
 
 
-def write_programs(contours: Sequence[Contour], post: PostProcessor, path: Path) -> list[Path]:
+def write_programs(
+    contours: Sequence[Contour], post: PostProcessor, path: Path, ball_radius: float = math.nan
+) -> list[Path]:
     """Write all programs of a plan beside each other and return their paths.
 
     Parameters
@@ -75,6 +89,7 @@ def write_programs(contours: Sequence[Contour], post: PostProcessor, path: Path)
     contours : of the plan
     post : format
     path : file name; channels add their suffix, a split program adds _001, _002, ...
+    ball_radius : m, of the upper tool's tip, needed where that tool is tilted
 
     Raises
     ------
@@ -82,12 +97,17 @@ def write_programs(contours: Sequence[Contour], post: PostProcessor, path: Path)
     """
     points = path_points(contours)
     wanted = "two tools" if points.two_tools else "one tool"
+    if points.tilted:
+        wanted = wanted.replace("two tools", "two tilted tools").replace("one tool", "one tilted tool")
+        points = replace(points, tool_1=point_on_axis(points.tool_1, points.axis, ball_radius))
     channels = [channel for channel in post.channels if channel.plans == wanted]
     if not channels:
         raise IsfError(
             ErrorCode.EXPORT_FORMAT_UNKNOWN,
             f"format {post.name} has no program for {wanted}",
-            advice=f"add a channel with 'plans: {wanted}' to a copy of it",
+            advice="no format has: leave tool_axis out"
+            if wanted == "two tilted tools"
+            else f"add a channel with 'plans: {wanted}' to a copy of it",
         )
     name = contours[0].plan_id.rsplit("-", 1)[0]
     known = {
@@ -148,6 +168,7 @@ def _body(
 ) -> Iterator[tuple[str, dict[str, object]]]:
     """Templates with their values, line by line; the numbers of line and file come when files are made."""
     tips = np.column_stack([points.tool_1, points.tool_2]) * MM
+    orientation = _orientation(points.axis) if points.tilted else np.tile(_orientation(UP[None]), (len(tips), 1))
     lifted = tips.copy()
     lifted[:, 2], lifted[:, 5] = clearance, -clearance
     names = ("x1", "y1", "z1", "x2", "y2", "z2")
@@ -162,6 +183,7 @@ def _body(
             "feed_min": 60.0 * feed[k],
             "feed_m": points.speed[k],
             "force": points.force[k],
+            **dict(zip(ORIENTATION, orientation[k].tolist(), strict=True)),
         }
         at = values | dict(zip(names, tips[k].tolist(), strict=True))
         if begins:
@@ -181,6 +203,17 @@ def _body(
                 yield line, at
     above = values | dict(zip(names, lifted[last].tolist(), strict=True))
     yield from ((line, above) for line in channel.lift)
+
+
+ORIENTATION = ("i1", "j1", "k1", "a1", "b1", "c1", "qw1", "qx1", "qy1", "qz1")
+
+
+def _orientation(axis: Array) -> Array:
+    """(N, 10), what a program may say of the upper tool with ``axis`` (N, 3): the columns ORIENTATION."""
+    angles = np.degrees(tilt_of(axis))
+    x, y, z, w = np.array([quaternion_of(one) for one in axis]).T
+    half_turn = np.column_stack([0.0 - y, 0.0 - z, w, x])  # times half a turn about y, as w x y z
+    return np.column_stack([axis, angles, 180.0 + angles[:, 0], half_turn])
 
 
 def _room(channel: Channel, lines_per_file: int) -> int:

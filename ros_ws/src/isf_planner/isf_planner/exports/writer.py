@@ -51,5 +51,12 @@ def export(plan: Plan, path: Path, form: str | None = None) -> list[Path]:
     if known == "plan":
         return [save_plan(plan, path)]
     if known == "csv":
+        if any(contour.tilted for contour in plan.contours):
+            raise IsfError(
+                ErrorCode.EXPORT_FORMAT_UNKNOWN,
+                "the tables of format csv do not hold the axis of a tilted tool",
+                where=str(path),
+                advice="export a plan (.npz) or a program (iso, iso_two_channels, krl, rapid)",
+            )
         return write_csv(plan, path)
-    return write_programs(plan.contours, load_post(known), path)
+    return write_programs(plan.contours, load_post(known), path, plan.ball_radius)

@@ -20,6 +20,7 @@ from isf_core.files.job import JobFile, ToolSpec
 from isf_core.files.rig import Rig
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import make_kinematics
+from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.process.thickness_and_tips import sine_law
 from isf_core.types import Array, Indices, Mask
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
 from isf_planner.checks import part_checks
+from isf_planner.checks.shank_checks import check_shank
 from isf_planner.gcode.reader import RAPID, Finding, Program
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.planning import Plan
@@ -78,10 +80,16 @@ def check_program(program: Program, rig: Rig) -> tuple[Finding, ...]:
             findings.append(
                 _finding(program, k, f"the {tool} tool leaves the travel of the rig (+-{text} mm)", tips[k])
             )
-        within = make_kinematics(rig.kinematics)[0 if tool == "upper" else 1].reachable(tips)
         number = 1 if tool == "upper" else 2
+        kinematics, leans = make_kinematics(rig.kinematics)[number - 1], number == 1 and program.tilted
+        within = (
+            kinematics.reachable(point_on_axis(tips, program.axis, program.ball), tilt_of(program.axis))
+            if leans
+            else kinematics.reachable(tips)
+        )
         for k in _first_of_lines(program.line, ~within & ~outside):
-            findings.append(_finding(program, k, part_checks.axis_reason(rig, tips[k], number), tips[k]))
+            leaning = (program.axis[k], program.ball) if leans else None
+            findings.append(_finding(program, k, part_checks.axis_reason(rig, tips[k], number, leaning), tips[k]))
         for k in _first_of_lines(program.line, _rapid_in_sheet(program, tips, 1.0 if tool == "upper" else -1.0)):
             what = f"a rapid move takes the {tool} tool through the sheet"
             advice = "lift it straight off the sheet plane first, and go down with feed (G1)"
@@ -168,6 +176,13 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         tools than the job; PART_DOES_NOT_FIT as for every plan
     """
     job, rig = job_file.job, job_file.rig
+    if program.tilted and job.tool_1.flat_radius > 0.0:
+        raise IsfError(
+            ErrorCode.PROCESS_NOT_SUPPORTED,
+            "the program tilts a tool with a flat tip: it would stand on its edge",
+            where=program.name,
+            advice="use a hemisphere (no tool_1.corner_radius)",
+        )
     if program.two_tools and job.tool_2 is None:
         raise IsfError(
             ErrorCode.PROCESS_NOT_SUPPORTED,
@@ -206,7 +221,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         normal[group == one] = surface_normals(tips[group == one], owner[group == one])
     contact = contact_points(tips, normal, job.tool_1)
     angle = np.arccos(np.clip(normal[:, 2], -1.0, 1.0))
-    path = program.tips.tobytes() + program.speed.tobytes() + program.given.tobytes()
+    path = program.tips.tobytes() + program.speed.tobytes() + program.given.tobytes() + program.axis.tobytes()
     digest = hashlib.sha256(path + job_file.text.encode()).hexdigest()[:8]
     contours, at = [], 0
     for number, piece in enumerate(pieces):
@@ -228,6 +243,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
                 forming_tip=tips[here],
                 support_tip=program.tips[piece.index, 3:] if program.two_tools else np.empty((0, 3)),
                 speed=speed if float(np.ptp(speed)) > 0.0 else np.empty(0),
+                forming_axis=program.axis[piece.index] if program.tilted else np.empty((0, 3)),
                 closed=piece.closed,
                 retract=piece.lifted,
             ).validate()
@@ -237,13 +253,15 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
     part_checks.check_axes(filled, rig, job.tool_1.ball_radius)
     part_checks.check_backing_plate(filled, job)
     target = _target(contact, group, rig.clamp.size)
+    shank = check_shank(filled, target, job_file) if program.tilted else None
     mesh = height_grid.as_mesh(target)
     surface = mesh.vertices, mesh.faces
     if short:
         first = ", ".join(map(str, short[:5])) + (", ..." if len(short) > 5 else "")
         left = f"left out: {len(short)} move(s) into the sheet of fewer than three points, from line {first}"
         warnings = (left, *warnings)
-    return Plan(f"{job.name}-{digest}", filled, target, surface, tuple(dict.fromkeys(warnings)))
+    told = tuple(dict.fromkeys(warnings))
+    return Plan(f"{job.name}-{digest}", filled, target, surface, told, shank=shank, ball_radius=job.tool_1.ball_radius)
 
 
 def lines_of(program: Program, plan: Plan) -> dict[str, tuple[int, int]]:

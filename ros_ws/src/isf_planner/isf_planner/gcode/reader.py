@@ -8,16 +8,21 @@ Coordinates: a program tells tips. A word X, Y, Z (upper tool) or U, V, W (lower
 selected work coordinates (G54 to G57), with G53 from the origin of frame ``sheet``. Length compensation: at the start
 and after G43 without H the length of the mounted tool is in force, so that Z is the tip; G43 H takes the length of tool
 H; after G49 Z is the spindle's nose and the tip lies the tool's length below.
+
+Tilt of the upper tool: A and B in degrees about x, then y (Torrao 2013, eq. 4.22 without roll), or its axis as the
+vector A3= B3= C3=. X, Y, Z of a tilted tool are the point where its axis leaves the tip (tool centre point control:
+G43.4, TRAORI); :meth:`Program.with_ball` makes tips of them. Along lines and arcs the angles change evenly.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.tool_axis import axis_of, tilt_of, tip_of_point
 from isf_core.types import Array, Indices, Mask
 
 from isf_planner.gcode.set_up import WORK_SYSTEMS, SetUp
@@ -37,9 +42,13 @@ RAPID = math.inf
 
 _COMMENT = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"([A-Z])\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
+_VECTOR = re.compile(r"([ABC]3)\s*=\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
+_CENTRE_POINT_CONTROL = {"TRAORI", "TRAFOOF"}
 _CHUNK = re.compile(r"\S+")
 _AXES = "XYZUVW"
-_NO_EFFECT_G = {"40", "61", "64", "80", "94"}
+_LARGEST_ANGLE = 89.0
+"""Degrees of A and B: the tool stands above the sheet."""
+_NO_EFFECT_G = {"40", "43.4", "61", "64", "80", "94"}
 _NO_EFFECT_M = {"0", "1", "3", "4", "5", "6", "7", "8", "9"}
 _PLANES = {"17": (0, 1, 2), "18": (2, 0, 1), "19": (1, 2, 0)}
 _CENTRE = "IJK"
@@ -82,7 +91,10 @@ class Program:
     Attributes
     ----------
     name : of the file
-    tips : (N, 6) m, upper and lower tip in frame ``sheet``
+    tips : (N, 6) m, upper and lower tip in frame ``sheet``; of a tilted upper tool the point on its axis while ``ball``
+        is 0
+    axis : (N, 3), axis of the upper tool, or (0, 3) where the program never tilts it
+    ball : m, radius of the upper tool's tip, 0 until :meth:`with_ball`
     line : (N,) from 1 ; speed : (N,) m/s, infinite for rapid moves ; given : (N,) bool, point that the program names
         (the others lie between, on the line or arc)
     dwell : s, all dwells together
@@ -108,6 +120,21 @@ class Program:
     findings: tuple[Finding, ...]
     unknown_count: int
     remarks: tuple[str, ...]
+    axis: Array = field(default_factory=lambda: np.empty((0, 3)))
+    ball: float = 0.0
+
+    @property
+    def tilted(self) -> bool:
+        """True when the program tilts the upper tool somewhere."""
+        return len(self.axis) > 0
+
+    def with_ball(self, radius: float) -> Program:
+        """The program with the tips of a ball of ``radius`` m; the same where the tool is never tilted."""
+        if not self.tilted:
+            return self
+        tips = self.tips.copy()
+        tips[:, :3] = tip_of_point(tips[:, :3], self.axis, radius)
+        return replace(self, tips=tips, ball=radius)
 
     def __len__(self) -> int:
         return len(self.tips)
@@ -170,7 +197,7 @@ class _Reader:
     absolute: bool = True
     centre_absolute: bool = False
     system: int = 54
-    position: list[float] = field(default_factory=lambda: [0.0] * 6)
+    position: list[float] = field(default_factory=lambda: [0.0] * 8)  # tips, then tilt about x and y in rad
     rows: list[tuple[float, ...]] = field(default_factory=list)
     between: list[int] = field(default_factory=list)
     named: list[bool] = field(default_factory=list)
@@ -218,33 +245,34 @@ class _Reader:
             )
         if not self.ended:
             self.remarks.append("the program has no end (M30): it may be cut off")
-        if not self.feed_given and any(row[7] != RAPID for row in self.rows):
+        if not self.feed_given and any(row[9] != RAPID for row in self.rows):
             self.remarks.append(f"the program gives no feed (F): {60e3 * self.feed:.0f} mm/min is taken")
-        rows = np.array(self.rows, dtype=np.float64).reshape(-1, 9)
+        rows = np.array(self.rows, dtype=np.float64).reshape(-1, 11)
         count = np.array(self.between, dtype=np.int64)
         last = np.cumsum(count) - 1
         of = np.repeat(np.arange(len(rows)), count)
         share = (np.arange(len(of)) - (last - count)[of]) / count[of] if len(of) else np.empty(0)
-        before = np.vstack([rows[:1, :6], rows[:-1, :6]])
-        tips = before[of] + (rows[of, :6] - before[of]) * share[:, None]
+        before = np.vstack([rows[:1, :8], rows[:-1, :8]])
+        poses = before[of] + (rows[of, :8] - before[of]) * share[:, None]
         given = np.zeros(len(of), dtype=bool)
         given[last] = np.array(self.named, dtype=bool)
-        tips[last] = rows[:, :6]
+        poses[last] = rows[:, :8]
         return Program(
             self.name,
-            tips,
-            rows[of, 6].astype(np.int64),
-            rows[of, 7],
+            poses[:, :6],
+            rows[of, 8].astype(np.int64),
+            rows[of, 9],
             given,
             self.dwell,
             self.two_tools,
             self.systems,
-            rows[of, 8].astype(np.int64),
+            rows[of, 10].astype(np.int64),
             int(of.size if self.lower_from is None else last[self.lower_from]),
             tuple(self.unknown),
             tuple(self.findings),
             self.unknown_count,
             tuple(self.remarks),
+            axis_of(poses[:, 6:]) if rows[:, 6:8].any() else np.empty((0, 3)),
         )
 
     def _words(self, line: str) -> list[tuple[str, str]]:
@@ -257,10 +285,13 @@ class _Reader:
             if plain[at].isspace():
                 at += 1
                 continue
-            match = _WORD.match(plain, at)
+            match = _VECTOR.match(plain, at) or _WORD.match(plain, at)
             if match is None:
                 chunk = _CHUNK.match(plain, at)
                 assert chunk is not None  # no space stands here
+                if chunk[0] in _CENTRE_POINT_CONTROL:
+                    at = chunk.end()
+                    continue
                 self._not_known(plain[at : min(at + 40, chunk.end())])
                 at = chunk.end()
                 continue
@@ -339,8 +370,8 @@ class _Reader:
 
     def _move(self, codes: list[str], words: list[tuple[str, str]]) -> None:
         for letter, number in words:
-            if letter in "ABC" and float(number) != 0.0:
-                self._not_known(f"{letter}{number}")  # contours carry no axis of the tool
+            if letter == "C" and float(number) != 0.0:
+                self._not_known(f"{letter}{number}")  # a tool has no roll
             elif letter in "DELQ":
                 self._not_known(f"{letter}{number}")
         arc = self.motion in ("2", "3")
@@ -359,10 +390,15 @@ class _Reader:
                 target[k] = value * self.unit + origin[k % 3] + (lift if k == 2 else 0.0)
             else:
                 target[k] += value * self.unit
+        turned = self._tilt(words, target)
         centred = any(letter in "IJKR" for letter, _ in words)
-        if all(value is None for value in given.values()) and not (centred and self.motion in ("2", "3")):
+        if (
+            all(value is None for value in given.values())
+            and not turned
+            and not (centred and self.motion in ("2", "3"))
+        ):
             return
-        if max(map(abs, target)) > FARTHEST:
+        if max(map(abs, target[:6])) > FARTHEST:
             self._find(ErrorCode.PROGRAM_OUT_OF_REACH, f"a coordinate is beyond {FARTHEST:.0f} m", "check the unit")
             return
         if not self.motion:
@@ -381,11 +417,33 @@ class _Reader:
         if self.lower_from is None and self.lower_named == set("UVW"):
             self.lower_from = len(self.rows) - 1
 
+    def _tilt(self, words: list[tuple[str, str]], target: list[float]) -> bool:
+        """Write the tilt of a line into ``target``; True when the line names one."""
+        angles = [self._value(words, letter) for letter in "AB"]
+        vector = [self._value(words, letter) for letter in ("A3", "B3", "C3")]
+        if any(value is not None for value in vector):
+            x, y, z = (value or 0.0 for value in vector)
+            if not (z > 0.0 and math.hypot(x, y) < math.tan(math.radians(_LARGEST_ANGLE)) * z):
+                self._find(ErrorCode.PROGRAM_OUT_OF_REACH, f"the axis ({x:g}, {y:g}, {z:g}) points through the sheet")
+                return True
+            target[6:] = tilt_of(np.array([x, y, z])).tolist()
+            return True
+        for k, value in enumerate(angles):
+            if value is None:
+                continue
+            angle = math.degrees(target[6 + k]) * (not self.absolute) + value
+            if abs(angle) > _LARGEST_ANGLE:
+                what = f"{'AB'[k]} tilts the tool by {angle:g} deg: its axis points through the sheet"
+                self._find(ErrorCode.PROGRAM_OUT_OF_REACH, what)
+                return True
+            target[6 + k] = math.radians(angle)
+        return any(value is not None for value in angles)
+
     def _append(self, target: list[float], speed: float, *, between: bool = True, named: bool = True) -> None:
         count = 1
         if between and self.rows:
             start = self.rows[-1]
-            span = max(math.dist(start[:3], target[:3]), math.dist(start[3:6], target[3:]))
+            span = max(math.dist(start[:3], target[:3]), math.dist(start[3:6], target[3:6]))
             count = max(1, math.ceil(span / self.step - 1e-6))
         self.total += count
         if self.total > MOST_POINTS:

@@ -24,6 +24,7 @@ from isf_planner.view.picture_files import write_view
 
 MM = 1e3
 WARNING = "#c1121f"
+AXIS = "#5b6770"
 UPPER, LOWER = "#0072B2", "#D55E00"
 MAXIMUM_POINTS = 20_000
 """Points of a path in an HTML view; longer paths are thinned out."""
@@ -60,6 +61,8 @@ class Scene:
     forming_tools : which tools form, 1 (upper) and 2 (lower)
     warnings : place (3,) mm and text
     title : of the quantity
+    axes : (K, 3), the axis of a tilted tool at some points of the path, tip, end and a row of NaN each
+    body : (R, C, 3), shank and holder where they come nearest to anything, or (0, 0, 3)
     """
 
     x: Array
@@ -72,6 +75,8 @@ class Scene:
     forming_tools: tuple[int, ...]
     warnings: list[tuple[Array, str]]
     title: str
+    axes: Array
+    body: Array
 
 
 def show(plan: Plan, path: Path, colour: str = "wall_angle") -> Path:
@@ -132,7 +137,40 @@ def make_scene(plan: Plan, quantity: Quantity) -> Scene:
         forming_tools=tuple(sorted({contour.forming_tool for contour in contours})),
         warnings=[(place * MM, text) for place, text in warning_places(plan.warnings)],
         title=quantity.title,
+        axes=_axes_drawn(contours) * MM,
+        body=_body_drawn(plan) * MM,
     )
+
+
+AXES_DRAWN, AXIS_LENGTH = 150, 12e-3
+"""How many axes of a tilted tool are drawn, and how long, m."""
+AROUND = np.linspace(0.0, 2.0 * np.pi, 33)
+"""rad, sides of a body that is drawn."""
+
+
+def _axes_drawn(contours: list[Contour]) -> Array:
+    tilted = [contour for contour in contours if contour.tilted]
+    if not tilted:
+        return np.empty((0, 3))
+    tips = np.vstack([contour.forming_tip for contour in tilted])
+    axis = np.vstack([contour.forming_axis for contour in tilted])
+    index = np.linspace(0, len(tips) - 1, AXES_DRAWN).astype(int)
+    ends = np.stack([tips[index], tips[index] + AXIS_LENGTH * axis[index], np.full((len(index), 3), np.nan)], axis=1)
+    return np.asarray(ends.reshape(-1, 3))
+
+
+def _body_drawn(plan: Plan) -> Array:
+    """(R, C, 3) m: rings around the axis, from the ball's centre up."""
+    if (shank := plan.shank) is None:
+        return np.empty((0, 0, 3))
+    contour = next(one for one in plan.contours if one.index == shank.contour)
+    axis = contour.forming_axis[shank.point]
+    across = np.cross(axis, [0.0, 1.0, 0.0])
+    across /= np.linalg.norm(across)
+    ring = np.cos(AROUND)[:, None] * across + np.sin(AROUND)[:, None] * np.cross(axis, across)
+    profile = np.vstack([part[[[0, 2], [1, 3]]] for part in shank.solid.parts])  # (along, beside) of both ends
+    centre = shank.solid.centre(contour.forming_tip[shank.point])
+    return np.asarray(centre + profile[:, 0, None, None] * axis + profile[:, 1, None, None] * ring)
 
 
 def _heading(plan: Plan) -> str:
@@ -162,6 +200,22 @@ def _draw_page(figure: Any, scene: Scene, heading: str) -> str:
     figure.add_scatter3d(**_axes(scene.forming), mode="lines", line=line, name=forms)
     if len(scene.support):
         figure.add_scatter3d(**_axes(scene.support), mode="lines", line={"color": other, "width": 2}, name=supports)
+    if len(scene.axes):
+        axes = {"color": AXIS, "width": 3}
+        figure.add_scatter3d(**_axes(scene.axes), mode="lines", line=axes, name="axis of the tool")
+    if len(scene.body):
+        x, y, z = np.moveaxis(scene.body, -1, 0)
+        grey = [[0.0, AXIS], [1.0, AXIS]]
+        figure.add_surface(
+            x=x,
+            y=y,
+            z=z,
+            opacity=0.5,
+            colorscale=grey,
+            showscale=False,
+            name="tool, where it comes nearest",
+            showlegend=True,
+        )
     if scene.warnings:
         places = np.array([place for place, _ in scene.warnings])
         figure.add_scatter3d(
@@ -219,6 +273,9 @@ def _figure(scene: Scene, heading: str) -> Figure:
         _, supports, other = _tool_names(scene)
         solid.plot(*scene.support.T, color=other, lw=0.4, alpha=0.6, label=supports)
         solid.legend(loc="upper left", frameon=False)
+    if len(scene.axes):
+        solid.plot(*scene.axes.T, color=AXIS, lw=0.7)
+        above.plot(*scene.axes[:, :2].T, color=AXIS, lw=0.7)
     # to scale in plan, depth stretched where the part is flat
     size = [float(np.ptp(scene.x)), float(np.ptp(scene.y)), float(np.ptp(scene.z))]
     solid.set_box_aspect((size[0], size[1], max(size[2], 0.25 * max(size[:2]))), zoom=0.8)

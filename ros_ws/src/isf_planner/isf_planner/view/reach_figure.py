@@ -12,6 +12,7 @@ from isf_core.contour import Contour
 from isf_core.files.rig import Rig
 from isf_core.geometry.hexapod import Hexapod
 from isf_core.geometry.kinematics import UPRIGHT, make_kinematics
+from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.types import Array
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -52,10 +53,10 @@ def hexapod_of(rig: Rig) -> Hexapod | None:
     return upper if isinstance(upper, Hexapod) else None
 
 
-def axes_use(hexapod: Hexapod, contours: Sequence[Contour]) -> AxesUse:
-    """Strokes, joints and forces of the cylinders along ``contours`` of an upright upper tool."""
-    tips = _tips(contours)
-    tilt = np.broadcast_to(UPRIGHT, (len(tips), 2))
+def axes_use(hexapod: Hexapod, contours: Sequence[Contour], ball_radius: float = 0.0) -> AxesUse:
+    """Strokes, joints and forces of the cylinders along ``contours`` of an upper tool, whose tip has ``ball_radius`` m
+    where it is tilted."""
+    tips, tilt = _poses(contours, ball_radius)
     strokes = hexapod.strokes(tips, tilt)
     axial = np.concatenate(
         [one.predicted_force if len(one.predicted_force) else np.zeros(len(one)) for one in contours]
@@ -69,9 +70,9 @@ def axes_use(hexapod: Hexapod, contours: Sequence[Contour]) -> AxesUse:
     )
 
 
-def draw_reach(hexapod: Hexapod, contours: Sequence[Contour], rig: Rig, path: Path) -> Path:
+def draw_reach(hexapod: Hexapod, contours: Sequence[Contour], rig: Rig, path: Path, ball_radius: float = 0.0) -> Path:
     """Write the map of reach as PNG to ``path`` and return it; IsfError FILE_NOT_WRITABLE."""
-    tips, use = _tips(contours), axes_use(hexapod, contours)
+    tips, use = _tips(contours), axes_use(hexapod, contours, ball_radius)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(13.0, 5.4), layout="constrained")
         FigureCanvasAgg(figure)
@@ -114,6 +115,17 @@ def draw_reach(hexapod: Hexapod, contours: Sequence[Contour], rig: Rig, path: Pa
 def _tips(contours: Sequence[Contour]) -> Array:
     """(N, 3) m, of the upper tool."""
     return np.vstack([one.forming_tip if one.forming_tool == 1 else one.support_tip for one in contours])
+
+
+def _poses(contours: Sequence[Contour], ball_radius: float) -> tuple[Array, Array]:
+    """(N, 3) m, where the axis of the upper tool leaves its tip, and (N, 2) rad, its tilt."""
+    points, tilts = [], []
+    for one in contours:
+        tips = one.forming_tip if one.forming_tool == 1 else one.support_tip
+        leans = one.tilted and one.forming_tool == 1
+        points.append(point_on_axis(tips, one.forming_axis, ball_radius) if leans else tips)
+        tilts.append(tilt_of(one.forming_axis) if leans else np.broadcast_to(UPRIGHT, (len(tips), 2)))
+    return np.vstack(points), np.vstack(tilts)
 
 
 def _margin(hexapod: Hexapod, strokes: Array) -> Array:

@@ -12,10 +12,14 @@ import pytest
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
+from isf_core.geometry.tool_axis import angle_between
 from isf_planner import Plan, plan
 from isf_planner.exports import FORMATS, export, load_plan, load_post, post_names, read_programs, save_plan
 from isf_planner.exports.post_processor import pattern
+from isf_planner.exports.programs import path_points
+from isf_planner.gcode.reader import read_program
 from planner_parts import EXAMPLES
+from scipy.spatial.transform import Rotation
 
 MICROMETRE = 1e-6
 
@@ -88,6 +92,44 @@ def test_plan_file_of_a_tilted_tool_has_a_version_of_its_own(one_tool: Plan, tmp
         if version == 1:
             np.savez_compressed(path, **old)
             assert not any(contour.tilted for contour in load_plan(path).contours)
+
+
+@pytest.mark.parametrize("form", ["iso", "iso_two_channels"])
+def test_g_code_of_a_tilted_tool_comes_back_by_the_reader(form: str, one_tool: Plan, tmp_path: Path) -> None:
+    """Tips to 0.05 um and axes to 1e-6 rad: angles A, B and vectors A3= B3= C3=, both of a point on the axis."""
+    tilted = replace(leaning(one_tool), ball_radius=4e-3)
+    (file,) = export(tilted, tmp_path / "part", form)
+    program = read_program(file.read_text(encoding="ascii"), name=file.name, step=1.0)
+    assert not program.unknown
+    assert not program.findings
+    wanted = path_points(tilted.contours)
+    cut = np.isfinite(program.speed)
+    assert np.abs(program.tips[cut, :3] - wanted.tool_1).max() > 0.1e-3  # the point on the axis is not the tip
+    formed = program.with_ball(4e-3)
+    assert np.abs(formed.tips[cut, :3] - wanted.tool_1).max() <= 0.05e-6
+    assert angle_between(formed.axis[cut], wanted.axis).max() <= 1e-6
+
+
+def test_robot_programs_hold_the_orientation_of_a_tilted_tool(one_tool: Plan, tmp_path: Path) -> None:
+    """The z axis of the flange's tool points from the shank to the tip; scipy is the judge."""
+    tilted = replace(leaning(one_tool), ball_radius=4e-3)
+    wanted = path_points(tilted.contours).axis
+    (krl,) = export(tilted, tmp_path / "part", "krl")
+    angles = np.array(re.findall(r"A 0,B (\S+),C ([^}]+)}} C_DIS".replace("}}", "}"), krl.read_text()), dtype=float)
+    of_krl = Rotation.from_euler("ZYX", np.column_stack([0.0 * angles[:, 0], angles]), degrees=True)
+    (rapid,) = export(tilted, tmp_path / "part", "rapid")
+    found = re.findall(r"\],\[([^]]+)\],\[0,0,0,0\].*z0,isfTool", rapid.read_text())
+    of_rapid = Rotation.from_quat(np.array([line.split(",") for line in found], dtype=float)[:, [1, 2, 3, 0]])
+    for turn in (of_krl, of_rapid):
+        assert angle_between(turn.apply([0.0, 0.0, -1.0]), wanted).max() <= 1e-6
+
+
+@pytest.mark.parametrize("form", ["pmac", "csv"])
+def test_a_format_that_cannot_hold_the_axis_says_so(form: str, one_tool: Plan, tmp_path: Path) -> None:
+    with pytest.raises(IsfError, match="tilted tool") as caught:
+        export(replace(leaning(one_tool), ball_radius=4e-3), tmp_path / "part.x", form)
+    assert caught.value.code == ErrorCode.EXPORT_FORMAT_UNKNOWN
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("form", post_names())
