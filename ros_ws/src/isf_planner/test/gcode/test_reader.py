@@ -143,9 +143,9 @@ def test_the_subset_of_the_source() -> None:
 
 
 def test_words_that_are_not_understood_are_listed_with_their_lines() -> None:
-    program = read_program("G1 X1 Y1 Z0\nG81 X2 Q3\n(WAITM in a comment)\nWAITM(1,1,2)\n#1=5\nX1.2.3\nA5\nA0\nM98\nM30")
+    program = read_program("G1 X1 Y1 Z0\nG81 X2 Q3\n(WAITM in a comment)\nWAITM(1,1,2)\n#1=5\nX1.2.3\nC5\nC0\nM98\nM30")
     found = [(unknown.line, unknown.word) for unknown in program.unknown]
-    assert found == [(2, "G81"), (2, "Q3"), (4, "WAITM"), (5, "#1=5"), (6, ".3"), (7, "A5"), (9, "M98")]
+    assert found == [(2, "G81"), (2, "Q3"), (4, "WAITM"), (5, "#1=5"), (6, ".3"), (7, "C5"), (9, "M98")]
 
 
 @pytest.mark.parametrize(
