@@ -19,7 +19,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import Rig, load_rig
 from isf_msgs.msg import Contour, JobInfo, MachineState
-from isf_ros import process, qos
+from isf_ros import process, qos, stamps
 from isf_ros.conversion import FRAME, cloud_points, contour_from_message, path_to_message
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
@@ -52,7 +52,7 @@ class CellStateParameters:
     publish_tf: bool = parameter(True, "false: robot_state_publisher makes the frames from joint_states")
     rate: float = parameter(50.0, "frames and joint states per second, at most", unit="Hz", minimum=1.0, maximum=500.0)
     sheet_points: int = parameter(
-        50, "points of the scanned sheet along a side, as part/sheet shows it", minimum=10, maximum=300
+        50, "points across the formed place of the scanned sheet, as part/sheet shows it", minimum=10, maximum=300
     )
 
 
@@ -179,19 +179,23 @@ class CellStateNode(CellNode[CellStateParameters]):
         if not self.is_active or self._rig is None:
             return
         self._follow_wrenches(self._rig)
+        news: dict[int, Positions] = {}  # by stamp, ns: the poses of both tools need not have the same
         for tool, reach in zip(self._tools, self._reach, strict=True):
             pose, tool.pose = tool.pose, None
             if pose is not None and (found := self._found(tool, pose, reach)):
-                if HOLDER in self._joints:
-                    found[HOLDER] = self._positions[HOLDER]
-                self._send(found, pose.header.stamp)
+                news.setdefault(stamps.to_nanoseconds(tool.stamp), {}).update(found)
         viewers = 0 if self._tf is None else self._tf.get_subscription_count()
-        if viewers > self._viewers:  # one that comes while nothing moves, as after a part, sees the cell too
+        if (
+            not news and viewers > self._viewers
+        ):  # one that comes while nothing moves, as after a part, sees the cell too
             for tool in self._tools:
-                names = [name for name in self._positions if name.startswith(_own(tool)) or name == HOLDER]
-                if tool.stamp is not None and names:
-                    self._send({name: self._positions[name] for name in names}, tool.stamp)
+                if tool.stamp is not None:
+                    names = (name for name in self._positions if name.startswith(_own(tool)))
+                    known = {name: self._positions[name] for name in names}
+                    news.setdefault(stamps.to_nanoseconds(tool.stamp), {}).update(known)
         self._viewers = viewers
+        if news:
+            self._send(news)
 
     def _found(self, tool: Tool, pose: PoseStamped, reach: Callable[[Vector, Quaternion], Positions]) -> Positions:
         """Positions of the joints of ``tool``; none when its pose is no news, or unusable, which is told once."""
@@ -218,15 +222,21 @@ class CellStateNode(CellNode[CellStateParameters]):
         self._positions.update(found)
         return found
 
-    def _send(self, positions: Positions, stamp: Any) -> None:
-        state = JointState(name=list(positions), position=list(positions.values()))
-        state.header.stamp = stamp
-        self._joint_states.publish(state)
+    def _send(self, news: dict[int, Positions]) -> None:
+        if HOLDER in self._joints:
+            news[max(news)][HOLDER] = self._positions[HOLDER]
+        transforms = []
+        for nanoseconds, positions in news.items():
+            stamp = stamps.to_stamp(nanoseconds)
+            state = JointState(name=list(positions), position=list(positions.values()))
+            state.header.stamp = stamp
+            self._joint_states.publish(state)
+            if self._tf is not None:
+                prefix = self._settings.frame_prefix
+                transforms += [
+                    transform_message(self._joints[name], value, stamp, prefix) for name, value in positions.items()
+                ]
         if self._tf is not None:
-            prefix = self._settings.frame_prefix
-            transforms = [
-                transform_message(self._joints[name], value, stamp, prefix) for name, value in positions.items()
-            ]
             self._tf.publish(TFMessage(transforms=transforms))
         self._published += 1
 
@@ -293,7 +303,7 @@ def _own(tool: Tool) -> tuple[str, ...]:
 
 def main(args: list[str] | None = None) -> None:
     """Entry point of ``ros2 run isf_description cell_state_publisher``."""
-    sys.exit(process.run(CellStateNode, args))
+    sys.exit(process.run(CellStateNode, args, streams=True))
 
 
 if __name__ == "__main__":

@@ -34,10 +34,6 @@ LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
 def to_urdf(description: Description) -> str:
     """The text of the URDF file; ends with a line break."""
     robot = Element("robot", name=description.name)
-    used = {body.colour for link in description.links for body in link.bodies}
-    for name, colour in COLOURS.items():
-        if name in used:
-            SubElement(SubElement(robot, "material", name=name), "color", rgba=_numbers(colour))
     moving = {joint.child for joint in description.movable}
     for link in description.links:
         _add_link(robot, link, moves=link.name in moving)
@@ -61,7 +57,9 @@ def _add_link(robot: Element, link: Link, *, moves: bool) -> None:
     for body in link.bodies:
         visual = SubElement(element, "visual")
         _add_shape(visual, body)
-        SubElement(visual, "material", name=body.colour)
+        # its colour each time: materials of the whole file have to be unique, and two cells may be put into one file
+        material = SubElement(visual, "material", name=body.colour)
+        SubElement(material, "color", rgba=_numbers(COLOURS[body.colour]))
     for body in link.bodies:
         _add_shape(SubElement(element, "collision"), body)
 

@@ -136,6 +136,7 @@ def test_two_cells_go_into_one_file() -> None:
     urdf = Urdf(to_urdf(description))
     assert urdf.root == "left_base"
     assert all(name.startswith("left_") for name in (*urdf.links, *urdf.joints))
+    assert urdf.robot.find("material") is None  # of the whole file, which has to be unique
 
 
 def test_masses_by_hand() -> None:
@@ -165,6 +166,13 @@ def test_a_pose_that_the_hexapod_cannot_have_is_refused(turn: tuple[float, float
     assert caught.value.code == ErrorCode.TARGET_NOT_FINITE
 
 
+def areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """m^2 of the triangles in plan view; positive where they turn to the left, seen from above."""
+    corners = vertices[triangles]
+    across, along = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.asarray(0.5 * (across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]))
+
+
 def test_a_scan_becomes_a_surface_with_its_holes() -> None:
     axis = np.linspace(-0.1, 0.1, 101)
     x, y = (a.ravel() for a in np.meshgrid(axis, axis))
@@ -173,14 +181,25 @@ def test_a_scan_becomes_a_surface_with_its_holes() -> None:
     points[hidden, 2] = np.nan
     vertices, triangles = surface(points, 50)
     np.testing.assert_allclose(vertices[:, 2], 0.1 * vertices[:, 0] - 0.2 * vertices[:, 1], atol=1e-12)
-    corners = vertices[triangles]
-    across, along = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    area = 0.5 * (across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0])
-    assert (area > 0.0).all()  # seen from above, all turn one way
-    assert area.sum() == pytest.approx(0.2**2 - math.pi * 0.02**2, rel=0.06)
-    assert len(vertices) <= 2500
+    area = areas(vertices, triangles)
+    assert (area > 0.0).all()
+    assert area.sum() == pytest.approx(0.2**2 - math.pi * 0.02**2, rel=0.02)
+    assert len(vertices) <= 52**2
     for few in (points[:3], np.full((9, 3), np.nan), np.empty((0, 3))):
         assert len(surface(few, 50)[1]) == 0
+
+
+def test_a_small_part_on_a_large_sheet_is_shown_finely_and_the_rim_coarsely() -> None:
+    axis = np.linspace(-0.125, 0.125, 251)
+    x, y = (a.ravel() for a in np.meshgrid(axis, axis))
+    points = np.stack([x, y, -0.5 * np.clip(0.02 - np.hypot(x, y), 0.0, 0.01)], axis=1)
+    vertices, triangles = surface(points, 50)
+    assert areas(vertices, triangles).sum() == pytest.approx(0.25**2, rel=1e-9)  # all of the sheet
+    inside = np.hypot(vertices[:, 0], vertices[:, 1]) < 0.02
+    assert inside.sum() > 0.4 * (math.pi * 0.02**2) / 1e-6  # about a vertex per mm^2, as it is scanned
+    assert len(vertices) < 3500
+    noisy = points[np.random.default_rng(1).permutation(len(points))[::3]]  # a scanner's cloud: no grid, no order
+    assert areas(*surface(noisy, 50)).sum() > 0.8 * 0.25**2
 
 
 def test_the_deepest_place_has_the_end_of_the_scale_and_a_flat_sheet_its_beginning() -> None:
