@@ -141,6 +141,7 @@ def choose(asked: dict[str, str], described: dict[str, Any]) -> cell_nodes.CellC
         lockstep=asked["lockstep"] == YES,
         machine=asked["machine"] == YES,
         load_cells=cells,
+        tilts=described.get("tilts", False),
         cell_files=files,
         rig=described.get("rig", ""),
         bag=asked["record"],

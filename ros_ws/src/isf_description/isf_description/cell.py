@@ -88,12 +88,19 @@ def describe(rig: Rig, job_file: JobFile | None = None) -> Description:
     links, joints = _stand(rig, job, job_file, tools)
     for tool in tools:
         if tool.number == 1 and rig.kinematics == "hexapod_spif_a":
-            more_links, more_joints = hexapod.chain(rig, SHEET)
+            more_links, more_joints = hexapod.chain(rig, SHEET, tool.corner)
         else:
             more_links, more_joints = _gantry(rig, tool)
         links += [*more_links, *_tool_links(rig, tool)]
         joints += [*more_joints, *_tool_joints(rig, tool)]
     return Description(rig.name if job is None else f"{rig.name}_{job.name}", tuple(links), tuple(joints))
+
+
+def ball_radius(job_file: JobFile | None, number: int) -> float:
+    """m, of the ball of tool ``number``, or of the rounded edge of a flat tip; assumed without a job that has it."""
+    specs = () if job_file is None else (job_file.job.tool_1, job_file.job.tool_2)
+    spec = specs[number - 1] if specs else None
+    return RADIUS if spec is None else spec.ball_radius
 
 
 def tip_frame(rig: Rig, number: int) -> str:
@@ -126,7 +133,10 @@ def _stand(rig: Rig, job: Job | None, job_file: JobFile | None, tools: list[Tool
             table += hexapod.columns(floor)
         else:
             table += _rails(rig, tool, floor)
-    clamp = [*_ring(rig.clamp.size, PLATE, -0.5 * PLATE), *_ring(rig.clamp.size, 12e-3, thickness + 6e-3)]
+    upper = rig.clamp.height
+    clamp = [*_ring(rig.clamp.size, PLATE, -0.5 * PLATE)]
+    if upper > 0.0:
+        clamp += _ring(rig.clamp.size, upper, thickness + 0.5 * upper)
     if job is not None and job.backing_plate is not None and job.backing_plate.shape == "rectangle":
         clamp += _plate(rig.clamp.size, job.backing_plate.size)
     links = [Link("base"), Link("table", tuple(table)), Link("clamp", tuple(clamp)), Link(SHEET)]

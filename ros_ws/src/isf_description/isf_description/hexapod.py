@@ -1,6 +1,6 @@
 """Links and joints of the hexapod that carries an upper tool (Torrao 2013, chapter 4).
 
-The platform hangs on virtual axes: place of the tip, then the tilt about y and x, as the kinematics has it. Each leg is
+The platform hangs on virtual axes: place of the tip, then the tilt of the tool about y and x. Each leg is
 a branch of its own from the base plate: a universal joint, the cylinder and its rod. URDF knows no closed chains; that
 rod ends and platform joints meet is what the positions of the joints see to.
 """
@@ -12,6 +12,7 @@ import math
 import numpy as np
 from isf_core.files.rig import Rig
 from isf_core.geometry.hexapod import Hexapod, spif_a
+from isf_core.geometry.tool_axis import axis_of, point_on_axis
 from isf_core.types import Array
 
 from isf_description.axes import ALONG, linear_axis
@@ -25,16 +26,20 @@ TUBE, ROD = 0.65, 0.80
 """m; lengths of a cylinder's tube and of its rod (assumed)."""
 
 
-def chain(rig: Rig, sheet: str) -> tuple[list[Link], list[Joint]]:
-    """From frame ``sheet`` to the tip of the tool, with platform, base plate and legs."""
+def chain(rig: Rig, sheet: str, radius: float) -> tuple[list[Link], list[Joint]]:
+    """From frame ``sheet`` to the end of the tool, whose ball has ``radius`` m, with platform, base plate and legs."""
     machine = spif_a()
-    links = [Link(f"{TOOL}_{name}") for name in ("moved_x", "moved_y", "moved_z", "tilted_y")]
+    links = [Link(f"{TOOL}_{name}") for name in ("moved_x", "moved_y", "moved_z", "tilted_y", "tilted_x")]
     parents = [sheet, *(link.name for link in links)]
     joints = [linear_axis(rig, TOOL, axis, parents[axis], parents[axis + 1]) for axis in range(3)]
     tilt, speed, force = machine.tilt_limit, rig.limits.speed, rig.limits.force[0]
     bounds = Limits(-tilt, tilt, speed / machine.tool_length, force * machine.tool_length)
-    for name, axis, parent, child in (("tilt_y", 1, UPRIGHT, parents[-1]), ("tilt_x", 0, parents[-1], TOOL)):
-        joints.append(Joint(f"{TOOL}_{name}", parent, child, "revolute", axis=ALONG[axis], limits=bounds))
+    ball = (0.0, 0.0, radius)  # the tool turns about the centre of its ball: its lowest point is the tip as ever
+    joints += [
+        Joint(f"{TOOL}_tilt_y", UPRIGHT, parents[4], "revolute", ball, axis=ALONG[1], limits=bounds),
+        Joint(f"{TOOL}_tilt_x", parents[4], parents[5], "revolute", axis=ALONG[0], limits=bounds),
+        Joint(f"{TOOL}_fixed", parents[5], TOOL, place=(0.0, 0.0, -radius)),
+    ]
     plates = [
         Link("hexapod_platform", (Body("cylinder", (_radius(machine.platform), 40e-3), "carriage", fill=0.4),)),
         Link("hexapod_base", (Body("cylinder", (_radius(machine.base), 60e-3), "frame", (0.0, 0.0, 30e-3), 0.3),)),
@@ -80,11 +85,13 @@ def _leg(machine: Hexapod, rig: Rig, number: int) -> tuple[list[Link], list[Join
     ]
 
 
-def leg_positions(machine: Hexapod, tip: Vector, tilt: tuple[float, float]) -> dict[str, float]:
-    """Joint to position (rad, m) of all legs for a tip (m, frame ``sheet``) and tilt (rad about x and y)."""
+def leg_positions(machine: Hexapod, tip: Vector, tilt: tuple[float, float], radius: float) -> dict[str, float]:
+    """Joint to position (rad, m) of all legs for a tip (m, frame ``sheet``), a tilt (rad about x and y) and the
+    ``radius`` m of the tool's ball."""
     found = {}
     angles = np.array(tilt)
-    legs = machine.legs(machine.place_of(np.array(tip), angles), angles)
+    point = point_on_axis(np.array(tip), axis_of(angles), radius)
+    legs = machine.legs(machine.place_of(point, angles), angles)
     for number, (x, y, z) in enumerate(legs.tolist(), start=1):
         length = math.sqrt(x * x + y * y + z * z)
         found[f"leg_{number}_swing_x"] = math.atan2(y, -z)

@@ -29,7 +29,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
-from isf_description.cell import HOLDER, describe, tip_frame
+from isf_description.cell import HOLDER, ball_radius, describe, tip_frame
 from isf_description.joints import Positions, tool_positions
 from isf_description.node_messages import blank_marker, sheet_marker, transform_message
 from isf_description.surface import surface
@@ -147,7 +147,7 @@ class CellStateNode(CellNode[CellStateParameters]):
         made = describe(rig, job_file)
         self._rig = rig
         self._joints = {joint.name: joint for joint in made.movable}
-        self._reach = [tool_positions(rig, tool.number) for tool in self._tools]
+        self._reach = [tool_positions(rig, tool.number, ball_radius(job_file, tool.number)) for tool in self._tools]
         self._positions = {name: value for name, value in self._positions.items() if name in self._joints}
         if HOLDER not in self._joints:
             self._drop(self._states)

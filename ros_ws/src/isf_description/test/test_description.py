@@ -14,7 +14,7 @@ from isf_core.files.job import load_job
 from isf_core.files.rig import Rig, load_rig
 from isf_core.geometry.hexapod import rotation, spif_a
 from isf_description.cell import HOLDER, describe, tip_frame
-from isf_description.joints import tilt_of, tool_positions
+from isf_description.joints import tool_positions
 from isf_description.surface import height_colours, surface
 from isf_description.tree import Body
 from isf_description.urdf import STEEL, mass_properties, to_urdf
@@ -75,7 +75,7 @@ def test_root_has_no_mass_and_what_moves_has_one() -> None:
 @given(tip=st.tuples(*[st.floats(-0.1, 0.1)] * 3), k=st.sampled_from([1, 2]), name=st.sampled_from(RIGS))
 def test_the_tip_of_the_urdf_is_the_pose(tip: tuple[float, float, float], k: int, name: str) -> None:
     rig = load_rig(name)
-    found = read(rig).transform("sheet", f"tool_{k}", tool_positions(rig, k)(tip, UPRIGHT))
+    found = read(rig).transform("sheet", f"tool_{k}", tool_positions(rig, k, 5e-3)(tip, UPRIGHT))
     np.testing.assert_allclose(found[:3, 3], tip, atol=1e-9)
     np.testing.assert_allclose(found[:3, :3], np.eye(3), atol=1e-12)
 
@@ -87,16 +87,21 @@ HEXAPOD = read(load_rig("torrao2013"))
 @given(tip=st.tuples(*[st.floats(-0.1, 0.1)] * 3), tilt=st.tuples(*[st.floats(-0.5, 0.5)] * 2))
 def test_legs_of_the_hexapod_end_at_the_platform(tip: tuple[float, float, float], tilt: tuple[float, float]) -> None:
     machine = spif_a()
-    positions = tool_positions(load_rig("torrao2013"), 1)(tip, tuple(Rotation.from_matrix(rotation(tilt)).as_quat()))
+    turn = rotation(np.array(tilt))
+    x, y, z, w = Rotation.from_matrix(turn).as_quat().tolist()
+    positions = tool_positions(load_rig("torrao2013"), 1, 5e-3)(tip, (x, y, z, w))
     placed = HEXAPOD.transform("sheet", "tool_1", positions)
-    np.testing.assert_allclose(placed[:3, 3], tip, atol=1e-9)
-    np.testing.assert_allclose(placed[:3, :3], rotation(tilt), atol=1e-9)
+    end = np.array(tip) + 5e-3 * (np.array([0.0, 0.0, 1.0]) - turn[:, 2])  # where the axis leaves the ball
+    np.testing.assert_allclose(placed[:3, 3], end, atol=1e-9)
+    np.testing.assert_allclose(placed[:3, :3], turn, atol=1e-9)
+    centre = (placed @ [0.0, 0.0, 5e-3, 1.0])[:3]
+    np.testing.assert_allclose(centre, np.array(tip) + [0.0, 0.0, 5e-3], atol=1e-9)  # the tip is its lowest point
     platform = HEXAPOD.transform("hexapod_base", "hexapod_platform", positions)
     upright = HEXAPOD.transform("sheet", tip_frame(load_rig("torrao2013"), 1), positions)
     np.testing.assert_allclose(
         upright, [[1, 0, 0, tip[0]], [0, 1, 0, tip[1]], [0, 0, 1, tip[2]], [0, 0, 0, 1]], atol=1e-9
     )
-    strokes = machine.strokes(np.array(tip), np.array(tilt))
+    strokes = machine.strokes(end, np.array(tilt))
     for n in range(6):
         rod = HEXAPOD.transform("hexapod_base", f"leg_{n + 1}_rod", positions)
         np.testing.assert_allclose(rod[:3, 3], (platform @ [*machine.platform[n], 0.0, 1.0])[:3], atol=1e-9)
@@ -154,15 +159,18 @@ def test_masses_by_hand() -> None:
 
 
 @pytest.mark.parametrize(
-    ("turn", "said"),
-    [((0.0, 0.0, 0.1, 0.99499), "turned by 11.5 deg about z"), ((0.0, 0.0, 0.0, 0.0), "no quaternion")],
+    ("name", "tip", "turn"),
+    [
+        ("ren2018", (math.nan, 0.0, 0.0), UPRIGHT),
+        ("torrao2013", (0.0, math.inf, 0.0), UPRIGHT),
+        ("torrao2013", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
+    ],
 )
-def test_a_pose_that_the_hexapod_cannot_have_is_refused(turn: tuple[float, float, float, float], said: str) -> None:
-    with pytest.raises(IsfError, match=said) as caught:
-        tilt_of(turn)
-    assert caught.value.code == ErrorCode.TARGET_OUT_OF_WORKSPACE
+def test_what_is_no_pose_is_refused(
+    name: str, tip: tuple[float, float, float], turn: tuple[float, float, float, float]
+) -> None:
     with pytest.raises(IsfError) as caught:
-        tool_positions(load_rig("ren2018"), 1)((math.nan, 0.0, 0.0), UPRIGHT)
+        tool_positions(load_rig(name), 1, 5e-3)(tip, turn)
     assert caught.value.code == ErrorCode.TARGET_NOT_FINITE
 
 

@@ -43,6 +43,7 @@ def describe_cell(name: str, prefix: str, output: Path | None, *, as_json: bool)
             "robot": made.name,
             "rig": str(rig_file),
             "spindle_cells": tools_with_spindle_cells(rig),
+            "tilts": job_file is not None and job_file.tilts,
             "links": [link.name for link in made.links],
             "joints": movable,
         }
