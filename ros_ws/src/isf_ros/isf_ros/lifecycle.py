@@ -21,6 +21,7 @@ from typing import Any, Generic, TypeVar
 
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError, coded
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -66,6 +67,9 @@ OVERRIDES = (
 )
 """What CellNode overrides of rclpy's node; nothing else of it may be hidden by a name of ours."""
 
+ENDS = "finalized"
+"""State of a node whose process has been told to end."""
+
 P = TypeVar("P")
 
 
@@ -96,7 +100,7 @@ class CellNode(LifecycleNode, Generic[P]):
         self._text = "ok"
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._heartbeat = self.create_timer(HEARTBEAT_PERIOD, self.publish_health, clock=self.steady_clock)
-        self._process = {"pid": os.getpid(), "process": identity()}
+        self._process = {"pid": os.getpid(), "process": identity(), "version": __version__}
         self._health: dict[str, object] = {"state": self._state_label, **self._process}
         self._busy_heartbeat = BusyHeartbeat(self._publish_busy, HEARTBEAT_PERIOD)
         self._autostart = self.create_timer(0.0, self._bring_up, clock=self.steady_clock)
@@ -434,6 +438,10 @@ class CellNode(LifecycleNode, Generic[P]):
         self._health = values
         self._publish_status(values)
         self._busy_heartbeat.served()
+
+    def tell_end(self) -> None:
+        """The last sign of life: who waits for this node need not wait until its process is seen to have ended."""
+        self._publish_status({**self._health, "state": ENDS})
 
     def _publish_busy(self, seconds: float) -> None:
         """The last sign of life once more, from a thread of its own: the executor is in one callback."""

@@ -98,6 +98,7 @@ def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *
         return EXIT_ERROR
     finally:
         if node is not None:
+            node.tell_end()
             node.close()
             hand_over(node)
             node.destroy_node()

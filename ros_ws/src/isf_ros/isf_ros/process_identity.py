@@ -22,8 +22,8 @@ def identity() -> str:
 
 
 def running(process: str) -> bool | None:
-    """True when the process of that :func:`identity` runs, False when it has ended; None when it cannot be seen, as
-    that of another user need not be."""
+    """True when the process of that :func:`identity` runs, False when it has ended; None when that cannot be seen, as
+    of another user, or when it is stopped (SIGSTOP, Ctrl-Z, a debugger): then it is not slow, and may never go on."""
     number, _, computer = process.partition("@")
     pid, _, start = number.partition(":")
     if not (pid.isdecimal() and start) or computer != _computer():
@@ -31,6 +31,8 @@ def running(process: str) -> bool | None:
     found = _stat(int(pid))
     if found is None:
         return None if _exists(int(pid)) else False
+    if found[0] in "Tt" and found[1] == start:
+        return None
     return found[0] not in "ZX" and found[1] == start
 
 

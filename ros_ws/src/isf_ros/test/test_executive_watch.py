@@ -87,3 +87,15 @@ def test_a_silent_executive_whose_process_is_seen_running_is_slow(
     assert watch.gone() == ""
     time[0] = silence
     assert "has given no sign of life" in watch.gone()
+
+
+def test_an_executive_that_tells_that_it_ends_is_gone_at_once(node: Node) -> None:
+    watch = ExecutiveWatch(node, 5.0, clock=lambda: 0.0, runs=lambda _: True)
+    watch.on_diagnostics(identified())
+    ends = identified()
+    ends.status[0].values = [*ends.status[0].values, KeyValue(key="state", value="finalized")]
+    watch.on_diagnostics(ends)
+    watch.on_diagnostics(reports(8, busy=False))
+    assert watch.gone() == "the executive (process 7) has ended"
+    watch.release()
+    assert watch.gone() == ""

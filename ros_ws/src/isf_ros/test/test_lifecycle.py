@@ -16,6 +16,7 @@ import forked_process
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from isf_core import __version__
 from isf_ros.process_identity import running
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -75,8 +76,9 @@ def test_a_node_waits_unconfigured_and_ends_in_order(observer: Node, tmp_path: P
         assert heard[-1].name == "/sample"
         told = values(heard[-1])
         assert running(told.pop("process")) is True
-        assert told == {"state": "unconfigured", "pid": str(process.pid), "gain": "1.5"}
+        assert told == {"state": "unconfigured", "pid": str(process.pid), "version": __version__, "gain": "1.5"}
         os.killpg(process.pid, signal.SIGTERM)
+        assert spin_until(observer, lambda: values(heard[-1])["state"] == "finalized")
         assert process.wait(LIMIT) == 0
     assert note.read_text() == "closed"
 

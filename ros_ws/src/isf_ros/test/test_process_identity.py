@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +29,14 @@ def test_a_process_that_ended_does_not_run_although_nobody_asked_for_its_code() 
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         told = process.stdout.readline().strip()
+        assert running(told) is True
+        process.send_signal(signal.SIGSTOP)
+        while running(told):  # stopped by the system a moment later
+            pass
+        assert running(told) is None  # it may never go on
+        process.send_signal(signal.SIGCONT)
+        while running(told) is None:
+            pass
         assert running(told) is True
         process.kill()
         process.stdout.read()  # its end
