@@ -11,13 +11,14 @@ from typing import Any
 
 import pytest
 import rclpy
+from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import WrenchStamped
 from isf_cell.options import RunOptions
 from isf_cell.processes.process_group import ProcessGroup
 from isf_cell.run import graph_run
 from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.msg import ContourResult
-from isf_ros import qos
+from isf_ros import qos, stamps
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from quick_cone import LONGER, quick_cone
@@ -42,6 +43,8 @@ class Cell:
         self._executor.add_node(self.node)
         self.results: list[ContourResult] = []
         self.forces: dict[int, float] = {}
+        self.time = 0.0
+        """s, of the machine."""
         self.node.create_subscription(ContourResult, "contour/result", self.results.append, qos.EVENT)
         for tool in (1, 2):
             topic = f"tool_{tool}/wrench"
@@ -70,6 +73,10 @@ class Cell:
         request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
         assert self.wait(service.call_async(request).done)
 
+    def served(self) -> None:
+        """What was asked is on its way."""
+        self._executor.spin_once(timeout_sec=0.05)
+
     def close(self) -> None:
         self._executor.remove_node(self.node)
         self.node.destroy_node()
@@ -79,6 +86,7 @@ class Cell:
         return len(self.forces) == 2 and max(self.forces.values()) < UNLOADED
 
     def _on_wrench(self, tool: int, message: WrenchStamped) -> None:
+        self.time = stamps.to_seconds(message.header.stamp)
         force = message.wrench.force
         self.forces[tool] = math.hypot(force.x, force.y, force.z)
 
@@ -104,10 +112,36 @@ def test_a_node_deactivated_in_the_part_ends_it(cell: Cell) -> None:
     assert cell.wait(cell.off_the_sheet)
 
 
+def test_a_cancelled_part_leaves_no_tool_on_the_sheet(cell: Cell) -> None:
+    """The nodes are taken down when the tools are lifted, not before."""
+
+    def cancel() -> None:
+        client = cell.node.create_client(CancelGoal, "form_part/_action/cancel_goal")
+        assert client.wait_for_service(LIMIT)
+        client.call_async(CancelGoal.Request())
+        cell.served()
+
+    assert cell.form(cancel).code == ErrorCode.CANCELLED
+    assert cell.wait(cell.off_the_sheet)
+
+
 def test_a_dead_executive_leaves_no_tool_on_the_sheet(cell: Cell) -> None:
-    """The part after the one above, in the same cell; nobody is left who could stop the machine."""
+    """The part after those above, in the same cell; nobody is left who could stop the machine. The contour that is
+    being formed is not formed to its end."""
+
+    def kill() -> None:
+        before = cell.time
+        assert cell.wait(lambda: cell.time != before)  # what was heard before may be of long ago
+        begun = cell.time
+        assert cell.wait(lambda: cell.time > begun + 1.0)  # in the midst of the third contour
+        os.killpg(cell.group["executive"].popen.pid, signal.SIGKILL)
+
     with pytest.raises(IsfError) as caught:
-        cell.form(lambda: os.killpg(cell.group["executive"].popen.pid, signal.SIGKILL))
+        cell.form(kill)
     assert caught.value.code == ErrorCode.NODE_DIED
+    assert "was ended by SIGKILL" in caught.value.what
     assert cell.wait(lambda: any(result.code == ErrorCode.EXECUTIVE_LOST for result in cell.results))
+    (lost,) = [result for result in cell.results if result.code == ErrorCode.EXECUTIVE_LOST]
+    assert len(lost.tick_time)  # of the contour that was being formed
+    assert not lost.completed
     assert cell.wait(cell.off_the_sheet)

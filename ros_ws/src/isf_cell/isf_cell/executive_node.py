@@ -16,7 +16,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.simulated_sheet import sheet_kind
 from isf_msgs.action import FormPart
-from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo, MachineEvent, MachineState
+from isf_msgs.msg import Contour, ContourCorrection, ContourResult, ForceCtrlState, JobInfo, MachineEvent, MachineState
 from isf_ros import process, qos
 from isf_ros.background import in_thread
 from isf_ros.conversion import correction_from_message, result_from_message
@@ -91,6 +91,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             values.contour_timeout,
             values.silence_timeout,
             tuple(f"load_cell_{k}" for k in values.load_cells.split()),
+            () if self._checkpoint is None else (self._checkpoint.path,),
         )
         self._monitor = HeartbeatMonitor(managed_nodes(self._settings.load_cells), values.silence_timeout)
         self._client = GraphClient(self, values.service_timeout)
@@ -100,6 +101,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self.create_subscription(ContourResult, "contour/result", self._on_result, qos.EVENT)
         self.create_subscription(ContourCorrection, "contour/correction", self._on_correction, qos.EVENT)
         self.create_subscription(MachineState, "machine/state", self._on_machine_state, qos.STREAM)
+        self.create_subscription(ForceCtrlState, "force_ctrl/state", self._on_force_ctrl, qos.STREAM)
         self.create_subscription(MachineEvent, "machine/event", self._on_event, qos.EVENT)
         if not values.lockstep:  # a driver may publish nothing else that tells that it lives
             self.create_subscription(PoseStamped, "tool_1/pose", self._on_pose, qos.SENSOR)
@@ -237,6 +239,10 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         if self._cell:
             self._cell.on_machine_state(message)
 
+    def _on_force_ctrl(self, message: ForceCtrlState) -> None:
+        if self._cell:
+            self._cell.on_force_ctrl(message)
+
     def _on_pose(self, _: PoseStamped) -> None:
         self._monitor.stream(MACHINE)
 
@@ -250,9 +256,10 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             if status.name.startswith(own):
                 values = {item.key: item.value for item in status.values}
                 name = status.name.removeprefix(own)
-                self._monitor.hear(name, status.message, values.get("state", ""), values.get("process", ""))
+                told = (values.get(key, "") for key in ("state", "process", "version"))
+                self._monitor.hear(name, status.message, *told)
                 if name == "recorder" and self._cell:
-                    self._cell.on_recorder(values.get("silent", ""))
+                    self._cell.on_recorder(values.get("silent", ""), values.get("output", ""))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data

@@ -139,6 +139,8 @@ class ErrorCode(IntEnum):
     CONTOUR_TIMEOUT = 1507
     NODE_INACTIVE = 1508
     QOS_INCOMPATIBLE = 1509
+    SECOND_PUBLISHER = 1510
+    VERSION_MISMATCH = 1511
 
     # recorder and analysis
     BAG_UNREADABLE = 1601

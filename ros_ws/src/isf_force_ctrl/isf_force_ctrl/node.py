@@ -59,6 +59,9 @@ stands still meanwhile; by the clock the tools stand after PAUSE_AFTER and go on
 PAUSE_AFTER = 0.25
 """s by the clock without a wrench, or with nothing but late ones, after which the tools are brought to a stand."""
 
+LOOK = 0.02
+"""s between two looks at who else is there: tools that form stand within 50 ms of the end of the executive."""
+
 
 class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     """ROS side of :class:`isf_force_ctrl.controller.ForceController`."""
@@ -105,7 +108,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._attended = Attendance(ExecutiveWatch(self, EXECUTIVE_SILENCE), p.contour_wait)
         heard = self._attended.executive.on_diagnostics
         self.create_subscription(DiagnosticArray, "/diagnostics", heard, 50)
-        self.create_timer(0.5 * HEARTBEAT, self._on_timer, clock=self.steady_clock)
+        self.create_timer(LOOK, self._on_timer, clock=self.steady_clock)
         MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep, self._moving)
         IdentifyAction(self, self._lock, self._ready, self._armed_job, self._step_in_lockstep)
 
@@ -342,8 +345,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self.warn(drifted)
             if late:
                 self._attended.not_served()
-            if controller is not None and (alone := self._attended.judge(on_sheet=controller.on_sheet)):
-                self._lift_unattended(controller, alone)
+            if controller is not None:
+                forming = controller.busy and not controller.measuring
+                if alone := self._attended.judge(on_sheet=controller.on_sheet, forming=forming):
+                    self._lift_unattended(controller, alone)
             if controller is None or self._loop is not None:
                 return
             if controller.mode is Mode.IDLE and self._awaited is None:
@@ -360,9 +365,12 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._output.repeat()
 
     def _lift_unattended(self, controller: ForceController, alone: IsfError) -> None:
-        """Nobody is there to go on with the part: take the tools off the sheet; the next contour ends with why."""
+        """Nobody is there to go on with the part: take the tools off the sheet; this or the next contour ends with
+        why."""
         self.report(alone)
-        if controller.fault is None:
+        if controller.busy:
+            controller.fail(alone.code, alone.message, ticking=True)
+        elif controller.fault is None:
             waiting = isf.Contour(plan_id=controller.plan_id, index=controller.state().index + 1)
             self._output.refusal(waiting, int(alone.code), alone.message)
         self._disarm()
@@ -401,7 +409,15 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                     if not self.is_active:
                         what, advice = ("force_ctrl is not active", "activate it, then arm the plan")
                     raise IsfError(ErrorCode.NOT_ARMED, what, where=contour_label(message.index), advice=advice)
-                contour = conversion.contour_from_message(message)
+                try:
+                    contour = conversion.contour_from_message(message)
+                except ValueError as fault:  # of lengths that do not go together, of no process
+                    raise IsfError(
+                        ErrorCode.CONTOUR_REJECTED,
+                        f"malformed: {fault}",
+                        where=contour_label(message.index),
+                        advice="look at the node that publishes contour/corrected",
+                    ) from fault
                 self._ready.check_forming(contour.forming_tool)
                 if not controller.busy:
                     self._end()

@@ -9,7 +9,7 @@ from isf_core.errors import ErrorCode, IsfError
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 
-_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+UNKNOWN = "_NODE_NAME_UNKNOWN_"
 """What the middleware says of a node whose topics it has heard of before its name."""
 
 
@@ -69,7 +69,7 @@ def names_known(node: Node, topic: str) -> bool:
     """True once the middleware knows the nodes of all publishers and subscriptions of ``topic``."""
     name = node.resolve_topic_name(topic)
     ends = [*node.get_publishers_info_by_topic(name), *node.get_subscriptions_info_by_topic(name)]
-    return all(end.node_name != _UNKNOWN for end in ends)
+    return all(end.node_name != UNKNOWN for end in ends)
 
 
 def kept_apart(node: Node, topic: str, profile: QoSProfile) -> bool:
@@ -103,5 +103,5 @@ def _delivery(profile: QoSProfile) -> str:
 
 
 def _names(nodes: Iterable[str]) -> str:
-    known = sorted({f"node '{name}'" for name in nodes if name != _UNKNOWN})
+    known = sorted({f"node '{name}'" for name in nodes if name != UNKNOWN})
     return " and ".join(known) or "a node"

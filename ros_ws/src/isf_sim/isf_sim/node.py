@@ -93,6 +93,8 @@ EXECUTIVE_SILENCE = 10.0
 Twice the patience of force_ctrl, which lifts them along their path; this is for a force_ctrl that does not."""
 REST = 1.0
 """s of wall time without a tick after which a machine in lockstep is at rest."""
+LONGEST_RELEASE = 2.0
+"""s of wall time after which a node that ends does not wait for its tools to be free any more."""
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 20.0, 2.0
 """s of wall time without targets after which a loaded or moving machine makes a protective stop. It stands from the
 first tick without targets on: so long a controller on a busy computer may be silent and still go on."""
@@ -153,6 +155,7 @@ class MachineNode(CellNode[MachineParameters]):
             self.start()
 
     def deactivate(self) -> None:
+        self._let_go()
         self._executive.release()
         self.stop_thread()
 
@@ -171,7 +174,19 @@ class MachineNode(CellNode[MachineParameters]):
                 self.finish_tick(machine, machine.sample())
 
     def close(self) -> None:
+        self._let_go()
         self.stop_thread()
+
+    def _let_go(self) -> None:
+        """A protective stop of loaded or moving tools, to its end, before nobody moves them any more."""
+        machine = self._machine
+        if machine is None or not self.is_active or not (machine.loaded or machine.moving):
+            return
+        if not machine.faulted:
+            self.stop_machine("the node is told to end, or to be inactive, with tools that are loaded or moving")
+        deadline, pause = time.monotonic() + LONGEST_RELEASE, threading.Event()
+        while self._thread is not None and (machine.loaded or machine.moving) and time.monotonic() < deadline:
+            pause.wait(0.01)
 
     def health_values(self) -> dict[str, object]:
         machine = self._machine

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,7 +18,7 @@ from isf_core.contour import ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError, told
 from isf_core.events import Event, force_unknown, torn
 from isf_msgs.action import LiftTool, MoveAside, PlanPart
-from isf_msgs.msg import Contour, JobInfo, MachineState
+from isf_msgs.msg import Contour, ForceCtrlState, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, StateFile, Stop, Tare
 from isf_ros import stamps
 from isf_ros.conversion import contour_from_message, lift_to_cloud
@@ -27,9 +28,10 @@ from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
+from isf_cell.run import preflight
 from isf_cell.run.cell import FormedContour, Operator, PartGoal, PlannedPart
 from isf_cell.run.checkpoint import CONTOURS, state_file
-from isf_cell.run.graph_client import GraphClient
+from isf_cell.run.graph_client import POLL, GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
 from isf_cell.run.machine_client import HARMLESS, MACHINE, MachineClient
 from isf_cell.run.part_keeper import TickCounts
@@ -58,6 +60,16 @@ COMMANDS = (
 _SYMPTOMS = (ErrorCode.TARGET_LOST, ErrorCode.WRENCH_LOST, ErrorCode.MACHINE_FAULTED, ErrorCode.SERVICE_TIMEOUT)
 """Failures that may only be the consequence of a node that died; the death is then the thing to tell."""
 
+_OF_AN_INTRUDER = (
+    ErrorCode.TARGET_JUMP,
+    ErrorCode.TARGET_OUT_OF_WORKSPACE,
+    ErrorCode.TARGET_NOT_FINITE,
+    ErrorCode.WRENCH_CLOCK,
+    ErrorCode.TOOL_COLLISION,
+    ErrorCode.FORCE_LIMIT,
+)
+"""Failures that may come from somebody who sends targets or wrenches beside the cell."""
+
 _NOT_HEARD_YET = (ErrorCode.WRENCH_LOST, ErrorCode.POSE_LOST, ErrorCode.NO_TARE)
 """What force_ctrl refuses to arm with until it has heard the machine."""
 
@@ -65,11 +77,17 @@ _END_THE_PART = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
 """Failures of a lift or a scan that the part does not go on after."""
 
 
+PUBLISHERS_PERIOD = 1.0
+"""s between two looks at who sends targets and wrenches."""
+
 RECORDED_FIRST = "tool_1/wrench"
 """Topic of the machine that a recorder has to hear before the first contour."""
 
 LONGEST_RELEASE = 2.0
 """s of machine time in which a protective stop of the simulated machine has released its tools."""
+
+LONGEST_LIFT = 60.0
+"""s of wall time in which force control has lifted and parked the tools."""
 
 REAL_MACHINE = -1
 """Variant of what is not simulated."""
@@ -96,6 +114,8 @@ class GraphSettings:
     silence_timeout: float
     load_cells: tuple[str, ...] = ()
     """Nodes that make wrenches of raw readings."""
+    kept_in: tuple[Path, ...] = ()
+    """Folders on this computer into which the run is written."""
 
 
 class GraphCell:
@@ -126,6 +146,9 @@ class GraphCell:
         self._at_start = TickCounts()
         self._plan_id = ""
         self._sensor = False
+        self._record = ""
+        self._force_ctrl: int | None = None
+        self._next_look = 0.0
 
     # -- news from the graph (executor thread) -------------------------------------------------
 
@@ -149,8 +172,13 @@ class GraphCell:
         """The machine told its state."""
         self._state = state
 
-    def on_recorder(self, silent: str) -> None:
-        """The recorder told the topics from which nothing came yet, separated by commas."""
+    def on_force_ctrl(self, state: ForceCtrlState) -> None:
+        """Force control told its state."""
+        self._force_ctrl = int(state.mode)
+
+    def on_recorder(self, silent: str, output: str) -> None:
+        """The recorder told the topics from which nothing came yet, separated by commas, and the folder of its bag."""
+        self._record = output
         self._recorder_waits_for = frozenset(silent.split(", "))
 
     # -- the cell (worker thread) --------------------------------------------------------------
@@ -180,6 +208,7 @@ class GraphCell:
             self._client.bring_up(name, self._watch_operator)
             self._monitor.hear(name, "")
         self._machine.look(self._watch_operator, lifecycle=managed)
+        self._operator.phase(preflight.passed(list(self._checks())))
 
     def reset(self, goal: PartGoal) -> None:
         """As in the protocol."""
@@ -361,6 +390,7 @@ class GraphCell:
         self._watch_nodes()
         self._watch_operator()
         self._watch_states()
+        self._watch_publishers()
         state = self._state
         if state is not None and state.fault_codes:
             raise IsfError(ErrorCode(state.fault_codes[0]), state.fault_messages[0], where="machine")
@@ -376,7 +406,12 @@ class GraphCell:
         return torn(self._events)
 
     def explain(self, error: IsfError) -> IsfError:
-        """A fault that a dead node explains is told as its death."""
+        """A fault that a dead node explains is told as its death, one that a second publisher explains names him."""
+        if error.code in _OF_AN_INTRUDER:
+            try:
+                self._name_intruder()
+            except IsfError as cause:
+                return IsfError(cause.code, cause.what, where=cause.where, advice=f"{cause.advice}; {error.message}")
         if error.code not in _SYMPTOMS:
             return error
         try:
@@ -393,7 +428,8 @@ class GraphCell:
         if error.code in (ErrorCode.CANCELLED, ErrorCode.SHEET_TORN) or not self._machine.offer.stop:
             self._attempt(lambda: self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), _no_watch))
             release = Arm.Request(plan_id="")
-            self._attempt(lambda: self._client.call(Arm, "force_ctrl/arm", release, _no_watch, timeout=60.0))
+            self._attempt(lambda: self._client.call(Arm, "force_ctrl/arm", release, _no_watch))
+            self._attempt(self._wait_until_lifted)
         elif MACHINE not in self._monitor.dead():  # else nobody would answer
             self._attempt(lambda: self._machine.stop(f"part ended with {error.code.name}", _no_watch))
 
@@ -407,6 +443,40 @@ class GraphCell:
                 self._attempt(lambda name=name: self._client.bring_down(name, _no_watch))  # type: ignore[misc]
 
     # -- inside ----------------------------------------------------------------------------------
+
+    def _checks(self) -> Iterator[preflight.Check]:
+        """Before a blank is clamped. Job, rig and files were read before; the plan is held against the rig when it is
+        made, wrenches, poses and tare are asked for by arming."""
+        client = self._client
+        yield preflight.publishers({topic: client.publisher_names(topic) for topic in preflight.PUBLISHED_ONCE})
+        yield preflight.versions(self._monitor.versions())
+        yield preflight.messages({topic: client.type_hashes(topic) for topic in preflight.PUBLISHED_ONCE})
+        yield preflight.disk(self._settings.kept_in + ((Path(self._record),) if self._record else ()))
+
+    def _watch_publishers(self) -> None:
+        """Once a second: raise IsfError SECOND_PUBLISHER when somebody sends targets or wrenches beside the cell."""
+        now = time.monotonic()
+        if now < self._next_look:
+            return
+        self._next_look = now + PUBLISHERS_PERIOD
+        self._name_intruder()
+
+    def _name_intruder(self) -> None:
+        found = preflight.publishers(
+            {topic: self._client.publisher_names(topic) for topic in preflight.MOVES_THE_TOOLS}
+        )
+        if found.failed is not None:
+            raise found.failed
+
+    def _wait_until_lifted(self) -> None:
+        """Who takes force_ctrl down before would leave the tools in the sheet."""
+        self._client.wait_until(
+            lambda: self._force_ctrl in (None, ForceCtrlState.IDLE),
+            self._watch_nodes,
+            "force_ctrl does not report that it has lifted the tools",
+            ErrorCode.SERVICE_TIMEOUT,
+            timeout=LONGEST_LIFT,
+        )
 
     def _wait_until_released(self, goal: PartGoal) -> None:
         """In lockstep a stop is answered when the tools are clear; by the clock its ticks take their time."""
@@ -462,7 +532,7 @@ class GraphCell:
                         f"no result within {self._settings.contour_timeout:g} s",
                         where=contour_label(index),
                     )
-                self._news.wait(0.1)
+                self._news.wait(POLL)
             return self._results[index]
 
     def _watch_operator(self) -> None:

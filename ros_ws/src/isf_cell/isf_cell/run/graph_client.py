@@ -12,6 +12,7 @@ from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_ros.lifecycle import failure
+from isf_ros.qos_match import UNKNOWN
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -24,8 +25,8 @@ from rclpy.task import Future
 ASK_AGAIN = 2.0
 """s without an answer, after which a question is asked again."""
 
-POLL = 0.05
-"""s between two looks at the watch function while waiting."""
+POLL = 0.02
+"""s between two looks at the watch function while waiting: what it sees has to stop the tools within 50 ms."""
 
 Watch = Callable[[], None]
 
@@ -60,6 +61,17 @@ class GraphClient:
     def publishers(self, topic: str) -> int:
         """How many are known to publish ``topic``."""
         return int(self._node.count_publishers(self._node.resolve_topic_name(topic)))
+
+    def publisher_names(self, topic: str) -> list[str]:
+        """Full names of the nodes that are known to publish ``topic``; one that was started again counts once."""
+        infos = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+        return sorted({_full_name(info) for info in infos if info.node_name != UNKNOWN})
+
+    def type_hashes(self, topic: str) -> dict[str, str]:
+        """Hash of the type of ``topic`` with which each node that publishes or takes it works."""
+        name = self._node.resolve_topic_name(topic)
+        ends = [*self._node.get_publishers_info_by_topic(name), *self._node.get_subscriptions_info_by_topic(name)]
+        return {_full_name(end): str(end.topic_type_hash) for end in ends if end.node_name != UNKNOWN}
 
     def call(self, kind: Any, name: str, request: Any, watch: Watch, *, timeout: float | None = None) -> Any:
         """Response of a service; raises IsfError NODE_MISSING (no server) or SERVICE_TIMEOUT."""
@@ -205,3 +217,7 @@ class GraphClient:
     @staticmethod
     def _silent(name: str, limit: float) -> IsfError:
         return IsfError(ErrorCode.SERVICE_TIMEOUT, f"'{name}' did not answer within {limit:g} s")
+
+
+def _full_name(end: Any) -> str:
+    return f"{end.node_namespace.rstrip('/')}/{end.node_name}"

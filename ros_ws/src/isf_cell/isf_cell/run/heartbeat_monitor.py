@@ -19,6 +19,7 @@ class _Heard:
     text: str = ""
     state: str = ""
     left: str = ""
+    version: str = ""
 
 
 class HeartbeatMonitor:
@@ -46,14 +47,15 @@ class HeartbeatMonitor:
         self._runs = runs
         self._heard: dict[str, _Heard] = {}
 
-    def hear(self, name: str, text: str, state: str = "", process: str = "") -> None:
-        """A heartbeat came; ``text`` is what the node says of itself, ``state`` its lifecycle state and ``process`` the
-        identity of its process when it told them."""
+    def hear(self, name: str, text: str, state: str = "", process: str = "", version: str = "") -> None:
+        """A heartbeat came; ``text`` is what the node says of itself, ``state`` its lifecycle state, ``process`` the
+        identity of its process and ``version`` that of its software when it told them."""
         node = self._sign_of(name)
         if node is None:
             return
         node.text = text
         node.process = process or node.process
+        node.version = version or node.version
         if state == "active":
             node.left = ""
         elif state and node.state == "active":
@@ -76,6 +78,10 @@ class HeartbeatMonitor:
         """This process stood still: what came meanwhile has not been heard yet."""
         for node in list(self._heard.values()):
             node.at = self._clock()
+
+    def versions(self) -> dict[str, str]:
+        """Version of the software of each node that told it."""
+        return {name: node.version for name, node in list(self._heard.items()) if node.version}
 
     def heard(self, name: str) -> bool:
         """True when the node was heard at least once."""

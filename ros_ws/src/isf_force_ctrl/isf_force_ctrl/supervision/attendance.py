@@ -1,4 +1,4 @@
-"""Whether somebody is there to go on with a part whose tools rest on the sheet.
+"""Whether somebody is there to go on with a part whose tools form it or rest on the sheet.
 
 Judged by wall time: simulated time stands still between contours in lockstep. A correction may take minutes, so its
 length says nothing; what says something is whether the executive that has the part formed is alive and still at it.
@@ -38,23 +38,27 @@ class Attendance:
         self.executive.not_served()
         self._resting_since = None
 
-    def judge(self, *, on_sheet: bool) -> IsfError | None:
+    def judge(self, *, on_sheet: bool, forming: bool = False) -> IsfError | None:
         """To be asked often: why the tools must leave the sheet now, once per plan.
 
-        EXECUTIVE_LOST or CONTOUR_OVERDUE; None while somebody is there or nothing is ``on_sheet``.
+        EXECUTIVE_LOST or CONTOUR_OVERDUE; None while somebody is there, or nothing is ``on_sheet`` and no contour is
+        being formed (``forming``). A contour is not formed to its end for an executive that is gone: it may take
+        minutes, and a part that goes on begins with it again.
         """
         now = self._clock()
-        if not on_sheet or self._over:
+        if not (on_sheet or forming) or self._over:
             self._resting_since = None
             return None
-        self._resting_since = now if self._resting_since is None else self._resting_since
+        if not on_sheet:
+            self._resting_since = None
+        elif self._resting_since is None:
+            self._resting_since = now
+        alone = None
         if self.executive.followed:
-            gone = self.executive.gone()
-            alone = IsfError(ErrorCode.EXECUTIVE_LOST, gone, advice=_ADVICE) if gone else None
-        elif now - self._resting_since > self._wait:
+            if gone := self.executive.gone():
+                alone = IsfError(ErrorCode.EXECUTIVE_LOST, gone, advice=_ADVICE)
+        elif self._resting_since is not None and now - self._resting_since > self._wait:
             what = f"no next contour for {self._wait:g} s with the tools on the sheet"
             alone = IsfError(ErrorCode.CONTOUR_OVERDUE, what, advice=f"{_ADVICE}; parameter contour_wait")
-        else:
-            alone = None
         self._over = alone is not None
         return alone

@@ -91,6 +91,18 @@ def test_lost_targets_release_a_loaded_tool(machine: Client) -> None:
     assert machine.wait(lambda: machine.newest() > newest and abs(machine.wrenches[0][machine.newest()][2]) < 10.0)
 
 
+def test_a_node_that_is_told_to_end_releases_a_loaded_tool_before(machine: Client) -> None:
+    machine.ready()
+    press(machine, 4e-3)
+    newest = machine.newest()
+    assert machine.wrenches[0][newest][2] > 20.0
+    machine.process.send_signal(signal.SIGTERM)
+    assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.STOP_REQUESTED])
+    assert "told to end" in machine.states[-1].fault_messages[0]
+    assert machine.wait(lambda: machine.newest() > newest and abs(machine.wrenches[0][machine.newest()][2]) < 10.0)
+    assert machine.process.wait(LIMIT) == 0
+
+
 def test_an_executive_that_is_gone_releases_a_loaded_tool(machine: Client) -> None:
     """Also when targets are still repeated: whoever sends them does not look after the part."""
     machine.ready()
