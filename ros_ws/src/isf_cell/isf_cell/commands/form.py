@@ -116,4 +116,6 @@ def _form(
         "sim_s": result.sim_time,
         "wall_s": result.wall_time,
     }
+    if not result.wall_time:  # of an executive that is gone: the bag knows them
+        counts = {}
     finish(folder, reference.bag if reference else None, failure=failure, as_json=as_json, counts=counts)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import signal
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO
+from typing import IO, Literal
 
 from isf_cell.processes import executables
+
+_ERROR = re.compile(r"\[(ERROR|FATAL)\]|^\w*(Error|Exception)\b|^\[\d+ [A-Z_]+\]")
+"""Lines of a node's output that say what went wrong."""
 
 
 @dataclass
@@ -22,6 +26,7 @@ class NodeProcess:
     name: str
     popen: subprocess.Popen[bytes]
     log: Path
+    command: tuple[str, ...]
     _stream: IO[bytes]
     outlives: bool = False
     """Told to end when the others have ended: what they say last is for it."""
@@ -30,6 +35,16 @@ class NodeProcess:
     def alive(self) -> bool:
         """True while the process runs."""
         return self.popen.poll() is None
+
+    @property
+    def end(self) -> str:
+        """How it ended, for people, with the last error that it printed; empty while it runs."""
+        code = self.popen.poll()
+        if code is None:
+            return ""
+        how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+        errors = [line for line in self.last_lines(20).splitlines() if _ERROR.search(line)]
+        return f"{how}; its last error: {errors[-1].strip()}" if errors else how
 
     def last_lines(self, count: int = 5) -> str:
         """End of the output, for error messages."""
@@ -69,9 +84,21 @@ class ProcessGroup:
             command += ["-p", f"{key}:={_yaml(value)}"]
         for rule in (*([f"__node:={name}"] if name else []), *remap):
             command += ["-r", rule]
+        node = self._run(name or executable, command, "wb", outlives)
+        self.nodes.append(node)
+        return node
+
+    def start_again(self, node: NodeProcess) -> NodeProcess:
+        """Start a node of this group that has ended anew, as it was started before; its log goes on."""
+        node._stream.close()
+        again = self._run(node.name, node.command, "ab", node.outlives)
+        self.nodes[self.nodes.index(node)] = again
+        return again
+
+    def _run(self, name: str, command: Sequence[str], mode: Literal["wb", "ab"], outlives: bool) -> NodeProcess:
         self.log_folder.mkdir(parents=True, exist_ok=True)
-        log = self.log_folder / f"{name or executable}.log"
-        stream = log.open("wb")
+        log = self.log_folder / f"{name}.log"
+        stream = log.open(mode)
         popen = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -80,9 +107,7 @@ class ProcessGroup:
             start_new_session=True,
             preexec_fn=ends_with_owner(signal.SIGINT),
         )
-        node = NodeProcess(name or executable, popen, log, stream, outlives)
-        self.nodes.append(node)
-        return node
+        return NodeProcess(name, popen, log, tuple(command), stream, outlives)
 
     def __getitem__(self, name: str) -> NodeProcess:
         return next(node for node in self.nodes if node.name == name)
@@ -94,17 +119,15 @@ class ProcessGroup:
     def stop(self, patience: float = 8.0) -> None:
         """End all processes, last started first: SIGINT, after ``patience`` s SIGTERM, then SIGKILL."""
         for outlives in (False, True):
-            for number, wait in ((signal.SIGINT, patience), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0)):
-                waiting = [node for node in reversed(self.nodes) if node.alive and node.outlives == outlives]
-                for node in waiting:
-                    _signal(node.popen, number)
-                for node in waiting:
-                    try:
-                        node.popen.wait(wait)
-                    except subprocess.TimeoutExpired:
-                        continue
+            _end([node for node in reversed(self.nodes) if node.outlives == outlives], patience)
         for node in self.nodes:
             node._stream.close()
+
+    def stop_one(self, node: NodeProcess, patience: float = 8.0) -> None:
+        """End one process in the same way; it is no longer of this group."""
+        _end([node], patience)
+        node._stream.close()
+        self.nodes.remove(node)
 
     def __enter__(self) -> ProcessGroup:
         return self
@@ -113,6 +136,18 @@ class ProcessGroup:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
+
+
+def _end(nodes: Sequence[NodeProcess], patience: float) -> None:
+    for number, wait in ((signal.SIGINT, patience), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0)):
+        waiting = [node for node in nodes if node.alive]
+        for node in waiting:
+            _signal(node.popen, number)
+        for node in waiting:
+            try:
+                node.popen.wait(wait)
+            except subprocess.TimeoutExpired:
+                continue
 
 
 def _signal(popen: subprocess.Popen[bytes], number: signal.Signals) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from rclpy.task import Future
 
 from isf_cell.options import RunOptions
 from isf_cell.processes.cell_nodes import CellChoice, cell_nodes
+from isf_cell.processes.domain_lock import alone_in_domain, busy
 from isf_cell.processes.held_interrupt import ctrl_c_held_back
 from isf_cell.processes.process_group import NodeProcess, ProcessGroup
 from isf_cell.run.checkpoint import CHECKPOINT
@@ -48,11 +49,13 @@ def start_cell(
     lockstep: bool,
     job_file: JobFile | None = None,
     checkpoint: Path | None = None,
+    relayed: Sequence[str] = (),
 ) -> None:
     """Start the five nodes, and the recorder when a ``bag`` folder is given.
 
     Where the rig of ``job_file`` has spindle cells the machine gives out their voltages, and a node ``load_cell_k`` of
-    each such tool makes the wrench. ``checkpoint``: folder of the part's.
+    each such tool makes the wrench. ``checkpoint``: folder of the part's. ``relayed``:
+    rules FROM:=TO for what force control hears by another name.
     """
     tools = tools_with_spindle_cells(job_file.rig) if job_file is not None else ()
     choice = CellChoice(
@@ -66,6 +69,7 @@ def start_cell(
     for node in cell_nodes(choice):
         name = "" if node.name == node.executable else node.name
         remap = [f"{own}:={other}" for own, other in node.remap]
+        remap += relayed if node.name == "force_ctrl" else ()
         group.start(node.package, node.executable, node.parameters, name=name, remap=remap, outlives=node.outlives)
 
 
@@ -90,6 +94,11 @@ class CellClient:
         self._node.destroy_node()
         rclpy.try_shutdown()
 
+    def forget(self) -> None:
+        """Nodes were started again: what was heard of them before says nothing."""
+        self._states.clear()
+        self._executives.clear()
+
     def wait_ready(self, group: ProcessGroup) -> None:
         """Wait until the executive serves and every started node gives signs of life.
 
@@ -103,7 +112,7 @@ class CellClient:
             for node in group.dead():
                 raise IsfError(
                     ErrorCode.NODE_DIED,
-                    f"node '{node.name}' ended while starting: {node.last_lines(1)}",
+                    f"node '{node.name}' {node.end}, while starting",
                     advice=f"its output is in {node.log}",
                 )
             active = all(self._states.get(name) == "active" for name in ("executive", "recorder") if name in names)
@@ -156,7 +165,7 @@ class CellClient:
                 node = group["executive"]
                 raise IsfError(
                     ErrorCode.NODE_DIED,
-                    f"node 'executive' ended: {node.last_lines(1)}",
+                    f"node 'executive' {node.end}",
                     advice=f"its output is in {node.log}",
                 )
             return future.done()
@@ -178,12 +187,7 @@ class CellClient:
     def _refuse_foreign_cell(self, own: set[str]) -> None:
         if self._executives <= own:
             return
-        domain = os.environ.get("ROS_DOMAIN_ID", "0")
-        raise IsfError(
-            ErrorCode.BUSY,
-            f"another cell is running in ROS domain {domain}",
-            advice="end it, or choose another domain: ROS_DOMAIN_ID=7 ./isf form ...",
-        )
+        raise busy(os.environ.get("ROS_DOMAIN_ID") or "0")
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -215,27 +219,37 @@ def form(
     if resume:
         bag = next_bag(bag)
         logs = folder / bag.name.replace("bag", "logs")
-    client = CellClient()
-    try:
+    with alone_in_domain(), ExitStack() as stack:
+        client = CellClient()
+        stack.callback(client.close)
         with ProcessGroup(logs) as group:
             if dashboard_port is not None:
                 group.start("isf_dashboard", "dashboard", {"port": dashboard_port}, outlives=True)
             start_cell(group, bag, lockstep=lockstep, job_file=job_file, checkpoint=folder / CHECKPOINT)
             client.wait_ready(group)
-            result = client.form(job_file, options, feedback, group, resume=resume)
+            result = _result_of(client, job_file, options, feedback, group, resume=resume)
             recorder = group["recorder"]
             ended_early = not recorder.alive
-    finally:
-        client.close()
     if result.code:
         return result, failure(result.code, result.message)
-    if ended_early or recorder.popen.returncode != 0:
-        return result, _incomplete_record(bag, recorder)
-    return result, None
+    return result, incomplete_record(bag, recorder, ended_early=ended_early)
 
 
-def _incomplete_record(bag: Path, recorder: NodeProcess) -> IsfError:
-    """The part was formed, and its record does not hold all of it."""
+def _result_of(client: CellClient, *asked: Any, resume: bool) -> Any:
+    """That of the action; of a cell whose executive is gone one that says so: what was formed is reported."""
+    try:
+        return client.form(*asked, resume=resume)
+    except IsfError as error:
+        return FormPart.Result(code=int(error.code), message=error.message)
+
+
+def incomplete_record(bag: Path, recorder: NodeProcess, *, ended_early: bool) -> IsfError | None:
+    """The failure of a part that was formed while its ``recorder``, ended by now, could not record all of it.
+
+    ``ended_early``: before the part did.
+    """
+    if not ended_early and recorder.popen.returncode == 0:
+        return None
     words = recorder.last_lines(1)
     return IsfError(
         ErrorCode.BAG_INCOMPLETE,
