@@ -524,6 +524,30 @@ def identify(
 
 
 @app.command()
+def faults(
+    short: Annotated[
+        bool, typer.Option("--short", help="the quickest kinds, one fault of each, one of them resumed")
+    ] = False,
+    count: Annotated[int, typer.Option("--faults", help="faults of each kind", min=1, max=1000)] = 5,
+    kinds: Annotated[
+        list[str] | None,
+        typer.Option("--kinds", help='only kinds that begin so, such as "kill"; again for each', metavar="NAME"),
+    ] = None,
+    seed: Seed = 0,
+    resume: Annotated[bool, typer.Option(help="go on with every part that a fault has ended, and compare it")] = True,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="folder; goes on where it was  [default: runs/faults-TIME]", metavar="DIR"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Disturb real cells of the simulated machine in every known way: a row for each kind, with the goals it misses."""
+    from isf_cell.commands.faults import run_faults
+
+    run_faults(output, kinds or (), short=short, faults=count, seed=seed, resume=resume, as_json=json)
+
+
+@app.command()
 def doctor(json: Json = False) -> None:
     """Check the installation: what works, what is missing, and what to do about it."""
     from isf_cell.commands.doctor import examine

@@ -23,7 +23,7 @@ class Exit(IntEnum):
     ANALYSIS = 6
     """A bag cannot be read or a report cannot be written."""
     CHECK_FAILED = 7
-    """``isf doctor`` found something that will not work."""
+    """``isf doctor`` found something that will not work, or ``isf faults`` a goal that is missed."""
     CANCELLED = 130
     """Stopped by the operator (Ctrl-C)."""
 

@@ -1,0 +1,73 @@
+"""The table of a fault campaign: every goal that is missed is named, and a campaign goes on with the cases it has."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+from isf_cell.faults.campaign import CASES_FILE, Case, chosen, read_cases
+from isf_cell.faults.kinds import KINDS
+from isf_cell.faults.rows import page_of, rows_of
+from isf_core.errors import ErrorCode, IsfError
+
+GOOD = Case(
+    "kill force_ctrl",
+    0,
+    1,
+    True,
+    contour=1,
+    load=700.0,
+    code=1502,
+    reaction=0.02,
+    held=0.1,
+    released=0.3,
+    worst=0.5,
+    right=True,
+)
+
+
+def test_a_good_case_misses_nothing() -> None:
+    (row,) = rows_of([GOOD, replace(GOOD, number=1, resumed=True)])
+    assert row.misses == []
+    assert row.as_dict()["injected"] == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"reaction": 0.051}, "held after 0.05 s"),
+        ({"reaction": math.inf}, "held after ever"),
+        ({"released": 5.1}, "force for 5.10 s"),
+        ({"released": math.inf}, "force for ever"),
+        ({"right": False, "code": 1506}, "told 1506"),
+        ({"resumed": False}, "1 not resumed"),
+        ({"wrong_success": True}, "1 wrong success"),
+        ({"lost": 2}, "2 results lost"),
+        ({"worst": 1.2}, "120 % of the force limit"),
+        ({"load": 0.0}, "1 not injected"),
+    ],
+)
+def test_every_goal_that_is_missed_is_named(change: dict[str, object], words: str) -> None:
+    case = replace(GOOD, number=1, **change)  # type: ignore[arg-type]
+    (row,) = rows_of([GOOD, case])
+    assert row.misses == [words]
+    assert words in page_of([row], seed=1, load=2.0, cores=2)
+
+
+def test_cases_are_read_back_and_a_broken_line_is_left_out(tmp_path: Path) -> None:
+    case = replace(GOOD, codes=(1406, 1502), released=None)
+    (tmp_path / CASES_FILE).write_text(json.dumps(asdict(case)) + '\n{"kind": "kill fo')
+    assert read_cases(tmp_path) == [case]
+    assert read_cases(tmp_path / "nothing") == []
+
+
+def test_kinds_are_chosen_by_how_their_names_begin() -> None:
+    assert {kind.name for kind in chosen(["freeze m", "cancel"], short=False)} == {"freeze machine", "cancel"}
+    assert len(chosen([], short=True)) >= 12
+    assert len(chosen([], short=False)) == len(KINDS) == len({kind.name for kind in KINDS})
+    with pytest.raises(IsfError, match="no kind of fault begins with 'earthquake'") as caught:
+        chosen(["earthquake"], short=False)
+    assert caught.value.code is ErrorCode.FILE_FIELD

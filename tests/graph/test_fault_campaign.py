@@ -1,0 +1,29 @@
+"""The fault campaign on a real cell: a process is killed, the part resumed, and wrenches are altered."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from isf_cell.commands.faults import run_faults
+from isf_cell.faults import campaign
+from isf_core.errors import ErrorCode
+
+pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("forked_nodes")]
+
+KINDS = ["kill force_ctrl", "wrench saturated"]
+
+
+def test_faults_are_injected_judged_and_gone_on_after(tmp_path: Path) -> None:
+    run_faults(tmp_path, KINDS, short=True, faults=1, seed=3, resume=True, as_json=False)
+    killed, saturated = campaign.read_cases(tmp_path)
+    assert (killed.kind, killed.code, killed.resumed) == (KINDS[0], ErrorCode.NODE_DIED, True)
+    assert killed.difference is not None
+    assert killed.difference < 1e-9  # m: in lockstep bit by bit
+    assert (saturated.kind, saturated.code, saturated.resumed) == (KINDS[1], ErrorCode.WRENCH_OUT_OF_RANGE, None)
+    for case in (killed, saturated):
+        assert case.load > 10.0
+        assert case.good, case
+    assert "| wrench saturated | 10 kN in one component | lockstep | 1 |" in (tmp_path / "faults.md").read_text()
+    run_faults(tmp_path, KINDS, short=True, faults=1, seed=3, resume=True, as_json=False)  # nothing is left to do
+    assert len(campaign.read_cases(tmp_path)) == 2
