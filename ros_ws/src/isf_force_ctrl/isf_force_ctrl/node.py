@@ -72,7 +72,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._loop: PeriodicLoop | None = None
         self._lock = threading.RLock()
         self._latency = LatencyMeter()
-        self._refused = 0
+        self._refused = self._late_ended = 0
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self.guard(self._use_parameters, "parameters"))
 
@@ -333,7 +333,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._output.result(replace(result, late_ticks=late))
 
     def _late_ticks(self) -> int:
-        return self._loop.late_ticks if self._loop is not None else 0
+        return self._loop.late_ticks if self._loop is not None else self._late_ended
 
     # -- watchdog and heartbeat ----------------------------------------------------------------
 
@@ -479,6 +479,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override, axis)
         self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
+        self._late_ended = 0
         self._receiver.restart()
         self._latency = LatencyMeter()
         self._output.armed(request, tip_1, tip_2, controller.config)
@@ -566,6 +567,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _stop_loop(self) -> None:
         if self._loop is not None:
             self._loop.stop()
+            self._late_ended = self._loop.late_ticks  # of the contour that ends with it, too
             self._loop = None
             self._output.rest(last=True)
 

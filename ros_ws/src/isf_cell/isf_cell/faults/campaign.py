@@ -70,7 +70,8 @@ class Case:
     released : s of wall time until no tool carried a force, None: not to be judged or measured
     worst : largest force as a share of the limit
     right : the code is one of those that are right
-    resumed : the rest was formed by resuming; None: nothing to resume
+    resumed : the rest was formed by resuming; None: nothing to resume ; resumed_with : its code
+    known_after : s, as of its kind
     lost : results of contours that were complete and are neither in the checkpoint nor formed again
     difference : m, largest, of the finished shape from the undisturbed one; None: no finished part
     wrong_success : the part counted as formed and is not, or its record, or differs from the undisturbed one
@@ -95,9 +96,11 @@ class Case:
     right: bool = False
     resumed: bool | None = None
     lost: int = 0
+    resumed_with: int = 0
     difference: float | None = None
     wrong_success: bool = False
     wall: float = 0.0
+    known_after: float = 0.0
 
     @property
     def good(self) -> bool:
@@ -108,8 +111,8 @@ class Case:
             and self.resumed is not False
             and not self.lost
             and self.worst <= OVER_LIMIT
-            and (self.reaction is None or self.reaction <= HELD)
-            and (self.released is None or self.released <= RELEASED)
+            and (self.reaction is None or self.reaction <= self.known_after + HELD)
+            and (self.released is None or self.released <= self.known_after + RELEASED)
         )
 
 
@@ -255,7 +258,8 @@ def _judged(plan: Plan, cell: FaultCell | CommandCell, kind: FaultKind, number: 
     if code == ErrorCode.CANCELLED and ErrorCode.CANCELLED not in kind.right:
         raise IsfError(ErrorCode.CANCELLED, "the campaign was stopped", advice="the same command goes on with it")
     injection.join()
-    case = Case(kind.name, number, plan.seed, kind.lockstep, contour=contour, load=injection.load, code=code, said=said)
+    case = Case(kind.name, number, plan.seed, kind.lockstep, contour, injection.load, code, said)
+    case = replace(case, known_after=kind.known_after)
     if not injection.wall:
         return replace(case, said=f"no fault was injected, the part ended before: {said}")
     went_on = code == 0
@@ -272,8 +276,8 @@ def _judged(plan: Plan, cell: FaultCell | CommandCell, kind: FaultKind, number: 
     if not went_on and (plan.resumed is None or kind.name in plan.resumed):
         if isinstance(cell, FaultCell):
             cell.mend()
-        resumed, lost, shape = _resumed(cell, seen, len(whole.length))
-        case = replace(case, resumed=resumed, lost=lost)
+        resumed, with_code, lost, shape = _resumed(cell, seen, len(whole.length))
+        case = replace(case, resumed=resumed, resumed_with=with_code, lost=lost)
     if shape is not None:
         case = replace(case, difference=_difference(shape, whole.shape))
     differs = case.difference is not None and case.difference > (SHAPE if kind.lockstep else SEAM)
@@ -311,21 +315,22 @@ def _without_braking(case: Case, cell: FaultCell | CommandCell, injection: _Inje
     return replace(case, reaction=max(0.0, case.held - judge.speed(pose, stamp=injection.stamp) / BRAKING))
 
 
-def _resumed(cell: FaultCell | CommandCell, seen: set[int], count: int) -> tuple[bool | None, int, Array | None]:
-    """Form the rest: whether it was formed, results that are lost, the shape. ``seen``: contours complete before."""
+def _resumed(cell: FaultCell | CommandCell, seen: set[int], count: int) -> tuple[bool | None, int, int, Array | None]:
+    """Form the rest: whether it was formed, with which code, results that are lost, the shape. ``seen``: contours
+    complete before."""
     try:
         kept = CheckpointFolder(cell.checkpoint).read().next_index
     except IsfError as error:
         if error.code is ErrorCode.PART_FINISHED:
-            return None, 0, None
-        return False, len(seen), None
+            return None, 0, 0, None
+        return False, int(error.code), len(seen), None
     cell.outside.forget()
     code, _, _ = cell.form(resume=True)
     formed = {*range(kept), *cell.outside.formed}
     lost = len(seen - formed)
     if code:
-        return False, lost, None
-    return formed == set(range(count)), lost, _shape(cell)
+        return False, code, lost, None
+    return formed == set(range(count)), 0, lost, _shape(cell)
 
 
 class _Injection(threading.Thread):

@@ -33,6 +33,7 @@ class FaultKind:
     command : done to ``isf form`` itself, with a cell of its own
     lasts : s of wall time after which it is undone; None: when the part has ended
     short : part of the short campaign
+    known_after : s of wall time before which nothing tells it from a busy computer; what is asked for comes after
     """
 
     name: str
@@ -44,6 +45,7 @@ class FaultKind:
     command: bool = False
     lasts: float | None = None
     short: bool = False
+    known_after: float = 0.0
 
 
 DEATH = (ErrorCode.NODE_DIED,)
@@ -55,6 +57,9 @@ LEFT = (
     ErrorCode.STOP_REQUESTED,
 )
 UNDISTURBED = (ErrorCode.OK,)
+SILENCE = 5.0
+"""s without a sign of life after which a cell takes a process that it does not see running for dead."""
+
 FROZEN = 10.0
 """s for which a process is stopped: longer than it takes to tell silence from load where nothing else is known."""
 
@@ -79,7 +84,15 @@ def _processes() -> list[FaultKind]:
         right = slow.get(node, (ErrorCode.OK, ErrorCode.NODE_DIED))
         stop = _signal(node, signal.SIGSTOP)
         kinds.append(
-            FaultKind(f"freeze {node}", f"SIGSTOP for {FROZEN:g} s", right, stop, lockstep=False, lasts=FROZEN)
+            FaultKind(
+                f"freeze {node}",
+                f"SIGSTOP for {FROZEN:g} s",
+                right,
+                stop,
+                lockstep=False,
+                lasts=FROZEN,
+                known_after=0.0 if node == "force_ctrl" else SILENCE,
+            )
         )
     record = (ErrorCode.BAG_INCOMPLETE, ErrorCode.BAG_NOT_WRITABLE)
     for name, text, number, right in (
@@ -142,7 +155,7 @@ def _streams() -> list[FaultKind]:
         FaultKind(
             "wrench frozen",
             "the same reading with new stamps",
-            (ErrorCode.WRENCH_FROZEN,),
+            (ErrorCode.WRENCH_FROZEN, ErrorCode.OK),
             _wrench(lambda _: outside.frozen()),
             short=True,
         ),

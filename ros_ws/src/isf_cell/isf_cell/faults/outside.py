@@ -36,6 +36,9 @@ from isf_cell.faults.judge import Trace
 RELAYED = "relayed"
 """Namespace in which force control of a campaign hears the machine."""
 
+CANCEL = "form_part/_action/cancel_goal"
+"""Service of the action."""
+
 ANSWER = 5.0
 """s within which a node answers an outsider; who does not is left alone."""
 
@@ -84,6 +87,9 @@ class Outside:
         self.node.create_subscription(MachineState, "machine/state", self._on_machine, qos.STREAM)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
         self.node.create_subscription(PointCloud2, "scan", self._on_scan, qos.LATCHED)
+        for name in ("machine", "springback", "force_ctrl"):  # found before they are needed
+            self._client(ChangeState, f"{name}/change_state")
+        self._client(CancelGoal, CANCEL)
         self._executor = make_executor(streams=True)
         self._executor.add_node(self.node)
         self.node.create_timer(0.005, self._on_timer)
@@ -250,14 +256,17 @@ class Outside:
 
     def cancel(self) -> None:
         """Cancel the part, as an operator does."""
-        self._ask(CancelGoal, "form_part/_action/cancel_goal", CancelGoal.Request())
+        self._ask(CancelGoal, CANCEL, CancelGoal.Request())
 
     def _ask(self, kind: Any, name: str, request: Any) -> None:
-        client = self._clients.get(name) or self._clients.setdefault(name, self.node.create_client(kind, name))
+        client = self._client(kind, name)
         if client.wait_for_service(ANSWER):
             answered = threading.Event()
             client.call_async(request).add_done_callback(lambda _: answered.set())
             answered.wait(ANSWER)
+
+    def _client(self, kind: Any, name: str) -> Any:
+        return self._clients.get(name) or self._clients.setdefault(name, self.node.create_client(kind, name))
 
     def _keep_publishing(self, publisher: Any, publish: Callable[[], None], period: float) -> None:
         timer = self.node.create_timer(period, publish)

@@ -56,9 +56,9 @@ class Row:
         not_done = sum(case.load == 0.0 for case in cases)
         if not_done:
             yield f"{not_done} not injected"
-        if self.reaction is not None and self.reaction > HELD:
+        if self.reaction is not None and self.reaction > self.kind.known_after + HELD:
             yield f"held after {_seconds(self.reaction)}"
-        if self.released is not None and self.released > RELEASED:
+        if self.released is not None and self.released > self.kind.known_after + RELEASED:
             yield f"force for {_seconds(self.released)}"
         wrong = sorted({case.code for case in cases if not case.right and case.load})
         if wrong:
@@ -157,7 +157,8 @@ def page_of(rows: Sequence[Row], *, seed: int, load: float, cores: int) -> str:
         f"resumed, no result is lost, no force above {100 * OVER_LIMIT:.0f} % of the limit.",
         "",
         "Stands: by the machine's time where its messages are altered, else by the wall clock, judged upwards to the "
-        "distance of two poses (20 ms); 0 where the machine tells nothing any more. Held: the same without the time in "
+        "distance of two poses (20 ms); what a process that is frozen lacks in signs of life is known after 5 s, and "
+        "the goals count from then on; 0 where the machine tells nothing any more. Held: the same without the time in "
         f"which force control brakes with {BRAKING:g} m/s^2, where it did. Released: by the wall clock.",
         "",
         "| " + " | ".join(HEAD) + " |",

@@ -431,7 +431,7 @@ class GraphCell:
             self._attempt(lambda: self._client.call(Arm, "force_ctrl/arm", release, _no_watch))
             self._attempt(self._wait_until_lifted)
         elif MACHINE not in self._monitor.dead():  # else nobody would answer
-            self._attempt(lambda: self._machine.stop(f"part ended with {error.code.name}", _no_watch))
+            self._attempt(lambda: self._machine.stop(f"part ended with {error.code.name}", self._watch_machine))
 
     def finish(self) -> None:
         """As in the protocol."""
@@ -538,6 +538,10 @@ class GraphCell:
     def _watch_operator(self) -> None:
         if self._operator.cancelled():
             raise IsfError(ErrorCode.CANCELLED, "cancelled by the operator")
+
+    def _watch_machine(self) -> None:
+        if MACHINE in self._monitor.dead():
+            raise IsfError(ErrorCode.NODE_DIED, f"node '{MACHINE}' no longer responds")
 
     def _watch_states(self) -> None:
         for name, state in self._monitor.deactivated().items():

@@ -64,8 +64,8 @@ class PartRun:
         try:
             self._form()
         except IsfError as caught:
+            self._cell.stop(caught)  # first: what explains it may take seconds to show
             error = self._cell.explain(caught)
-            self._cell.stop(error)
         self._cell.finish()
         return error
 

@@ -182,7 +182,7 @@ def test_what_lies_behind_a_failure_is_reported(contours: tuple[Contour, ...]) -
     assert failed is not None
     assert (failed.code, failed.what) == (ErrorCode.NODE_DIED, "the cause")
     assert "it failed" in failed.advice
-    assert cell.asked[-2:] == ["stop NODE_DIED", "finish"]
+    assert cell.asked[-2:] == ["stop WRENCH_LOST", "finish"]  # stopped before the cause is looked for
 
 
 def test_cancelled_after_two_contours_no_lift_follows(contours: tuple[Contour, ...]) -> None:
