@@ -17,7 +17,7 @@ from isf_core.events import torn
 
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import ReportedError
-from isf_cell.commands.resume import how_to_go_on
+from isf_cell.commands.resume import being_formed, how_to_go_on
 from isf_cell.commands.run_folder import make_folder
 
 
@@ -113,5 +113,7 @@ def report_bag(
     try:
         finish(folder, reference, failure=None, as_json=as_json, bag=bag, namespace=namespace, export=export)
     finally:
-        if rest := how_to_go_on(bag.parent):
+        if being_formed(bag.parent):
+            terminal.say("the part is being formed: this is as far as it is")
+        elif rest := how_to_go_on(bag.parent):
             terminal.say(rest)

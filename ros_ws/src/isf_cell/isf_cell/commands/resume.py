@@ -18,6 +18,9 @@ from isf_cell.run.checkpoint import CHECKPOINT, Checkpoint, CheckpointFolder
 REQUEST_FILE = "request.json"
 """In the folder of the checkpoint: what the command was asked for beyond what the executive knows."""
 
+LOCK_FILE = "lock"
+"""Beside it, held by the command that forms the part."""
+
 
 @dataclass(frozen=True)
 class Request:
@@ -107,6 +110,18 @@ def how_to_go_on(run: Path) -> str:
     return f"the part can go on: ./isf form --resume {run}"
 
 
+def being_formed(run: Path) -> bool:
+    """True while another command forms the part of ``run``."""
+    try:
+        with (run / CHECKPOINT / LOCK_FILE).open() as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # no such run, or no locks here
+        return False
+    return False
+
+
 def with_advice(error: IsfError, run: Path) -> IsfError:
     """``error``, its advice followed by the command with which the part of ``run`` goes on, if it can."""
     advice = "; ".join(filter(None, (error.advice, how_to_go_on(run))))
@@ -119,7 +134,7 @@ def alone(run: Path) -> Iterator[None]:
 
     Raises IsfError BUSY, FILE_NOT_WRITABLE.
     """
-    path = run / CHECKPOINT / "lock"
+    path = run / CHECKPOINT / LOCK_FILE
     try:
         path.parent.mkdir(exist_ok=True)
         file = path.open("w")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from isf_cell.cli import app
 from isf_cell.commands import resume
-from isf_cell.commands.resume import Request, alone, resumed, with_advice
+from isf_cell.commands.resume import Request, alone, being_formed, resumed, with_advice
 from isf_cell.run.checkpoint import CHECKPOINT, PART_FILE, Checkpoint, CheckpointFolder
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
@@ -121,6 +121,14 @@ def test_only_one_command_at_a_time_forms_a_part(run: Path) -> None:
     assert caught.value.code is ErrorCode.BUSY
     with alone(run):
         pass
+
+
+def test_a_part_that_is_being_formed_is_not_said_to_go_on(run: Path) -> None:
+    assert not being_formed(run)
+    with alone(run):
+        assert being_formed(run)
+    assert not being_formed(run)
+    assert not being_formed(run / "nothing")
 
 
 def test_a_part_that_ended_early_names_the_command(run: Path) -> None:
