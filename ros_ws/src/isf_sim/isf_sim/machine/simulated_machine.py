@@ -19,6 +19,7 @@ from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics, make_kinematics
 from isf_core.geometry.tool_axis import UPRIGHT, between, point_on_axis, tilt_of
+from isf_core.geometry.tool_solid import tool_solid
 from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
 
@@ -67,6 +68,10 @@ LARGEST_CLIPPED = 5
 HOLDER_STEP = 0.1e-3
 """m of blank holder after which the sheet is brought over the die anew."""
 MAXIMUM_EVENTS = 1000
+SHANK_TICKS = 50
+"""Ticks between two looks at the shank of a tilted tool."""
+SHANK_TOLERANCE = 1.0e-3
+"""m, by which it may seem to be in the sheet: the loaded sheet lies deeper than the unloaded one that is looked at."""
 THINNING_TICKS = 25
 """Ticks between two looks at the strains of the elasto-plastic sheet."""
 
@@ -148,6 +153,7 @@ class SimulatedMachine:
         self._parts = TickParts()
         self._kinematics = make_kinematics(rig.kinematics)
         self._tilt = ToolTilt()
+        self._solid = tool_solid(job.tool_1)
         self._linear = all(isinstance(item, Gantry) for item in self._kinematics)
         radius_2 = job.tool_2.radius if job.tool_2 else 0.0
         self._watch = EventWatch(parts.event_limits)
@@ -476,11 +482,24 @@ class SimulatedMachine:
         else:
             bits = self._advance_sheet(target, self._draws[row], waited)
         self.tick_count += 1
+        if not self._tilt.upright and self.tick_count % SHANK_TICKS == 0 and self.plant.pressing == 1:
+            self._check_shank()
         if bits != self._settled:
             self._check_limits()
             self._update_events(bits)
             self._settled = bits if settled(self._watch, bits) else NEVER
         return self.sample()
+
+    def _check_shank(self) -> None:
+        """Latch TOOL_COLLISION where shank or holder of the tilted tool have run into the sheet, as it is unloaded."""
+        surface = self.plant.surface
+        rows, columns = surface.height.shape
+        x, y = surface.x0 + surface.h * np.arange(columns), surface.y0 + surface.h * np.arange(rows)
+        sheet, nothing = HeightMap(x, y, surface.height), np.empty((0, 3))
+        distance, place, part = self._solid.nearest(sheet, nothing, self._axes.tips[0], np.array(self._tilt.axis))
+        if distance < -SHANK_TOLERANCE:
+            what = f"the {self._solid.names[part]} of the tilted tool has run into the sheet at {millimetres(place)}"
+            self.latch(ErrorCode.TOOL_COLLISION, what)
 
     def _advance_sheet(self, target: Array, draws: Array, waited: int) -> int:
         """The kernels of one tick; returns the conditions of events after it."""

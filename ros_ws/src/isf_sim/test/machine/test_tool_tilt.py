@@ -73,3 +73,19 @@ def test_the_tool_follows_its_cells_tilt_with_it_and_a_saved_state_goes_on(job_f
     weight = job_file.rig.tool_1.weight  # N; by hand: R^T (0, 0, -w) less (0, 0, -w)
     # R^T (0, 0, -w) with the axis (sin, 0, cos): x of the tool is (cos, 0, -sin)
     assert change == pytest.approx([weight * np.sin(20 * DEG), 0.0, weight * (1 - np.cos(20 * DEG))], abs=5.0)
+
+
+@pytest.mark.parametrize(("shank", "collides"), [("shank_radius: 40 mm", True), ("shank_radius: 5 mm", False)])
+def test_a_shank_that_runs_into_the_sheet_is_a_fault(shank: str, collides: bool, job_file: JobFile) -> None:
+    """Tip 5 mm over the flat sheet, tilted by 15 deg: a shank of 40 mm reaches 10 - 40 sin 15 = -0.4 mm, at 3 mm -2.4."""
+    machine = SimulatedMachine(
+        JobFile(job_file.text.replace("radius: 5 mm", f"radius: 5 mm\n  {shank}"), job_file.base)
+    )
+    for k in range(1, 751):
+        machine.tick(HIGH, PARKED, axis=leaning(0.02 * k))
+    for k in range(1, 650):
+        machine.tick((0.0, 0.0, max(3e-3, 0.1 - 0.18e-3 * k)), PARKED, axis=leaning(15.0))
+    found = [code for code, _ in machine.faults]
+    assert found == ([ErrorCode.TOOL_COLLISION] if collides else [])
+    if collides:
+        assert "the shank of the tilted tool has run into the sheet" in machine.faults[0][1]
