@@ -30,7 +30,7 @@ def quiet(_: Any) -> None:
 
 @pytest.mark.slow
 def test_a_tilted_tool_forms_the_same_in_the_graph_as_in_one_process(tmp_path: Path) -> None:
-    """Tips within 1 um. The cells are turned by poses of 50 Hz: 20 ms at 60 deg/s of 300 N of weight are 6 N at most."""
+    """Tips within 1 um. The cells are turned by poses of 50 Hz: 20 ms at 60 deg/s of 300 N of weight are 6 N."""
     text = (JOBS / "torrao_cone_45_five_axis.yaml").read_text(encoding="utf-8")
     for old, new in CHANGES.items():
         assert old in text

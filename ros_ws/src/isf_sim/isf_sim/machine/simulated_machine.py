@@ -494,7 +494,8 @@ class SimulatedMachine:
         """Latch TOOL_COLLISION where shank or holder of the tilted tool have run into the sheet, as it is unloaded."""
         surface = self.plant.surface
         rows, columns = surface.height.shape
-        x, y = surface.x0 + surface.h * np.arange(columns), surface.y0 + surface.h * np.arange(rows)
+        x = np.asarray(surface.x0 + surface.h * np.arange(columns), dtype=np.float64)
+        y = np.asarray(surface.y0 + surface.h * np.arange(rows), dtype=np.float64)
         sheet, nothing = HeightMap(x, y, surface.height), np.empty((0, 3))
         distance, place, part = self._solid.nearest(sheet, nothing, self._axes.tips[0], np.array(self._tilt.axis))
         if distance < -SHANK_TOLERANCE:

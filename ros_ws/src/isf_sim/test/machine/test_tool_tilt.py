@@ -77,10 +77,9 @@ def test_the_tool_follows_its_cells_tilt_with_it_and_a_saved_state_goes_on(job_f
 
 @pytest.mark.parametrize(("shank", "collides"), [("shank_radius: 40 mm", True), ("shank_radius: 5 mm", False)])
 def test_a_shank_that_runs_into_the_sheet_is_a_fault(shank: str, collides: bool, job_file: JobFile) -> None:
-    """Tip 5 mm over the flat sheet, tilted by 15 deg: a shank of 40 mm reaches 10 - 40 sin 15 = -0.4 mm, at 3 mm -2.4."""
-    machine = SimulatedMachine(
-        JobFile(job_file.text.replace("radius: 5 mm", f"radius: 5 mm\n  {shank}"), job_file.base)
-    )
+    """Tip 3 mm over the flat sheet, tilted by 15 deg: the edge of a shank of 40 mm is at 8 - 40 sin 15 = -2.4 mm."""
+    text = job_file.text.replace("radius: 5 mm", f"radius: 5 mm\n  {shank}")
+    machine = SimulatedMachine(JobFile(text, job_file.base))
     for k in range(1, 751):
         machine.tick(HIGH, PARKED, axis=leaning(0.02 * k))
     for k in range(1, 650):
