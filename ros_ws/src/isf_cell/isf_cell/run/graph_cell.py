@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -448,7 +448,7 @@ class GraphCell:
         """Before a blank is clamped. Job, rig and files were read before; the plan is held against the rig when it is
         made, wrenches, poses and tare are asked for by arming."""
         client = self._client
-        yield preflight.publishers({topic: client.publisher_names(topic) for topic in preflight.PUBLISHED_ONCE})
+        yield preflight.publishers(self._publishers(preflight.PUBLISHED_ONCE))
         yield preflight.versions(self._monitor.versions())
         yield preflight.messages({topic: client.type_hashes(topic) for topic in preflight.PUBLISHED_ONCE})
         yield preflight.disk(self._settings.kept_in + ((Path(self._record),) if self._record else ()))
@@ -462,11 +462,18 @@ class GraphCell:
         self._name_intruder()
 
     def _name_intruder(self) -> None:
-        found = preflight.publishers(
-            {topic: self._client.publisher_names(topic) for topic in preflight.MOVES_THE_TOOLS}
-        )
+        found = preflight.publishers(self._publishers(preflight.MOVES_THE_TOOLS))
         if found.failed is not None:
             raise found.failed
+
+    def _publishers(self, topics: Sequence[str]) -> dict[str, list[str]]:
+        """Names of the nodes that publish each of ``topics``; the machine does not where a node load_cell_k makes the
+        wrench: it keeps the topic and sends nothing on it."""
+        found = {topic: self._client.publisher_names(topic) for topic in topics}
+        for name in self._settings.load_cells:
+            topic = f"tool_{name[-1]}/wrench"
+            found[topic] = [node for node in found[topic] if node.rsplit("/", 1)[-1] != MACHINE]
+        return found
 
     def _wait_until_lifted(self) -> None:
         """Who takes force_ctrl down before would leave the tools in the sheet."""
