@@ -78,10 +78,10 @@ def rings(count: int, overlap: str = "") -> str:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_we_export_is_read_back_to_the_same_tips(name: str, tmp_path: Path) -> None:
-    """One tool, two tools, separate contours, spirals, a die, and parts formed from both sides."""
+    """One tool, two tools, separate contours, spirals, a die, parts formed from both sides, a tilted tool."""
     made = plan(load_job(JOBS / f"{name}.yaml"))
     (file,) = exports.export(made, tmp_path / "part.nc")
-    program = read_program(file.read_text(), step=5e-3)
+    program = read_program(file.read_text(), step=5e-3).with_ball(made.ball_radius)
     assert not program.unknown
     assert not program.findings
     points = path_points(made.contours)
