@@ -70,7 +70,10 @@ def _words(node: ast.expr) -> str:
     return WORDS.get(text, text if text in ("tuple", "Annotated", "Literal") else _named(text))
 
 
-SECTIONS = ("ForceRule", "Clamp", "ToolAxis", "Servo", "LoadCell", "SpindleCells", "Limits")
+SECTIONS = (
+    *("ForceRule", "Clamp", "ToolAxis", "Servo", "LoadCell", "SpindleCells", "Limits", "HydraulicLegs", "LegFault"),
+    *("FuzzyLoop", "FeedforwardLoop", "Valve", "Cylinder", "Supply", "Encoder", "Cables"),
+)
 
 
 def _named(text: str) -> str:
@@ -87,6 +90,11 @@ def _named(text: str) -> str:
         "EdgeForce": "force per length",
         "VoltageGain": "force per voltage",
         "CellFault": "section",
+        "Controller": "`fuzzy`, `feedforward`",
+        "Six": "6 x length",
+        "HeatLoss": "power per temperature",
+        "HeatCapacity": "energy per temperature",
+        "Resistance": "force per speed",
         "Channel": "`x1`, `y1`, `z1`, ... `z3`",
     }.get(text, text.lower())
 
@@ -102,6 +110,16 @@ UNITS = {
     "torque": (1.0, "N m"),
     "time": (1.0, "s"),
     "voltage": (1.0, "V"),
+    "flow": (6e4, "l/min"),
+    "pressure": (1e-5, "bar"),
+    "volume": (1e3, "l"),
+    "mass": (1.0, "kg"),
+    "compliance": (1e6, "um/N"),
+    "temperature": (1.0, "degC"),
+    "power": (1e-3, "kW"),
+    "power per temperature": (1e-3, "kW/K"),
+    "energy per temperature": (1e-3, "kJ/K"),
+    "force per speed": (1e-3, "N*s/mm"),
 }
 
 
@@ -118,7 +136,7 @@ def default_text(value: Any, kind: str) -> str:
     if isinstance(value, (tuple, list)):
         return "`[" + ", ".join(default_text(item, kind).strip("`") for item in value) + "]`"
     if isinstance(value, (int, float)):
-        for name, (factor, unit) in UNITS.items():
+        for name, (factor, unit) in sorted(UNITS.items(), key=lambda item: -len(item[0])):
             if re.search(rf"\b{name}\b", kind):
                 return f"`{round(float(value) * factor, 9):g} {unit}`"
         return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"

@@ -450,10 +450,16 @@ def tune(
     delay: Annotated[float, typer.Option(help="delay in ms beyond filter and hold")] = 0.0,
     noise: Annotated[float, typer.Option(help="noise of the load cell in % of the force")] = 1.0,
     gain: Annotated[float | None, typer.Option(help="loop gain in 1/s  [default: the controller's]")] = None,
+    legs: Annotated[bool, typer.Option("--legs", help="the position loops of the rig's legs instead")] = False,
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Try the force loop of a job on a contact model: responses, margin, pictures."""
+    """Try the force loop of a job on a contact model, or the loops of its rig's legs: responses and pictures."""
+    if legs:
+        from isf_cell.commands.tune_legs import tune_legs
+
+        tune_legs(job, output, as_json=json)
+        return
     from isf_cell.commands.tune import tune_job
 
     tune_job(job, output, stiffness=stiffness, delay=delay, noise=noise, loop_gain=gain, as_json=json)

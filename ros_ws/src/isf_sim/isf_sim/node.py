@@ -198,6 +198,7 @@ class MachineNode(CellNode[MachineParameters]):
             "faults": ", ".join(code.name for code, _ in machine.faults) or "none",
             "late_ticks": self._late_ticks(),
             **machine.plant.worker.values(),
+            **(machine.legs.values() if machine.legs is not None else {}),
             **({} if self._settings.lockstep else self._privileges.values()),
         }
 
@@ -359,6 +360,8 @@ class MachineNode(CellNode[MachineParameters]):
                 self._stamp = max(self._stamp, self._bridged)
             if decimated:  # before the wrenches: who answers them knows where the tools are
                 publishers.poses(sample, self._stamp)
+                if machine.legs is not None:
+                    publishers.legs(machine.legs, self._stamp)
                 publishers.state(self._state_message(machine), self._stamp)
             publishers.wrenches(sample, self._stamp)
             for event in machine.events[self._reported :]:

@@ -194,6 +194,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
         scans=_between(scans[: len(scans) - len(final)], results),
         sheet=_sheet(job),
         base_folder=getattr(job, "base_folder", ""),
+        axis_error=_axis_error(after),
     )
 
 
@@ -301,6 +302,13 @@ def _faults(after: list[tuple[int, Any]]) -> tuple[tuple[int, str], ...]:
         return ()
     state = after[0][1]
     return tuple((int(code), text) for code, text in zip(state.fault_codes, state.fault_messages, strict=True))
+
+
+def _axis_error(after: list[tuple[int, Any]]) -> tuple[float, float] | None:
+    """None where the machine does not tell it, as in older bags."""
+    state = after[0][1] if after else None
+    largest = float(getattr(state, "axis_error_largest", 0.0))
+    return (float(state.axis_error_rms), largest) if state is not None and largest > 0.0 else None
 
 
 def _last(items: Iterator[tuple[int, Any]]) -> tuple[int, Any] | None:

@@ -127,6 +127,7 @@ def _machine_state(record: PartRecord, *, end: bool) -> Any:
     """First and last state: their difference tells the ticks and what the machine itself counted."""
     if not end:
         return make_message(topics.MACHINE_STATE.type, header=_header(0.0), tared=True, lockstep=bool(record.lockstep))
+    rms, largest = record.axis_error or (0.0, 0.0)
     return make_message(
         topics.MACHINE_STATE.type,
         header=_header(record.sim_time),
@@ -137,6 +138,8 @@ def _machine_state(record: PartRecord, *, end: bool) -> Any:
         fault_messages=[text for _, text in record.faults],
         tared=True,
         lockstep=bool(record.lockstep),
+        axis_error_rms=rms,
+        axis_error_largest=largest,
     )
 
 

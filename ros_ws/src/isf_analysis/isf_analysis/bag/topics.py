@@ -56,6 +56,7 @@ CELL = (
     Topic("tool_2/target_twist", "geometry_msgs/msg/TwistStamped", "STREAM"),
     Topic("tool_1/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
     Topic("tool_2/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
+    Topic("machine/legs", "sensor_msgs/msg/JointState", "SENSOR"),
     Topic("tool_1/path", "nav_msgs/msg/Path", "LATCHED"),
     Topic("tool_2/path", "nav_msgs/msg/Path", "LATCHED"),
     TARGET,

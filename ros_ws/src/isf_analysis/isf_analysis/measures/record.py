@@ -45,6 +45,7 @@ class PartRecord:
     events : what happened to sheet or machine, oldest first; empty too when the machine tells none
     notes : remarks for people on how complete the record is
     sheet : ``model`` of the simulated sheet, and what it cost where it was formed in this process; empty: not known
+    axis_error : m, root mean square and largest error of the axes while a tool touched the sheet; None: not told
     base_folder : that relative paths in the job refer to; empty: not known
     """
 
@@ -76,6 +77,7 @@ class PartRecord:
     scans: tuple[ContourScan, ...] = ()
     sheet: Mapping[str, object] = field(default_factory=dict)
     base_folder: str = ""
+    axis_error: tuple[float, float] | None = None
 
     @property
     def planned(self) -> int:

@@ -109,6 +109,7 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "tolerance": {"shape_mm": MM * tolerance.shape, "share": tolerance.share},
         "deviation": None if deviation is None else _deviation(deviation, tolerance.shape),
         "force": force,
+        "machine": _machine(record),
         "ticks": record.ticks,
         "late_ticks": record.late_ticks,
         "lost_messages": record.lost_messages,
@@ -118,6 +119,13 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "notes": [*record.notes, *_warned(record), *force_remarks(force)],
         **findings(record, None if deviation is None else deviation.error),
     }
+
+
+def _machine(record: PartRecord) -> dict[str, Any]:
+    if record.axis_error is None:
+        return {}
+    rms, largest = record.axis_error
+    return {"leg_error_um": {"rms": 1e6 * rms, "largest": 1e6 * largest}}
 
 
 def _warned(record: PartRecord) -> list[str]:

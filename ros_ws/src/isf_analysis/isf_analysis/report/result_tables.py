@@ -85,6 +85,9 @@ def cards(numbers: Numbers) -> str:
             f"{number(numbers['sim_s'], 1)} s of process, {number(numbers['wall_s'], 1)} s of wall time",
         ),
     ]
+    if off := numbers["machine"].get("leg_error_um"):
+        text = f"{number(off['largest'], 1)} <small>µm</small>"
+        parts.append(_card("Legs off their set-points", text, f"largest in contact; {number(off['rms'], 1)} µm rms"))
     return "\n".join(parts)
 
 

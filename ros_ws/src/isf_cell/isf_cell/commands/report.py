@@ -9,11 +9,13 @@ from typing import Any
 
 from isf_analysis.bag.bag_reader import read_bag, read_cell
 from isf_analysis.bag.open_bag import bag_of
+from isf_analysis.measures.record import PartRecord
 from isf_analysis.report.page import write_report
 from isf_analysis.report.shape_files import write_shape
 from isf_core.contour import ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
+from isf_core.files.job import JobFile
 
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import ReportedError
@@ -68,6 +70,7 @@ def finish(
     reference = read_cell(reference_bag, namespace) if reference_bag else None
     made = write_report(record, folder, reference=reference, bag=bag, failure=failure)
     data = {**made.numbers, **(counts or {}), "bag": str(bag), "report": str(made.html)}
+    data["machine"] = {**_machine_use(record), **made.numbers["machine"]}
     if failure:
         data["error"] = _error(failure)
     (folder / "summary.json").write_text(json.dumps(terminal.without_nan(data), indent=2), encoding="utf-8")
@@ -86,6 +89,17 @@ def finish(
         terminal.say(f"shape   {path}")
     if failure:
         raise ReportedError(failure)
+
+
+def _machine_use(record: PartRecord) -> dict[str, Any]:
+    """What the plan asks of the machine; nothing where job or rig are not to be had any more."""
+    from isf_cell.commands.plan import machine_use  # late: the planner takes a second to load
+
+    try:
+        job_file = JobFile(record.job_text, Path(record.base_folder or "."))
+    except IsfError:
+        return {}
+    return machine_use(job_file.rig, record.nominal, job_file.job.tool_1.ball_radius)
 
 
 def _error(failure: IsfError) -> dict[str, Any]:

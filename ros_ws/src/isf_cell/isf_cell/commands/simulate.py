@@ -17,7 +17,6 @@ from isf_core.files.job import JobFile, load_job
 
 from isf_cell import in_process
 from isf_cell.commands import terminal
-from isf_cell.commands.plan import machine_use
 from isf_cell.commands.report import finish, first_failure
 from isf_cell.commands.run_folder import run_folder
 from isf_cell.options import UNCORRECTED, RunOptions
@@ -43,10 +42,7 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
                 progress = stack.enter_context(terminal.part_progress(title))
                 record = _form(job_file, options, progress)
                 write_bag(record, bag)
-                counts = {
-                    "sheet": dict(record.sheet),
-                    "machine": machine_use(job_file.rig, record.nominal, job_file.job.tool_1.ball_radius),
-                }
+                counts = {"sheet": dict(record.sheet)}
                 failure = torn(record.events) or first_failure(record.results) or stopped(record)
                 if reference and failure and failure.code == ErrorCode.CANCELLED:
                     reference = None  # ended with the stack

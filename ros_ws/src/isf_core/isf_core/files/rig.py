@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
+from isf_core.files.hydraulic_legs import HydraulicLegs
 from isf_core.files.quantity import (
     Compliance,
     EdgeForce,
@@ -249,6 +250,8 @@ class Rig(FileModel):
     """Overall horizontal contact stiffness K_c (Ren 2018 eq. 2-8)."""
     kinematics: Literal["gantry_xyz_uvw", "hexapod_spif_a"] = "gantry_xyz_uvw"
     """How the axes make a pose of the tips: see isf_core.geometry.kinematics."""
+    legs: HydraulicLegs | None = None
+    """Of `hexapod_spif_a`: legs that move in the simulated machine, in place of `servo` for the upper tool."""
     servo: Servo
     """Position loop of the axes."""
     load_cell: LoadCell
@@ -262,6 +265,12 @@ class Rig(FileModel):
     the travel, behind the sheet for a scanner in front."""
     provenance: dict[str, str]
     """Constant to its origin: published, calibrated, identified or assumed, with the source."""
+
+    @model_validator(mode="after")
+    def _legs_of_a_hexapod(self) -> Rig:
+        if self.legs is not None and self.kinematics != "hexapod_spif_a":
+            raise FieldError("a gantry has no legs", field="legs", advice="write kinematics: hexapod_spif_a")
+        return self
 
     @model_validator(mode="after")
     def _within_travel(self) -> Rig:

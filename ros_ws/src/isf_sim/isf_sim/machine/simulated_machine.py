@@ -24,6 +24,7 @@ from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
 
 from isf_sim.explicit_shell.formed_sheet import FormedSheet
+from isf_sim.legs.legs import Legs, LegState
 from isf_sim.machine import tick as mt
 from isf_sim.machine.build import make_parts
 from isf_sim.machine.events import (
@@ -41,6 +42,7 @@ from isf_sim.machine.events import (
     wall_strain,
 )
 from isf_sim.machine.kernel_bundle import UNCHECKED, TickParts
+from isf_sim.machine.leg_axes import drive_axes, leg_faults
 from isf_sim.machine.load_cells import BLOCK, DRAWS, CellState, read_again, take_zero
 from isf_sim.machine.spindle_cells import SpindleCellPlant
 from isf_sim.machine.tick import Axes
@@ -58,6 +60,9 @@ from isf_sim.variant import Variant, make_variant
 
 __all__ = ["LIMIT_FORCE", "LIMIT_SPEED", "LIMIT_TRAVEL", "MachineSample", "SimulatedMachine"]
 
+NO_TILT = np.zeros(2)
+SETTLING_TIME = 1.0
+"""s, for which a machine whose legs have stopped is looked at in place of a release."""
 TARE_READINGS = 200
 TARE_TICKS = 250
 """Ticks at rest of :meth:`SimulatedMachine.rest_for_tare`: as many readings as node ``load_cell`` averages."""
@@ -149,6 +154,10 @@ class SimulatedMachine:
         self._ring = parts.adsif
         self._adsif = adsif.no_ring(self.plant.surface) if parts.adsif else None
         self._axes = mt.parked_axes(park_1, park_2, self._constants.errors)
+        self._legs: Legs | None = None
+        if plant_file.rig.legs is not None:
+            seeds = (seed % 2**63, variant, 4)
+            self._legs = Legs(plant_file.rig, self.variant, self.control_rate, park_1, job.tool_1.radius, seeds)
         self._squeeze = no_squeeze()
         self._parts = TickParts()
         self._kinematics = make_kinematics(rig.kinematics)
@@ -304,6 +313,11 @@ class SimulatedMachine:
                 yield self.hold()
 
     @property
+    def legs(self) -> Legs | None:
+        """Legs of the upper tool, None on a machine without."""
+        return self._legs
+
+    @property
     def loaded(self) -> bool:
         """True when the sheet pushes on a tool with more than LARGEST_TARE_FORCE."""
         axes = self._axes
@@ -366,12 +380,21 @@ class SimulatedMachine:
 
     def release_steps(self) -> Iterator[MachineSample]:
         """The ticks of :meth:`release`, one by one."""
-        yield from release_steps(self._axes, self._travel, self.control_rate, self._advance, self.plant.pressing)
+        if self._legs is None or self._legs.driven:
+            yield from release_steps(self._axes, self._travel, self.control_rate, self._advance, self.plant.pressing)
+            return
+        for _ in range(round(SETTLING_TIME * self.control_rate)):  # no leg can be moved
+            yield self.hold()
 
     def reset(self) -> None:
-        """Clear latched faults and limit flags; the tools stay where they are."""
+        """Clear latched faults and limit flags; the tools stay where they are.
+
+        Legs that were stopped are driven again from there."""
         self.faults.clear()
         self.limits = 0
+        if self._legs is not None and not self._legs.driven:
+            self._legs.restart()
+            self._axes.target[:3] = self._axes.state[:3, 0]
 
     # -- state ---------------------------------------------------------------------------------------
 
@@ -399,6 +422,7 @@ class SimulatedMachine:
             cell_2=self._cell_2,
             held=self._held,
             tilt=self._tilt,
+            legs=self._legs.state if self._legs is not None else None,
             watch=self._watch,
             settled=self._settled,
         )
@@ -414,6 +438,8 @@ class SimulatedMachine:
         self._shell = state.shell
         self._cell_1, self._cell_2, self._held = state.cell_1, state.cell_2, state.held
         self._tilt, self._watch, self._settled = state.tilt, state.watch, state.settled
+        if self._legs is not None and state.legs is not None:
+            self._legs.take_up(state.legs, state.tick_count)
 
     def state_copy(self) -> MachineState:
         """Everything that changes, for :meth:`restore`."""
@@ -449,7 +475,7 @@ class SimulatedMachine:
         bits = mt.check_target(target, self._axes.target, waited, self._target_limits)
         if bits:
             self._judge_target(bits, target, waited)
-        elif not self._linear and (finding := self._reach_fault(target)) is not None:
+        if not self.faults and not self._reaches(target) and (finding := self._reach_fault(target)) is not None:
             self.limits |= LIMIT_TRAVEL
             self.latch(*finding)
             target[:] = self._axes.target
@@ -459,11 +485,31 @@ class SimulatedMachine:
         axis = self._tilt.asked
         return reach_fault(self._kinematics, target, None if axis == UPRIGHT else np.array(axis), self._balls[0])
 
-    def _advance(self, target: Array, waited: int = UNCHECKED) -> MachineSample:
+    def _reaches(self, target: Array) -> bool:
+        """False where it takes a closer look to say so."""
+        return self._linear or (self._legs is not None and self._legs.reaches(target[:3], self._asked_tilt()))
+
+    def _asked_tilt(self) -> Array:
+        """(2,) rad."""
+        return NO_TILT if self._tilt.asked == UPRIGHT else tilt_of(np.array(self._tilt.asked))
+
+    def _drive_legs(self, legs: Legs, target: Array) -> None:
+        constants = self._constants
+        tilt = self._asked_tilt()
+        found = drive_axes(legs, target, tilt, self._axes, constants.servo, constants.errors, self.tick_count)
         if not self._tilt.upright:
+            self._tilt.tell(legs.state.measured[3:5])
+        for finding in leg_faults(found, legs) if found else ():
+            self.latch(*finding)
+
+    def _advance(self, target: Array, waited: int = UNCHECKED) -> MachineSample:
+        if not self._tilt.upright and self._legs is None:
             self._tilt.follow(self._constants.servo)
         if self.plant.worker.waiting:
             self.between_ticks()
+        before = self._axes.tips[0].tolist() if self._shell is not None else []
+        if self._legs is not None:
+            self._drive_legs(self._legs, target)
         row = self.tick_count % BLOCK
         if row == 0 or len(self._draws) == 0:
             own, more = self._generator, self._more_generator
@@ -478,7 +524,7 @@ class SimulatedMachine:
             bits = conditions(False, radius, axes, surface, contact, self._squeeze, *cells, self._bounds)
             bits |= BUCKLES if outcome == adsif.BUCKLES else 0
         elif self._shell is not None:
-            bits = self._advance_shell(self._shell, target, self._draws[row], waited)
+            bits = self._advance_shell(self._shell, target, before, self._draws[row], waited)
         else:
             bits = self._advance_sheet(target, self._draws[row], waited)
         self.tick_count += 1
@@ -524,12 +570,11 @@ class SimulatedMachine:
             else:
                 plant.serve(request, pressing_tip(self._axes.tips, plant.pressing, plant.thickness))
 
-    def _advance_shell(self, shell: FormedSheet, target: Array, draws: Array, waited: int) -> int:
-        """One tick on the elasto-plastic sheet; returns the conditions of events after it."""
+    def _advance_shell(self, shell: FormedSheet, target: Array, before: list[float], draws: Array, waited: int) -> int:
+        """One tick on the elasto-plastic sheet, the upper tip being at ``before`` (3,) m; the conditions of events."""
         if waited != UNCHECKED:
             self._check(target, waited)
         axes, constants, path = self._axes, self._constants, self.plant.contact.path
-        before = axes.tips[0].copy()
         mt.move_axes(target, axes, constants)
         path[TRAVELLED] += float(np.linalg.norm(axes.tips[0] - before))
         try:
@@ -620,7 +665,7 @@ class MachineState:
     ring : of accumulative forming, None in other processes
     axes, squeeze, cell_1, cell_2 : axes, sheet between the tools, load cells
     held : (2, 9) V, what stuck channels of spindle cells hold
-    tilt : of tool 1
+    tilt : of tool 1 ; legs : None where the rig has none that move
     watch, settled : what is counted of events, and the conditions that change nothing of it
     """
 
@@ -644,6 +689,7 @@ class MachineState:
     cell_2: CellState
     held: Array
     tilt: ToolTilt
+    legs: LegState | None
     watch: EventWatch
     settled: int
 

@@ -21,6 +21,8 @@ LARGEST_TURN = math.radians(1.0)
 """rad, that the asked axis may turn in one tick (assumed): what turns faster is a jump, as of a wrong message."""
 _ROUNDING = 1e-9
 """rad, beyond the largest tilt."""
+_STRAIGHT = 1.0e-4
+"""rad, within which a platform on legs counts as upright again."""
 
 
 @dataclass
@@ -86,5 +88,13 @@ class ToolTilt:
         follow_targets(self.state, self.target, end, servo)
         self.target = end
         if self.asked == UPRIGHT and np.abs(self.state[:, 0]).max() < 1e-9 and np.abs(self.state[:, 1]).max() < 1e-7:
+            self.state[:] = 0.0
+            self.upright = True
+
+    def tell(self, tilt: Array) -> None:
+        """The encoders of legs tell the ``tilt`` (2,) rad; they, not a servo, follow what was asked for."""
+        self.target = tilt_of(np.array(self.asked))
+        self.state[:, 0] = tilt
+        if self.asked == UPRIGHT and np.abs(tilt).max() < _STRAIGHT:
             self.state[:] = 0.0
             self.upright = True

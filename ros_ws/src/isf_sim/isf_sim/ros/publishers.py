@@ -19,6 +19,7 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, PointCloud2, PointField
 
+from isf_sim.legs.legs import Legs
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
 SCAN_PATIENCE = 5.0
@@ -42,6 +43,7 @@ class MachinePublishers:
             self._raw_cells = [self._publisher(JointState, f"tool_{k}/raw_cells", qos.STREAM_SOURCE) for k in (1, 2)]
         self._wrenches = [self._publisher(WrenchStamped, f"tool_{k}/wrench", qos.STREAM_SOURCE) for k in (1, 2)]
         self._poses = [self._publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
+        self._legs = self._publisher(JointState, "machine/legs", qos.SENSOR)
         self._state = self._publisher(MachineState, "machine/state", qos.STREAM_SOURCE)
         self._event = self._publisher(EventMessage, "machine/event", qos.EVENT)
         self._scan = self._publisher(PointCloud2, "scan", qos.LATCHED)
@@ -85,6 +87,14 @@ class MachinePublishers:
         if self._clock is not None:
             self._clock.publish(Clock(clock=stamp))
 
+    def legs(self, legs: Legs, nanoseconds: int) -> None:
+        """Strokes, speeds and forces of the legs, by name."""
+        strokes, speeds, pushes = legs.motion()
+        joints = JointState(name=legs.names)
+        joints.position, joints.velocity, joints.effort = strokes.tolist(), speeds.tolist(), pushes.tolist()
+        joints.header.stamp = stamps.to_stamp(nanoseconds)
+        self._legs.publish(joints)
+
     def state(self, message: MachineState, nanoseconds: int) -> None:
         """The machine's state."""
         message.header.frame_id = conversion.FRAME
@@ -112,6 +122,7 @@ def state_message(
     machine: SimulatedMachine, *, mode: int, tick: int, received: int, lost: int, late: int, lockstep: bool
 ) -> MachineState:
     """State of ``machine`` with what the node counts: ticks, pairs of targets received and lost, late ticks."""
+    rms, largest = machine.legs.following() if machine.legs is not None else (0.0, 0.0)
     return MachineState(
         mode=mode,
         fault_codes=[int(code) for code, _ in machine.faults],
@@ -125,6 +136,8 @@ def state_message(
         tared=machine.tared,
         holder_height=machine.holder_height,
         solve_time=machine.solve_time,
+        axis_error_rms=rms,
+        axis_error_largest=largest,
     )
 
 

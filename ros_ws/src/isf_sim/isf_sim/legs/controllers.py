@@ -1,0 +1,91 @@
+"""Position loops of the legs, compiled: set-point, its velocity and the transducer's reading to the valve's voltage.
+
+Two controllers behind one function: the fuzzy one of the source, and feedforward of the velocity with a proportional
+and integral correction. Each leg has its own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from isf_core.files.hydraulic_legs import HydraulicLegs
+from isf_core.types import Array
+
+from isf_sim.jit import kernel
+from isf_sim.legs.fuzzy import build_table, look_up
+from isf_sim.legs.hydraulics import Hydraulics, free_speeds
+
+FULL_VOLTAGE = 10.0
+"""V, of the valves and of the converter before them."""
+INTEGRAL, LAST, RATE = 0, 1, 2
+"""Of a loop's state: integral part m/s, last error m, filtered rate of the error m/s."""
+
+
+class Loop(NamedTuple):
+    """Constants of the position loops.
+
+    Attributes
+    ----------
+    fuzzy : which of both ; period : s
+    table ; error_gain 1/m ; rate_gain s/m ; output_gain V ; filter : share of a new rate
+    out, back : m/s of a leg at 10 V ; dead_band : share of 10 V ; gain : 1/s ; integral : 1/s^2
+    """
+
+    fuzzy: bool
+    period: float
+    table: Array
+    error_gain: float
+    rate_gain: float
+    output_gain: float
+    filter: float
+    out: float
+    back: float
+    dead_band: float
+    gain: float
+    integral: float
+
+
+def loop_of(legs: HydraulicLegs, hydraulics: Hydraulics, period: float) -> Loop:
+    """Constants of the controller that ``legs`` names, with ``period`` s; it knows the valves' nominal curves."""
+    fuzzy, linear = legs.fuzzy, legs.feedforward
+    out, back = free_speeds(hydraulics)
+    return Loop(
+        fuzzy=legs.controller == "fuzzy",
+        period=period,
+        table=build_table(),
+        error_gain=1e3 * fuzzy.error_gain,
+        rate_gain=1e3 * fuzzy.rate_gain,
+        output_gain=fuzzy.output_gain,
+        filter=period / (period + fuzzy.filter_time),
+        out=out,
+        back=back,
+        dead_band=legs.valve.dead_band,
+        gain=linear.gain,
+        integral=linear.gain / linear.integral_time,
+    )
+
+
+@kernel
+def voltage(wanted: float, velocity: float, measured: float, loop: Loop, state: Array) -> float:
+    """V for the valve, within +-10, towards the stroke ``wanted`` m that moves with ``velocity`` m/s.
+
+    ``state`` (3,) of the leg's loop is updated. Positive extends the leg.
+    """
+    if loop.fuzzy:
+        error = measured - wanted
+        state[RATE] += loop.filter * ((error - state[LAST]) / loop.period - state[RATE])
+        state[LAST] = error
+        output = loop.output_gain * look_up(loop.error_gain * error, loop.rate_gain * state[RATE], loop.table)
+        return min(max(output, -FULL_VOLTAGE), FULL_VOLTAGE)
+    error = wanted - measured
+    proportional = velocity + loop.gain * error
+    speed = proportional + state[INTEGRAL]
+    full = loop.out if speed > 0.0 else loop.back
+    share = speed / full
+    if abs(share) < 1.0 or share * error < 0.0:  # no winding up at the end of the voltage
+        state[INTEGRAL] += loop.integral * loop.period * error
+    # over the dead band within the speed of a creeping leg, so that rest is no step between its ends
+    share = min(max(share, -1.0), 1.0)
+    lift = loop.dead_band * math.tanh(share / (0.5 * loop.dead_band + 1e-9))
+    return FULL_VOLTAGE * (lift + (1.0 - loop.dead_band) * share)

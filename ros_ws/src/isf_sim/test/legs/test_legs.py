@@ -1,0 +1,158 @@
+"""Legs that move: following, compliance, transducers, and every fault that can be switched on."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+from isf_core.files.hydraulic_legs import OF_ONE_LEG, LegFault
+from isf_core.files.rig import Rig, load_rig
+from isf_core.geometry.hexapod import spif_a
+from isf_sim.legs import legs as lg
+from isf_sim.legs import tuning
+from isf_sim.variant import Variant, make_variant
+
+RIG = load_rig("torrao2013")
+RATE, BALL = 500.0, 5e-3
+HERE, FREE = np.array([0.02, 0.0, -0.01]), np.zeros(3)
+
+
+def rig_with(**changes: Any) -> Rig:
+    """The published rig with other ``legs``; a mapping changes fields of a section."""
+    assert RIG.legs is not None
+    values = {
+        name: getattr(RIG.legs, name).model_copy(update=value) if isinstance(value, dict) else value
+        for name, value in changes.items()
+    }
+    return RIG.model_copy(update={"legs": RIG.legs.model_copy(update=values)})
+
+
+def legs_of(rig: Rig = RIG, variant: Variant | None = None) -> lg.Legs:
+    return lg.Legs(rig, variant or Variant(), RATE, HERE, BALL, (0, 0, 4))
+
+
+def rest(legs: lg.Legs, ticks: int, force: np.ndarray = FREE, start: int = 0) -> int:
+    """Hold; the bits found first."""
+    for tick in range(start, start + ticks):
+        if found := legs.move(HERE, lg.UPRIGHT, force, tick):
+            return found
+    return 0
+
+
+def test_the_default_controller_follows_within_50_um_at_constant_speed() -> None:
+    """At the speed of the cone's job, and the published one with gains that do not swing lags by a large part of 1 mm."""
+    case = tuning.circle_case(RATE, np.array([0.0, 0.0, -0.01]), 0.02, 0.04, (0.0, 0.0, 360.0))
+    response = tuning.respond(RIG, case, RATE, "feedforward", BALL)
+    rms, largest = response.error(case.settled)
+    assert rms < 10e-6
+    assert largest < 30e-6
+    assert response.ripple(case.speed, case.settled) < 0.03
+    fuzzy = tuning.respond(RIG, case, RATE, "fuzzy", BALL)
+    assert 0.3e-3 < fuzzy.error(case.settled)[1] < 2e-3
+
+
+def test_the_published_gains_swing_with_these_valves() -> None:
+    rig = rig_with(fuzzy={"error_gain": 10.0, "rate_gain": 0.1})
+    case = tuning.ramp_case(RATE, HERE, 5e-3)
+    found = tuning.respond(rig, case, RATE, "fuzzy", BALL)
+    assert found.error()[1] > 0.3e-3
+
+
+@pytest.mark.parametrize("number", [21, 24, 27])
+def test_it_follows_in_other_machines_too(number: int) -> None:
+    """Valves 40 % slower to 30 % faster than the controller believes."""
+    legs = legs_of(variant=make_variant(number))
+    assert rest(legs, 500) == 0
+    case = tuning.circle_case(RATE, HERE - [0.02, 0.0, 0.0], 0.02, 0.04)
+    largest = 0.0
+    for tick, tip in enumerate(case.tips, start=500):
+        assert legs.move(tip, lg.UPRIGHT, FREE, tick) == 0
+        largest = max(largest, float(np.abs(legs.state.motion[:, 0] - legs.state.wanted).max()))
+    assert largest < 50e-6
+
+
+def test_forces_deflect_the_tip_and_the_transducers_do_not_see_it() -> None:
+    """Sum of tau^2 c / F^2 over the legs, from the printed forces for 6.5 kN (Torrao 2013, eq. 8.1) in x."""
+    exact = rig_with(encoder={"noise": 0.0, "resolution": 0.0}, cables=None)
+    legs = legs_of(exact)
+    assert rest(legs, 1500) == 0
+    before = legs.tip()
+    assert rest(legs, 1500, np.array([500.0, 0.0, 0.0]), 1500) == 0
+    moved = legs.tip() - before
+    pushes = spif_a().leg_forces(np.array([500.0, 0.0, 0.0]), HERE, np.zeros(2))
+    assert legs.state.pushes == pytest.approx(pushes, abs=0.5)
+    assert moved[0] == pytest.approx(12.5e-9 * (pushes**2).sum() / 500.0, rel=0.03)
+    assert moved[0] > 30e-6
+    turned, measured = np.empty((3, 3)), np.empty(3)
+    lg.turn(legs.state.measured, turned)
+    lg.tip_at(legs.state.measured, turned, legs.constants.platform, measured)
+    assert measured == pytest.approx(HERE, abs=2e-6)
+
+
+def test_errors_of_a_leg_are_errors_of_the_tip() -> None:
+    errors = (50e-6, 0.0, 0.0, 0.0, 0.0, 0.0)
+    exact = rig_with(encoder={"noise": 0.0, "resolution": 0.0}, cylinder={"errors": errors})
+    legs = legs_of(exact)
+    hexapod = spif_a()
+    rows = hexapod.pose_jacobian(hexapod.place_of(HERE, np.zeros(2)), np.zeros(3))
+    step = np.linalg.solve(rows, np.array(errors))
+    tip = hexapod.tip_of(hexapod.place_of(HERE, np.zeros(2)) + step[:3], step[3:5])
+    assert legs.tip() == pytest.approx(tip, abs=1e-6)  # the step is linear
+    assert np.linalg.norm(legs.tip() - HERE) > 30e-6
+
+
+def test_the_same_again_and_from_a_saved_state() -> None:
+    first, second = legs_of(), legs_of()
+    assert rest(first, 60) == rest(second, 30) == 0
+    saved = copy.deepcopy(second.state)
+    third = legs_of()
+    third.take_up(saved, 30)
+    assert rest(third, 30, start=30) == 0
+    for mine, theirs in zip(first.state, third.state, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+FAULTS = {
+    "valve_stuck": lg.FOLLOWING,
+    "encoder_range": lg.ENCODER,
+    "encoder_stuck": lg.FOLLOWING,
+    "encoder_offset": lg.DISAGREE,
+    "pump_stop": lg.LOW_PRESSURE,
+    "power_loss": lg.NO_POWER,
+    "emergency_stop": lg.EMERGENCY,
+}
+
+
+@pytest.mark.parametrize(("kind", "expected"), FAULTS.items())
+def test_faults_stop_the_legs(kind: str, expected: int) -> None:
+    """On a moving tip: the watch finds it, the platform stays near, and what is mended goes on from there."""
+    leg = 3 if kind in OF_ONE_LEG else None
+    fault = LegFault(kind=kind, leg=leg, after=0.2, value=0.9e-3 if kind == "encoder_offset" else 0.0)  # type: ignore[arg-type]
+    legs = legs_of(rig_with(faults=(fault,), cables={"limit": 1e-3, "noise": 5e-5}))
+    found = tick = 0
+    while not found and tick < 1500:
+        found = legs.move(HERE - [0.0, 0.0, 4e-5 * min(tick, 150)], lg.UPRIGHT, FREE, tick)
+        tick += 1
+    assert found == expected
+    assert tick > 100
+    assert not legs.driven
+    stopped = legs.tip()
+    assert abs(stopped[2] - HERE[2] + 4e-5 * min(tick, 150)) < 5e-3
+    for later in range(tick, tick + 500):
+        legs.move(HERE, lg.UPRIGHT, FREE, later)
+    drop = stopped - legs.tip()
+    if kind == "power_loss":  # down, and beside the middle of the machine also sideways
+        assert 1e-3 < drop[2] < 50e-3
+        assert np.hypot(drop[0], drop[1]) < drop[2]
+    elif kind not in ("valve_stuck", "encoder_stuck"):  # shut in
+        assert np.linalg.norm(drop) < 1e-3
+    if kind in ("pump_stop", "power_loss", "emergency_stop"):
+        legs.restart()
+        start = legs.tip()
+        target = legs.state.measured[:3] - legs.constants.platform.sheet
+        target[2] -= legs.constants.platform.tool_length + BALL
+        for later in range(tick + 500, tick + 800):
+            assert legs.move(target, lg.UPRIGHT, FREE, later) == 0
+        assert legs.tip() == pytest.approx(start, abs=0.5e-3)
