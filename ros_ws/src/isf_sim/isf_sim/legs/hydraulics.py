@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from isf_core.files.hydraulic_legs import HydraulicLegs
 from isf_core.types import Array
+from numpy.typing import NDArray
 
 from isf_sim.jit import kernel
 
@@ -126,7 +127,7 @@ def oil_stiffness(stroke: float, c: Hydraulics) -> float:
 @kernel
 def step_oil(
     commands: Array,
-    stuck: Array,
+    stuck: NDArray[np.bool_],
     pump: bool,
     power: bool,
     mobility: Array,

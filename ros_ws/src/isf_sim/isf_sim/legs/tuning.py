@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.files.hydraulic_legs import Controller
 from isf_core.files.rig import Rig
+from isf_core.geometry.kinematics import UPRIGHT
 from isf_core.types import Array
 
-from isf_sim.legs.legs import UPRIGHT, Legs
+from isf_sim.legs.legs import Legs
 from isf_sim.variant import Variant
 
 CONTROLLERS: tuple[Controller, ...] = ("feedforward", "fuzzy")

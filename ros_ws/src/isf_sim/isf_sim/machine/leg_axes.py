@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.errors import ErrorCode
-from isf_core.geometry.kinematics import UPRIGHT
 from isf_core.types import Array
 
 from isf_sim.jit import kernel
@@ -17,13 +16,16 @@ from isf_sim.machine.tick import Axes
 Finding = tuple[ErrorCode, str]
 
 
-def drive_axes(legs: lg.Legs, target: Array, axes: Axes, servo: ServoConstants, errors: AxisErrors, tick: int) -> int:
-    """One tick of the legs and, by its servo, of the lower tool towards ``target`` (6,) m; the tick's servo is done.
+def drive_axes(
+    legs: lg.Legs, target: Array, tilt: Array, axes: Axes, servo: ServoConstants, errors: AxisErrors, tick: int
+) -> int:
+    """One tick of the legs and, by its servo, of the lower tool towards ``target`` (6,) m, the upper with ``tilt``
+    (2,) rad; the tick's servo is done.
 
     The encoders tell the pose that the transducers of the legs have, the tip is the true one. Returns bits of what the
     watch of the legs found.
     """
-    found = legs.move(target[:3], UPRIGHT, axes.force_1, tick)
+    found = legs.move(target[:3], tilt, axes.force_1, tick)
     state = legs.state
     _take_over(
         target, axes, servo, errors, legs.constants.platform, state.pose, state.measured, state.speed, state.volts

@@ -44,7 +44,7 @@ def test_centre_of_gravity_by_hand() -> None:
 @given(error=st.floats(-1.5, 1.5), rate=st.floats(-1.5, 1.5))
 @settings(max_examples=40, deadline=None)
 def test_table_is_near_the_inference_and_bounded(error: float, rate: float) -> None:
-    """Torrao 2013, 5.3 (F14): 21 x 21 points with bilinear interpolation are within 0.03 of the inference."""
+    """Torrao 2013, 5.3: 21 x 21 points with bilinear interpolation are within 0.03 of the inference."""
     found = look_up(error, rate, TABLE)
     assert found == pytest.approx(infer(float(np.clip(error, -1, 1)), float(np.clip(rate, -1, 1))), abs=0.03)
     assert abs(found) <= 0.89

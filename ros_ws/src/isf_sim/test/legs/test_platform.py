@@ -42,7 +42,7 @@ def test_pose_comes_back_from_its_lengths(place: tuple[float, ...], degrees: tup
     assert 0 <= pf.find_pose(lengths, PLATFORM, found) <= 8
     assert found == pytest.approx(pose, abs=1e-9)
     near = pose + [1e-3, -1e-3, 1e-3, *np.radians([0.5, -0.5, 0.5])]
-    assert 0 <= pf.find_pose(lengths, PLATFORM, near) <= 3  # Torrao 2013, F9: warm start
+    assert 0 <= pf.find_pose(lengths, PLATFORM, near) <= 3  # warm start
 
 
 def test_a_tool_turns_about_its_ball() -> None:
