@@ -1,4 +1,4 @@
-"""A part formed by legs through real nodes: as in one process, with the legs on joint_states, and a pump that stops."""
+"""A part formed by legs through real nodes: as in one process, with the legs on machine/legs, and a pump that stops."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_legs_form_a_part_through_the_graph_until_the_pump_stops(tmp_path: Path)
     assert there.axis_error is not None
     assert there.axis_error[1] < 1e-3  # legs lag while the pressure falls
     with OpenBag(bag_of(tmp_path / "bag")) as bag:
-        legs = [connection for connection in bag.connections if connection.topic.endswith("joint_states")]
+        legs = [connection for connection in bag.connections if connection.topic.endswith("machine/legs")]
         joints = [message for _, message in bag.messages(legs)]
     assert joints[0].name == ["L1", "L2", "L3", "L4", "L5", "L6"]
     assert all(0.0 < min(joint.position) < max(joint.position) < 0.4 for joint in joints)

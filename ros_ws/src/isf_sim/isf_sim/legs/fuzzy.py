@@ -30,7 +30,7 @@ UNIVERSE = 1201
 
 
 def membership(value: Array) -> Array:
-    """(..., 7) in the sets of ``value`` (...) in [-1, 1]: triangles centred at -1, -2/3 ... 1 that reach their neighbours."""
+    """(..., 7) in the sets of ``value`` (...) in [-1, 1]: triangles centred at -1, -2/3 ... 1."""
     centres = np.linspace(-1.0, 1.0, len(SETS))
     return np.clip(1.0 - 3.0 * np.abs(np.asarray(value, dtype=np.float64)[..., None] - centres), 0.0, 1.0)
 

@@ -54,7 +54,7 @@ class Platform(NamedTuple):
 
 
 def platform_of(hexapod: Hexapod, ball: float, *, mass: float, gyration: float, spindle: float, rod: float) -> Platform:
-    """The platform of ``hexapod``, whose tool ends in a ``ball`` of that radius (m), with masses in kg; the spindle is a
+    """The platform of ``hexapod``, whose tool ends in a ``ball`` of that radius (m); masses in kg. The spindle is a
     rod half as long as the tool hangs down."""
     return Platform(
         base=np.ascontiguousarray(hexapod.base, dtype=np.float64),

@@ -43,7 +43,7 @@ def rest(legs: lg.Legs, ticks: int, force: np.ndarray = FREE, start: int = 0) ->
 
 
 def test_the_default_controller_follows_within_50_um_at_constant_speed() -> None:
-    """At the speed of the cone's job, and the published one with gains that do not swing lags by a large part of 1 mm."""
+    """At the speed of the cone's job; the published one, with gains that do not swing, lags by some tenths of 1 mm."""
     case = tuning.circle_case(RATE, np.array([0.0, 0.0, -0.01]), 0.02, 0.04, (0.0, 0.0, 360.0))
     response = tuning.respond(RIG, case, RATE, "feedforward", BALL)
     rms, largest = response.error(case.settled)
