@@ -72,6 +72,24 @@ def test_the_sheet_is_formed_by_the_true_tip_and_told_by_the_measured_one(tmp_pa
             np.testing.assert_array_equal(mine, theirs)
 
 
+def test_legs_tilt_the_tool_about_its_ball(tmp_path: Path) -> None:
+    """Eight degrees within two seconds and back: the tip stays, the measured axis follows the one asked for."""
+    machine = make(tmp_path)
+    machine.tare()
+    assert machine.legs is not None
+    angles = np.radians(8.0) * np.concatenate([np.sin(np.linspace(0.0, np.pi / 2, 1000)) ** 2, np.ones(300)])
+    for angle in angles:
+        sample = machine.tick(PARK_1, PARK_2, axis=(0.0, -np.sin(angle), np.cos(angle)))
+    assert machine.faults == []
+    assert sample.axis_1 == pytest.approx((0.0, -np.sin(np.radians(8.0)), np.cos(np.radians(8.0))), abs=2e-4)
+    assert sample.tip_1 == pytest.approx(PARK_1, abs=50e-6)
+    assert machine.legs.tip() == pytest.approx(PARK_1, abs=50e-6)
+    for angle in [*angles[999::-1], *np.zeros(300)]:
+        sample = machine.tick(PARK_1, PARK_2, axis=(0.0, -np.sin(angle), np.cos(angle)))
+    assert machine.faults == []
+    assert sample.axis_1 == (0.0, 0.0, 1.0)
+
+
 CASES = {
     "valve_stuck": ErrorCode.LEG_NOT_FOLLOWING,
     "encoder_range": ErrorCode.ENCODER_RANGE,
