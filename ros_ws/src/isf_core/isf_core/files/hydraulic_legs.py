@@ -60,7 +60,7 @@ class FeedforwardLoop(FileModel):
     """Of the integral part."""
     lead: Time = Field(default=2.5e-3, ge=0)
     """By how much the velocity of the set-point is ahead: what the valve lags behind."""
-    following_error: Length = Field(default=1e-3, gt=0)
+    following_error: Length = Field(default=2e-3, gt=0)
     """Between set-point and reading of a leg; beyond it for 20 ms the machine stops."""
 
 

@@ -9,6 +9,7 @@ from isf_core.types import Array
 from isf_sim.jit import kernel
 from isf_sim.legs import legs as lg
 from isf_sim.legs.controllers import FULL_VOLTAGE
+from isf_sim.legs.hydraulics import PRESSURE, TEMPERATURE
 from isf_sim.legs.platform import Platform, tip_at, turn
 from isf_sim.machine.axes import AxisErrors, ServoConstants, follow_targets, true_tips
 from isf_sim.machine.tick import Axes
@@ -82,12 +83,12 @@ def leg_faults(found: int, legs: lg.Legs) -> list[Finding]:
         faults.append((ErrorCode.LEG_NOT_FOLLOWING, text))
     if found & lg.LOW_PRESSURE:
         text = (
-            f"the supply has {1e-5 * state.supply[lg.PRESSURE]:.0f} bar, {1e-5 * limits.lowest:.0f} bar are needed: "
+            f"the supply has {1e-5 * state.supply[PRESSURE]:.0f} bar, {1e-5 * limits.lowest:.0f} bar are needed: "
             "cylinders shut"
         )
         faults.append((ErrorCode.SUPPLY_PRESSURE, text))
     if found & lg.HOT:
-        text = f"the oil has {state.supply[lg.TEMPERATURE]:.0f} deg C, {limits.hottest:g} deg C allowed: pump off"
+        text = f"the oil has {state.supply[TEMPERATURE]:.0f} deg C, {limits.hottest:g} deg C allowed: pump off"
         faults.append((ErrorCode.OIL_HOT, text))
     if found & lg.DISAGREE:
         text = f"legs and cables disagree by more than {1e3 * limits.cable_limit:g} mm about the platform: pump off"
