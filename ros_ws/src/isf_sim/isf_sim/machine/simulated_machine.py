@@ -61,8 +61,9 @@ from isf_sim.variant import Variant, make_variant
 __all__ = ["LIMIT_FORCE", "LIMIT_SPEED", "LIMIT_TRAVEL", "MachineSample", "SimulatedMachine"]
 
 NO_TILT = np.zeros(2)
-SETTLING_TIME = 1.0
-"""s, for which a machine whose legs have stopped is looked at in place of a release."""
+SETTLING_TIME = 0.4
+"""s, for which a machine whose legs have stopped is looked at in place of a release; a longer gap in the stamps of the
+wrenches is a fault of its own."""
 TARE_READINGS = 200
 TARE_TICKS = 250
 """Ticks at rest of :meth:`SimulatedMachine.rest_for_tare`: as many readings as node ``load_cell`` averages."""
