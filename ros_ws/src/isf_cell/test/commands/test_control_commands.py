@@ -10,6 +10,7 @@ import pytest
 import yaml
 from isf_cell.commands.calibrate_cell import calibrate_file
 from isf_cell.commands.tune import tune_job
+from isf_cell.commands.tune_legs import tune_legs
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
 from isf_core.files.rig import LoadCell
@@ -106,3 +107,16 @@ def test_a_missing_table(tmp_path: Path) -> None:
     with pytest.raises(IsfError) as caught:
         calibrate_file(tmp_path / "none.csv", None, None, as_json=False)
     assert caught.value.code is ErrorCode.FILE_NOT_FOUND
+
+
+def test_tune_of_legs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tune_legs(JOB.with_name("torrao_cone_45.yaml"), tmp_path / "legs", as_json=True)
+    data = json.loads(capsys.readouterr().out)
+    assert data["controller"] == "feedforward"
+    path = data["cases"]["path"]
+    assert path["feedforward"]["leg_error_um"]["largest"] < 50.0
+    assert path["feedforward"]["speed_ripple"] < 0.05
+    assert path["fuzzy"]["leg_error_um"]["largest"] > 300.0
+    assert all(Path(picture).stat().st_size > 10_000 for picture in data["pictures"])
+    with pytest.raises(IsfError, match="has no legs"):
+        tune_legs(JOB, tmp_path, as_json=True)
