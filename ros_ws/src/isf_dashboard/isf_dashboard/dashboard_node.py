@@ -211,16 +211,18 @@ class DashboardNode(CellNode[DashboardParameters]):
             row = self._newest.row
             row[0] = now
             self._history.sample(row)
-            if self._log is not None:
-                self._write_log(self._log, row)
+            self._write_log(row)
         if now >= self._status_due:
             self._status_due = now + STATUS_PERIOD
             self._tell_status(now)
 
-    def _write_log(self, log: LogFile, row: Any) -> None:
+    def _write_log(self, row: Array) -> None:
+        """Append a sample; where the disk is full the page goes on without the log."""
+        if self._log is None:
+            return
         try:
-            log.add(row)
-        except IsfError as error:  # the disk is full: the page goes on
+            self._log.add(row)
+        except IsfError as error:
             self._log = None
             self.report(error)
 
@@ -326,8 +328,6 @@ class DashboardNode(CellNode[DashboardParameters]):
         self._status.phase = message.feedback.phase
 
     def _tell_status(self, now: float) -> None:
-        if self._log is not None:
-            self._log.flush()
         ready = {
             "stop": self._stop_machine.service_is_ready() or self._stop_force_control.service_is_ready(),
             "pause": self._pause.service_is_ready(),
@@ -339,24 +339,18 @@ class DashboardNode(CellNode[DashboardParameters]):
 
     async def _on_stop(self) -> str:
         """Protective stop of the machine, and hold of force control, both at once: either one stops the tools."""
-        asked = {
-            "machine": self._asked(self._stop_machine, Stop.Request(reason="stopped at the dashboard")),
-            "force_ctrl": self._asked(self._stop_force_control, Trigger.Request()),
-        }
-        answers = await asyncio.gather(*asked.values(), return_exceptions=True)
-        done, failed = [], []
-        for name, answer in zip(asked, answers, strict=True):
-            if isinstance(answer, BaseException):
-                failed.append(f"{name}: {answer}")
-            elif getattr(answer, "code", 0) or not getattr(answer, "success", True):
-                failed.append(f"{name}: {failure(getattr(answer, 'code', 0) or 1, answer.message)}")
-            else:
-                done.append(name)
+        reason = Stop.Request(reason="stopped at the dashboard")
+        failures = await asyncio.gather(
+            self._failure_of(self._stop_machine, reason),
+            self._failure_of(self._stop_force_control, Trigger.Request()),
+        )
+        words = ("protective stop of the machine", "force control holds")
+        done = [text for text, error in zip(words, failures, strict=True) if error is None]
+        failed = [error for error in failures if error is not None]
+        why = "; ".join(error.what for error in failed)
         if not done:
-            raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"nobody has stopped: {'; '.join(failed)}", advice=EMERGENCY)
-        words = {"machine": "protective stop of the machine", "force_ctrl": "force control holds"}
-        text = ", ".join(words[name] for name in done)
-        return f"Stopped: {text}" + (f" ({'; '.join(failed)})" if failed else "")
+            raise IsfError(failed[0].code, why, advice=EMERGENCY)
+        return f"Stopped: {', '.join(done)}" + (f" ({why})" if why else "")
 
     async def _on_pause(self) -> str:
         return await self._set_pause(wanted=True)
@@ -369,6 +363,15 @@ class DashboardNode(CellNode[DashboardParameters]):
         if not answer.success:
             raise IsfError(ErrorCode.NOT_ARMED, answer.message, where="executive", advice="form a part first")
         return str(answer.message)
+
+    async def _failure_of(self, client: Any, request: Any) -> IsfError | None:
+        """Why a service did not do what it was asked for; None: it did."""
+        try:
+            answer = await self._asked(client, request)
+        except IsfError as error:
+            return error
+        code = getattr(answer, "code", 0) or int(not getattr(answer, "success", True))
+        return failure(code, answer.message) if code else None
 
     async def _asked(self, client: Any, request: Any) -> Any:
         """Answer of a service; raises IsfError NODE_MISSING, SERVICE_TIMEOUT."""

@@ -24,6 +24,9 @@ MM = 1e3
 NODES = 20_000
 """Of the drawn surface at most; a finer one is thinned out."""
 
+MOST_EVENTS = 1000
+"""Of a part that are told; a machine may tell the same in every tick."""
+
 SAME_FAILURE = 3.0
 """s within which a code that several sources tell is one failure."""
 
@@ -65,6 +68,7 @@ class PartFeed:
     _nominal: dict[int, Contour] = field(default_factory=dict)
     _ended: int = -1
     _faults: dict[str, str] = field(default_factory=dict)
+    _events: int = 0
     _told: dict[int, float] = field(default_factory=dict)
 
     def job(self, time: float, job: Job) -> None:
@@ -75,7 +79,7 @@ class PartFeed:
         goes_on = known is not None and job.first_index > 0 and job.plan_id == known.plan_id
         if not goes_on:
             self.history.begin()
-            self._nominal, self._ended = {}, -1
+            self._nominal, self._ended, self._events = {}, -1, 0
         self.history.add("job", time, **_of_job(job))
         if self._target is not None and not goes_on:
             self._tell_target(time, self._target)
@@ -136,7 +140,7 @@ class PartFeed:
         if correction.code:
             self.fault(time, f"springback, {where}", correction.code, correction.message)
         for remark in correction.remarks:
-            self.history.add("event", time, severity="note", text=f"{where}: {remark}")
+            self._tell_event(time, severity="note", text=f"{where}: {remark}")
 
     def result(self, time: float, result: ContourResult) -> None:
         """A contour ended."""
@@ -199,7 +203,7 @@ class PartFeed:
         """Something happened to sheet or machine."""
         place = [MM * value for value in event.position] if event.has_place else None
         text = f"{event.name}: {event.text}" if event.text else event.name
-        self.history.add("event", time, severity="note" if harmless else "warning", text=text, place=place)
+        self._tell_event(time, severity="note" if harmless else "warning", text=text, place=place)
 
     def fault(self, time: float, source: str, code: int, text: str) -> None:
         """Something failed at ``source``; the same of one source is told once until :meth:`well`, and what several
@@ -213,7 +217,7 @@ class PartFeed:
         if time - before < SAME_FAILURE:
             return
         name = ErrorCode(code).name if code in set(ErrorCode) else ""
-        self.history.add("event", time, severity="fault", source=source, code=code, name=name, text=text)
+        self._tell_event(time, severity="fault", source=source, code=code, name=name, text=text)
 
     def well(self, source: str) -> None:
         """What failed at ``source``, or at several that begin so, is over."""
@@ -221,6 +225,13 @@ class PartFeed:
             del self._faults[known]
 
     # -- inside ----------------------------------------------------------------------------------
+
+    def _tell_event(self, time: float, **values: object) -> None:
+        self._events += 1
+        if self._events <= MOST_EVENTS:
+            self.history.add("event", time, **values)
+        elif self._events == MOST_EVENTS + 1:
+            self.history.add("event", time, severity="warning", text="there are more events, which are not shown")
 
     def _of_this_part(self, plan_id: str) -> bool:
         return self._job is None or self._job.plan_id == plan_id

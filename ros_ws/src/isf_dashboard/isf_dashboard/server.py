@@ -38,6 +38,12 @@ DEFAULT_PORT = 8750
 RATE = 20.0
 """Hz, updates of a page."""
 
+SIGN_OF_LIFE = 1.0
+"""s after which a message is sent although there is no news: a page tells from it that what it shows is not old."""
+
+GOING_AWAY = 1001
+"""Code of a WebSocket whose server ends (RFC 6455, 7.4.1): the page tells it from a connection that was lost."""
+
 BROWSERS = 16
 """At a time; one more is refused."""
 
@@ -158,7 +164,7 @@ class DashboardServer:
 
     async def _end(self, server: HTTPServer) -> None:
         for stream in list(self._gate.open):
-            stream.close()
+            stream.close(GOING_AWAY)
         await server.close_all_connections()
         tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
         for task in tasks:
@@ -317,11 +323,13 @@ class _Stream(WebSocketHandler):
     async def _tell(self) -> None:
         """One message after the other: the next one when the last has left. What comes meanwhile is in the history."""
         cursor, loop = Cursor(), asyncio.get_running_loop()
-        due = loop.time()
+        due = sent = loop.time()
         try:
             while True:
-                if (text := self.gate.site.history.news(cursor)) is not None:
-                    await self.write_message(text)
+                text = self.gate.site.history.news(cursor)
+                if text is not None or due - sent > SIGN_OF_LIFE:
+                    sent = due
+                    await self.write_message(text or "{}")
                 due = max(due + 1.0 / RATE, loop.time())
                 await asyncio.sleep(due - loop.time())
         except WebSocketClosedError:

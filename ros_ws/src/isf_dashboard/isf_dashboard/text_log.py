@@ -38,7 +38,7 @@ class LogFile:
         """Begin the file ``path``; raises IsfError FILE_NOT_WRITABLE, also where it exists."""
         self.path, self._last = path, -np.inf
         try:
-            self._file: TextIO = path.open("x", encoding="ascii")
+            self._file: TextIO = path.open("x", encoding="ascii", buffering=1)  # a row at a time
             self._file.write(f"{HEADER}\n")
         except OSError as error:
             raise _not_writable(path, error) from error
@@ -50,13 +50,6 @@ class LogFile:
         self._last = float(row[0])
         try:
             self._file.writelines(lines([row]))
-        except OSError as error:
-            raise _not_writable(self.path, error) from error
-
-    def flush(self) -> None:
-        """Hand over to the system what was added; raises IsfError FILE_NOT_WRITABLE."""
-        try:
-            self._file.flush()
         except OSError as error:
             raise _not_writable(self.path, error) from error
 

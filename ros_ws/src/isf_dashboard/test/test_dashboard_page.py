@@ -163,6 +163,8 @@ def test_a_running_cell_is_stopped_by_button_and_key(browser: Browser, part: Par
     finally:
         server.stop()
     browser.until("!document.getElementById('alert').hidden")
-    assert "No connection" in text(browser, "alert")
+    assert "has ended" in text(browser, "alert-text")
     key(browser, "Escape")
-    browser.until("document.getElementById('alert').textContent.includes('emergency stop')")
+    browser.until("document.getElementById('alert-text').textContent.includes('emergency stop')")
+    browser.value("document.getElementById('seen').click()")
+    assert browser.value("document.getElementById('alert').hidden")

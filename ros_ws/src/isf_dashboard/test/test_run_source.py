@@ -171,3 +171,13 @@ def test_contours_of_another_plan_are_not_of_this_part() -> None:
     items = items_of(history)
     assert [item["t"] for item in items["contour"]] == [1.0]
     assert "result" not in items
+
+
+def test_a_flood_of_events_has_an_end() -> None:
+    history = History("live")
+    feed = PartFeed(history)
+    for number in range(3000):
+        feed.event(float(number), make_events(part())[0])
+    told = items_of(history)["event"]
+    assert len(told) == 1001
+    assert "more events" in told[-1]["text"]

@@ -64,6 +64,7 @@ def show_run(run: Path, port: int, token: str, log: Path | None, *, namespace: s
     server = None
     try:
         free_port(port)  # before what takes its time
+        terminal.say(f"reading  {run}")
         history = history_of(read_bag(run, namespace))
         if log is not None:
             file = LogFile(log)

@@ -4,7 +4,7 @@ import { Plot } from "./plots.js";
 
 const $ = (id) => document.getElementById(id);
 const KEPT = 40000; // samples; of more, every second one of the older half is let go
-const SILENT = 2500; // ms without a message after which the page says so
+const SILENT = 4000; // ms without a message, which comes once a second at least, after which the page says so
 
 const MODES = ["idle", "waiting for a contour", "approach", "building up force", "force control", "position control", "force held", "lifting", "hold"];
 const FLAGS = { 16: "contact lost", 32: "force oscillates", 64: "load cell drifted", 128: "no wrenches: the tools stand" };
@@ -21,6 +21,7 @@ function unpacked(value) {
 }
 
 function begin(told) {
+  if (told.part > 0) alertText("");
   known.mode = told.mode;
   known.items = {};
   known.columns = Object.fromEntries(told.columns.map((name, k) => [name, k]));
@@ -156,7 +157,11 @@ function heights(time, scan) {
 }
 
 function drawShape(time) {
-  if (!target || !scene) return;
+  if (!scene) return;
+  if (!target) {
+    note("The part is drawn as soon as it is planned.");
+    return;
+  }
   const scans = until("scan", time);
   const results = until("result", time).length;
   const scan = last(scans);
@@ -188,6 +193,7 @@ function drawShape(time) {
     pen.fillStyle = `rgb(${colourOf(map, k / 159).map((value) => Math.round(255 * value))})`;
     pen.fillRect(k, 0, 1, 10);
   }
+  $("scale-box").hidden = false;
   put("scale-low", colour === "deviation" ? `${number(low, 2)} mm, too low` : "0");
   put("scale-high", colour === "deviation" ? `+${number(high, 2)} mm` : `${number(high, unit === "mm" ? 1 : 0)} ${unit}`);
   note(colour !== wanted ? "Coloured by depth; deviation is known after a scan." : "");
@@ -365,7 +371,7 @@ function showStatus() {
     chip("no connection", "bad");
   } else {
     chip(status.heard ? "cell heard" : "no cell heard", status.heard ? "good" : "bad");
-    chip(status.busy ? "automatic" : "set-up: no part is being formed");
+    if (status.nodes?.length) chip(status.busy ? "automatic" : "set-up: no part is being formed");
     if (status.machine) chip(`machine: ${status.machine.mode}`, status.machine.faults.length ? "bad" : "");
     if (status.machine && !status.machine.tared) chip("load cells not tared", "warn");
     for (const limit of status.machine?.limits ?? []) chip(`${limit} limit reached`, "warn");
@@ -379,6 +385,7 @@ function showStatus() {
     $("chips").dataset.text = text;
     $("chips").replaceChildren(...chips);
   }
+  document.body.classList.toggle("stale", known.mode === "live" && !(link.open && status.heard));
   const paused = Boolean(status.paused);
   $("pause").textContent = paused ? "Resume" : "Pause";
   $("pause").classList.toggle("paused", paused);
@@ -421,8 +428,10 @@ function showPhase(row) {
 
 function alertText(text) {
   $("alert").hidden = !text;
-  put("alert", text);
+  put("alert-text", text);
 }
+
+$("seen").addEventListener("click", () => alertText(""));
 
 function alertFault(item) {
   if (Date.now() - link.since < 1500) return; // of before this page was opened; the list has it
@@ -439,14 +448,17 @@ function answer(text) {
 
 async function command(name) {
   if (known.mode === "run") return;
-  const unsaid = name === "stop" ? "Not stopped. Press the emergency stop of the machine." : `${name} was not carried out.`;
+  const failed = (why) => {
+    $("answer").hidden = true;
+    alertText(`${name === "stop" ? "Not stopped" : `No ${name}`}: ${why}`);
+  };
   try {
     const response = await fetch(`command/${name}`, { method: "POST" });
     const told = await response.json();
     if (told.ok) answer(told.text);
-    else alertText(`${unsaid} ${told.text}`);
+    else failed(told.text);
   } catch {
-    alertText(`${unsaid} The dashboard does not answer.`);
+    failed("the dashboard does not answer. Press the emergency stop of the machine.");
   }
 }
 
@@ -543,7 +555,13 @@ function tick(now) {
 
 // -- connection ------------------------------------------------------------------------------------------------------------
 
-const link = { open: false, heard: 0, since: 0 };
+const link = { open: false, heard: 0, since: 0, silent: false };
+
+setInterval(() => {
+  if (!link.open || link.silent || performance.now() - link.heard < SILENT) return;
+  link.silent = true;
+  alertText("No news from the dashboard: what is shown is old. Stop at the machine.");
+}, 500);
 
 function connect() {
   const address = new URL("stream", location.href);
@@ -559,6 +577,8 @@ function connect() {
   socket.onmessage = (event) => {
     link.heard = performance.now();
     const told = JSON.parse(event.data);
+    if (link.silent) alertText("");
+    link.silent = false;
     if (told.begin) begin(told.begin);
     if (told.samples) takeSamples(told.samples);
     if (told.status) known.status = told.status;
@@ -566,8 +586,10 @@ function connect() {
     document.documentElement.dataset.samples = known.rows.length;
     document.documentElement.dataset.results = all("result").length;
   };
-  socket.onclose = () => {
-    if (link.open || !link.since) alertText(known.mode === "run" ? "" : "No connection to the dashboard: what is shown is old. Stop at the machine.");
+  socket.onclose = (event) => {
+    const lost = known.mode === "run" ? "" : " What is shown is old. Stop at the machine.";
+    if (event.code === 1001) alertText("The dashboard has ended.");
+    else if (link.open || !link.since) alertText(`No connection to the dashboard.${lost}`);
     link.open = false;
     link.since ||= 1;
     setTimeout(connect, 1000);
