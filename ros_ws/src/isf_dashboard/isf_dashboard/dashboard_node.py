@@ -65,6 +65,9 @@ ANSWER, TRIES = 2.0, 3
 """s for an answer to a command, and how often it is asked: a middleware may drop an answer, and asking for a stop twice
 does no harm."""
 
+RATE_PERIOD, SILENT_TOPIC = 1.0, 3.0
+"""s over which a rate is taken, and after which a topic of which nothing comes has none."""
+
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of streams."""
 
@@ -83,30 +86,34 @@ class DashboardParameters:
 
 @dataclass
 class _Topic:
-    """A topic, what is done with its messages, and what the page tells of its rate."""
+    """A topic, what is done with its messages, and the rate at which they come, for the page.
+
+    Of a stream, which has one publisher, they are counted by its sequence numbers: most are not taken.
+    """
 
     name: str
     subscription: Any
     take: Callable[[float, Any], None]
-    number: int | None = None
-    since: float = 0.0
+    is_stream: bool
     rate: float | None = None
+    _count: int = 0
+    _before: tuple[float, int] | None = None
 
     def poll(self, now: float) -> None:
         """Take what came."""
-        number = None
+        heard = False
         for message, info in taken(self.subscription):
-            number = info["publication_sequence_number"]
+            heard = True
+            number = info["publication_sequence_number"] if self.is_stream else None
+            self._count = self._count + 1 if number is None else number
             self.take(now, message)
-        if number is None:
-            if now - self.since > 2.0:
-                self.number, self.rate = None, None
-            return
-        if self.number is None:
-            self.number, self.since = number, now
-        elif now - self.since >= 1.0:
-            self.rate = (number - self.number) / (now - self.since)
-            self.number, self.since = number, now
+        since, count = self._before or (now, self._count)
+        if self._count < count or (not heard and now - since > SILENT_TOPIC):  # another publisher, or nobody
+            self.rate, self._before = None, None
+        elif heard and self._before is None:
+            self._before = (now, self._count)
+        elif heard and now - since >= RATE_PERIOD:
+            self.rate, self._before = (self._count - count) / (now - since), (now, self._count)
 
 
 @dataclass
@@ -199,7 +206,12 @@ class DashboardNode(CellNode[DashboardParameters]):
             (FormPart.Impl.FeedbackMessage, "form_part/_action/feedback", _several(qos.EVENT), self._on_feedback),
         ]
         return [
-            _Topic(name, polled_subscription(self, kind, name, profile, self._group), self.guard(take, f"topic {name}"))
+            _Topic(
+                name,
+                polled_subscription(self, kind, name, profile, self._group),
+                self.guard(take, f"topic {name}"),
+                profile is NEWEST,
+            )
             for kind, name, profile, take in table
         ]
 
