@@ -237,7 +237,9 @@ def _tool_links(rig: Rig, tool: Tool) -> list[Link]:
     def along(shape: float, first: float, last: float, colour: str) -> Body:
         return Body("cylinder", (shape, last - first), colour, (0.0, 0.0, up * 0.5 * (first + last)))
 
-    bodies = [along(tool.shank, tool.radius, tool.stick_out, "tool")]
+    bodies = []
+    if tool.stick_out > tool.radius:  # else the ball sits in the spindle
+        bodies.append(along(tool.shank, tool.radius, tool.stick_out, "tool"))
     if tool.corner == tool.radius:
         bodies.append(Body("sphere", (tool.radius,), "tool", (0.0, 0.0, up * tool.radius)))
     else:

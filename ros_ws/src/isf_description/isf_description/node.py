@@ -281,7 +281,8 @@ class CellStateNode(CellNode[CellStateParameters]):
             return
         vertices, triangles = surface(points, self._settings.sheet_points)
         self._scanned = True
-        frame = self._frame(message.header.frame_id or FRAME)
+        given = message.header.frame_id or FRAME
+        frame = self._frame(FRAME) if given == FRAME else given
         self._sheet.publish(sheet_marker(vertices, triangles, frame, message.header.stamp))
 
     def _on_contour(self, message: Contour) -> None:

@@ -15,6 +15,9 @@ LEAST_DEPTH = 1e-3
 FORMED = 0.2e-3
 """m; from the height of most of the sheet, beyond which a point is formed."""
 
+FAR = 10.0
+"""Half widths of the sheet from its middle, beyond which a point is none of it."""
+
 RIM = 4
 """Vertices on each side between the formed place and the edge of the sheet, where all is flat."""
 
@@ -23,9 +26,14 @@ def surface(points: Array, most: int) -> tuple[Array, Indices]:
     """Vertices (V, 3) m and triangles (T, 3) of ``points`` (P, 3) m, about ``most`` vertices across the formed place.
 
     The points of each cell of a grid, fine where the sheet is formed, become their mean. A cell that is empty, as where
-    a tool hid the sheet, is a hole. Points that are not finite are left out; fewer than four give no triangles.
+    a tool hid the sheet, is a hole. Points that are not finite, or far from all others as what a scanner writes where
+    it sees nothing, are left out; fewer than four give no triangles.
     """
     points = points[np.isfinite(points).all(axis=1)]
+    if len(points) >= 4:
+        away = np.abs(points - np.median(points, axis=0))
+        width = float(np.quantile(away[:, :2].max(axis=1), 0.95))
+        points = points[away.max(axis=1) <= FAR * width]
     if len(points) < 4:
         return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
     place, shape = [], []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -74,7 +75,7 @@ def _add_shape(element: Element, body: Body) -> None:
     elif body.shape == "sphere":
         SubElement(geometry, "sphere", radius=_number(body.size[0]))
     else:
-        SubElement(geometry, "mesh", filename=f"file://{body.file}", scale=_numbers(body.size))
+        SubElement(geometry, "mesh", filename=Path(body.file).as_uri(), scale=_numbers(body.size))
 
 
 def _add_joint(robot: Element, joint: Joint) -> None:

@@ -189,6 +189,13 @@ def test_a_cell_under_any_driver_is_seen() -> None:
         assert 400 <= len(path.poses) <= 500
         assert path.poses[-1].pose.position.z == -0.005
 
+        # A driver that knows of the prefix writes it itself.
+        scan = conversion.height_map_to_message(HeightMap(axis, axis, heights), Time(sec=8))
+        scan.header.frame_id = "cell_1/sheet"
+        viewer.scan.publish(scan)
+        assert viewer.wait(lambda: viewer.sheets[-1].header.stamp.sec == 8)
+        assert viewer.sheets[-1].header.frame_id == "cell_1/sheet"
+
         # The next part is on another rig, with a blank holder that comes down.
         viewer.job("tpif_cone")
         assert viewer.wait(lambda: "tpif_cone" in viewer.urdf[-1] and viewer.sheets[-1].type == Marker.CUBE)

@@ -16,7 +16,7 @@ from isf_core.geometry.hexapod import rotation, spif_a
 from isf_description.cell import HOLDER, describe, tip_frame
 from isf_description.joints import tool_positions
 from isf_description.surface import height_colours, surface
-from isf_description.tree import Body
+from isf_description.tree import Body, Description, Link
 from isf_description.urdf import STEEL, mass_properties, to_urdf
 from scipy.spatial.transform import Rotation
 from urdf_reading import Urdf, numbers
@@ -214,3 +214,29 @@ def test_the_deepest_place_has_the_end_of_the_scale_and_a_flat_sheet_its_beginni
     colours = height_colours(np.array([0.0, -0.02]))
     np.testing.assert_allclose(colours, [[0.99, 0.91, 0.14], [0.27, 0.0, 0.33]])
     assert height_colours(np.full(4, -1e-6)) == pytest.approx(np.tile([0.99, 0.91, 0.14], (4, 1)), abs=0.01)
+
+
+@pytest.mark.parametrize("nothing_seen", [1e6, 1e300, math.inf, math.nan])
+def test_what_a_scanner_writes_where_it_sees_nothing_does_not_change_the_surface(nothing_seen: float) -> None:
+    axis = np.linspace(-0.1, 0.1, 61)
+    x, y = np.meshgrid(axis, axis)
+    points = np.stack([x, y, np.where(np.hypot(x, y) < 0.05, -0.02, 0.0)], axis=-1).reshape(-1, 3)
+    vertices, triangles = surface(points, 50)
+    for bad in (np.full(3, nothing_seen), np.array([0.0, 0.0, nothing_seen])):
+        found, drawn = surface(np.vstack([points, bad]), 50)
+        np.testing.assert_allclose(found, vertices, atol=1e-12)
+        assert len(drawn) == len(triangles)
+
+
+def test_a_load_cell_close_to_the_tip_leaves_no_body_of_negative_length() -> None:
+    rig = load_rig("ren2018")
+    near = rig.model_copy(update={"load_cell": rig.load_cell.model_copy(update={"tip_distance": 5e-3})})
+    lengths = [float(body.get("length", 0.0)) for body in read(near).robot.iter("cylinder")]
+    assert lengths
+    assert min(lengths) > 0.0
+
+
+def test_the_mesh_of_a_die_is_an_url_that_viewers_can_open() -> None:
+    body = Body("mesh", (1e-3, 1e-3, 1e-3), "die", file="/parts of today/die 50%.stl")
+    text = to_urdf(Description("cell", (Link("die", (body,)),), ()))
+    assert 'filename="file:///parts%20of%20today/die%2050%25.stl"' in text
