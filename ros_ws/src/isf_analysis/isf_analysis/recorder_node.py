@@ -54,6 +54,9 @@ ERROR = int.from_bytes(DiagnosticStatus.ERROR, "little")
 
 DIAGNOSTICS = "/diagnostics"
 
+NODE_OF_A_CELL = "isf"
+"""``hardware_id`` of the cells' own nodes, whose names in ``/diagnostics`` begin with the namespace of their cell."""
+
 _COUNTED = ("STREAM", "LATCHED", "EVENT")
 """Kinds of delivery that are reliable and have one publisher: there a gap means a loss."""
 
@@ -166,13 +169,18 @@ class RecorderNode(CellNode[RecorderParameters]):
         names = [self.resolve_topic_name(topic.name) for topic in self._topics]
         self._recordings += 1
         self._output = self._first
-        if self._recordings > 1:  # activated once more, or the next fault: beside the one before
+        while self._recordings > 1:  # activated once more, or the next fault: beside the one before
             self._output = self._first.with_name(f"{self._first.name}-{self._recordings}")
+            if not self._output.exists():
+                break
+            self._recordings += 1  # of an earlier process: a fault is not lost for its name
+        self._told_left_out = False
         return Recording(
             self._output,
             list(zip(self._topics, names, strict=True)),
             self._storage,
             queue_size=round(values.queue_size * MEGABYTE),
+            before=() if self._ring is None else self._ring.messages(),
         )
 
     def deactivate(self) -> None:
@@ -280,13 +288,15 @@ class RecorderNode(CellNode[RecorderParameters]):
         return batch
 
     def _look_for_faults(self, batch: list[Message]) -> None:
-        """A node that begins to report an error makes the ring a bag."""
-        own = self.get_name()
+        """A node that begins to report an error makes the ring a bag; not one of another cell, nor this one."""
+        own, cell = self.get_fully_qualified_name(), self.get_namespace().rstrip("/") + "/"
         for number, _, data in batch:
             if self._topics[number].name != DIAGNOSTICS:
                 continue
             for status in deserialize_message(data, DiagnosticArray).status:
-                if int.from_bytes(status.level, "little") < ERROR or own in status.name:
+                if status.name == own or (status.hardware_id == NODE_OF_A_CELL and not status.name.startswith(cell)):
+                    continue
+                if int.from_bytes(status.level, "little") < ERROR:
                     self._faulty.discard(status.name)
                 elif status.name not in self._faulty:
                     self._faulty.add(status.name)
@@ -303,9 +313,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         except IsfError as error:
             self.report(error)
             return
-        self._told_left_out = False
         self.get_logger().warning(f"the last {self._ring.held / NANO:.1f} s go to {self._output}: {why}")
-        self._recording.add(self._ring.messages())
 
     def _snapshot(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """The ring as a bag now, because somebody wants it."""

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -313,6 +314,42 @@ def test_a_ring_is_written_when_a_node_reports_a_fault_and_when_asked(tmp_path: 
         assert [data for _, data in found["/tool_1/wrench"]][-100:] == [wrench_bytes(number) for number in range(100)]
         assert len(found["/part/info"]) >= 1
     assert not (tmp_path / "bag-3").exists()
+
+
+def test_the_fault_of_another_cell_is_not_kept_and_a_name_that_is_taken_loses_none(
+    tmp_path: Path, observer: Node
+) -> None:
+    bag = tmp_path / "bag"
+    (tmp_path / "bag-2").mkdir()  # of a recorder before
+    faults = observer.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    state = {"own": DiagnosticStatus.OK}
+
+    def publish(number: int) -> None:
+        machine = partial(DiagnosticStatus, hardware_id="isf")
+        other = machine(name="/cell_b/recorder", level=DiagnosticStatus.ERROR, message=f"other {number}")
+        own = machine(name="/cell_a/my_recorder_of_forces", level=state["own"], message="own")
+        faults.publish(DiagnosticArray(status=[other, own]))
+
+    def heard_of_other() -> bool:
+        publish(0)
+        return any(value.isdecimal() and int(value) > 10 for value in received(observer))
+
+    with recorder(bag, remap="__ns:=/cell_a", ring=300.0, ring_after=0.2) as process:
+        assert spin_until(observer, heard_of_other)
+        assert not bag.exists()
+        for taken in (bag, tmp_path / "bag-3"):
+            state["own"] = DiagnosticStatus.ERROR
+
+            def closed(folder: Path = taken) -> bool:
+                publish(1)
+                return (folder / "metadata.yaml").exists()
+
+            assert spin_until(observer, closed)
+            state["own"] = DiagnosticStatus.OK
+            publish(2)
+        text = end(process, signal.SIGINT)
+    assert text.count("recorded") == 2
+    assert "/cell_b" not in text
 
 
 def recovered(bag: Path, folder: Path) -> list[bytes]:

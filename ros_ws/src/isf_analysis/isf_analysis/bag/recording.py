@@ -32,7 +32,8 @@ class Recording:
     """A bag being filled by a thread of its own.
 
     ``topics`` are (topic, absolute name) pairs, by whose number messages are given. At most ``queue_size`` bytes of
-    messages wait for the disk; ``left_out`` counts what did not fit, by number of the topic.
+    messages wait for the disk; ``left_out`` counts what did not fit, by number of the topic. The messages ``before`` it
+    began are written first, all of them: they are in memory already.
 
     Raises
     ------
@@ -46,6 +47,7 @@ class Recording:
         storage: Storage | None = None,
         *,
         queue_size: int = 256_000_000,
+        before: Sequence[Message] = (),
     ) -> None:
         self.path = path
         self.written = 0
@@ -56,11 +58,12 @@ class Recording:
         self._connections = [self._bag.add(topic, name) for topic, name in topics]
         self._at_once = {number for number, (topic, _) in enumerate(topics) if topic.delivery in AT_ONCE}
         self._queue: queue.SimpleQueue[Sequence[Message] | None] = queue.SimpleQueue()
-        self._queue_size = queue_size
+        self._queue_size = queue_size + sum(len(data) for _, _, data in before)
         self._taken = self._taken_bytes = 0  # of this thread
         self._written_bytes = 0  # of the writer's
         self._thread = threading.Thread(target=self._write, name="bag writer", daemon=True)
         self._thread.start()
+        self.add(before)
 
     def add(self, messages: Sequence[Message]) -> None:
         """Take messages to be written; returns at once."""
