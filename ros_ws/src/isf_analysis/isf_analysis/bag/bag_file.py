@@ -130,6 +130,8 @@ class _Database(Sqlite3Writer):
             self.path, check_same_thread=False
         )  # made by one thread, filled by another
         self.cursor = self.conn.cursor()
+        # to the file with a commit alone: readers of rosbag2 and rosbags do not look into the journal of a transaction
+        self.cursor.execute("PRAGMA cache_spill = OFF")
 
     def flush(self) -> None:
         """Hand everything written so far to the operating system."""

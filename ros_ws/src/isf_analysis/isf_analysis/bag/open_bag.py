@@ -30,7 +30,9 @@ from rosbags.typesys.store import Typestore
 from isf_analysis.bag import repair
 from isf_analysis.bag.topics import cell_types
 
-ENDED_BY_FORCE = "the recorder was ended by force; the bag is read as far as it goes"
+ENDED_BY_FORCE = (
+    "the bag is not closed: its recorder was ended by force, or still records; it is read as far as it goes"
+)
 
 RECORD_WITH = "record the run with the cell's recorder: ./isf record, ./isf form"
 
@@ -112,12 +114,12 @@ class OpenBag:
 
     @property
     def connections(self) -> list[Connection]:
-        """Topics with their types and the messages of all readers."""
+        """Topics with their types and the messages of all readers; numbered anew, since each reader counts from 0."""
         found: dict[tuple[str, str], Connection] = {}
         for item in (connection for reader in self.readers for connection in reader.connections):
             first = found.get((item.topic, item.msgtype))
             found[item.topic, item.msgtype] = item if first is None else _with_messages_of(first, item)
-        return list(found.values())
+        return [item._replace(id=number) for number, item in enumerate(found.values())]
 
     @property
     def message_count(self) -> int:
@@ -404,7 +406,7 @@ def _open(path: Path, stack: ExitStack) -> tuple[list[Reader], list[str]]:
     if not path.exists():
         raise unreadable(path, "no such bag", advice="check the path; it is relative to here")
     try:
-        if path.is_file() or (path / "metadata.yaml").is_file():
+        if (path.is_file() and not repair.in_transaction(path)) or (path / "metadata.yaml").is_file():
             return [_reader(path, stack)], []
     except Exception as error:  # as above: whatever a damaged file causes
         if path.is_file() and path.suffix != ".mcap":
@@ -444,8 +446,10 @@ def _reader(path: Path, stack: ExitStack) -> Reader:
 
 def _reader_of_part(bag: Path, file: Path, stack: ExitStack, notes: list[str]) -> Reader:
     """Of one file of a bag that was not closed: only its last file is not whole."""
+    cut = repair.in_transaction(file)
     try:
-        return _reader(file, stack)
+        if not cut:
+            return _reader(file, stack)
     except Exception as error:
         if file.suffix != ".mcap":
             raise unreadable(bag, f"{file.name} cannot be read: {error}") from error
@@ -453,7 +457,9 @@ def _reader_of_part(bag: Path, file: Path, stack: ExitStack, notes: list[str]) -
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="isf_bag_")))
     whole = folder / file.name
     try:
-        if not repair.whole_records(file, whole):
+        if cut:
+            repair.rolled_back(file, whole)
+        elif not repair.whole_records(file, whole):
             raise unreadable(bag, f"{file.name} is not an MCAP file or is empty")
         return _reader(whole, stack)
     except IsfError:

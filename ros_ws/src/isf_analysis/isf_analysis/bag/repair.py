@@ -4,12 +4,17 @@ An MCAP file is a magic number, records (one byte of opcode, eight of length, co
 magic number again. A killed writer leaves the first two, the last record possibly cut. The readable copy ends after the
 last whole record and gets a footer that says "no index"; readers then scan the records. Source: MCAP format
 specification 0, sections "Records", "Footer".
+
+A killed writer of SQLite leaves a journal beside the database: what its last transaction overwrote. SQLite itself puts
+it back in the readable copy.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import BinaryIO
 
@@ -33,6 +38,26 @@ def whole_records(damaged: Path, repaired: Path) -> bool:
             target.write(_record(_FOOTER, bytes(20)))  # no summary, no checksum
             target.write(MAGIC)
     return True
+
+
+def in_transaction(file: Path) -> bool:
+    """True for an SQLite file whose writer was ended within a transaction, or is writing."""
+    return file.suffix == ".db3" and _journal(file).is_file()
+
+
+def rolled_back(damaged: Path, repaired: Path) -> None:
+    """Copy the SQLite file ``damaged`` as it was after its last whole transaction to the new file ``repaired``.
+
+    Raises OSError, sqlite3.Error.
+    """
+    shutil.copyfile(_journal(damaged), _journal(repaired))  # first: without it the copy would look whole
+    shutil.copyfile(damaged, repaired)
+    with closing(sqlite3.connect(repaired)) as database:
+        database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+
+
+def _journal(file: Path) -> Path:
+    return file.with_name(f"{file.name}-journal")
 
 
 def _end_of_whole_records(source: BinaryIO) -> int | None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+import sqlite3
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import pytest
-from isf_analysis.bag import topics
+from isf_analysis.bag import playback, topics
 from isf_analysis.bag.bag_file import BagFile, Storage
 from isf_analysis.bag.copy import copy_bag
 from isf_analysis.bag.open_bag import ENDED_BY_FORCE, open_bag
@@ -96,6 +98,57 @@ def test_a_file_begun_and_not_written_costs_nothing_of_the_others(tmp_path: Path
     assert wrenches(left) == SENT
 
 
+def test_files_with_topics_of_their_own_are_one_bag(tmp_path: Path) -> None:
+    """Each file counts its topics from its own begin; ros2 bag record names in a file only what came into it."""
+    left = tmp_path / "killed"
+    left.mkdir()
+    for number, both in enumerate([(topics.JOB, WRENCH), (topics.NOMINAL, topics.JOB)]):
+        bag = BagFile(tmp_path / f"one_{number}")
+        for item in [bag.add(topic) for topic in both]:
+            bag.write(item, number + 1, f"{number}{item.topic}".encode())
+        bag.close()
+        shutil.copy(tmp_path / f"one_{number}" / f"one_{number}.mcap", left)
+    with open_bag(left) as bag:
+        found = bag.connections
+        assert [item.topic for item in found] == ["/part/info", "/tool_1/wrench", "/contour/nominal"]
+        assert len({item.id for item in found}) == 3
+        assert [item.msgcount for item in found] == [2, 1, 1]
+        known = {item.id: item.topic for item in found}
+        for message in playback.in_order(bag, found):
+            assert message.data.decode()[1:] == message.connection.topic == known[message.connection.id]
+        before = playback.latched_before(bag, found, begin=3)
+        assert {item.data.decode() for item in before} == {"1/part/info", "1/contour/nominal"}
+
+
+def test_a_transaction_that_a_kill_cut_is_taken_back(tmp_path: Path) -> None:
+    left = recorded(tmp_path / "bag", Storage(storage="sqlite3"), closed=False)
+    with closing(sqlite3.connect(left / "bag.db3")) as writer:
+        writer.execute("PRAGMA cache_size = 1")
+        writer.execute("PRAGMA cache_spill = 1")
+        writer.execute("UPDATE messages SET timestamp = 7, data = zeroblob(3000)")
+        cut = tmp_path / "cut"
+        shutil.copytree(left, cut)
+    assert (cut / "bag.db3").read_bytes().count(bytes(2000)) > 10  # what is in the file is half of a transaction
+    assert wrenches(cut) == wrenches(cut / "bag.db3") == SENT
+    with open_bag(cut) as bag:
+        assert bag.notes == [ENDED_BY_FORCE]
+    assert (cut / "bag.db3-journal").exists()  # the bag itself is left as it is
+
+
+def test_an_sqlite_file_is_whole_between_two_commits(tmp_path: Path) -> None:
+    """The independent reader does not look into the journal, and may come at any time."""
+    bag = BagFile(tmp_path / "bag", Storage(storage="sqlite3"))
+    wrench = bag.add(WRENCH)
+    bag.write(wrench, *SENT[0])
+    bag.flush()
+    for time, _ in SENT[1:]:
+        bag.write(wrench, time, bytes(100_000))  # more than SQLite holds in memory of itself
+    with Reader(tmp_path / "bag" / "bag.db3") as reader:
+        assert [(time, bytes(data)) for _, time, data in reader.messages()] == SENT[:1]
+    bag.close()
+    assert len(wrenches(tmp_path / "bag")) == len(SENT)
+
+
 def test_more_than_ten_files_stay_in_order(tmp_path: Path) -> None:
     left = recorded(tmp_path / "bag", Storage(split_size=8 * len(SENT[0][1])), closed=False)
     assert len(list(left.glob("*.mcap"))) == 13
@@ -135,6 +188,16 @@ def test_a_storage_that_cannot_be_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(IsfError) as caught:
         Storage(**wrong)  # type: ignore[arg-type]
     assert caught.value.code == ErrorCode.BAG_NOT_WRITABLE
+
+
+def test_what_was_before_the_recording_is_written_whatever_its_size(tmp_path: Path) -> None:
+    size = len(SENT[0][1])
+    before = [(0, time, data) for time, data in SENT[:80]]
+    recording = Recording(tmp_path / "bag", [(WRENCH, "/tool_1/wrench")], queue_size=20 * size, before=before)
+    recording.add([(0, time, data) for time, data in SENT[80:]])  # as much as may wait
+    recording.close()
+    assert not recording.left_out
+    assert wrenches(tmp_path / "bag") == SENT
 
 
 def test_what_the_disk_does_not_follow_is_counted_and_never_a_result(
