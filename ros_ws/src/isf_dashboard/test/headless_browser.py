@@ -52,10 +52,13 @@ class Browser:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        self._socket.close()
+        self._loop.run_until_complete(self._left())
         self._process.terminate()
         self._process.wait(10.0)
         self._loop.close()
+
+    async def _left(self) -> None:
+        self._socket.close()
 
     def call(self, method: str, **parameters: Any) -> Any:
         """Result of a method of the protocol."""

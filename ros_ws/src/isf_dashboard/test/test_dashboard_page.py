@@ -150,7 +150,7 @@ def test_a_running_cell_is_stopped_by_button_and_key(browser: Browser, part: Par
         browser.until("document.getElementById('answer').textContent === 'pause is done'")
         assert cell.told[0] == "stop"
         assert sorted(set(cell.told)) == ["pause", "stop"]
-        assert cell.told.count("stop") == 3
+        assert 2 <= cell.told.count("stop") <= 3  # one that comes while another is carried out joins it
         history.set_status({**status, "paused": True})
         browser.until("document.getElementById('pause').textContent === 'Resume'")
         key(browser, " ")  # does not go on: it leads to the button

@@ -174,7 +174,10 @@ class MachineNode(CellNode[MachineParameters]):
                 self.finish_tick(machine, machine.sample())
 
     def close(self) -> None:
-        self._let_go()
+        try:
+            self._let_go()
+        except Exception as error:  # the node ends all the same, in order
+            self.fault(error, "release of the tools at the end")
         self.stop_thread()
 
     def _let_go(self) -> None:
@@ -184,6 +187,8 @@ class MachineNode(CellNode[MachineParameters]):
             return
         if not machine.faulted:
             self.stop_machine("the node is told to end, or to be inactive, with tools that are loaded or moving")
+        elif self.in_lockstep and self._release is not None:
+            self._release_contact(machine)  # where a fault of this software broke it off
         deadline, pause = time.monotonic() + LONGEST_RELEASE, threading.Event()
         while self._thread is not None and (machine.loaded or machine.moving) and time.monotonic() < deadline:
             pause.wait(0.01)

@@ -255,7 +255,7 @@ def _judged(plan: Plan, cell: FaultCell | CommandCell, kind: FaultKind, number: 
     injection = _Injection(cell, kind, contour, chance.uniform(*WITHIN) * whole.length[contour], chance)
     injection.start()
     code, said, contours = cell.form()
-    if code == ErrorCode.CANCELLED and ErrorCode.CANCELLED not in kind.right:
+    if code == ErrorCode.CANCELLED and (ErrorCode.CANCELLED not in kind.right or not injection.wall):
         raise IsfError(ErrorCode.CANCELLED, "the campaign was stopped", advice="the same command goes on with it")
     injection.join()
     case = Case(kind.name, number, plan.seed, kind.lockstep, contour, injection.load, code, said)

@@ -6,7 +6,7 @@ import fcntl
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from isf_core.errors import ErrorCode, IsfError
@@ -26,19 +26,29 @@ def alone_in_domain() -> Iterator[None]:
     """
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"
     try:
-        number = os.open(lock_file(domain), os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
-    except OSError:  # of another user, or no place for it: what answers in the domain is still looked at
+        number = _opened(lock_file(domain))
+    except OSError:  # no place for it: what answers in the domain is still looked at
         yield
         return
-    with os.fdopen(number, "r+") as file:
+    try:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise busy(domain, f" (process {holder})" if (holder := file.read(20).strip()) else "") from error
-        file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
+            holder = os.read(number, 20).decode(errors="replace").strip()
+            raise busy(domain, f" (process {holder})" if holder else "") from error
+        with suppress(OSError):  # the file of another user
+            os.ftruncate(number, 0)
+            os.write(number, str(os.getpid()).encode())
         yield
+    finally:
+        os.close(number)
+
+
+def _opened(path: Path) -> int:
+    try:
+        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+    except PermissionError:  # made by another user: it can be locked all the same
+        return os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
 
 
 def busy(domain: str, who: str = "") -> IsfError:

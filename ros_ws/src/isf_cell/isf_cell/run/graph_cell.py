@@ -424,13 +424,18 @@ class GraphCell:
         return error
 
     def stop(self, error: IsfError) -> None:
-        """Each step may fail without stopping the next; only time limits count, the part has failed already."""
-        if error.code in (ErrorCode.CANCELLED, ErrorCode.SHEET_TORN) or not self._machine.offer.stop:
+        """Each step may fail without stopping the next; only time limits count, the part has failed already.
+
+        A part that was cancelled, or is torn, is left by force_ctrl, along its path; where it does not do so in time
+        the machine releases the tools.
+        """
+        by_machine = self._machine.offer.stop
+        if error.code in (ErrorCode.CANCELLED, ErrorCode.SHEET_TORN) or not by_machine:
             self._attempt(lambda: self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), _no_watch))
             release = Arm.Request(plan_id="")
             self._attempt(lambda: self._client.call(Arm, "force_ctrl/arm", release, _no_watch))
-            self._attempt(self._wait_until_lifted)
-        elif MACHINE not in self._monitor.dead():  # else nobody would answer
+            by_machine = not self._attempt(self._wait_until_lifted) and by_machine
+        if by_machine and MACHINE not in self._monitor.dead():  # else nobody would answer
             self._attempt(lambda: self._machine.stop(f"part ended with {error.code.name}", self._watch_machine))
 
     def finish(self) -> None:
@@ -570,11 +575,14 @@ class GraphCell:
                 advice="the machine holds and releases contact; see the log of the node, restart it",
             )
 
-    def _attempt(self, action: Callable[[], Any]) -> None:
+    def _attempt(self, action: Callable[[], Any]) -> bool:
+        """False when it failed, which the operator is told."""
         try:
             action()
         except IsfError as error:
             self._operator.phase(f"while ending the part: {error}")
+            return False
+        return True
 
     def _info(self, goal: PartGoal, planned: PlannedPart) -> JobInfo:
         job, options, offer = goal.job_file.job, goal.options, self._machine.offer

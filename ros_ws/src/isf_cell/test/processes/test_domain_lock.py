@@ -56,3 +56,19 @@ def test_without_a_place_for_the_lock_what_answers_in_the_domain_is_left_to_tell
     (folder / f"isf_cell_domain_{domain}.lock").symlink_to(folder / "elsewhere")  # another user's trap
     with alone_in_domain():
         assert not (folder / "elsewhere").exists()
+
+
+def test_a_file_that_may_only_be_read_is_locked_all_the_same(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As that of another user."""
+    domain_lock.lock_file(os.environ.get("ROS_DOMAIN_ID") or "0").write_text("")
+    opened = os.open
+
+    def refusing(path: Path, flags: int, mode: int = 0o777) -> int:
+        if flags & os.O_RDWR:
+            raise PermissionError(13, "Permission denied")
+        return opened(path, flags, mode)
+
+    monkeypatch.setattr(domain_lock.os, "open", refusing)
+    with alone_in_domain(), pytest.raises(IsfError) as caught:
+        alone_in_domain().__enter__()
+    assert caught.value.code is ErrorCode.BUSY

@@ -41,6 +41,7 @@ def test_the_tools_wait_as_long_as_the_executive_lives_and_leave_the_sheet_when_
     executive = Executive(cell)
     cell.armed(count=3)
     assert cell.form(small_ring(0, 3)).code == 0
+    assert cell.wait(lambda: heights)  # the middleware may find who publishes them later than the results
     on_sheet = heights[-1]
     assert not cell.wait(lambda: len(cell.results) > 1, timeout=3.0)  # longer than contour_wait: a long correction
     assert cell.states[-1].mode == ForceCtrlState.FREEZE
