@@ -74,9 +74,12 @@ def quaternion_of(axis: Sequence[float] | Array) -> tuple[float, float, float, f
 
 
 def axis_of_quaternion(quaternion: Sequence[float]) -> tuple[float, float, float]:
-    """Axis (3,) of the orientation (x, y, z, w), whatever its roll and length; NaN where all four are 0."""
+    """Axis (3,) of the orientation (x, y, z, w), whatever its roll and length.
+
+    NaN where all four are 0 or one is not finite.
+    """
     x, y, z, w = (float(value) for value in quaternion)
-    if x == 0.0 and y == 0.0 and w != 0.0:
+    if x == 0.0 and y == 0.0 and w != 0.0 and math.isfinite(z + w):
         return UPRIGHT
     size = x * x + y * y + z * z + w * w
     if not size > 0.0:

@@ -40,6 +40,14 @@ def test_an_upright_tool_has_exactly_no_rotation() -> None:
     assert all(map(math.isnan, tool_axis.axis_of_quaternion((0.0, 0.0, 0.0, 0.0))))
 
 
+@pytest.mark.parametrize("place", range(4))
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_an_orientation_that_is_not_finite_is_no_axis(place: int, value: float) -> None:
+    quaternion = [0.0, 0.0, 0.0, 1.0]
+    quaternion[place] = value
+    assert any(map(math.isnan, tool_axis.axis_of_quaternion(quaternion)))
+
+
 @settings(max_examples=60, deadline=None)
 @given(leaning, leaning, st.floats(0.0, 1.0))
 def test_axes_in_between_are_on_the_great_circle(
