@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from isf_core.contour import Contour, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.geometry.tool_axis import UPRIGHT
+from isf_core.geometry.tool_axis import UNIT_TOLERANCE, UPRIGHT
 from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -95,6 +95,12 @@ class ForceController:
         if self.busy:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         tips, override = tips_of(tip_1, tip_2), contour_support_force_override
+        if not abs(math.hypot(*axis) - 1.0) <= UNIT_TOLERANCE:
+            raise IsfError(
+                ErrorCode.NOT_ARMED,
+                "the axis of tool_1 is not known",
+                advice="the driver gives the orientation of the tool on tool_1/pose, the identity for an upright one",
+            )
         self._plan = armed_plan(plan_id, first_index, count, tips, override)
         config = self.config
         self._laws, self._watch = ControlLaws(config), WrenchWatch(config)

@@ -351,6 +351,8 @@ def test_nothing_moves_before_arming():
         (("plan", 1, 1, PARK_1, PARK_2), "no contours"),
         (("plan", 0, 1, (0.0, 0.0, float("nan")), PARK_2), "positions"),
         (("plan", 0, 1, PARK_1, PARK_2, -5.0), "support force"),
+        (("plan", 0, 1, PARK_1, PARK_2, None, (float("nan"),) * 3), "axis of tool_1"),
+        (("plan", 0, 1, PARK_1, PARK_2, None, (0.0, 0.0, 0.0)), "axis of tool_1"),
     ],
 )
 def test_arming_is_checked(arguments, match):

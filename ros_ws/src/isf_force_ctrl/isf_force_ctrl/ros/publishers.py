@@ -66,10 +66,10 @@ class ForceCtrlPublishers:
         message.settings = config.to_json()
         self._armed.publish(message)
 
-    def start(self, tip_1: Vector, tip_2: Vector, rate: float) -> None:
-        """Targets follow, ``rate`` per second; the tools are at ``tip_1``, ``tip_2`` m."""
+    def start(self, tip_1: Vector, tip_2: Vector, rate: float, axis: Vector = UPRIGHT) -> None:
+        """Targets follow, ``rate`` per second; the tools are at ``tip_1``, ``tip_2`` m, tool 1 with its ``axis``."""
         self.has_targets = False
-        self._twists = [TargetTwist(tip, rate) for tip in (tip_1, tip_2)]
+        self._twists = [TargetTwist(tip_1, rate, axis), TargetTwist(tip_2, rate)]
 
     def measured(self, tool: int, tip: Vector) -> None:
         """The tip (3,) m of ``tool`` (1, 2) that the machine reported."""
@@ -179,10 +179,10 @@ MAXIMUM_PULL = 0.01
 class TargetTwist:
     """Velocity (3,) m/s of one tool from its targets (3,) m, one per period of 1 / ``rate`` s, and its measured tip."""
 
-    def __init__(self, start: Vector, rate: float) -> None:
-        """``start``: where the tool is, m."""
+    def __init__(self, start: Vector, rate: float, axis: Vector = UPRIGHT) -> None:
+        """``start``: where the tool is, m ; ``axis``: (3,) unit, how it stands."""
         self._last, self._rate = start, rate
-        self._axis: Vector = UPRIGHT
+        self._axis = axis
         self.measured: Sequence[float] = start
         """(3,) m, newest measured tip."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -90,6 +91,15 @@ def test_twists_lead_along_the_targets() -> None:
     assert law.step((1e-5, 0.0, -2e-5)) == pytest.approx((5e-3, 0.0, -1e-2))
     law.measured = (1e-5, 0.0, -2e-5)
     assert law.step((1e-5, 0.0, -2e-5)) == (0.0, 0.0, 0.0)
+
+
+def test_a_tool_that_is_armed_tilted_is_turned_from_where_it_stands() -> None:
+    def leaning(degrees: float) -> tuple[float, float, float]:
+        return math.sin(math.radians(degrees)), 0.0, math.cos(math.radians(degrees))
+
+    law = TargetTwist((0.0, 0.0, 0.05), 500.0, leaning(20.0))
+    assert law.turn(leaning(20.0)) == (0.0, 0.0, 0.0)
+    assert law.turn(leaning(19.98)) == pytest.approx((0.0, -math.radians(10.0), 0.0), abs=1e-6)  # rad/s: 10 deg/s back
 
 
 def test_the_pull_is_limited_in_size() -> None:
