@@ -47,6 +47,7 @@ class CellStateParameters:
     job: str = parameter("", "job file that says tools and rig, where no executive publishes part/info")
     rig: str = parameter("", "rig (name or path) to describe before a job is known")
     base_folder: str = parameter("", "folder that relative paths of the job in part/info refer to, instead of its own")
+    wrench_frame: str = parameter(FRAME, "frame_id that wrenches must have, as of force_ctrl")
     lockstep: bool = parameter(True, "stamps are taken as they are; false: one left at zero is the time of arrival")
     frame_prefix: str = parameter("", "before the name of every frame, such as cell_1/, where cells share /tf")
     publish_tf: bool = parameter(True, "false: robot_state_publisher makes the frames from joint_states")
@@ -63,7 +64,6 @@ class Tool:
         self.number = number
         self.pose: PoseStamped | None = None  # that is not published yet
         self.stamp: Any = None  # of the pose that was published last
-        self.told = ""  # what is wrong with its poses
         self.wrench: WrenchStamped | None = None
         self.wrenches: Any = None  # subscription
 
@@ -78,6 +78,7 @@ class CellStateNode(CellNode[CellStateParameters]):
         self._joints: dict[str, Joint] = {}
         self._positions: Positions = {}
         self._states: Any = None  # subscription
+        self._wrong: dict[str, str] = {}  # by topic, what is wrong with its messages
         self._viewers = 0
         self._published = 0
 
@@ -86,6 +87,7 @@ class CellStateNode(CellNode[CellStateParameters]):
         self._settings = p = self.values()
         self._plan = ""
         self._scanned = False
+        self._wrong = {}
         self._tools = (Tool(1), Tool(2))
         self._description = self.create_publisher(String, "robot_description", qos.LATCHED)
         self._joint_states = self.create_publisher(JointState, "joint_states", qos.STREAM)
@@ -137,7 +139,7 @@ class CellStateNode(CellNode[CellStateParameters]):
         except IsfError as error:
             self.warn(error)
             return
-        if self._plan or not self._scanned:  # else the scan that is latched is of this part
+        if self._plan:  # else the scan that is latched is of this part
             self._scanned = False
         self._plan = message.plan_id
         self._take(job_file.rig, job_file)
@@ -185,9 +187,7 @@ class CellStateNode(CellNode[CellStateParameters]):
             if pose is not None and (found := self._found(tool, pose, reach)):
                 news.setdefault(stamps.to_nanoseconds(tool.stamp), {}).update(found)
         viewers = 0 if self._tf is None else self._tf.get_subscription_count()
-        if (
-            not news and viewers > self._viewers
-        ):  # one that comes while nothing moves, as after a part, sees the cell too
+        if not news and viewers > self._viewers:  # who comes while nothing moves, as after a part, sees the cell too
             for tool in self._tools:
                 if tool.stamp is not None:
                     names = (name for name in self._positions if name.startswith(_own(tool)))
@@ -204,19 +204,15 @@ class CellStateNode(CellNode[CellStateParameters]):
             pose.header.stamp = stamp = self._now()
         if stamp == tool.stamp:
             return {}  # tf2 complains of what it has got already
+        topic = f"tool_{tool.number}/pose"
         try:
-            self._check_frame(pose)
+            self._check_frame(pose, topic)
             here, turn = pose.pose.position, pose.pose.orientation
             found = reach((here.x, here.y, here.z), (turn.x, turn.y, turn.z, turn.w))
         except IsfError as error:
-            if tool.told != str(error):
-                tool.told = str(error)
-                self.warn(error)
+            self._tell_wrong(topic, error)
             return {}
-        if tool.told:
-            tool.told = ""
-            if not any(other.told for other in self._tools):
-                self.report_ok()
+        self._tell_well(topic)
         tool.stamp = stamp
         found = {name: value for name, value in found.items() if name in self._joints}
         self._positions.update(found)
@@ -240,33 +236,58 @@ class CellStateNode(CellNode[CellStateParameters]):
             self._tf.publish(TFMessage(transforms=transforms))
         self._published += 1
 
-    def _check_frame(self, pose: PoseStamped) -> None:
+    def _check_frame(self, pose: PoseStamped, topic: str) -> None:
         frame = pose.header.frame_id
         if frame not in (FRAME, self._frame(FRAME)):
             raise IsfError(
                 ErrorCode.POSE_LOST,
                 f"a pose is in frame '{frame}', not '{FRAME}'",
-                where="tool_k/pose",
+                where=topic,
                 advice="the driver has to give the tip in frame sheet",
             )
+
+    def _tell_wrong(self, topic: str, error: IsfError) -> None:
+        """Warn of messages that are left out; once, until they are well."""
+        if self._wrong.get(topic) != str(error):
+            self._wrong[topic] = str(error)
+            self.warn(error)
+
+    def _tell_well(self, topic: str) -> None:
+        if self._wrong.pop(topic, None) is not None and not self._wrong:
+            self.report_ok()
 
     # -- wrenches, only while somebody looks -------------------------------------------------------
 
     def _follow_wrenches(self, rig: Rig) -> None:
         for tool, publisher in zip(self._tools, self._tip_wrenches, strict=True):
+            topic = f"tool_{tool.number}/wrench"
             wanted = publisher.get_subscription_count() > 0
             if wanted and tool.wrenches is None:
-                topic = f"tool_{tool.number}/wrench"
                 tool.wrenches = self.create_subscription(
                     WrenchStamped, topic, partial(self._on_wrench, tool), qos.SENSOR
                 )
             elif not wanted:
                 self._drop(tool.wrenches)
                 tool.wrenches = None
+                self._tell_well(topic)
             wrench, tool.wrench = tool.wrench, None
-            if wrench is not None:
-                wrench.header.frame_id = self._frame(tip_frame(rig, tool.number))
-                publisher.publish(wrench)
+            if wrench is None:
+                continue
+            frame, expected = wrench.header.frame_id, self._settings.wrench_frame
+            if frame not in (expected, self._frame(expected)):  # its axes are others: the arrow would point elsewhere
+                self._tell_wrong(
+                    topic,
+                    IsfError(
+                        ErrorCode.WRENCH_FRAME,
+                        f"a wrench is in frame '{frame}', not '{expected}'",
+                        where=topic,
+                        advice="turn it into axes of the sheet, or set wrench_frame where only the name differs",
+                    ),
+                )
+                continue
+            self._tell_well(topic)
+            wrench.header.frame_id = self._frame(tip_frame(rig, tool.number))
+            publisher.publish(wrench)
 
     def _on_wrench(self, tool: Tool, message: WrenchStamped) -> None:
         tool.wrench = message

@@ -172,6 +172,19 @@ def test_a_cell_under_any_driver_is_seen() -> None:
 
         assert viewer.wait(heard)
         assert (viewer.wrenches[-1].header.frame_id, viewer.wrenches[-1].wrench.force.z) == ("cell_1/tool_1", 340.0)
+
+        # In axes that are not those of the sheet: told, and not shown as if they were.
+        wrench.header.frame_id, wrench.wrench.force.z = "ft_sensor", 1.0
+        viewer.wrenches.clear()
+
+        def refused() -> bool:
+            viewer.force.publish(wrench)
+            return "1211 WRENCH_FRAME" in viewer.health["text"] and "'ft_sensor'" in viewer.health["text"]
+
+        assert viewer.wait(refused)
+        wrench.header.frame_id, wrench.wrench.force.z = "sheet", 2.0
+        assert viewer.wait(lambda: heard() and viewer.health["text"] == "ok")
+        assert 1.0 not in {message.wrench.force.z for message in viewer.wrenches}
         viewer.node.destroy_subscription(looking)
         assert viewer.wait(lambda: viewer.node.count_subscribers("tool_1/wrench") == 0)
 
