@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from isf_analysis.measures.force_metrics import BAND
+from isf_analysis.measures.percent import in_percent
 
 WITHIN_BAND = 0.99
 """Share of the time in full force control in which the force should be in its band (Ren 2018, 2.4: +-10 N; assumed)."""
@@ -46,8 +47,7 @@ def _shape(numbers: Numbers) -> list[str]:
     if in_tolerance(numbers):
         return failed
     shape, share = numbers["tolerance"]["shape_mm"], numbers["tolerance"]["share"]
-    # rounded down: a share that falls short never reads as the wanted one
-    reported = f"{int(1e3 * within) / 10:g} % of the points are within {shape:g} mm, {100 * share:g} % are wanted"
+    reported = f"{in_percent(within, 1):g} % of the points are within {shape:g} mm, {100 * share:g} % are wanted"
     out = f"error out of tolerance: {reported}; largest {deviation['max_mm']:.2f} mm"
     if numbers["correction"] in ("", "none"):
         return [out, "springback was not corrected"]

@@ -18,6 +18,7 @@ from isf_core.files.yaml_file import find_named
 from isf_analysis.figures.shape_figures import REGION_LABELS
 from isf_analysis.measures.deviation import REGIONS
 from isf_analysis.measures.force_metrics import by_place, force_metrics
+from isf_analysis.measures.percent import percent as as_percent
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.verdict import WITHIN_BAND, in_tolerance
 
@@ -164,10 +165,8 @@ def force_table(force: Numbers) -> str:
 
 
 def percent(fraction: float | None, digits: int = 2) -> str:
-    """Fraction as percent; never rounded up to 100 %."""
-    if fraction is None:
-        return DASH
-    return "100 %" if fraction == 1.0 else f"{min(100 * fraction, 100 - 10**-digits):.{digits}f} %"
+    """As of isf_analysis.measures.percent, with a dash for what is not known."""
+    return DASH if fraction is None else as_percent(fraction, digits)
 
 
 def job_table(record: PartRecord) -> str:

@@ -104,6 +104,8 @@ class PartProgress:
 
 def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None) -> None:
     """The numbers of a part as a table, beside those of the uncorrected reference when there is one."""
+    from isf_analysis.measures.percent import percent
+
     title = f"{summary.get('job', 'part')}: {summary.get('contours', 0)} contours"
     own = str(summary.get("correction", "result"))
     table = table_of(title, "", "uncorrected", own) if reference else table_of(title, "", own)
@@ -121,9 +123,9 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
         value = found(source, path)
         return "-" if value is None else f"{value:.{digits}f}"
 
-    def percent(source: Mapping[str, Any] | None, *path: str) -> str:
+    def share(source: Mapping[str, Any] | None, *path: str) -> str:
         value = found(source, path)
-        return "-" if value is None else f"{100.0 if value == 1.0 else min(100.0 * value, 99.9):.1f} %"
+        return "-" if value is None else percent(value, 1)
 
     for key, label in (("max_mm", "max error"), ("mean_abs_mm", "mean error"), ("rms_mm", "rms error")):
         row(
@@ -134,8 +136,8 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
     whole = ("deviation", "regions", "wall_and_base", "within_tolerance_fraction")
     row(
         f"points in tolerance ({number(summary, 'tolerance', 'shape_mm')} mm), wall and base",
-        percent(summary, *whole),
-        percent(reference, *whole),
+        share(summary, *whole),
+        share(reference, *whole),
     )
     force = summary.get("force") or {}
     if force.get("set_N"):
