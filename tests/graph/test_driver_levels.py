@@ -186,7 +186,7 @@ def test_streams_alone(cell: Cell) -> None:
 def test_with_tare_and_stop_and_its_end_in_mid_part(cell: Cell) -> None:
     with driver(2) as process:
         assert_formed(cell, cell.form("method: none\n  scan_every: 1"))
-        assert lifted_after(cell) == {1}  # not for a scan that nobody makes
+        assert lifted_after(cell) == {1}, cell.said  # not for a scan that nobody makes
         assert [line.split(":")[0] for line in lines(cell)] == [
             "the driver has no lifecycle services",
             "no machine/reset",
@@ -203,7 +203,7 @@ def test_with_tare_and_stop_and_its_end_in_mid_part(cell: Cell) -> None:
 def test_with_scans(cell: Cell) -> None:
     with driver(3):
         assert_formed(cell, cell.form("method: none\n  scan_every: 1"))
-        assert lifted_after(cell) == {0, 1}  # out of the scanner's sight
+        assert lifted_after(cell) == {0, 1}, cell.said  # out of the scanner's sight
         assert [line.split(":")[0] for line in lines(cell)] == [
             "the driver has no lifecycle services",
             "no machine/reset",

@@ -86,7 +86,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         blind = min(self._timeout, PAUSE_AFTER)
         self._ready = Readiness(self._timeout, blind, self._receiver.frames)
         self._grace = self._timeout if p.lockstep else blind
-        self._delayed, self._patient_until, self._look = False, 0.0, RegularLook(0.5 * self._timeout)
+        self._delayed, self._patient_until = False, 0.0
+        self._look = RegularLook(0.5 * min(self._timeout, EXECUTIVE_SILENCE))
         self._ticks = self._late_before = self._pauses = 0
         self._paused_until = 0.0
         self._awaited: int | None = None

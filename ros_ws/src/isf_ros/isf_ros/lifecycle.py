@@ -33,6 +33,7 @@ from rclpy.qos import QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 
 from isf_ros import answers, parameters
 from isf_ros.answers import sent_until_taken
+from isf_ros.background import PatientActionServer
 from isf_ros.busy_heartbeat import BusyHeartbeat
 from isf_ros.guard import guarded, refuse
 from isf_ros.process_identity import identity
@@ -249,7 +250,7 @@ class CellNode(LifecycleNode, Generic[P]):
         """Server of an action that accepts a goal when ``accept`` of it is true, and every request to cancel.
 
         The result of a goal that is aborted has a code: that of the exception, or INTERNAL. ``execute`` is a coroutine
-        function.
+        function that awaits nothing but :func:`isf_ros.background.in_thread`.
         """
         where = f"action {name}"
 
@@ -265,11 +266,12 @@ class CellNode(LifecycleNode, Generic[P]):
                 refuse(result, int(ErrorCode.INTERNAL), f"{name} was aborted without a reason")
             return result
 
-        server = ActionServer(
+        server = PatientActionServer(
             self,
             kind,
             name,
             serve,
+            handle_accepted_callback=lambda handle: handle.execute(serve),
             goal_callback=guarded(
                 lambda goal: GoalResponse.ACCEPT if accept(goal) else GoalResponse.REJECT,
                 partial(self._goal_failed, where, GoalResponse.REJECT),

@@ -128,7 +128,7 @@ class MachineNode(CellNode[MachineParameters]):
     def configure(self) -> None:
         self._settings = values = self.values()
         timeout = values.target_timeout or (LOCKSTEP_TIMEOUT if values.lockstep else REAL_TIME_TIMEOUT)
-        self._stream, self._look = TargetStream(timeout), RegularLook(0.5 * timeout)
+        self._stream, self._look = TargetStream(timeout), RegularLook(0.5 * min(timeout, EXECUTIVE_SILENCE))
         if values.job:
             self.clamp(
                 SimulatedMachine(
