@@ -302,6 +302,24 @@ def test_a_computer_that_paused_forms_the_part_to_its_end(tmp_path: Path) -> Non
     assert record.formed == record.planned
 
 
+def test_a_second_process_with_the_name_of_a_node_ends_the_part(tmp_path: Path) -> None:
+    """As by a launch file that was started twice: the graph shows one name, and no more publishers of targets."""
+    processes: list[int] = []
+
+    def start_another_in_second_contour(group: ProcessGroup) -> Callable[[Any], None]:
+        def feedback(message: Any) -> None:
+            if message.phase == "forming" and message.index == 1 and not processes:
+                processes.append(group["planner"].popen.pid)
+                processes.append(group.start("isf_planner", "planner", {"autostart": True}).popen.pid)
+
+        return feedback
+
+    result = formed_beside(start_another_in_second_contour, tmp_path)
+    assert result.code == ErrorCode.SECOND_PUBLISHER
+    assert "node 'planner'" in result.message
+    assert all(str(process) in result.message for process in processes), (processes, result.message)
+
+
 def test_a_second_cell_in_the_same_domain_is_refused(tmp_path: Path) -> None:
     with ProcessGroup(tmp_path / "first") as group:
         group.start("isf_cell", "executive", {})

@@ -454,6 +454,7 @@ class GraphCell:
         made, wrenches, poses and tare are asked for by arming."""
         client = self._client
         yield preflight.publishers(self._publishers(preflight.PUBLISHED_ONCE))
+        yield preflight.twice(self._monitor.twice())
         yield preflight.versions(self._monitor.versions())
         yield preflight.messages({topic: client.type_hashes(topic) for topic in preflight.PUBLISHED_ONCE})
         yield preflight.disk(self._settings.kept_in + ((Path(self._record),) if self._record else ()))
@@ -467,9 +468,10 @@ class GraphCell:
         self._name_intruder()
 
     def _name_intruder(self) -> None:
-        found = preflight.publishers(self._publishers(preflight.MOVES_THE_TOOLS))
-        if found.failed is not None:
-            raise found.failed
+        moving = preflight.publishers(self._publishers(preflight.MOVES_THE_TOOLS))
+        for found in (moving, preflight.twice(self._monitor.twice())):
+            if found.failed is not None:
+                raise found.failed
 
     def _publishers(self, topics: Sequence[str]) -> dict[str, list[str]]:
         """Names of the nodes that publish each of ``topics``; the machine does not where a node load_cell_k makes the

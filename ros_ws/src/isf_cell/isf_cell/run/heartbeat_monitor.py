@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from isf_ros.absence import absence
 from isf_ros.process_identity import running
@@ -12,7 +12,8 @@ from isf_ros.process_identity import running
 
 @dataclass
 class _Heard:
-    """What was heard of one node: ``at`` s of the clock; ``left`` is the state that it went to from active."""
+    """What was heard of one node: ``at`` s of the clock; ``left`` is the state that it went to from active;
+    ``earlier``: processes of its name that another came after, and how often one came back."""
 
     at: float
     process: str = ""
@@ -20,6 +21,7 @@ class _Heard:
     state: str = ""
     left: str = ""
     version: str = ""
+    earlier: dict[str, int] = field(default_factory=dict)
 
 
 class HeartbeatMonitor:
@@ -54,7 +56,10 @@ class HeartbeatMonitor:
         if node is None:
             return
         node.text = text
-        node.process = process or node.process
+        if process and process != node.process:
+            if node.process:
+                node.earlier[node.process] = node.earlier.get(node.process, -1) + 1
+            node.process = process
         node.version = version or node.version
         if state == "active":
             node.left = ""
@@ -78,6 +83,16 @@ class HeartbeatMonitor:
         """This process stood still: what came meanwhile has not been heard yet."""
         for node in list(self._heard.values()):
             node.at = self._clock()
+
+    def twice(self) -> dict[str, list[str]]:
+        """Processes of each name that two living ones have: they are seen to run, or are heard by turns. One that was
+        started again has the name of the one that ended, and counts once."""
+        found = {}
+        for name, node in list(self._heard.items()):
+            others = [p for p, again in node.earlier.items() if p != node.process and (again or self._runs(p))]
+            if others:
+                found[name] = sorted([node.process, *others])
+        return found
 
     def versions(self) -> dict[str, str]:
         """Version of the software of each node that told it."""

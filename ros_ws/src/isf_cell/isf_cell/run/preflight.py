@@ -57,6 +57,23 @@ def publishers(found: Mapping[str, Sequence[str]]) -> Check:
     return Check("one publisher of each topic", f"{sum(map(bool, found.values()))} topics")
 
 
+def twice(found: Mapping[str, Sequence[str]]) -> Check:
+    """``found``: identities of the processes of each node name that more than one has."""
+    for name, processes in found.items():
+        which = " and ".join(process.partition(":")[0] for process in processes)
+        return Check(
+            "one process of each node",
+            f"{len(processes)} of '{name}'",
+            IsfError(
+                ErrorCode.SECOND_PUBLISHER,
+                f"processes {which} are both node '{name}'",
+                where=f"node {name}",
+                advice="end the one that does not belong to this cell, or give each cell its namespace",
+            ),
+        )
+    return Check("one process of each node", "no name twice")
+
+
 def versions(told: Mapping[str, str]) -> Check:
     """``told``: the software version that each node tells of itself, as far as it does."""
     others = {name: version for name, version in told.items() if version and version != __version__}

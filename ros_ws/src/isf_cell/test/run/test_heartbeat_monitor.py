@@ -55,3 +55,27 @@ def test_a_process_that_runs_is_slow_and_one_that_ended_is_dead_at_once() -> Non
     assert monitor.dead() == []
     runs["here"] = False
     assert monitor.dead() == ["machine"]
+
+
+def test_two_living_processes_of_one_name_are_told_and_a_restart_is_not() -> None:
+    runs: dict[str, bool | None] = {"7:1@here": True, "8:2@here": True}
+    monitor = HeartbeatMonitor(("machine",), 3.0, runs=lambda name: runs[name])
+    monitor.hear("machine", "ok", process="7:1@here")
+    assert monitor.twice() == {}
+    monitor.hear("machine", "ok", process="8:2@here")
+    assert monitor.twice() == {"machine": ["7:1@here", "8:2@here"]}
+    runs["7:1@here"] = False  # it has ended: the other was started again
+    assert monitor.twice() == {}
+
+
+def test_two_processes_that_cannot_be_seen_are_told_when_they_are_heard_by_turns() -> None:
+    monitor = HeartbeatMonitor(("machine",), 3.0, runs=lambda _: None)
+    for process in ("7:1@there", "8:2@there"):
+        monitor.hear("machine", "ok", process=process)
+        assert monitor.twice() == {}
+    monitor.hear("machine", "ok", process="7:1@there")
+    assert monitor.twice() == {}  # a last word that came late
+    monitor.hear("machine", "ok", process="8:2@there")
+    assert monitor.twice() == {"machine": ["7:1@there", "8:2@there"]}
+    monitor.forget()
+    assert monitor.twice() == {}

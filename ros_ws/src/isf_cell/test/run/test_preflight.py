@@ -41,6 +41,13 @@ def test_a_second_publisher_is_named(tmp_path: Path) -> None:
     assert "\n  FAILED  one publisher of each topic: 2 of tool_1/target\n  ok      one version" in error.advice
 
 
+def test_a_name_that_two_processes_have_is_told_with_both() -> None:
+    error = refused(preflight.twice({"machine": ["71:5@a", "88:6@a"]}))
+    assert error.code == 1510
+    assert "processes 71 and 88 are both node 'machine'" in str(error)
+    assert preflight.twice({}).failed is None
+
+
 def test_another_version_or_another_message_is_named() -> None:
     error = refused(preflight.versions({"machine": "0.0.7", "planner": __version__, "driver": ""}))
     assert (error.code, "'machine' 0.0.7" in error.what) == (ErrorCode.VERSION_MISMATCH, True)
