@@ -6,7 +6,6 @@ sheet. Errors are those of the true strokes against the set-points, without the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,9 +58,10 @@ class LegResponse:
         return float(np.sqrt((off**2).mean())), float(np.abs(off).max())
 
     def ripple(self, speed: float, settled: float) -> float:
-        """Largest share by which the speed of the true tip differs from ``speed`` m/s."""
+        """Largest share by which the speed of the true tip differs from ``speed`` m/s; NaN when it was stopped before
+        that was settled."""
         steps = np.linalg.norm(np.diff(self.tips, axis=0), axis=1)[int(settled * len(self.tips)) :] * self.rate
-        return float(np.abs(steps / speed - 1.0).max())
+        return float(np.abs(steps / speed - 1.0).max()) if len(steps) else float("nan")
 
     def settling(self, band: float) -> float:
         """s, after which every leg stays within ``band`` m of its last set-point; infinite when one does not."""
@@ -106,15 +106,7 @@ def path_case(rate: float, points: Array, speed: float, force: tuple[float, floa
     )
 
 
-def respond(
-    rig: Rig,
-    case: Case,
-    rate: float,
-    controller: Controller,
-    ball: float = 5e-3,
-    *,
-    cancelled: Callable[[], bool] | None = None,
-) -> LegResponse:
+def respond(rig: Rig, case: Case, rate: float, controller: Controller, ball: float = 5e-3) -> LegResponse:
     """The legs of ``rig`` with ``controller`` and a tool with a ``ball`` of that radius (m) along ``case``, ticks at
     ``rate`` Hz; ends where the watch stops them."""
     assert rig.legs is not None  # the caller looked
@@ -122,18 +114,13 @@ def respond(
     start = case.tips[0] if case.name != "step" else case.tips[0] + [0.0, 0.0, 1e-3]
     legs = Legs(rig, Variant(), rate, np.asarray(start, dtype=np.float64), ball, (0, 0, 4))
     force, tick, found = np.array(case.force), 0, 0
-    for _ in range(round(REST * rate)):
-        legs.move(start, UPRIGHT, force, tick)
+    rest = round(REST * rate)
+    rows: list[tuple[float, ...]] = []
+    while tick < rest + len(case.tips) and not found:
+        found = legs.move(case.tips[tick - rest] if tick >= rest else start, UPRIGHT, force, tick)
+        if tick >= rest or found:
+            state = legs.state
+            rows.append((*state.wanted, *state.motion[:, 0], *legs.tip(), *state.volts, state.supply[0]))
         tick += 1
-    rows = []
-    for tip in case.tips:
-        if cancelled is not None and tick % 500 == 0 and cancelled():
-            break
-        found = legs.move(tip, UPRIGHT, force, tick)
-        tick += 1
-        state = legs.state
-        rows.append((*state.wanted, *state.motion[:, 0], *legs.tip(), *state.volts, state.supply[0]))
-        if found:
-            break
     table = np.array(rows)
     return LegResponse(table[:, :6], table[:, 6:12], table[:, 12:15], table[:, 15:21], table[:, 21], found, rate)

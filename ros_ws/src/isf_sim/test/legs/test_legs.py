@@ -61,6 +61,15 @@ def test_the_published_gains_swing_with_these_valves() -> None:
     assert found.error()[1] > 0.3e-3
 
 
+def test_legs_that_the_watch_stops_at_rest_have_a_response_of_one_tick() -> None:
+    """A load beyond what the cylinders hold: 400 kN."""
+    case = tuning.circle_case(RATE, HERE, 0.02, 0.04, (0.0, 0.0, 4e5))
+    stopped = tuning.respond(RIG, case, RATE, "feedforward", BALL)
+    assert stopped.found
+    assert len(stopped.wanted) < 500  # ticks; it rests for 1 s before the circle begins
+    assert np.isnan(stopped.ripple(case.speed, case.settled))
+
+
 @pytest.mark.parametrize("number", [21, 24, 27])
 def test_it_follows_in_other_machines_too(number: int) -> None:
     """Valves 40 % slower to 30 % faster than the controller believes."""
