@@ -204,8 +204,9 @@ class _Files:
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         if self._full(timestamp):
-            self._end()
-            self._begin()
+            full, text = self._file, self._writer.metadata(self.files[-1:])
+            self._begin()  # where that fails the present one stays open, and whole when it is closed
+            full.close(self._writer.version, text)
         self._file.write(connection, timestamp, data)
         file = self.files[-1]
         file.counts[connection.id] += 1
@@ -221,15 +222,12 @@ class _Files:
             or (options.split_time and timestamp - file.begin >= options.split_time * NANO)
         )
 
-    def _end(self) -> None:
-        self._file.close(self._writer.version, self._writer.metadata(self.files[-1:]))
-
     def flush(self) -> None:
         self._file.flush()
 
     def close(self, version: int, metadata: str) -> None:
         """The text of the library speaks of one file."""
-        self._end()
+        self._file.close(self._writer.version, self._writer.metadata(self.files[-1:]))
 
     def abort(self) -> None:
         self._file.abort()

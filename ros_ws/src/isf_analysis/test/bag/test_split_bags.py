@@ -226,3 +226,22 @@ def test_what_the_disk_does_not_follow_is_counted_and_never_a_result(
     with Reader(tmp_path / "bag") as reader:
         kept = {item.topic: item.msgcount for item in reader.connections}
     assert kept == {"/tool_1/wrench": 5000 // size, "/contour/result": 1}
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+def test_a_next_file_that_cannot_be_begun_is_told_every_time_and_the_present_one_stays(
+    tmp_path: Path, kind: str
+) -> None:
+    path, away = tmp_path / "bag", tmp_path / "away"
+    bag = BagFile(path, Storage(storage=kind, split_time=1.0))  # type: ignore[arg-type]
+    wrench = bag.add(WRENCH)
+    bag.write(wrench, 1 * SECOND, message(1))
+    path.rename(away)  # as a folder that was deleted, or a disk that is full
+    for second in (3, 5):
+        with pytest.raises(IsfError) as caught:
+            bag.write(wrench, second * SECOND, message(second))
+        assert caught.value.code == 1603
+    away.rename(path)
+    bag.write(wrench, 7 * SECOND, message(7))
+    bag.close()
+    assert wrenches(path) == [(1 * SECOND, message(1)), (7 * SECOND, message(7))]
