@@ -34,7 +34,7 @@ from std_srvs.srv import Trigger
 from isf_analysis.bag.bag_file import COMPRESSIONS, NANO, STORAGES, Storage, check_free
 from isf_analysis.bag.recording import Message, Recording
 from isf_analysis.bag.ring import Ring
-from isf_analysis.bag.topics import CELL, Topic
+from isf_analysis.bag.topics import CELL, TRANSFORMS, Topic
 
 EXIT_INCOMPLETE = 6
 """Exit code of a recorder whose bag does not hold what it was to record: that of ``isf`` for a bag."""
@@ -154,7 +154,8 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._ring = None
         if values.ring:
             latched = {number for number, topic in enumerate(self._topics) if topic.delivery == "LATCHED"}
-            self._ring = Ring(round(values.ring * NANO), round(values.ring_size * MEGABYTE), latched)
+            joint = {number for number in latched if self._topics[number].type == TRANSFORMS}
+            self._ring = Ring(round(values.ring * NANO), round(values.ring_size * MEGABYTE), latched, joint)
             self._faulty = set()
         else:
             self._recording = self._begin()

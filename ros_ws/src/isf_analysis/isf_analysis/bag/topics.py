@@ -43,6 +43,9 @@ EVENT = Topic("machine/event", "isf_msgs/msg/MachineEvent", "EVENT")
 ARMED = Topic("force_ctrl/armed", "isf_msgs/msg/ForceCtrlArmed", "LATCHED")
 MACHINE_STATE = Topic("machine/state", "isf_msgs/msg/MachineState", "STREAM")
 
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+"""Type of topics on which each of several nodes tells its own frames."""
+
 CELL = (
     Topic("tool_1/wrench", "geometry_msgs/msg/WrenchStamped", "STREAM"),
     Topic("tool_2/wrench", "geometry_msgs/msg/WrenchStamped", "STREAM"),
@@ -79,8 +82,8 @@ CELL = (
     Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT"),
     Topic("/rosout", "rcl_interfaces/msg/Log", "DEFAULT"),
     Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", "DEFAULT"),
-    Topic("/tf", "tf2_msgs/msg/TFMessage", "DEFAULT"),
-    Topic("/tf_static", "tf2_msgs/msg/TFMessage", "LATCHED"),
+    Topic("/tf", TRANSFORMS, "DEFAULT"),
+    Topic("/tf_static", TRANSFORMS, "LATCHED"),
 )
 """All topics of a cell, which the recorder takes unless told otherwise. Those that nobody publishes stay empty: raw
 readings come where nodes ``load_cell`` turn them into wrenches, by whatever delivery their driver has. /tf is recorded

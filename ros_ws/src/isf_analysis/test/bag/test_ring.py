@@ -33,3 +33,11 @@ def test_the_span_is_held_and_the_last_of_a_latched_topic(
 
 def test_a_ring_without_messages_is_empty() -> None:
     assert Ring(10, 10, {LATCHED}).messages() == []
+
+
+def test_all_that_several_nodes_told_of_a_joint_topic_is_held_once() -> None:
+    ring = Ring(10, 1000, {LATCHED}, {LATCHED})
+    ring.add([(LATCHED, 1, b"clamp"), (LATCHED, 2, b"robot"), (LATCHED, 3, b"clamp"), (STREAM, 50, b"wrench")])
+    assert ring.messages() == [(LATCHED, 50, b"robot"), (LATCHED, 50, b"clamp"), (STREAM, 50, b"wrench")]
+    ring.add([(LATCHED, 60 + k, b"%d" % k) for k in range(150)])
+    assert len(ring.messages()) == 100 + 11  # the last hundred, and what the span holds
