@@ -12,7 +12,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.service import Service
 
 PERIOD = 0.5
 """s between two attempts; each may hold the node up for the 0.1 s of the middleware."""
@@ -20,7 +23,25 @@ PERIOD = 0.5
 ATTEMPTS = 20
 """After so many the client is taken to have gone before it was discovered."""
 
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
 _DROPPED = "failed to send response (timeout)"
+
+
+def keep_answers(node: Node, service: Service) -> Service:
+    """``service`` of ``node``, whose answers are sent again where the middleware drops them."""
+    service.send_response = sent_until_taken(service.send_response, lambda action: once(node, action, PERIOD))
+    return service
+
+
+def once(node: Node, action: Callable[[], None], after: float = 0.0) -> None:
+    """Have ``action`` done by ``node``, by itself, ``after`` s of wall time."""
+
+    def act() -> None:
+        node.destroy_timer(timer)
+        action()
+
+    timer = node.create_timer(after, act, clock=_STEADY)
 
 
 def sent_until_taken(

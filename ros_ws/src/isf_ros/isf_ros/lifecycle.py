@@ -31,8 +31,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 
-from isf_ros import answers, parameters
-from isf_ros.answers import sent_until_taken
+from isf_ros import parameters
+from isf_ros.answers import keep_answers, once
 from isf_ros.background import PatientActionServer
 from isf_ros.busy_heartbeat import BusyHeartbeat
 from isf_ros.guard import guarded, refuse
@@ -87,7 +87,7 @@ class CellNode(LifecycleNode, Generic[P]):
         super().__init__(name, **options)
         for service in self.services:  # those of the lifecycle are not made by create_service
             service.callback = guarded(service.callback, partial(self._service_failed, service.srv_name))
-            service.send_response = sent_until_taken(service.send_response, self._answer_later)
+            keep_answers(self, service)
         self._parameters_type = parameters_type
         parameters.declare(self, parameters_type)
         self.declare_parameter(
@@ -205,7 +205,7 @@ class CellNode(LifecycleNode, Generic[P]):
                 policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
                 self.report_delivery(topic, self.report, partial(nothing_comes, self, topic, asked, policy))
             else:  # not here, where the subscription is in use
-                self._once(lambda: self._take_best_effort(topic, asked, made[0], partial(make, looser, **options)))
+                once(self, lambda: self._take_best_effort(topic, asked, made[0], partial(make, looser, **options)))
 
         events = SubscriptionEventCallbacks(
             incompatible_qos=self.guard(incompatible, f"delivery of {topic}"), use_default_callbacks=False
@@ -238,8 +238,7 @@ class CellNode(LifecycleNode, Generic[P]):
     def create_service(self, kind: Any, name: str, callback: Callable[..., Any], *args: Any, **kw: Any) -> Any:
         """As rclpy's; an answer that the middleware drops is sent again."""
         made = super().create_service(kind, name, guarded(callback, partial(self._service_failed, name)), *args, **kw)
-        made.send_response = sent_until_taken(made.send_response, self._answer_later)
-        return self._noted(self.destroy_service, made)
+        return self._noted(self.destroy_service, keep_answers(self, made))
 
     def create_client(self, *args: Any, **kw: Any) -> Any:
         return self._noted(self.destroy_client, super().create_client(*args, **kw))
@@ -388,7 +387,7 @@ class CellNode(LifecycleNode, Generic[P]):
         soon as the names of all nodes concerned are known, or after ``looks`` looks for them."""
         self._apart.add(topic)
         if looks and not names_known(self, topic):
-            self._once(partial(self.report_delivery, topic, report, error, looks - 1), NAME_PERIOD)
+            once(self, partial(self.report_delivery, topic, report, error, looks - 1), NAME_PERIOD)
         else:
             report(error())
 
@@ -398,18 +397,6 @@ class CellNode(LifecycleNode, Generic[P]):
         self.report_delivery(topic, self.warn, partial(taken_best_effort, self, topic, asked))
         self.destroy_subscription(before)
         self._successors[id(before)] = make()
-
-    def _answer_later(self, action: Callable[[], None]) -> None:
-        self._once(action, answers.PERIOD)
-
-    def _once(self, action: Callable[[], None], after: float = 0.0) -> None:
-        """Have ``action`` done by itself ``after`` s of wall time."""
-
-        def act() -> None:
-            self.destroy_timer(timer)
-            action()
-
-        timer = self.create_timer(after, act, clock=self.steady_clock)
 
     def _noted(self, destroy: Callable[[Any], Any], entity: Any) -> Any:
         if self._in_transition:

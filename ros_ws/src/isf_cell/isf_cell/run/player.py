@@ -23,6 +23,7 @@ from isf_analysis.bag.open_bag import OpenBag
 from isf_analysis.bag.playback import Recorded
 from isf_core.errors import ErrorCode, IsfError
 from isf_ros import stamps
+from isf_ros.answers import keep_answers
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -98,8 +99,8 @@ class Player:
         self._steps = 0
         self._paused = playing.paused
         self._start = 0.0
-        self._node.create_service(SetBool, "player/pause", self._on_pause)
-        self._node.create_service(Trigger, "player/step", self._on_step)
+        keep_answers(self._node, self._node.create_service(SetBool, "player/pause", self._on_pause))
+        keep_answers(self._node, self._node.create_service(Trigger, "player/step", self._on_step))
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._executor.spin, name="player services", daemon=True)
