@@ -8,9 +8,6 @@ for present. Lengths in rows are mm, forces N.
 from __future__ import annotations
 
 import hashlib
-import importlib
-import json
-import re
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -21,6 +18,7 @@ from isf_analysis.measures.deviation import BANDS, Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import MM
 from isf_cell import in_process
+from isf_cell.campaign.content import job_content
 from isf_cell.options import RunOptions
 from isf_core.errors import IsfError
 from isf_core.files.job import JobFile
@@ -28,78 +26,15 @@ from isf_core.geometry.height_map import HeightMap
 from numpy.typing import NDArray
 from springback import PUSHED, Case, job_of, with_database
 
-COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "isf_sim")
-"""Packages whose sources name a row, but for their nodes; of isf_cell and isf_analysis only what takes part."""
-
-NODES = re.compile(r"(.+/)?(ros/.+|([^/]+_)?node(_[^/]+)?)\.py")
-"""Files of nodes and folders ros: no part of a row, which is formed in one process without any."""
-
-ALSO = (
-    "isf_cell.in_process",
-    "isf_cell.run.in_process_cell",
-    "isf_cell.run.flat_push",
-    "isf_cell.options",
-    "isf_analysis.measures.deviation",
-)
-
 REGIONS = ("wall_and_base", "base", "wall", "walls_base", "rim", "flange")
 """Those of isf_analysis.measures.deviation, and walls with base but without the fillets between them."""
 
 
-def sources() -> str:
-    """Digest of the sources that the packages are imported from."""
-    text = hashlib.sha256()
-    files: list[Path] = []
-    for name in COMPUTED_BY:
-        folder = _file(name).parent
-        files += sorted(path for path in folder.rglob("*.py") if not NODES.fullmatch(path.as_posix()))
-        files += sorted([*folder.rglob("*.c"), *folder.rglob("*.h")])
-    for path in [*files, *(_file(name) for name in ALSO)]:
-        text.update(path.name.encode() + path.read_bytes())
-    return text.hexdigest()[:12]
-
-
-def _file(name: str) -> Path:
-    found = importlib.import_module(name).__file__
-    assert found is not None
-    return Path(found)
-
-
 def key(case: Case, job_file: JobFile, digest: str) -> str:
     """Name of the row of ``case`` computed by the sources ``digest``."""
-    text = hashlib.sha256()
-    job = job_file.job
-    text.update(job.model_dump_json().encode())
-    text.update(job_file.rig.model_dump_json().encode() + job_file.material.model_dump_json().encode())
-    named = [str(job_file.mesh), job.die.mesh if job.die else None, job.path.machine_error, job.springback.learning]
-    for name in named:
-        if name is not None and (path := job_file.base / name).is_file():
-            text.update(path.read_bytes())
     sheet = "" if case.sheet == "fast" else f"{case.sheet} "
-    text.update(f"{case.method} {case.world} {sheet}{digest}".encode())
-    return text.hexdigest()[:16]
-
-
-def read(path: Path) -> dict[str, dict[str, Any]]:
-    """Rows of a file of JSON lines by their key; a last line that was cut off by a stop is left out."""
-    rows: dict[str, dict[str, Any]] = {}
-    if path.is_file():
-        for text in path.read_text(encoding="utf-8").splitlines():
-            try:
-                row = json.loads(text)
-            except ValueError:
-                continue
-            rows[row["key"]] = row
-    return rows
-
-
-def keep(path: Path, row: dict[str, Any]) -> None:
-    """Append a row; a line that a stop cut off is closed first."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cut = path.is_file() and path.stat().st_size > 0 and not path.read_bytes().endswith(b"\n")
-    with path.open("a", encoding="utf-8") as file:
-        file.write(("\n" if cut else "") + json.dumps(row) + "\n")
-        file.flush()
+    text = f"{job_content(job_file)} {case.method} {case.world} {sheet}{digest}"
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def run(case: Case, name: str, digest: str, maps: Path) -> dict[str, Any]:

@@ -24,6 +24,8 @@ from typing import Any, get_args
 
 import springback_page
 import springback_rows
+from isf_cell.campaign.content import sources
+from isf_cell.campaign.rows_file import append_row, read_rows
 from isf_cell.processes.process_group import ends_with_owner
 from isf_core.errors import IsfError
 from isf_core.simulated_sheet import SheetKind
@@ -80,7 +82,7 @@ def compute(todo: Todo, digest: str, path: Path, processes: int, console: Consol
         try:
             for done in as_completed(waiting):
                 row = done.result()
-                springback_rows.keep(path, row)
+                append_row(path, row)
                 advance(_reported(row))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -135,20 +137,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         worlds = springback_rows.worlds(options.worlds)
     except ValueError:
         parser.error(f"--worlds {' '.join(options.worlds)}: numbers and ranges such as 0,1-20")
-    digest = springback_rows.sources()
+    digest = sources()
     cases = cases_of(options.parts, options.methods, worlds, options.sheet)
     if options.sheet != "fast" and any(case.method.endswith(PUSHED) for case in cases):
         parser.error(
             f"--sheet {options.sheet}: the flat sheet is pushed on the fast one alone; name --methods without {PUSHED}"
         )
-    rows = springback_rows.read(options.rows)
+    rows = read_rows(options.rows)
     try:
         todo = missing(cases, rows, digest)
         console.print(f"{len(cases) - len(todo)} of {len(cases)} runs are there; sources {digest}", highlight=False)
         if todo and not options.only_page:
             databases(todo, console)
             compute(todo, digest, options.rows, options.jobs, console)
-            rows = springback_rows.read(options.rows)
+            rows = read_rows(options.rows)
     except IsfError as error:
         console.print(str(error), highlight=False)
         return 1

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from isf_analysis.measures.deviation import compare
+from isf_cell.campaign import content
+from isf_cell.campaign.rows_file import append_row, read_rows
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
@@ -75,33 +77,32 @@ def test_a_row_stays_when_only_a_node_changes(
     table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """A part of a row is formed in one process, without nodes."""
-    rows = table.springback_rows
     for name in ("__init__", "core", "node", "node_outlet", "load_cell_node", "nodes_of_mesh"):
         (tmp_path / f"{name}.py").write_text("")
-    monkeypatch.setattr(rows, "_file", lambda _: tmp_path / "__init__.py")
-    before = rows.sources()
+    monkeypatch.setattr(content, "source_file", lambda _: tmp_path / "__init__.py")
+    before = content.sources()
     for name in ("node", "node_outlet", "load_cell_node"):
         (tmp_path / f"{name}.py").write_text("changed")
-    assert rows.sources() == before
+    assert content.sources() == before
     found = {before}
     for name in ("core", "nodes_of_mesh"):
         (tmp_path / f"{name}.py").write_text("changed")
-        found.add(rows.sources())
+        found.add(content.sources())
     assert len(found) == 3
 
 
 def test_a_campaign_goes_on_behind_a_row_that_a_stop_cut_off(table: ModuleType, tmp_path: Path) -> None:
-    rows, path = table.springback_rows, tmp_path / "rows.jsonl"
+    path = tmp_path / "rows.jsonl"
     cases = table.cases_of(["ren_cone"], ["none", "analytic"], [0, 1])
     todo = table.missing(cases, {}, "s")
     assert [case for case, _ in todo] == cases
-    rows.keep(path, {**row("ren_cone", "none", 0, 1.0), "key": todo[0][1]})
+    append_row(path, {**row("ren_cone", "none", 0, 1.0), "key": todo[0][1]})
     with path.open("a", encoding="utf-8") as file:
         file.write('{"key": "cut o')
-    rows.keep(path, {**row("ren_cone", "analytic", 0, 1.0), "key": todo[1][1]})
-    left = table.missing(cases, rows.read(path), "s")
+    append_row(path, {**row("ren_cone", "analytic", 0, 1.0), "key": todo[1][1]})
+    left = table.missing(cases, read_rows(path), "s")
     assert [case for case, _ in left] == [case for case in cases if case.world == 1]
-    assert len(table.missing(cases, rows.read(path), "other sources")) == len(cases)
+    assert len(table.missing(cases, read_rows(path), "other sources")) == len(cases)
 
 
 def test_large_parts_stay_in_the_nominal_world_unless_named(table: ModuleType) -> None:
@@ -158,7 +159,7 @@ def test_page_without_rows_is_written_and_says_so(table: ModuleType, tmp_path: P
 def test_the_rows_of_the_page_stand_beside_it(table: ModuleType, tmp_path: Path) -> None:
     rows = [row("ren_cone", "none", 1, 2.0), row("ren_cone", "none", 0, 1.0)]
     page = table.springback_page.write(rows, "digest", tmp_path / "maps", tmp_path)
-    kept = table.springback_rows.read(page.with_suffix(".jsonl"))
+    kept = read_rows(page.with_suffix(".jsonl"))
     assert list(kept.values()) == rows[::-1]
     assert page.with_suffix(".jsonl").name in page.read_text(encoding="utf-8")
 
@@ -182,7 +183,7 @@ def test_rows_on_the_elasto_plastic_sheet_have_a_page_of_their_own(table: Module
     assert cells[7] == "shell_coarse, 2304 elements, kinetic / plastic 0.40 %, 1 s of CPU"
     ended = table.springback_page.shell_table([shell(0, 5.0, code=1405, contours=2)])
     assert "| ended at contour 2 of 5, 1405 | - | - |" in ended
-    assert len(table.springback_rows.read(page.with_suffix(".jsonl"))) == 4
+    assert len(read_rows(page.with_suffix(".jsonl"))) == 4
     assert len(table.springback_rows.latest([*rows, row("ren_cone", "none", 0, 1.0)])) == 5  # a row of each sheet
 
 
@@ -214,7 +215,7 @@ def test_small_part_from_run_to_page(table: ModuleType, tmp_path: Path, monkeypa
     parts = {"mini_cone": replace(table.PARTS["ren_cone"], methods=("none", "analytic"))}
     monkeypatch.setattr(table, "PARTS", parts)
     monkeypatch.setattr(table.springback_page, "PARTS", parts)
-    monkeypatch.setattr(table.springback_rows, "sources", lambda: "as they are")  # they may change while a test runs
+    monkeypatch.setattr(table, "sources", lambda: "as they are")  # they may change while a test runs
     words = ["--parts", "mini_cone", "--rows", str(tmp_path / "rows.jsonl"), "--page", "--folder", str(tmp_path)]
     assert table.main(words) == 0
     kept = (tmp_path / "rows.jsonl").read_text(encoding="utf-8")

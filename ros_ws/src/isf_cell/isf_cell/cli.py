@@ -444,6 +444,28 @@ def tryout(
 
 
 @app.command()
+def campaign(
+    file: Annotated[
+        Path, typer.Argument(help="campaign file (YAML): jobs, methods, variants", metavar="FILE", show_default=False)
+    ],
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", help="parts at a time  [default: one per processor]", min=1, max=256)
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="folder; goes on where it was  [default: runs/campaign-NAME]", metavar="DIR"
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Simulate jobs by methods on variants of the plant, on all cores: one table (CSV, Parquet) and one page."""
+    from isf_cell.commands.campaign import run_campaign
+
+    run_campaign(file, output, jobs or len(os.sched_getaffinity(0)), as_json=json)
+
+
+@app.command()
 def tune(
     job: Job,
     stiffness: Annotated[float | None, typer.Option(help="contact stiffness in N/um  [default: the rig's]")] = None,

@@ -71,6 +71,26 @@ def write_tables(
     return rows
 
 
+def write_table(columns: Columns, folder: Path, name: str) -> list[Path]:
+    """Files NAME.csv, and NAME.parquet where pyarrow is installed, each replaced as a whole; raises IsfError
+    FILE_NOT_WRITABLE."""
+    paths = []
+    try:
+        for kind in _formats(None):
+            if kind != "npz":
+                path = folder / f"{name}.{kind}"
+                partial = path.with_name(f"{path.name}.partial")
+                with ExitStack() as stack:
+                    _opened(stack, kind, partial).add(columns)
+                partial.replace(path)
+                paths.append(path)
+    except OSError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(folder), advice="choose a writable --output"
+        ) from error
+    return paths
+
+
 def _formats(formats: Sequence[str] | None) -> list[str]:
     if formats is None:
         return [kind for kind in FORMATS if kind != "parquet" or _pyarrow() is not None]

@@ -9,9 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from html import escape
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from isf_core import __version__
@@ -26,6 +24,7 @@ from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import deviation_of, scan_errors_of, summarise
 from isf_analysis.measures.verdict import verdict
 from isf_analysis.report import finding_tables, result_tables
+from isf_analysis.report.templates import filled
 
 HTML_NAME = "report.html"
 SUMMARY_NAME = "summary.json"
@@ -111,7 +110,6 @@ def render(
     record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture, ...], deviation: Deviation | None
 ) -> str:
     """The HTML page."""
-    page = Template(resources.files("isf_analysis").joinpath("report_template.html").read_text(encoding="utf-8"))
     plant = "real machine" if record.variant < 0 else "simulated machine"
     method = f"correction: {record.correction}" if record.corrects else "no springback correction"
     made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
@@ -119,8 +117,8 @@ def render(
         view, missing = part_view(record, deviation), ""
     except IsfError as error:  # without plotly
         view, missing = "", f"<p>The part cannot be turned here: {escape(error.what)}.</p>"
-    return page.substitute(
-        version=__version__,
+    return filled(
+        "report_template.html",
         title=escape(f"Forming report: {record.job_name}"),
         heading=escape(f"Forming report: {record.job_name}"),
         subheading=escape(f"{record.process} · {method} · {plant}"),

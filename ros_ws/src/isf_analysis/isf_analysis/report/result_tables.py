@@ -39,26 +39,26 @@ def banners(numbers: Numbers, has_reference: bool) -> str:
     if failure is None:
         short_of = numbers["verdict"]["short_of"]
         if short_of:
-            parts = [_banner("warn", "Part complete, but not good", f"{count}. {_sentences(short_of)}")]
+            parts = [banner("warn", "Part complete, but not good", f"{count}. {_sentences(short_of)}")]
         else:
-            parts = [_banner("good", "Part complete and good", f"{count}, and in tolerance.")]
+            parts = [banner("good", "Part complete and good", f"{count}, and in tolerance.")]
     else:
         where = f"{_code_name(failure['code'])}: {failure['message']}."
         text = (
             f"{count}. {where} All numbers below are of what was formed until then, measured against the whole target."
         )
         title = "Record not complete" if _of_record(failure["code"]) else "Part not complete"
-        parts = [_banner("bad", title, text)]
+        parts = [banner("bad", title, text)]
     if numbers["deviation"] is None:
-        parts.append(_banner("warn", "No shape to compare", "The record holds no scan or no target."))
-    parts += [_banner("warn", "Note", f"{note}.") for note in numbers["notes"]]
-    parts += [_banner("bad", f"Event: {event['kind']}", f"{event['text']}.") for event in _lost_part(numbers)]
+        parts.append(banner("warn", "No shape to compare", "The record holds no scan or no target."))
+    parts += [banner("warn", "Note", f"{note}.") for note in numbers["notes"]]
+    parts += [banner("bad", f"Event: {event['kind']}", f"{event['text']}.") for event in _lost_part(numbers)]
     other = numbers["reference"]
     if other is not None and not other["complete"]:
-        parts.append(_banner("warn", "The uncorrected reference is not complete", other["failure"]["message"] + "."))
+        parts.append(banner("warn", "The uncorrected reference is not complete", other["failure"]["message"] + "."))
     if not has_reference and numbers["correction"] not in ("", "none"):
         parts.append(
-            _banner(
+            banner(
                 "warn",
                 "No reference",
                 "Without a bag of the uncorrected part the effect of the correction is not shown.",
@@ -73,14 +73,14 @@ def cards(numbers: Numbers) -> str:
         _error_card("Largest error", numbers, "max_mm", "max"),
         _error_card("Mean error", numbers, "mean_abs_mm", "mean_abs"),
         _force_card(numbers["force"]),
-        _card(
+        card(
             "Contours formed",
             f"{numbers['contours']} <small>of {numbers['contours_planned']}</small>",
             "",
             numbers["complete"],
         ),
-        _card("Late control ticks", f"{numbers['late_ticks']}", f"of {numbers['ticks']:,} ticks".replace(",", " ")),
-        _card(
+        card("Late control ticks", f"{numbers['late_ticks']}", f"of {numbers['ticks']:,} ticks".replace(",", " ")),
+        card(
             "Lost messages",
             f"{numbers['lost_messages']}",
             f"{number(numbers['sim_s'], 1)} s of process, {number(numbers['wall_s'], 1)} s of wall time",
@@ -88,7 +88,7 @@ def cards(numbers: Numbers) -> str:
     ]
     if off := numbers["machine"].get("leg_error_um"):
         text = f"{number(off['largest'], 1)} <small>µm</small>"
-        parts.append(_card("Legs off their set-points", text, f"largest in contact; {number(off['rms'], 1)} µm rms"))
+        parts.append(card("Legs off their set-points", text, f"largest in contact; {number(off['rms'], 1)} µm rms"))
     return "\n".join(parts)
 
 
@@ -246,11 +246,13 @@ def _cell(tag: str, text: str, numeric: bool, columns: int, column: int) -> str:
     return f'<{tag} class="n">{text}</{tag}>' if right else f"<{tag}>{text}</{tag}>"
 
 
-def _banner(kind: str, title: str, text: str) -> str:
+def banner(kind: str, title: str, text: str) -> str:
+    """HTML of a sentence above all others; ``kind``: good, warn or bad."""
     return f'<div class="banner {kind}"><strong>{escape(title)}</strong>{escape(text)}</div>'
 
 
-def _card(label: str, value: str, note: str, good: bool | None = None) -> str:
+def card(label: str, value: str, note: str, good: bool | None = None) -> str:
+    """HTML of one number to remember; ``value`` is ready HTML."""
     kind = "" if good is None else " good" if good else " bad"
     return (
         f'<div class="card{kind}"><div class="label">{escape(label)}</div>'
@@ -265,7 +267,7 @@ def _error_card(label: str, numbers: Numbers, key: str, factor: str) -> str:
     value = f"{number(own[key] if own else None)} <small>mm</small>"
     other = numbers["reference"]
     if not other or not other["deviation"] or not own:
-        return _card(label, value, "vertical, whole part", good)
+        return card(label, value, "vertical, whole part", good)
     before = f'<span class="before">{number(other["deviation"][key])} → </span>'
     gain = (numbers["improvement"] or {}).get(factor)
     note = (
@@ -273,16 +275,16 @@ def _error_card(label: str, numbers: Numbers, key: str, factor: str) -> str:
         if gain is None
         else f"{100 * abs(1 - 1 / gain):.0f} % {'less' if gain >= 1 else 'more'} than uncorrected"
     )
-    return _card(label, before + value, note, False if gain is not None and gain < 1 else good)
+    return card(label, before + value, note, False if gain is not None and gain < 1 else good)
 
 
 def _force_card(force: Numbers | None) -> str:
     if force is None:
-        return _card("Support force", DASH, "no force control in this part")
+        return card("Support force", DASH, "no force control in this part")
     share = force["within_10N_fraction"]
     places = by_place(force["set_min_N"], force["set_max_N"])
     value = percent(share).replace(" %", " <small>%</small>")
-    return _card(
+    return card(
         f"Within ± 10 N of {_set_point(force)}",
         value,
         "of the time in full control" + (", by place" if places else ""),

@@ -17,12 +17,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
-import os
 import shutil
-import signal
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -40,7 +36,6 @@ from isf_core.events import torn
 from isf_core.files.job import JobFile, load_job
 from isf_core.simulated_sheet import SEALED_VARIANTS, SheetKind
 from isf_core.types import Array
-from isf_sim.explicit_shell.library import THREADS
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import LEAST_PUSH, Learned, together
 from isf_springback.loop_path import LARGEST_CORRECTION
@@ -52,7 +47,7 @@ from isf_cell.commands.learn import learn_record
 from isf_cell.commands.report import first_failure
 from isf_cell.commands.run_folder import make_folder
 from isf_cell.options import RunOptions
-from isf_cell.processes.process_group import ends_with_owner
+from isf_cell.processes.part_pool import formed_beside
 
 CONTROL_RATE = 100.0
 """Hz, at most, of a part that is tried: shapes are those at 500 Hz within 0.01 mm (mini_cone), in half the time."""
@@ -414,33 +409,12 @@ class _Task:
 
 def _form_all(tasks: list[_Task], jobs: int) -> None:
     if jobs > 1 and len(tasks) > 1:
-        _form_beside(tasks, min(jobs, len(tasks)))
+        for task, _ in formed_beside(_form, tasks, jobs):
+            terminal.say(f"  {task.name}, variant {task.variant}: formed")
         return
     for task in tasks:
         with terminal.part_progress(f"{task.name}, variant {task.variant}") as progress:
             _form(task, progress)
-
-
-def _form_beside(tasks: list[_Task], jobs: int) -> None:
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_alone, initargs=(os.getpid(),)) as pool:
-        futures = {pool.submit(_form, task): task for task in tasks}
-        try:
-            for future in as_completed(futures):
-                future.result()
-                terminal.say(f"  {futures[future].name}, variant {futures[future].variant}: formed")
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in multiprocessing.active_children():
-                process.kill()
-            raise
-
-
-def _alone(owner: int) -> None:
-    """In a process of several: one thread each; Ctrl-C is for their ``owner``, with which they end."""
-    ends_with_owner(signal.SIGKILL, owner)()
-    os.environ[THREADS] = "1"
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _form(task: _Task, progress: terminal.PartProgress | None = None) -> None:

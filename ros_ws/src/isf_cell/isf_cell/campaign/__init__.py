@@ -1,0 +1,1 @@
+"""Parts simulated in numbers: jobs, methods, variants and sheets in one table."""

@@ -1,0 +1,82 @@
+"""``isf campaign``: a table that goes on where it was, says what is stale, and refuses what it cannot use."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from isf_analysis.measures.summary import summary
+from isf_cell import in_process
+from isf_cell.commands.campaign import run_campaign
+from isf_cell.options import RunOptions
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.campaign import CampaignFile, variant_numbers
+from isf_core.files.job import load_job
+from quick_cone import quick_cone_file
+
+
+def campaign(folder: Path, methods: str = "[none, analytic]", more: str = "") -> Path:
+    quick_cone_file(folder, step="2.5 mm")
+    path = folder / "small.yaml"
+    path.write_text(f"name: small\njobs: [quick_cone.yaml]\nmethods: {methods}\n{more}", encoding="utf-8")
+    return path
+
+
+def run(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], str]:
+    run_campaign(path, path.parent / "out", 2, as_json=True)
+    shown = capsys.readouterr()
+    return json.loads(shown.out), shown.err
+
+
+def test_a_campaign_goes_on_and_forms_a_changed_job_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = campaign(tmp_path)
+    first, _ = run(path, capsys)
+    rows_file, page = tmp_path / "out" / "rows.jsonl", tmp_path / "out" / "campaign.html"
+    assert (first["parts"], first["whole"], first["stale"]) == (2, 2, 0)
+    with (tmp_path / "out" / "campaign.csv").open(encoding="utf-8") as file:
+        table = {row["method"]: row for row in csv.DictReader(file)}
+    alone = summary(in_process.form(load_job(tmp_path / "quick_cone.yaml"), RunOptions(correction="none")))
+    assert float(table["none"]["max_mm"]) == pytest.approx(alone["deviation"]["max_mm"], abs=1e-4)
+    assert "analytic" in page.read_text(encoding="utf-8")
+    kept = rows_file.read_bytes()
+    lines = kept.splitlines(keepends=True)
+    rows_file.write_bytes(lines[0] + lines[1][:40])  # as a kill leaves it
+    again, told = run(path, capsys)
+    assert "1 of 2 parts are there" in told
+    assert [item["nominal_max_mm"] for item in again["methods"]] == [i["nominal_max_mm"] for i in first["methods"]]
+    job = tmp_path / "quick_cone.yaml"
+    job.write_text(job.read_text("utf-8").replace("thickness: 1.0 mm", "thickness: 3.5 mm"), encoding="utf-8")
+    changed, told = run(path, capsys)
+    assert changed["stale"] == 2
+    assert "formed again" in " ".join(told.split())
+    assert changed["whole"] == 0  # the machine does not bear this sheet
+    assert all(item["codes"] for item in changed["methods"])
+
+
+@pytest.mark.parametrize(
+    ("methods", "more", "code", "said"),
+    [
+        ("[nothing]", "", ErrorCode.METHOD_UNKNOWN, "no springback method"),
+        ("[none, none]", "", ErrorCode.FILE_FIELD, "stands there twice"),
+        ("[none]", "variants: [5-1]", ErrorCode.FILE_FIELD, "no range"),
+        ("[none]", "variant: [1]", ErrorCode.FILE_FIELD, "did you mean 'variants'"),
+        ("[{name: a, change: {sheet: {thickness: 1}}}]", "", ErrorCode.FILE_UNIT, "thickness"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_before_anything_is_formed(
+    tmp_path: Path, methods: str, more: str, code: ErrorCode, said: str
+) -> None:
+    with pytest.raises(IsfError, match=said) as caught:
+        run_campaign(campaign(tmp_path, methods, more), tmp_path / "out", 1, as_json=False)
+    assert caught.value.code == code
+    assert "small.yaml" in caught.value.where
+    assert not (tmp_path / "out").exists()
+
+
+def test_variants_are_numbers_and_ranges() -> None:
+    assert variant_numbers([0, "1-3", "2,5"]) == (0, 1, 2, 3, 5)
+    root = Path(__file__).resolve().parents[2]
+    assert CampaignFile(root / "examples" / "campaigns" / "mini_cone.yaml").campaign.variants == (0, 1, 2)
