@@ -30,9 +30,8 @@ class SampleNode(CellNode[SampleParameters]):
         began, work = time.monotonic(), self.values().work
         while time.monotonic() < began + min(work, 3.0):
             pass  # as a computation does, which leaves the interpreter to other threads only now and then
-        time.sleep(
-            max(0.0, began + work - time.monotonic())
-        )  # the fault itself: a callback that takes long; asleep it holds up this node alone
+        left = max(0.0, began + work - time.monotonic())
+        time.sleep(left)  # the fault itself: a callback that takes long; asleep it holds up this node alone
 
     def close(self) -> None:
         if self.values().closing_note:

@@ -60,11 +60,17 @@ def append_row(path: Path, row: Mapping[str, Any]) -> None:
 
 @contextmanager
 def sole_writer(path: Path) -> Iterator[None]:
-    """Inside, no other campaign adds to ``path``; raises IsfError BUSY when one does."""
-    with path.open("ab") as file:
+    """Inside, no other campaign adds to ``path``; raises IsfError BUSY when one does, FILE_NOT_WRITABLE."""
+    try:
+        file = path.open("ab")
+    except OSError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(path), advice="choose another --output"
+        ) from error
+    with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        except BlockingIOError as error:
             raise IsfError(
                 ErrorCode.BUSY,
                 "another campaign is running in this folder",
