@@ -155,6 +155,7 @@ def make_part(
         lost_messages=0,
         sim_time=round(time, 6),
         wall_time=71.25,
+        tool_compliance=((1e-6, 1e-6, 1e-7), (1e-6, 1e-6, 1e-7)),  # of rig ren2018
     )
 
 

@@ -6,6 +6,7 @@ namespace. When a bag holds several parts, the last one is read.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass
@@ -16,6 +17,10 @@ from typing import Any, TypeVar
 from isf_core import __version__
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files import yaml_file
+from isf_core.files.job import Job
+from isf_core.files.rig import load_rig
+from isf_core.files.yaml_file import find_shipped
 from isf_ros import fields
 
 from isf_analysis.bag import topics
@@ -24,7 +29,7 @@ from isf_analysis.bag.topics import Topic
 from isf_analysis.measures import scan_cloud
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_analysis.measures.events import event_of_message
-from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.record import PartRecord, Vector
 
 NANO = 1_000_000_000
 
@@ -195,6 +200,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
         sheet=_sheet(job),
         base_folder=getattr(job, "base_folder", ""),
         axis_error=_axis_error(after),
+        tool_compliance=_tool_compliance(messages, job),
     )
 
 
@@ -309,6 +315,23 @@ def _axis_error(after: list[tuple[int, Any]]) -> tuple[float, float] | None:
     state = after[0][1] if after else None
     largest = float(getattr(state, "axis_error_largest", 0.0))
     return (float(state.axis_error_rms), largest) if state is not None and largest > 0.0 else None
+
+
+def _tool_compliance(messages: _Messages, job: Any) -> tuple[Vector, Vector] | None:
+    """As force control was armed with; of a part formed in one process, which arms no node, that of the rig by name."""
+    try:
+        armed = [message for _, message in messages.of(topics.ARMED) if message.plan_id == job.plan_id]
+        if not armed:
+            rig = load_rig(find_shipped("rigs", yaml_file.parse(job.job_text, Job, "job").rig).stem)
+            return rig.tool_1.compliance, rig.tool_2.compliance
+        settings = json.loads(armed[-1].settings)
+        plane = settings["forming_compliance"], settings["support_compliance"]
+        first, second = (
+            (float(x), float(y), float(z)) for (x, y), z in zip(plane, settings["axial_compliance"], strict=True)
+        )
+    except (IsfError, OSError, ValueError, TypeError, KeyError):
+        return None
+    return first, second
 
 
 def _last(items: Iterator[tuple[int, Any]]) -> tuple[int, Any] | None:

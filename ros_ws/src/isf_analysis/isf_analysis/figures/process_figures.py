@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from isf_analysis.figures import style
+from isf_analysis.measures.error_split import ErrorSplit
 from isf_analysis.measures.force_metrics import BAND, engaged, has_set_point
 from isf_analysis.measures.record import PartRecord
 
@@ -117,6 +118,27 @@ def _draw_residual(axes: Axes, items: Sequence[ContourCorrection], number: Array
     axes.set_ylabel("too low < error > too high [mm]")
     _contour_axis(axes, number)
     style.legend_above(axes, 2)
+
+
+def error_split(splits: Sequence[ErrorSplit]) -> Figure:
+    """Terms of the error of the formed part, mean of every contour."""
+    figure = style.new_figure(4.8)
+    axes = figure.subplots()
+    number = np.array([split.index + 1 for split in splits], dtype=float)
+    for name, words, colour in (
+        ("correction", "correction", style.PART),
+        ("tool", "tool, $\\delta_1$", style.SET_POINT),
+        ("sheet", "sheet, $\\delta_2$", style.PREDICTION),
+        ("error", "formed part: the sum", style.INK),
+    ):
+        values = np.array([MM * float(np.mean(_known(getattr(split, name)))) for split in splits])
+        if np.isfinite(values).any():
+            axes.plot(number, values, color=colour, label=words, marker="." if len(number) < 30 else "")
+    axes.axhline(0.0, color=style.MUTED, linestyle=(0, (4, 2)), linewidth=1.2)
+    axes.set_ylabel("too far < > not far enough [mm]")
+    _contour_axis(axes, number)
+    style.legend_above(axes, 4)
+    return figure
 
 
 def forming_force(record: PartRecord) -> Figure:

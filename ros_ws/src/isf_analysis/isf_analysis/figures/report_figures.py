@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from isf_analysis.figures import contact_figures, process_figures, scan_figures, shape_figures, style
 from isf_analysis.measures.contour_scan import ScanError
 from isf_analysis.measures.deviation import Deviation, directions
+from isf_analysis.measures.error_split import error_splits
 from isf_analysis.measures.force_regions import path_forces
 from isf_analysis.measures.record import PartRecord
 
@@ -136,6 +137,16 @@ def _shape(
         "Vertical error; the regions are those of the target, see the end of this page.",
         partial(shape_figures.region_errors, deviation, reference_deviation),
     )
+    splits = error_splits(record, deviation.error)
+    if splits:
+        yield _Plan(
+            "error_split",
+            SHAPE,
+            "Where the error comes from",
+            "Terms of the error, mean of every contour, normal to the wanted surface; positive: not far enough. They "
+            "add up to the error of the formed part (Ren 2018, eq. 1-1; that of unclamping is not measured).",
+            partial(process_figures.error_split, splits),
+        )
 
 
 def _scans(record: PartRecord, scans: tuple[ScanError, ...]) -> Iterator[_Plan]:

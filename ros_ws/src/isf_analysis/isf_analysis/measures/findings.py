@@ -14,6 +14,7 @@ from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
 from isf_analysis.measures import events, remarks
+from isf_analysis.measures.error_split import error_splits
 from isf_analysis.measures.force_regions import (
     REGIONS,
     ContactLoss,
@@ -39,6 +40,7 @@ def findings(record: PartRecord, error: HeightMap | None) -> dict[str, Any]:
             for item in remarks.grouped(record.corrections)
         ],
         "outlook": _outlook(record, error),
+        "error_split": _error_split(record, error),
         "force_regions": {name: _region(region) for name, region in region_forces(paths).items()} or None,
         "contact_losses": _losses(paths),
         "time": _time(record),
@@ -104,6 +106,26 @@ def _outlook(record: PartRecord, error: HeightMap | None) -> dict[str, Any] | No
     }
 
 
+def _error_split(record: PartRecord, error: HeightMap | None) -> dict[str, Any] | None:
+    """Terms of the error over all points of the contours; None for a part of whose error or tips nothing is known."""
+    splits = error_splits(record, error) if error is not None else ()
+    if not splits:
+        return None
+    terms = ("correction", "tool", "followed", "deflected", "sheet", "error", "support")
+    found = {name: np.concatenate([getattr(split, name) for split in splits]) for name in terms}
+    return {
+        "contours": len(splits),
+        **{
+            name: {
+                "mean_mm": _mean(values),
+                "rms_mm": _rms(values),
+                "max_abs_mm": _largest(values),
+            }
+            for name, values in found.items()
+        },
+    }
+
+
 def _time(record: PartRecord) -> dict[str, Any] | None:
     found = process_time(record)
     if found is None:
@@ -162,6 +184,12 @@ def _mean(values: Any) -> float | None:
     """mm, mean of lengths in m; None when nothing is known."""
     known = values[np.isfinite(values)]
     return float(MM * known.mean()) if len(known) else None
+
+
+def _rms(values: Array) -> float | None:
+    """mm, root mean square of lengths in m; None when nothing is known."""
+    known = values[np.isfinite(values)]
+    return float(MM * np.sqrt(np.mean(known**2))) if len(known) else None
 
 
 def _largest(values: Array) -> float | None:

@@ -14,11 +14,13 @@ from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_
 from isf_core.errors import IsfError
 from isf_core.events import Event, torn
 from isf_core.files import yaml_file
-from isf_core.files.job import ToleranceSpec
+from isf_core.files.job import Job, ToleranceSpec
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SEALED_VARIANTS
 
 from isf_analysis.measures.contour_scan import ContourScan
+
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class PartRecord:
     notes : remarks for people on how complete the record is
     sheet : ``model`` of the simulated sheet, and what it cost where it was formed in this process; empty: not known
     axis_error : m, root mean square and largest error of the axes while a tool touched the sheet; None: not told
+    tool_compliance : m/N of tool 1 and of tool 2, each of the tip in x, y and z, as force control has it; None: unknown
     base_folder : that relative paths in the job refer to; empty: not known
     """
 
@@ -78,6 +81,7 @@ class PartRecord:
     sheet: Mapping[str, object] = field(default_factory=dict)
     base_folder: str = ""
     axis_error: tuple[float, float] | None = None
+    tool_compliance: tuple[Vector, Vector] | None = None
 
     @property
     def planned(self) -> int:
@@ -104,6 +108,15 @@ class PartRecord:
     def corrects(self) -> bool:
         """True when a springback method was at work."""
         return self.correction not in ("", "none")
+
+    def job(self) -> Job:
+        """The job that was formed; its text may come from a bag, so that no file is opened by a path in it.
+
+        Raises
+        ------
+        IsfError : of the text, naming line and field
+        """
+        return yaml_file.parse(self.job_text, Job, "job")
 
     @property
     def tolerance(self) -> ToleranceSpec:

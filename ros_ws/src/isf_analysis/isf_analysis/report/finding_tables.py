@@ -90,6 +90,35 @@ def outlook_table(numbers: Numbers) -> str:
     return table(caption, head, [row for row in rows if set(row[1:]) != {DASH}])
 
 
+SPLIT_ROWS = {
+    "correction": "sent beyond the plan by the correction",
+    "tool": "δ<sub>1</sub>: forming tool beside where it was sent",
+    "followed": "of which seen by the encoders",
+    "deflected": "of which deflection under the force, less its compensation",
+    "sheet": "δ<sub>2</sub>: sheet beside the tool: springback in the clamp, and what later contours moved",
+    "error": "error of the formed part: their sum",
+    "support": "support tool under position control, beside where it was sent; positive: off the sheet",
+}
+
+
+def split_table(numbers: Numbers) -> str:
+    """Where the error comes from; nothing where error or tips are not known."""
+    split = numbers["error_split"]
+    if split is None:
+        return ""
+    rows = [
+        [words, *(_mm(split[name][f"{key}_mm"]) for key in ("mean", "rms", "max_abs"))]
+        for name, words in SPLIT_ROWS.items()
+    ]
+    rows = [row for row in rows if set(row[1:]) != {DASH}]
+    rows.append(["δ<sub>3</sub>: springback by unclamping and trimming", *["not measured"] * 3])
+    caption = (
+        f"Where the error comes from (Ren 2018, eq. 1-1): at the points of {split['contours']} contours, normal to the "
+        "wanted surface; positive: not far enough"
+    )
+    return table(caption, ["term", "mean", "rms", "largest"], rows, wrap=True)
+
+
 def time_table(numbers: Numbers) -> str:
     """Planned beside actual time, and where the difference went; nothing without a formed contour."""
     time = numbers["time"]

@@ -144,6 +144,7 @@ def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Pictu
             result_tables.region_table(numbers),
             result_tables.share_table(numbers),
             result_tables.signed_table(numbers),
+            finding_tables.split_table(numbers),
         ]
     happened = finding_tables.event_table(numbers)
     if happened:

@@ -12,8 +12,6 @@ import yaml
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import EventKind, kind_name
 from isf_core.files import yaml_file
-from isf_core.files.job import JobFile
-from isf_core.files.yaml_file import find_named
 
 from isf_analysis.figures.shape_figures import REGION_LABELS
 from isf_analysis.measures.deviation import REGIONS
@@ -195,10 +193,10 @@ def job_table(record: PartRecord) -> str:
 def constants(record: PartRecord) -> str:
     """Constants of material and rig with where each comes from, by the names in the job; text when they are unknown."""
     try:
-        job = JobFile(record.job_text, Path()).job
+        job = record.job()
         parts = [
-            _sources("Material", find_named("materials", job.sheet.material)),
-            _sources("Rig", find_named("rigs", job.rig)),
+            _sources("Material", yaml_file.find_shipped("materials", job.sheet.material)),
+            _sources("Rig", yaml_file.find_shipped("rigs", job.rig)),
         ]
     except (IsfError, OSError) as error:
         words = error.message if isinstance(error, IsfError) else str(error)

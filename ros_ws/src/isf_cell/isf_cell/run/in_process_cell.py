@@ -28,7 +28,7 @@ from isf_cell.run.cell_wrenches import CellWrenches
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
 POSES = 50.0
-"""Hz at which poses are reported to a measurement, as the machine node does."""
+"""Hz at which force control hears the poses, as from the machine node."""
 
 M = TypeVar("M", bound=Measurement)
 
@@ -42,10 +42,16 @@ def run_ticks(
 ) -> MachineSample:
     """Tick from ``sample`` until the controller rests, ``each`` sample told first; the last sample.
 
+    The controller hears where the tips are :data:`POSES` times a second, as from a machine in a graph.
+
     A fault of the machine, which holds from then on, or of its load cells ends what the controller is doing with its
     code.
     """
+    every = max(1, round(machine.control_rate / POSES))
     while controller.busy:
+        if sample.tick % every == 0:
+            for tool, tip in enumerate((sample.tip_1, sample.tip_2), 1):
+                controller.add_measured(tool, sample.time, tip.tolist())
         if each is not None:
             each(sample)
         read = wrenches.of(sample)
@@ -187,12 +193,8 @@ class InProcessCell:
         """The ended measurement that ``make`` began; ``tell`` is called once per second of its time."""
         controller, rate = self._controller, round(self.machine.control_rate)
         measurement = controller.measure(make)
-        every = max(1, round(rate / POSES))
 
         def report(sample: MachineSample) -> None:
-            if sample.tick % every == 0:
-                controller.add_measured(1, sample.time, sample.tip_1.tolist())
-                controller.add_measured(2, sample.time, sample.tip_2.tolist())
             if sample.tick % rate == 0:
                 notify(measurement)
 

@@ -234,16 +234,32 @@ def find_named(folder: str, name_or_path: str, base: Path | None = None) -> Path
     ------
     IsfError : FILE_NOT_FOUND, with the names that exist
     """
-    if name_or_path.endswith((".yaml", ".yml")):
-        path = Path(name_or_path)
-        path = path if path.is_absolute() or base is None else base / path
-        if path.is_file():
-            return path
-    else:
-        path = share_directory() / folder / f"{name_or_path}.yaml"
-        if path.is_file():
-            return path
+    if not _is_path(name_or_path):
+        return find_shipped(folder, name_or_path)
+    path = Path(name_or_path)
+    path = path if path.is_absolute() or base is None else base / path
+    if not path.is_file():
+        raise _not_in(folder, name_or_path, path)
+    return path
+
+
+def find_shipped(folder: str, name: str) -> Path:
+    """File for a name in ``share/isf_core/<folder>``, never one beside it: for names from a bag, which opens no files.
+
+    Raises
+    ------
+    IsfError : FILE_NOT_FOUND, with the names that exist
+    """
+    path = share_directory() / folder / f"{name}.yaml"
+    if _is_path(name) or Path(name).name != name or not path.is_file():
+        raise _not_in(folder, name, path)
+    return path
+
+
+def _is_path(name: str) -> bool:
+    return name.endswith((".yaml", ".yml"))
+
+
+def _not_in(folder: str, name: str, path: Path) -> IsfError:
     known = ", ".join(sorted(p.stem for p in (share_directory() / folder).glob("*.yaml")))
-    raise IsfError(
-        ErrorCode.FILE_NOT_FOUND, f"no '{name_or_path}' in {folder}", where=str(path), advice=f"known: {known}"
-    )
+    return IsfError(ErrorCode.FILE_NOT_FOUND, f"no '{name}' in {folder}", where=str(path), advice=f"known: {known}")
