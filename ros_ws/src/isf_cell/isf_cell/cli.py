@@ -352,6 +352,14 @@ def replay(
             help="form the part again on the simulated machine  [default: simulated parts with a --what-if]",
         ),
     ] = None,
+    from_contour: Annotated[
+        int | None,
+        typer.Option(
+            "--from",
+            help="form a simulated part again, the contours before this one as recorded, from it on with the --what-if",
+            metavar="CONTOUR",
+        ),
+    ] = None,
     base: Annotated[
         Path | None, typer.Option(help="folder that paths in the recorded job refer to  [default: the recorded one]")
     ] = None,
@@ -362,7 +370,7 @@ def replay(
     """Decide a recorded part again, with the same or with other parameters, and compare."""
     from isf_cell.commands.replay import replay_run
 
-    replay_run(run, what_if or (), output, base, replant, namespace=namespace, as_json=json)
+    replay_run(run, what_if or (), output, base, replant, namespace=namespace, from_contour=from_contour, as_json=json)
 
 
 @app.command()

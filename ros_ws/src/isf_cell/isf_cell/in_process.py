@@ -20,6 +20,7 @@ from isf_planner import Plan
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import PartGoal
 from isf_cell.run.in_process_cell import InProcessCell
+from isf_cell.run.part_change import PartChange
 from isf_cell.run.part_run import PartRun
 from isf_cell.run.part_step import PartStep
 
@@ -49,12 +50,14 @@ def form(
     *,
     part_plan: Plan | None = None,
     control: Mapping[str, object] | None = None,
+    change: PartChange | None = None,
     progress: Callable[[PartStep], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> PartRecord:
     """Plan (unless ``part_plan`` is given), form and scan one part; returns its record.
 
     ``control`` : parameters of force control (ControlConfig) in place of the job's and the defaults
+    ``change`` : settings that change in the middle of the part
 
     A part that ends early (fault, cancel) returns what was formed, with the code in its last result; only
     faults before the first contour raise. A part whose final scan fails has none; the log says why.
@@ -65,7 +68,7 @@ def form(
     """
     options = options or RunOptions()
     started = time.perf_counter()
-    cell = InProcessCell(part_plan, control=control)
+    cell = InProcessCell(part_plan, control=control, change=change)
     error = PartRun(cell, PartGoal(job_file, options), _Operator(progress, cancelled)).run()
     reported = (
         error is None

@@ -26,6 +26,22 @@ quarter would run away (Ren 2018, section 2.3.3)."""
 REFERENCE_FORCE = 100.0
 """N, normal force for which the time of taking a component's offset back is exact."""
 
+SET_WHILE_FORMING = (
+    "set_point",
+    "loop_gain",
+    "dead_zone",
+    "filter_cutoff",
+    "error_clamp",
+    "set_point_rate",
+    "feed_error",
+    "feed_floor",
+    "compliance_time",
+    "contact_threshold",
+    "drift_limit",
+    "drift_stop",
+)
+"""Parameters that may be set in the middle of a part, as those of the node may."""
+
 
 @dataclass(frozen=True)
 class ControlConfig:

@@ -25,6 +25,7 @@ corrections included, over a die in the frame of the die.
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,12 +144,17 @@ class Corrector:
         spent = time.perf_counter() - started
         return _message(self.name, contour, up, prediction, push, offset, limited, fault, remarks, spent)
 
-    def follow(self, contour: Contour, correction: ContourCorrection) -> None:
+    def follow(self, contour: Contour, correction: ContourCorrection, *, predict: bool = False) -> None:
         """Take note that another method corrected ``contour``, to take over later without a jump.
 
-        Called in place of :meth:`correct`, for every contour in order, each followed by its measurements.
+        Called in place of :meth:`correct`, for every contour in order, each followed by its measurements. ``predict``:
+        the method predicts all the same, as it did where it was the same one with other parameters that corrected; some
+        keep what they computed for the contours to come.
         """
         self._begin(contour)
+        if predict:
+            with suppress(IsfError):  # what it lacks was told by the one that corrected
+                self.estimator.estimate(contour, self.history)
         before = None if self.history.base is None else self.history.base.contour
         passed = self._floor.push(contour, before, self.history.last(contour).push) is not None
         offset = np.array(correction.offset, dtype=np.float64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from isf_core.contour import ContourCorrection, ContourResult
@@ -17,37 +18,66 @@ from isf_analysis.measures.force_metrics import force_metrics, has_set_point, rm
 from isf_analysis.measures.record import PartRecord
 
 RECORDED, WHAT_IF = "recorded", "what if"
-_STYLE = {RECORDED: "-", WHAT_IF: "--"}
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What the panels draw; ``changed``: corrections, ``moved``, ``name``, ``start``: as of :func:`what_if`."""
+
+    part: PartRecord
+    again: PartRecord | None
+    changed: Sequence[ContourCorrection]
+    moved: Array | None
+    name: str
+    start: int | None
+
+    def both(self) -> tuple[tuple[PartRecord, str, str, str], ...]:
+        """Record, colour, line and label of the recorded part and of the one that was formed again."""
+        assert self.again is not None  # asked before
+        return (
+            (self.part, style.UNCORRECTED, "-", RECORDED),
+            (self.again, style.PART, "--", self.name),
+        )
 
 
 def what_if(
-    part: PartRecord, again: PartRecord | None, corrections: Sequence[ContourCorrection] | None, moved: Array | None
+    part: PartRecord,
+    again: PartRecord | None,
+    corrections: Sequence[ContourCorrection] | None,
+    moved: Array | None,
+    name: str = WHAT_IF,
+    start: int | None = None,
 ) -> Figure:
     """Panels that there is something to show in.
 
     ``again`` : the part formed again ; ``corrections`` : decided again from what was recorded ; ``moved`` : (C, 3),
     contour, and how far, m, forming and support tip would be from the recorded targets with the recorded forces.
+    ``name`` : of what is shown beside the record ; ``start`` : contour, from 0, that is marked as the first that may
+    differ from it.
     """
-    panels: list[Callable[..., None]] = []
+    panels: list[Callable[[Axes, _Shown], None]] = []
     if again is not None and force_metrics(again.results, again.control_rate) is not None:
         panels += [_draw_rms, _draw_force]
     if moved is not None and len(moved):
         panels.append(_draw_moved)
-    changed = again.corrections if again is not None else corrections
-    if part.corrects and changed:
+    changed = (again.corrections if again is not None else corrections) or ()
+    if changed and (part.corrects or any(item.offset.any() for item in changed)):
         panels.append(_draw_corrections)
     if again is not None and part.scan is not None and again.scan is not None and part.target is not None:
         panels.append(_draw_section)
+    shown = _Shown(part, again, changed, moved, name, start)
     figure = style.new_figure(2.6 * max(1, len(panels)) + 0.3)
     for k, draw in enumerate(panels):
         axes = figure.add_subplot(len(panels), 1, k + 1)
-        draw(axes, part, again, changed, moved)
+        draw(axes, shown)
     return figure
 
 
-def _contour_axis(axes: Axes) -> None:
+def _contour_axis(axes: Axes, shown: _Shown) -> None:
     axes.set_xlabel("contour")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if shown.start is not None:  # between the last contour as it was and the first with the changes
+        axes.axvline(shown.start + 0.5, color=style.LIMIT, linewidth=1.0, label=f"from contour {shown.start + 1} on")
 
 
 def _rms(part: PartRecord) -> tuple[Array, Array]:
@@ -56,27 +86,26 @@ def _rms(part: PartRecord) -> tuple[Array, Array]:
     return table[:, 0], table[:, 1]
 
 
-def _draw_rms(axes: Axes, part: PartRecord, again: PartRecord, *_: object) -> None:
-    for record, colour, label in ((part, style.UNCORRECTED, RECORDED), (again, style.PART, WHAT_IF)):
-        axes.plot(*_rms(record), marker=".", color=colour, linestyle=_STYLE[label], label=label)
+def _draw_rms(axes: Axes, shown: _Shown) -> None:
+    for record, colour, line, label in shown.both():
+        axes.plot(*_rms(record), marker=".", color=colour, linestyle=line, label=label)
     axes.set_title("Force error of each contour", pad=24)
     axes.set_ylabel("rms [N]")
-    _contour_axis(axes)
+    _contour_axis(axes, shown)
     axes.set_ylim(bottom=0.0)
     style.legend_above(axes)
 
 
-def _draw_force(axes: Axes, part: PartRecord, again: PartRecord, *_: object) -> None:
+def _draw_force(axes: Axes, shown: _Shown) -> None:
     """The contour whose force changes most."""
-    before = {result.index: result for result in part.results if has_set_point(result)}
-    after = {result.index: result for result in again.results if has_set_point(result)}
+    before, after = (
+        {result.index: result for result in record.results if has_set_point(result)} for record, *_ in shown.both()
+    )
     both = sorted(before.keys() & after.keys())
-    first, second = dict(zip(*_rms(part), strict=True)), dict(zip(*_rms(again), strict=True))
+    first, second = (dict(zip(*_rms(record), strict=True)) for record, *_ in shown.both())
     chosen = max(both, key=lambda k: abs(first.get(k + 1, 0.0) - second.get(k + 1, 0.0)))
-    for result, colour, label in (
-        (before[chosen], style.UNCORRECTED, RECORDED),
-        (after[chosen], style.PART, WHAT_IF),
-    ):
+    for results, (_, colour, _, label) in zip((before, after), shown.both(), strict=True):
+        result = results[chosen]
         axes.plot(_since(result), result.tick_normal_force, color=colour, linewidth=0.8, label=label)
     wanted = after[chosen].tick_set_point
     axes.plot(_since(after[chosen]), wanted, color=style.SET_POINT, linewidth=1.0, label="set-point")
@@ -90,40 +119,43 @@ def _since(result: ContourResult) -> Array:
     return result.tick_time - result.tick_time[0]
 
 
-def _draw_moved(axes: Axes, part: PartRecord, again: object, changed: object, moved: Array) -> None:
+def _draw_moved(axes: Axes, shown: _Shown) -> None:
+    moved = shown.moved
+    assert moved is not None  # asked before
     axes.plot(moved[:, 0] + 1, 1e6 * moved[:, 2], ".-", color=style.PART, label="support tool")
     axes.plot(moved[:, 0] + 1, 1e6 * moved[:, 1], ".-", color=style.PREDICTION, label="forming tool")
     axes.set_title("Change of targets with the recorded forces", pad=24)
     axes.set_ylabel("largest [µm]")
     style.legend_above(axes)
-    _contour_axis(axes)
+    _contour_axis(axes, shown)
 
 
-def _draw_corrections(
-    axes: Axes, part: PartRecord, again: PartRecord | None, changed: Sequence[ContourCorrection], *_: object
-) -> None:
-    for items, colour, label in ((part.corrections, style.UNCORRECTED, RECORDED), (changed, style.PART, WHAT_IF)):
+def _draw_corrections(axes: Axes, shown: _Shown) -> None:
+    for items, colour, line, label in (
+        (shown.part.corrections, style.UNCORRECTED, "-", RECORDED),
+        (shown.changed, style.PART, "--", shown.name),
+    ):
         numbers = [item.index + 1 for item in items]
         sizes = [1e3 * float(np.linalg.norm(item.offset, axis=1).mean()) for item in items]
-        axes.plot(numbers, sizes, marker=".", color=colour, linestyle=_STYLE[label], label=label)
-    axes.set_title("Correction" if again is not None else "Correction decided from the record", pad=24)
+        axes.plot(numbers, sizes, marker=".", color=colour, linestyle=line, label=label)
+    axes.set_title("Correction" if shown.again is not None else "Correction decided from the record", pad=24)
     axes.set_ylabel("mean [mm]")
-    _contour_axis(axes)
+    _contour_axis(axes, shown)
     style.legend_above(axes)
 
 
-def _draw_section(axes: Axes, part: PartRecord, again: PartRecord, *_: object) -> None:
-    target = part.target
+def _draw_section(axes: Axes, shown: _Shown) -> None:
+    target = shown.part.target
     assert target is not None  # asked before
     middle = target.y[len(target.y) // 2]
     places = np.column_stack([target.x, np.full(len(target.x), middle)])
-    for record, colour, label in ((part, style.UNCORRECTED, RECORDED), (again, style.PART, WHAT_IF)):
+    for record, colour, line, label in shown.both():
         assert record.scan is not None  # asked before
         axes.plot(
             1e3 * target.x,
             1e3 * (record.scan.at(places) - target.at(places)),
             color=colour,
-            linestyle=_STYLE[label],
+            linestyle=line,
             label=label,
         )
     axes.axhline(0.0, color=style.TARGET, linewidth=0.8)

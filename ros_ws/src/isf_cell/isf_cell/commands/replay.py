@@ -5,19 +5,29 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isf_analysis.bag.open_bag import bag_of
 from isf_analysis.figures import replay_figures, style
 from isf_analysis.measures.force_metrics import rms_by_contour
+from isf_core.contour import contour_label
+from isf_core.errors import ErrorCode, IsfError
 from rich.markup import escape
 
 from isf_cell.commands import terminal
-from isf_cell.commands.run_folder import make_run_folder
+from isf_cell.commands.resume import being_formed
+from isf_cell.commands.run_folder import run_folder
+from isf_cell.processes.held_interrupt import ctrl_c_held_back
+from isf_cell.replay.differences import Difference
 from isf_cell.replay.outcome import BY_CLOCK, Replay, replay
 from isf_cell.replay.recorded_run import read_run
 from isf_cell.replay.what_if import parse
+
+FORMED_AGAIN = "formed again"
+"""What the part is called that was formed again without a change."""
 
 
 def replay_run(
@@ -28,33 +38,56 @@ def replay_run(
     replant: bool | None,
     *,
     namespace: str | None = None,
+    from_contour: int | None = None,
     as_json: bool,
 ) -> None:
     """Replay the run or bag at ``path`` with the ``changes`` "NAME=VALUE"; pictures where there are changes.
 
-    ``namespace`` of the cell, where the bag holds several.
+    ``namespace`` of the cell, where the bag holds several. ``from_contour`` : the part is formed again, and the changes
+    hold from this contour (from 1) on.
 
-    Raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, and codes of the job.
+    Raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, FILE_NOT_WRITABLE, BUSY, and codes of the job.
     """
     what_if = parse(changes)
+    start = None if from_contour is None else from_contour - 1
+    if start is not None:
+        what_if.check_mid_part()
+        _check_not_being_formed(bag_of(path).parent)
     run = read_run(path, namespace)
-    with terminal.part_progress(f"{run.part.job_name}, replayed") as progress:
-        found = replay(run, what_if, base=base, replant=replant, phase=progress.phase, formed=progress.contour)
-    data = found.numbers()
-    if what_if or output is not None:
-        folder = make_run_folder(output, f"replay-{run.part.job_name}")
-        data |= _write(found, data, folder)
+    with ExitStack() as stack:
+        folder = None
+        if what_if or output is not None:
+            folder = stack.enter_context(run_folder(output, f"replay-{run.part.job_name}"))
+        with terminal.part_progress(f"{run.part.job_name}, replayed") as progress:
+            found = replay(
+                run, what_if, base=base, replant=replant, start=start, phase=progress.phase, formed=progress.contour
+            )
+        data = found.numbers()
+        if folder is not None:
+            stack.enter_context(ctrl_c_held_back())  # all files or none
+            data |= _write(found, data, folder)
     if as_json:
         terminal.print_json(data)
     _show(found, data)
 
 
+def _check_not_being_formed(run: Path) -> None:
+    if being_formed(run):
+        raise IsfError(
+            ErrorCode.BUSY,
+            "another command forms this part: what comes after a contour is not recorded yet",
+            where=str(run),
+            advice="wait until it ends; without --from what is recorded so far is replayed",
+        )
+
+
 def _write(found: Replay, data: dict[str, Any], folder: Path) -> dict[str, str]:
     """Picture, table and numbers in ``folder``; their paths."""
-    part, again = found.run.part, found.again if found.what_if else None
+    part, again = found.run.part, found.again if found.what_if or found.start is not None else None
     files = {"picture": str(folder / "replay.png"), "table": str(folder / "contours.csv")}
+    name = replay_figures.WHAT_IF if found.what_if else FORMED_AGAIN
     with style.applied():
-        figure = replay_figures.what_if(part, again, found.corrections, found.moved)
+        figure = replay_figures.what_if(part, again, found.corrections, found.moved, name, found.start)
         Path(files["picture"]).write_bytes(style.png(figure))
     with Path(files["table"]).open("w", encoding="utf-8", newline="") as stream:
         rows = list(_rows(found))
@@ -70,7 +103,8 @@ def _rows(found: Replay) -> list[dict[str, Any]]:
     """One row per contour."""
     part = found.run.part
     forming, support = ({int(row[0]): 1e6 * row[column] for row in found.moved} for column in (1, 2))
-    decided = {item.index: item for item in found.corrections or ()}
+    again = found.again.corrections if found.again is not None else ()
+    decided = {item.index: item for item in found.corrections or again}
     recorded = {item.index: item for item in part.corrections}
     before, after = (
         rms_by_contour(record.results, record.control_rate) if record is not None else {}
@@ -82,6 +116,7 @@ def _rows(found: Replay) -> list[dict[str, Any]]:
         rows.append(
             {
                 "contour": k,
+                "changed": int(bool(found.what_if) and k >= (found.start or 0)),
                 "recorded_force_error_rms_N": before.get(k),
                 "what_if_force_error_rms_N": after.get(k),
                 "forming_tip_moved_um": forming.get(k),
@@ -97,11 +132,24 @@ def _mean(correction: Any) -> float | None:
     return None if correction is None else 1e3 * float(np.linalg.norm(correction.offset, axis=1).mean())
 
 
+def _other(found: Replay) -> str:
+    """What the part that was formed again is called beside the recorded one."""
+    if not found.what_if:
+        return FORMED_AGAIN
+    return replay_figures.WHAT_IF if found.start is None else f"from contour {found.start + 1} with {_changes(found)}"
+
+
+def _changes(found: Replay) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in found.what_if.given.items())
+
+
 def _show(found: Replay, data: dict[str, Any]) -> None:
     say = terminal.say
     targets = data["targets"]
-    if found.what_if:
-        say(f"what if {', '.join(f'{name} = {value}' for name, value in found.what_if.given.items())}")
+    if found.what_if and found.start is None:
+        say(f"what if {_changes(found)}")
+    if (before := found.before) is not None:
+        _show_before(before, found)
     if targets is not None and (found.what_if or found.how == BY_CLOCK):
         support, forming = (data["moved"][f"{name}_tip_largest_um"] for name in ("support", "forming"))
         say(
@@ -119,12 +167,15 @@ def _show(found: Replay, data: dict[str, Any]) -> None:
         say(f"springback, fed with what was measured: corrections differ by at most {largest:.4f} mm")
     if not found.what_if:
         word = {True: "true", False: "false", None: "cannot be known"}[found.identical]
-        say(f"identical: {word}" + (f" ({found.how})" if found.how else ""))
+        how = found.identical_unknown or found.how
+        say(f"identical: {word}" + (f" ({how})" if how else ""))
         if found.identical is False and data["results"]:
             for name, size in data["results"]["differing_fields"].items():
                 say(f"  results differ in {name}, by at most {size:g} (SI)")
+    elif found.start is not None and found.identical:
+        say("identical: true: the changes have no effect on this part")
     if data["prediction"]:
-        _show_prediction(data["prediction"])
+        _show_prediction(data["prediction"], found)
     elif found.what_if and not found.run.simulated:
         say("what the sheet would have answered cannot be told: a real part is not formed again")
     for note in found.notes:
@@ -133,8 +184,26 @@ def _show(found: Replay, data: dict[str, Any]) -> None:
         say(f"picture {data['picture']}")
 
 
-def _show_prediction(prediction: dict[str, Any]) -> None:
-    table = terminal.table_of("formed again on the simulated machine", "", "recorded", "what if")
+def _show_before(before: Difference, found: Replay) -> None:
+    """Whether the contours before the changes are the recorded ones."""
+    assert found.start is not None  # else there is nothing before it
+    contours = "contour 1" if found.start == 1 else f"contours 1 to {found.start}"
+    if before.identical:
+        terminal.say(f"{contours} formed again as recorded: the same bit for bit")
+        return
+    first = "some are in one alone" if before.first is None else f"they differ from {contour_label(before.first)} on"
+    why = f" ({found.identical_unknown})" if found.identical_unknown else ""
+    terminal.warn(
+        f"{contours} formed again are not those of the record, {first}{why}: what comes after is not that of the "
+        "changes alone"
+    )
+
+
+def _show_prediction(prediction: dict[str, Any], found: Replay) -> None:
+    title = "formed again on the simulated machine"
+    if found.start:
+        title += f"; force and time of contours {found.start + 1} to {found.run.part.planned}"
+    table = terminal.table_of(title, "", "recorded", _other(found))
     rows = (
         ("force error rms [N]", "force_error_rms_N", 2),
         ("force error largest [N]", "force_error_max_N", 1),

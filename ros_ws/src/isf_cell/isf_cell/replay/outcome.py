@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from isf_analysis.measures import deviation
 from isf_analysis.measures.force_metrics import force_metrics
 from isf_analysis.measures.record import PartRecord
-from isf_core.contour import ContourCorrection
-from isf_core.errors import IsfError
+from isf_core.contour import ContourCorrection, ContourResult, contour_label
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array, Mask
 
 from isf_cell.replay.correction_replay import replay_corrections
 from isf_cell.replay.differences import Difference, difference
 from isf_cell.replay.force_replay import ForceReplay, replay_force
 from isf_cell.replay.recorded_run import Armed, RecordedRun, Ticks
-from isf_cell.replay.replant import form_again, recorded_config
+from isf_cell.replay.replant import change_at, check_simulated, form_again, form_from, recorded_config
 from isf_cell.replay.what_if import WhatIf
 from isf_cell.run.part_step import PartStep
 
 LOCKSTEP = "bit for bit"
 BY_CLOCK = "by time of receipt"
 BY_PLANT = "bit for bit, the part formed again"
+
+Indexed = TypeVar("Indexed", ContourResult, ContourCorrection)
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class Replay:
     ----------
     force : answers of force control ; corrections : of the springback method ; again : the part formed again
     notes : for people
+    start : contour, from 0, that is the first with the changes, where the contours before it are without; None: all
+        have them
     """
 
     run: RecordedRun
@@ -45,6 +49,7 @@ class Replay:
     corrections: tuple[ContourCorrection, ...] | None
     again: PartRecord | None
     notes: tuple[str, ...]
+    start: int | None = None
 
     @property
     def how(self) -> str:
@@ -57,7 +62,7 @@ class Replay:
     def identical(self) -> bool | None:
         """True when every decision is the recorded one; None where that cannot be known, since some are not in the bag
         and all others are the same."""
-        if self.how in ("", BY_CLOCK) or self.missing or self.run.retuned:
+        if self._not_comparable:
             return None
         parts = [part for part in (self.results, self.corrected) if part is not None]
         same = all(part.identical for part in parts)
@@ -65,7 +70,49 @@ class Replay:
             if not same or self.force is None or self.force.unfed or self.target_distance.any():
                 return False
             return None if self.lost_targets else True
+        if any(part.differing for part in parts):
+            return False
+        if self.run.incomplete or self._shape_not_recorded:
+            return None
         return same and self._same_shape()
+
+    @property
+    def identical_unknown(self) -> str:
+        """Why :attr:`identical` is None; empty: it is not."""
+        if self.identical is not None:
+            return ""
+        lacking = "the formed shape is not in the bag" if self._shape_not_recorded else ""
+        return (
+            self._not_comparable or self.run.incomplete or lacking or f"{self.lost_targets} targets are not in the bag"
+        )
+
+    @property
+    def _shape_not_recorded(self) -> bool:
+        return self.run.part.scan is None and self.again is not None and self.again.scan is not None
+
+    @property
+    def _not_comparable(self) -> str:
+        """Why the record says nothing of a whole decided again bit by bit; empty: it does."""
+        if self.how == "":
+            return "nothing was decided again"
+        if self.run.by_clock:
+            return "formed by the clock: which wrench a tick used is not recorded"
+        if self.run.retuned:
+            return f"set while the part was formed: {', '.join(self.run.retuned)}"
+        return "the wrenches of some ticks are not in the bag" if self.how == LOCKSTEP and self.missing else ""
+
+    @cached_property
+    def before(self) -> Difference | None:
+        """Of the contours before :attr:`start`, results and corrections together; None where there are none."""
+        if not self.start or self.again is None:
+            return None
+        part, again, start = self.run.part, self.again, self.start
+        results = difference(_up_to(part.results, start), _up_to(again.results, start))
+        corrections = difference(_up_to(part.corrections, start), _up_to(again.corrections, start))
+        firsts = [found.first for found in (results, corrections) if found.first is not None]
+        differing = {**results.differing, **{f"correction.{k}": v for k, v in corrections.differing.items()}}
+        missing = max(results.missing, corrections.missing)
+        return Difference(results.compared, differing, min(firsts, default=None), missing)
 
     @property
     def missing(self) -> int:
@@ -134,7 +181,10 @@ class Replay:
             "bag": str(self.run.path),
             "job": part.job_name,
             "what_if": dict(self.what_if.given),
+            "from": None if self.start is None else self.start + 1,
             "identical": self.identical,
+            "identical_unknown": self.identical_unknown or None,
+            "before": _of_difference(self.before),
             "compared": {"how": self.how, "contours": len(part.results)},
             "targets": None,
             "moved": None,
@@ -162,8 +212,12 @@ class Replay:
             }
         if self.corrections is not None:
             data["corrections"]["largest_mm"] = 1e3 * largest_change(part.corrections, self.corrections)
-        if self.again is not None and (self.what_if or self.force is not None):
-            data["prediction"] = {"recorded": part_numbers(part), "what_if": part_numbers(self.again)}
+        if self.again is not None and (self.what_if or self.force is not None or self.start is not None):
+            since = self.start or 0
+            data["prediction"] = {
+                "recorded": part_numbers(part, since),
+                "what_if": part_numbers(self.again, since),
+            }
         return data
 
 
@@ -173,6 +227,7 @@ def replay(
     *,
     base: Path | None = None,
     replant: bool | None = None,
+    start: int | None = None,
     phase: Callable[[str], None] = lambda _: None,
     formed: Callable[[PartStep], None] | None = None,
 ) -> Replay:
@@ -180,13 +235,18 @@ def replay(
 
     ``replant`` : form the part again on the simulated machine; None: where it is simulated, its sheet is the fast one,
     and there is a change to try or nothing else to compare. ``base`` : folder that the job's paths refer to.
+    ``start`` : contour, from 0, that is the first with the changes: the part is formed again, and that is the whole
+    answer.
 
     Raises
     ------
-    IsfError : the job, its rig or its material cannot be used; a change is refused
+    IsfError : the job, its rig or its material cannot be used; a change, or ``start``, is refused
     """
     part = run.part
     notes = list(part.notes)
+    if start is not None:
+        _check_start(run, start, replant)
+        return _from_contour(run, what_if, base, start, phase, formed)
     if run.retuned:
         notes.append(
             f"set while the part was formed: {', '.join(run.retuned)}; it is replayed with what it was armed with"
@@ -242,7 +302,69 @@ def replay(
     if wanted:
         phase("forming the part again")
         again = form_again(run, what_if, base, progress=formed)
+        notes += _ended_early(run, again)
     return Replay(run, what_if, force, corrections, again, tuple(dict.fromkeys(notes)))
+
+
+def _check_start(run: RecordedRun, start: int, replant: bool | None) -> None:
+    """Raise IsfError FILE_FIELD, BAG_INCOMPLETE when the part cannot be formed again with changes before contour
+    ``start``."""
+    where = f"--from {start + 1}"
+    if replant is False:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "from a contour on a part is formed again, which --no-replant leaves out",
+            where=where,
+            advice="leave out --no-replant, or --from",
+        )
+    check_simulated(run, "--from")
+    recorded = [result.index for result in run.part.results]
+    if not recorded:
+        raise IsfError(
+            ErrorCode.BAG_INCOMPLETE,
+            "no contour is recorded as formed",
+            where=str(run.path),
+            advice="a run of which at least one contour was formed",
+        )
+    if not 0 <= start <= recorded[-1]:
+        of = f"contours 1 to {recorded[-1] + 1}"
+        what = f"the record holds {of}" if not run.incomplete else f"the record holds {of} so far: {run.incomplete}"
+        raise IsfError(ErrorCode.FILE_FIELD, what, where=where, advice=f"--from 1 to {recorded[-1] + 1}")
+
+
+def _from_contour(
+    run: RecordedRun,
+    what_if: WhatIf,
+    base: Path | None,
+    start: int,
+    phase: Callable[[str], None],
+    formed: Callable[[PartStep], None] | None,
+) -> Replay:
+    """The part formed again with the changes before contour ``start``."""
+
+    def step(done: PartStep) -> None:
+        if formed is not None:
+            formed(done)
+        if done.index + 1 == start:
+            phase(f"from {contour_label(start)} on{' with the changes' if what_if else ' as recorded'}")
+
+    change = change_at(run, what_if, base, start)
+    phase(f"forming contours 1 to {start} again as recorded" if start else "forming the part again")
+    again = form_from(run, change, base, progress=step)
+    notes = (*run.part.notes, *_ended_early(run, again))
+    return Replay(run, what_if, None, None, again, tuple(dict.fromkeys(notes)), start)
+
+
+def _ended_early(run: RecordedRun, again: PartRecord) -> list[str]:
+    """What ended the part that was formed again before its end, where it did not end the recorded one."""
+    failure = again.failure()
+    if failure is None or failure == run.part.failure():
+        return []
+    return [f"formed again it ended early, {again.formed} of {again.planned} contours: {failure[1]}"]
+
+
+def _up_to(items: Sequence[Indexed], start: int) -> list[Indexed]:
+    return [item for item in items if item.index < start]
 
 
 def _lost(ticks: Ticks, force: ForceReplay) -> Mask:
@@ -261,17 +383,18 @@ def _armed(ticks: Ticks, part: PartRecord, config: Any) -> Armed:
     return Armed(config, first, part.planned, tips[0], tips[1], None)
 
 
-def part_numbers(part: PartRecord) -> dict[str, Any]:
-    """Force and shape of a part."""
-    force = force_metrics(part.results, part.control_rate)
+def part_numbers(part: PartRecord, since: int = 0) -> dict[str, Any]:
+    """Force of the contours from ``since`` (from 0) on, shape of the whole part."""
+    results = tuple(result for result in part.results if result.index >= since)
+    force = force_metrics(results, part.control_rate)
     data: dict[str, Any] = {
-        "contours": part.formed,
+        "contours": sum(result.completed for result in results),
         "force_error_rms_N": force.rms_error if force else None,
         "force_error_max_N": force.max_abs_error if force else None,
         "within_10N_fraction": force.within_band if force else None,
         "contact_fraction": force.contact_fraction if force else None,
-        "forming_time_s": part.results[-1].end - part.results[0].start if part.results else None,
-        "backoffs": sum(result.backoffs for result in part.results),
+        "forming_time_s": results[-1].end - results[0].start if results else None,
+        "backoffs": sum(result.backoffs for result in results),
         "events": len(part.events),
         "error_mean_mm": None,
         "error_max_mm": None,

@@ -12,6 +12,7 @@ import numpy as np
 from isf_analysis.bag import topics
 from isf_analysis.bag.bag_reader import PartSpan, last_part, namespace_of
 from isf_analysis.bag.cdr_columns import Columns
+from isf_analysis.bag.open_bag import ENDED_BY_FORCE
 from isf_analysis.bag.tables import Bag, read_tables
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.scan_cloud import stamp_of
@@ -95,6 +96,20 @@ class RecordedRun:
     def simulated(self) -> bool:
         """True for a part of the simulated machine."""
         return self.part.variant >= 0
+
+    @property
+    def by_clock(self) -> bool:
+        """True when it is not recorded which wrench a tick used."""
+        return self.ticks is not None and not self.ticks.exact
+
+    @property
+    def incomplete(self) -> str:
+        """What the record lacks of the part; empty: it goes to the part's end, however that came."""
+        failure = self.part.failure()
+        if failure is None or failure[0]:
+            return ""
+        left = f"only {self.part.formed} of {self.part.planned} contours are recorded"
+        return "; ".join([left, *(note for note in self.part.notes if note == ENDED_BY_FORCE)])
 
     def job_file(self, base: Path | None = None, text: str | None = None) -> JobFile:
         """The recorded job, or ``text`` in its place; ``base``: folder that its paths refer to, None: the recorded one.

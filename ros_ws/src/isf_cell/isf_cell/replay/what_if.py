@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import SpringbackSpec
-from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.control_config import SET_WHILE_FORMING, ControlConfig
 
 OF_JOB = (
     "control.compliance_compensation",
@@ -30,13 +30,17 @@ OF_JOB = (
 )
 """Fields of the job that do not change the plan, nor what is measured between contours."""
 
+SET_POINT = "control.support_force"
 SET_POINTS = (
     "control.components",
-    "control.support_force",
+    SET_POINT,
     "control.tangential_force",
     "control.vertical_force",
 )
 """Those among them that are, or decide, the force to be held."""
+
+FIXED_BY_THE_JOB = ("control.components",)
+"""Those among them that force control has from the begin of a part to its end."""
 
 _LARGEST = 1e12
 _NOT_FREE = ("rate", "travel", "support_force", "runs_on", "park_height", "aside", "ball_reach")
@@ -60,6 +64,8 @@ _COUNTS = {"Vector": 3, "tuple[float, float]": 2}
 
 OF_FORCE = tuple(_KINDS)
 INTEGRAL_GAIN = "integral_gain"
+MID_PART = tuple(name for name in OF_FORCE if name in SET_WHILE_FORMING)
+"""Those that may change in the middle of a part; the set-point, too, by its name in the job."""
 
 RANGES = {
     "loop_gain": (0.1, 500.0),
@@ -123,6 +129,21 @@ class WhatIf:
         """True when the force that is to be held is another one."""
         return any(name in self.of_job for name in SET_POINTS)
 
+    def check_mid_part(self) -> None:
+        """Raise IsfError FILE_FIELD for a change that cannot be made in the middle of a part."""
+        for name in self.given:
+            section, _, field = name.partition(".")
+            fixed = name in FIXED_BY_THE_JOB
+            if section in ("force", "force_ctrl"):
+                fixed = field not in (*SET_WHILE_FORMING, INTEGRAL_GAIN)
+            if fixed:
+                raise _refused(
+                    f"{name} cannot change in the middle of a part: force control has it from its begin to its end",
+                    "leave --from out: the whole part is formed with it; from a contour on can change "
+                    f"{', '.join(f'force.{item}' for item in (INTEGRAL_GAIN, *MID_PART))}, factors and forces of "
+                    "control, springback",
+                )
+
     def job_text(self, text: str) -> str:
         """The job ``text`` (YAML) with the changes of its fields."""
         if not self.of_job:
@@ -174,6 +195,11 @@ def parse(changes: Sequence[str]) -> WhatIf:
             raise _refused(f"{name}: the plan chooses by wall angle", "a force, such as 120 N")
         elif _of_job(name):
             of_job[name] = _value(name, text)
+        elif name in _OF_THE_RUN:
+            raise _refused(
+                f"{name}: another machine or blank would form another part",
+                f"leave it out; ./isf simulate JOB --{name} {text} forms a part on it",
+            )
         else:
             names = [*OF_JOB, *(f"force.{item}" for item in (*OF_FORCE, INTEGRAL_GAIN))]
             near = difflib.get_close_matches(name, names, n=2)
@@ -190,6 +216,10 @@ def parse(changes: Sequence[str]) -> WhatIf:
 
 
 _SECTIONS = ("part", "sheet", "tool_1", "tool_2", "path", "adsif", "control", "springback", "rig", "process", "die")
+
+
+_OF_THE_RUN = ("variant", "seed", "sheet")
+"""Options of a run that say on what it was formed."""
 
 
 def _of_job(name: str) -> bool:

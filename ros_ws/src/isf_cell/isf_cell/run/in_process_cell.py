@@ -25,6 +25,7 @@ from isf_springback.methods import make_corrector
 
 from isf_cell.run.cell import FormedContour, PartGoal, PlannedPart
 from isf_cell.run.cell_wrenches import CellWrenches
+from isf_cell.run.part_change import PartChange
 from isf_cell.run.tool_lift import NO_ROWS, SETTINGS, lift_rows
 
 POSES = 50.0
@@ -67,7 +68,8 @@ class InProcessCell:
     """A cell of :mod:`isf_cell.run.cell`, and what happened in it.
 
     ``part_plan``: the plan to form, ``machine``: the one to form it on; None: made anew. ``control``: parameters of
-    force control (ControlConfig) by name, in place of the job's and the defaults.
+    force control (ControlConfig) by name, in place of the job's and the defaults. ``change``: settings that change in
+    the middle of the part.
 
     Attributes
     ----------
@@ -85,9 +87,11 @@ class InProcessCell:
         part_plan: Plan | None = None,
         machine: SimulatedMachine | None = None,
         control: Mapping[str, object] | None = None,
+        change: PartChange | None = None,
     ) -> None:
         self.part_plan = part_plan
         self._control = dict(control or {})
+        self._change = change
         self._given = machine
         self.nominal: list[Contour] = []
         self.corrected: list[Contour] = []
@@ -95,6 +99,7 @@ class InProcessCell:
         self.results: list[ContourResult] = []
         self.scans: list[ContourScan] = []
         self._corrector: Corrector
+        self._successor: Corrector | None = None
         self._controller: ForceController
         self._sensor = False
 
@@ -124,6 +129,9 @@ class InProcessCell:
         job_file, sample = goal.job_file, self.sample
         self._corrector = make_corrector(goal.method, job_file)
         self._corrector.set_target(self.part_plan.target)
+        if self._change is not None and self._change.correction is not None:
+            self._successor = make_corrector(*self._change.correction)
+            self._successor.set_target(self.part_plan.target)
         config = ControlConfig.from_job(job_file, support_force=goal.options.support_force)
         self._controller = ForceController(replace(config, **self._control))  # type: ignore[arg-type]
         tips = sample.tip_1.tolist(), sample.tip_2.tolist()
@@ -133,8 +141,13 @@ class InProcessCell:
     def form_contour(self, index: int) -> FormedContour:
         """As in the protocol."""
         assert self.part_plan is not None  # planned before
+        if self._change is not None and index == self._change.first_index:
+            self._apply(self._change)
         nominal = self.part_plan.contours[index]
         correction = self._corrector.correct(nominal)
+        if self._successor is not None:
+            same = self._successor.name == self._corrector.name
+            self._successor.follow(nominal, correction, predict=same)
         corrected = apply(nominal, correction)
         self._controller.start(corrected)
         self._run()
@@ -145,7 +158,8 @@ class InProcessCell:
                 "the force controller ended without a result",
                 where=contour_label(index),
             )
-        self._corrector.add_result(corrected, result)
+        for corrector in self._correctors:
+            corrector.add_result(corrected, result)
         self.nominal.append(nominal)
         self.corrected.append(corrected)
         self.corrections.append(correction)
@@ -164,7 +178,8 @@ class InProcessCell:
             if lift.code is ErrorCode.OK:
                 found = lift.record()
                 rows = lift_rows(formed.result, found.springback, found.force, found.lift_z, found.lift_force)
-        self._corrector.add_lift(reading_of(rows), formed.nominal.index)
+        for corrector in self._correctors:
+            corrector.add_lift(reading_of(rows), formed.nominal.index)
 
     def scan(self, formed: FormedContour, *, aside: bool) -> None:
         """As in the protocol: the upper surface in the clamp."""
@@ -176,7 +191,8 @@ class InProcessCell:
             machine.measured_cloud(duration=not machine.moving) if self._sensor else machine.measured_shape().points()
         )
         self.sample = machine.sample()  # a scan takes its time
-        self._corrector.add_scan(points, formed.nominal.index)
+        for corrector in self._correctors:
+            corrector.add_scan(points, formed.nominal.index)
         self.scans.append(kept_scan(formed.nominal.index, self.sample.time, points))
 
     @property
@@ -221,6 +237,17 @@ class InProcessCell:
 
     def finish(self) -> None:
         """The shape is read from the machine by whoever wants it."""
+
+    @property
+    def _correctors(self) -> tuple[Corrector, ...]:
+        """Those that learn what was measured: the one at work, and the one that is to take over."""
+        return (self._corrector,) if self._successor is None else (self._corrector, self._successor)
+
+    def _apply(self, change: PartChange) -> None:
+        if change.control:
+            self._controller.retune(replace(self._controller.config, **change.control))  # type: ignore[arg-type]
+        if self._successor is not None:
+            self._corrector, self._successor = self._successor, None
 
     def _run(self) -> None:
         self.sample = run_ticks(self._controller, self.machine, self.sample, self.wrenches)
