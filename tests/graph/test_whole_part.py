@@ -127,6 +127,20 @@ def test_a_recorded_part_is_decided_again_bit_for_bit(graph_run_folder: Path) ->
     assert other.numbers()["corrections"]["largest_mm"] > 1.0
 
 
+def test_a_recorded_part_is_formed_again_from_a_contour_on(graph_run_folder: Path) -> None:
+    """What the nodes formed, formed in this process: the same to the last bit; with another gain only from there on."""
+    run, number = read_run(graph_run_folder), 4
+    assert replay(run, parse([]), start=number - 1).identical is True
+    other = replay(run, parse(["force.loop_gain=36"]), start=number - 1)
+    assert other.before is not None
+    assert other.before.identical
+    assert other.numbers()["results"]["first_contour"] == number - 1
+    by_clock = replace(run, ticks=replace(run.ticks, exact=False))
+    unknown = replay(by_clock, parse([]), start=number - 1)
+    assert unknown.identical is None
+    assert "by the clock" in unknown.identical_unknown
+
+
 def test_examples_of_the_page_on_analysis_run(graph_run_folder: Path, tmp_path: Path) -> None:
     """Its Python and its commands, on the run of the small cone."""
     page = (ROOT / "docs" / "methods" / "analysis.md").read_text(encoding="utf-8")

@@ -23,8 +23,8 @@ from isf_cell.commands.run_folder import run_folder
 from isf_cell.processes.held_interrupt import ctrl_c_held_back
 from isf_cell.replay.differences import Difference
 from isf_cell.replay.outcome import BY_CLOCK, Replay, replay
-from isf_cell.replay.recorded_run import read_run
-from isf_cell.replay.what_if import parse
+from isf_cell.replay.recorded_run import RecordedRun, read_run
+from isf_cell.replay.what_if import WhatIf, parse
 
 FORMED_AGAIN = "formed again"
 """What the part is called that was formed again without a change."""
@@ -53,7 +53,21 @@ def replay_run(
     if start is not None:
         what_if.check_mid_part()
         _check_not_being_formed(bag_of(path).parent)
-    run = read_run(path, namespace)
+    try:
+        found, data = _replayed(read_run(path, namespace), what_if, output, base, replant, start)
+    except KeyboardInterrupt:
+        raise IsfError(
+            ErrorCode.CANCELLED, "stopped by the operator; the record is as it was", where=str(path)
+        ) from None
+    if as_json:
+        terminal.print_json(data)
+    _show(found, data)
+
+
+def _replayed(
+    run: RecordedRun, what_if: WhatIf, output: Path | None, base: Path | None, replant: bool | None, start: int | None
+) -> tuple[Replay, dict[str, Any]]:
+    """The replay and its numbers; files where there are changes or ``output``, all of them or none."""
     with ExitStack() as stack:
         folder = None
         if what_if or output is not None:
@@ -64,11 +78,9 @@ def replay_run(
             )
         data = found.numbers()
         if folder is not None:
-            stack.enter_context(ctrl_c_held_back())  # all files or none
+            stack.enter_context(ctrl_c_held_back())
             data |= _write(found, data, folder)
-    if as_json:
-        terminal.print_json(data)
-    _show(found, data)
+    return found, data
 
 
 def _check_not_being_formed(run: Path) -> None:

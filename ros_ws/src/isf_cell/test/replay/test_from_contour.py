@@ -309,6 +309,7 @@ def test_ctrl_c_leaves_no_files(
             raise KeyboardInterrupt
 
     monkeypatch.setattr(terminal.PartProgress, "contour", interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(IsfError, match="stopped by the operator") as caught:
         replay_run(run, ["force.loop_gain=10"], tmp_path / "out", None, None, from_contour=N, as_json=False)
+    assert caught.value.code == ErrorCode.CANCELLED
     assert list(tmp_path.iterdir()) == []

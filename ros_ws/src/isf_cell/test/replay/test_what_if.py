@@ -9,7 +9,7 @@ import yaml
 from isf_cell.replay.what_if import OF_FORCE, RANGES, parse
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
-from isf_force_ctrl.control_config import ControlConfig
+from isf_force_ctrl.control_config import SET_WHILE_FORMING, ControlConfig
 from isf_force_ctrl.ros.parameters import ForceCtrlParameters
 from quick_cone import FOLDER
 
@@ -75,6 +75,12 @@ def test_ranges_are_those_of_the_parameters_of_the_node() -> None:
     assert {name: RANGES[name] for name in same} == {
         name: (declared[name]["minimum"], declared[name]["maximum"]) for name in same
     }
+
+
+def test_what_may_change_in_the_middle_of_a_part_is_what_the_node_lets_set() -> None:
+    names = {item.name for item in fields(ControlConfig)}
+    declared = {item.name for item in fields(ForceCtrlParameters) if not item.metadata["read_only"]}
+    assert set(SET_WHILE_FORMING) == names & declared
 
 
 def test_a_section_of_the_job_may_be_empty() -> None:
