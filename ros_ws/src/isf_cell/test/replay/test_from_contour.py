@@ -108,6 +108,9 @@ def test_without_changes_it_is_the_record_and_a_change_is_felt_from_its_contour_
     assert numbers["results"]["first_contour"] == middle - 1
     if method not in ("none", "mpc_vertical", "mpc_tpif"):  # these two know no gain
         assert numbers["corrections"]["first_contour"] == middle - 1
+        assert other.again is not None
+        one, two = (record.corrections[middle - 1] for record in (formed, other.again))
+        np.testing.assert_array_equal(two.springback, one.springback)  # the new gain is all that is new to it
 
 
 def by_hand(
