@@ -12,6 +12,7 @@ from isf_analysis.bag.bag_reader import read_bag
 from isf_cell import in_process
 from isf_cell.commands.learn import learn_record
 from isf_cell.options import RunOptions
+from isf_cell.replay.live_node import play_into
 from isf_cell.replay.outcome import replay
 from isf_cell.replay.recorded_run import read_run
 from isf_cell.replay.what_if import parse
@@ -68,6 +69,19 @@ def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None
     lost = again.lost_targets  # by the recorder, on a busy computer
     assert again.identical is (None if lost else True), again.numbers()
     assert not again.target_distance.any()
+    run = read_run(tmp_path)
+    for node in ("force_ctrl", "springback"):  # live ones, over the middleware
+        played = play_into(run, node, run.job_file(), tmp_path / "logs", {})
+        assert played.identical, played
+        assert played.started
+        assert not played.notes
+        decided = played.results or played.corrections
+        assert decided is not None
+        assert decided.compared == there.planned
+    other = play_into(run, "force_ctrl", run.job_file(), tmp_path / "logs", {"loop_gain": 36.0})
+    assert not other.identical
+    assert 1e-6 < other.largest < 5e-4
+    assert "loop_gain 36.0 (recorded 24.0)" in other.notes[0]
     known = learn_record(there, FOLDER)
     assert known.parts == 1
     assert np.abs(known.push).max() > 1e-3

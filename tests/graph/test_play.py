@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import threading
@@ -143,6 +144,19 @@ def test_an_operator_need_not_wait_for_a_message_that_is_due_in_centuries(bag: P
         finally:
             process.kill()
             process.wait(60)
+
+
+@pytest.mark.graph
+def test_ctrl_c_is_told(bag: Path) -> None:
+    command = [sys.executable, "-m", "isf_cell.cli", "play", str(bag), "--paused", "--json"]
+    with listening() as node:
+        pause = node.create_client(SetBool, "player/pause")
+        process = forked_process.start(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        spin_until(node, pause.service_is_ready)
+        process.send_signal(signal.SIGINT)
+        told, errors = process.communicate(60)
+    assert process.poll() == 130, errors
+    assert json.loads(told)["error"]["code"] == ErrorCode.CANCELLED
 
 
 @contextmanager

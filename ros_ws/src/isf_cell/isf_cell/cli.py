@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
+from typer.core import TyperGroup
 
 from isf_cell.commands import bag_cli, springback_cli, terminal
 from isf_cell.commands.arguments import Job, Json, Namespace, Output, Seed, Variant, given, numbers
@@ -18,7 +19,19 @@ from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import RunOptions
 from isf_cell.processes.results_stream import keep_for_results
 
+
+class _Commands(TyperGroup):
+    """The commands; Ctrl-C in any of them is told as what it is, where the parser would end without a word."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise IsfError(ErrorCode.CANCELLED, "stopped by the operator") from None
+
+
 app = typer.Typer(
+    cls=_Commands,
     help="Incremental sheet forming: plan, form and report parts.",
     no_args_is_help=True,
     add_completion=False,
@@ -326,13 +339,33 @@ def play(
         bool, typer.Option("--paused", help="wait at the first message: player/step, player/pause")
     ] = False,
     delay: Annotated[float, typer.Option(help="s before the first message, for subscribers", min=0.0)] = 1.0,
+    into: Annotated[
+        str | None,
+        typer.Option(
+            help="live node that gets what it listens to and is compared with the record: force_ctrl or springback; "
+            "started where none runs",
+            metavar="NODE",
+        ),
+    ] = None,
+    param: Annotated[
+        list[str] | None,
+        typer.Option(help="parameter of the node that is started; again for each", metavar="NAME:=VALUE"),
+    ] = None,
+    base: Annotated[
+        Path | None,
+        typer.Option(help="folder that paths in the recorded job refer to, with --into  [default: the recorded one]"),
+    ] = None,
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Publish a bag into the ROS graph, as it was recorded and when."""
-    from isf_cell.commands.play import PlayOptions, play_bag
+    from isf_cell.commands.play import PlayOptions, play_bag, play_into_node
 
-    play_bag(bag, PlayOptions(rate, contour, topic or (), remap or (), clock, paused, delay, namespace), as_json=json)
+    options = PlayOptions(rate, contour, topic or (), remap or (), clock, paused, delay, namespace)
+    if into is None:
+        play_bag(bag, options, as_json=json)
+    else:
+        play_into_node(bag, into, options, param or (), base, as_json=json)
 
 
 @app.command()

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+import shutil
+import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import isf_analysis
 import numpy as np
+import yaml
 from isf_analysis.bag.playback import begin_of_contour
 from isf_core.errors import ErrorCode, IsfError
 
 from isf_cell.commands import terminal
 from isf_cell.processes.executables import checked_remap
+from isf_cell.replay.recorded_run import read_run
 
 FASTEST_CLOCK = 10_000.0
 """Hz of ``/clock``."""
@@ -31,6 +35,67 @@ class PlayOptions:
     paused: bool
     delay: float
     namespace: str | None = None
+
+
+def play_into_node(
+    path: Path, node: str, options: PlayOptions, parameters: Sequence[str], base: Path | None, *, as_json: bool
+) -> None:
+    """Give the run at ``path`` to the live ``node`` and tell how its answers differ from the recorded ones.
+
+    ``options`` : of them the namespace counts; ``parameters`` NAME:=VALUE of a node that is started; ``base`` : folder
+    that the job's paths refer to. Raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, codes of the job and of
+    the node.
+    """
+    if replace(options, delay=0.0, namespace=None) != PlayOptions(1.0, None, (), (), 0.0, False, 0.0):
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "a node gets the whole part, in the order of cause and effect",
+            where="--into",
+            advice="leave out --rate, --from, --topic, --remap, --clock and --paused",
+        )
+    run = read_run(path, options.namespace)
+    job_file = run.job_file(base)
+    given = dict(_parameter(item) for item in parameters)
+    from isf_cell.replay import live_node  # late: ROS is not needed to refuse
+
+    live_node.check(run, node, job_file)
+    logs = Path(tempfile.mkdtemp(prefix="isf_play_"))  # kept where the node fails: the error names it
+    with terminal.part_progress(f"into {node}") as progress:
+        answer = live_node.play_into(run, node, job_file, logs, given, progress.share)
+    shutil.rmtree(logs, ignore_errors=True)
+    decided = answer.results or answer.corrections
+    assert decided is not None
+    data = {
+        "node": node,
+        "started": answer.started,
+        "identical": answer.identical,
+        "targets": {
+            "compared": answer.targets,
+            "differing": answer.differing,
+            "largest_um": 1e6 * answer.largest,
+        },
+        "contours": {
+            "compared": decided.compared,
+            "missing": decided.missing,
+            "first_differing": decided.first,
+            "differing_fields": decided.differing,
+        },
+        "notes": list(answer.notes),
+    }
+    if as_json:
+        terminal.print_json(data)
+    which = "started for it" if answer.started else "that runs in this domain"
+    if answer.targets:
+        terminal.say(
+            f"{node} ({which}) answered {answer.targets} recorded ticks: {answer.differing} targets differ, by at most "
+            f"{1e6 * answer.largest:.3f} um"
+        )
+    kind = "results" if answer.results else "corrections"
+    same = "all the same" if decided.identical else f"{', '.join(decided.differing) or 'some are missing'} differ"
+    terminal.say(f"{node} ({which}): {kind} of {decided.compared} contours, {same}")
+    terminal.say(f"identical: {str(answer.identical).lower()}")
+    for note in answer.notes:
+        terminal.warn(note)
 
 
 def play_bag(path: Path, options: PlayOptions, *, as_json: bool) -> None:
@@ -84,3 +149,20 @@ def play_bag(path: Path, options: PlayOptions, *, as_json: bool) -> None:
     )
     for note in notes:
         terminal.warn(note)
+
+
+def _parameter(item: str) -> tuple[str, object]:
+    """Name and value as ROS reads it: 36.0 is a number, true a flag, all else a text; raises IsfError FILE_FIELD."""
+    name, sign, text = item.partition(":=")
+    if not (name.isidentifier() and sign):
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"'{item}' is not NAME:=VALUE",
+            where="--param",
+            advice="for example: --param loop_gain:=36.0",
+        )
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        value = text
+    return name, value if isinstance(value, bool | int | float) else text

@@ -86,6 +86,10 @@ class PartProgress:
             say(f"  {text}")
         self._last_phase = kind
 
+    def share(self, done: int, count: int) -> None:
+        """So many contours are done."""
+        self._progress.update(self._task, completed=done, total=count)
+
     def contour(self, step: PartStep) -> None:
         """One more contour is formed."""
         done, count = step.index + 1, step.count

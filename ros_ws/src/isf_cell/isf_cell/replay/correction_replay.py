@@ -43,25 +43,38 @@ def replay_corrections(
         if result is None or formed is None:
             break
         corrector.add_result(formed, result)
-        following = part.nominal[k + 1].index if k + 1 < len(part.nominal) else -1
-        until = results[following].start if following in results else float("inf")
-        if (
-            lift_due(job_file, contour.index, contour.count)
-            and (rows := _first(run.lifts, result.end, until)) is not None
-        ):
-            corrector.add_lift(reading_of(rows), contour.index)
-        if scan_due(job_file, contour.index, contour.count):
-            points = _first(run.scans, result.end, until)
-            if points is not None:
-                corrector.add_scan(points, contour.index)
+        lift, scan = between(run, job_file, k)
+        if lift is not None:
+            corrector.add_lift(reading_of(lift[1]), contour.index)
+        if scan is not None:
+            corrector.add_scan(scan[1], contour.index)
         if progress is not None:
             progress(k + 1, len(part.nominal))
     return tuple(found)
 
 
-def _first(items: tuple[tuple[float, Array], ...], begin: float, end: float) -> Array | None:
-    """The first of ``items`` (stamp s, array) that was made from ``begin`` to ``end`` s."""
+Stamped = tuple[float, Array]
+"""Stamp, s, and (P, 3) m of a scan or (K, 4) m and N of a tool lift."""
+
+
+def between(run: RecordedRun, job_file: JobFile, place: int) -> tuple[Stamped | None, Stamped | None]:
+    """Tool lift and scan that were due after the contour at ``place`` of the record, as far as they are in it."""
+    part = run.part
+    contour = part.nominal[place]
+    results = {result.index: result for result in part.results}
+    if contour.index not in results:
+        return None, None
+    following = part.nominal[place + 1].index if place + 1 < len(part.nominal) else -1
+    since = results[contour.index].end
+    until = results[following].start if following in results else float("inf")
+    lift = _first(run.lifts, since, until) if lift_due(job_file, contour.index, contour.count) else None
+    scan = _first(run.scans, since, until) if scan_due(job_file, contour.index, contour.count) else None
+    return lift, scan
+
+
+def _first(items: tuple[Stamped, ...], begin: float, end: float) -> Stamped | None:
+    """The first of ``items`` that was made from ``begin`` to ``end`` s."""
     for stamp, values in items:
         if begin - STAMP_TOLERANCE <= stamp <= end:
-            return values
+            return stamp, values
     return None
