@@ -78,10 +78,10 @@ def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None
         decided = played.results or played.corrections
         assert decided is not None
         assert decided.compared == there.planned
-    other = play_into(run, "force_ctrl", run.job_file(), tmp_path / "logs", {"loop_gain": 36.0})
+    other = play_into(run, "force_ctrl", run.job_file(), tmp_path / "logs", {"loop_gain": 20.0})
     assert not other.identical
     assert 1e-6 < other.largest < 5e-4
-    assert "loop_gain 36.0 (recorded 24.0)" in other.notes[0]
+    assert "loop_gain 20.0 (recorded 24.0)" in other.notes[0]
     known = learn_record(there, FOLDER)
     assert known.parts == 1
     assert np.abs(known.push).max() > 1e-3
