@@ -213,8 +213,8 @@ def _show_before(before: Difference, found: Replay) -> None:
 
 def _show_prediction(prediction: dict[str, Any], found: Replay) -> None:
     title = "formed again on the simulated machine"
-    if found.start:
-        title += f"; force and time of contours {found.start + 1} to {found.run.part.planned}"
+    if found.span:
+        title += f"; force and time of contours {found.span[0] + 1} to {found.span[-1] + 1}"
     table = terminal.table_of(title, "", "recorded", _other(found))
     rows = (
         ("force error rms [N]", "force_error_rms_N", 2),

@@ -101,6 +101,14 @@ class Replay:
             return f"set while the part was formed: {', '.join(self.run.retuned)}"
         return "the wrenches of some ticks are not in the bag" if self.how == LOCKSTEP and self.missing else ""
 
+    @property
+    def span(self) -> range | None:
+        """Contours, from 0, from :attr:`start` on that record and part formed again both have; None without a start."""
+        if self.start is None or self.again is None:
+            return None
+        ends = [found.results[-1].index + 1 for found in (self.run.part, self.again) if found.results]
+        return range(self.start, min(ends, default=0))
+
     @cached_property
     def before(self) -> Difference | None:
         """Of the contours before :attr:`start`, results and corrections together; None where there are none."""
@@ -213,11 +221,8 @@ class Replay:
         if self.corrections is not None:
             data["corrections"]["largest_mm"] = 1e3 * largest_change(part.corrections, self.corrections)
         if self.again is not None and (self.what_if or self.force is not None or self.start is not None):
-            since = self.start or 0
-            data["prediction"] = {
-                "recorded": part_numbers(part, since),
-                "what_if": part_numbers(self.again, since),
-            }
+            span = self.span
+            data["prediction"] = {"recorded": part_numbers(part, span), "what_if": part_numbers(self.again, span)}
         return data
 
 
@@ -383,9 +388,9 @@ def _armed(ticks: Ticks, part: PartRecord, config: Any) -> Armed:
     return Armed(config, first, part.planned, tips[0], tips[1], None)
 
 
-def part_numbers(part: PartRecord, since: int = 0) -> dict[str, Any]:
-    """Force of the contours from ``since`` (from 0) on, shape of the whole part."""
-    results = tuple(result for result in part.results if result.index >= since)
+def part_numbers(part: PartRecord, span: range | None = None) -> dict[str, Any]:
+    """Force and time of the contours in ``span`` (from 0; None: all), shape of the whole part."""
+    results = tuple(result for result in part.results if span is None or result.index in span)
     force = force_metrics(results, part.control_rate)
     data: dict[str, Any] = {
         "contours": sum(result.completed for result in results),

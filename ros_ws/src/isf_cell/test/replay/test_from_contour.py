@@ -235,7 +235,10 @@ def test_of_a_record_that_ends_early_the_rest_is_not_known(part: PartRecord, tmp
     assert found.identical_unknown == f"only 3 of {CONTOURS_OF_LONGER} contours are recorded"
     assert found.before is not None
     assert found.before.identical
-    assert from_contour(tmp_path, 2, "force.loop_gain=10", "springback.gain=0.5").identical is False
+    other = from_contour(tmp_path, 2, "force.loop_gain=10", "springback.gain=0.5")
+    assert other.identical is False
+    numbers = other.numbers()["prediction"]  # of the contours that are in both
+    assert (numbers["recorded"]["contours"], numbers["what_if"]["contours"]) == (2, 2)
     with pytest.raises(IsfError, match="1 to 3 so far") as caught:
         from_contour(tmp_path, 4)
     assert caught.value.code == ErrorCode.FILE_FIELD
