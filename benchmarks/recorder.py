@@ -1,0 +1,143 @@
+"""Recorder beside a cell by the wall clock at 500 Hz: messages per second, messages lost, processor time.
+
+    ./isf python benchmarks/recorder.py                      # 20 s, 4,000 messages/s; about a minute
+    ./isf python benchmarks/recorder.py --seconds 60 --extra 900
+
+A real cell of nodes forms `mini_cone` in real time with wrenches and targets at 500 Hz each; its recorder writes the
+bag. A publisher in a process of its own adds two reliable streams that a cell without holder and viewer leaves free
+(holder/target and joint_states), ``--extra`` messages/s each. While it sends, the processor time of the recorder's
+process is read from the system, and afterwards every message of the streams is looked for in the bag.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+JOB = Path(__file__).resolve().parents[1] / "examples" / "jobs" / "mini_cone.yaml"
+STREAMS = ("holder/target", "joint_states")
+
+
+def publish(seconds: float, rate: float) -> None:
+    """Send both streams once somebody listens and the cell forms; prints begin and end, ns since 1970, and counts."""
+    import rclpy
+    from geometry_msgs.msg import PoseStamped
+    from isf_msgs.msg import ForceCtrlState
+    from isf_ros import qos
+    from rclpy.duration import Duration
+    from rclpy.qos import QoSProfile
+    from sensor_msgs.msg import JointState
+
+    rclpy.init()
+    node = rclpy.create_node("beside")
+    deep = QoSProfile(depth=10_000, reliability=qos.STREAM.reliability, durability=qos.STREAM.durability)
+    holder, joints = (
+        node.create_publisher(kind, name, deep) for kind, name in zip((PoseStamped, JointState), STREAMS, strict=True)
+    )
+    modes: list[int] = []
+    node.create_subscription(ForceCtrlState, "force_ctrl/state", lambda state: modes.append(state.mode), qos.STREAM)
+    while not (len(modes) > 50 and holder.get_subscription_count() and joints.get_subscription_count()):
+        rclpy.spin_once(node, timeout_sec=0.1)
+    pose, state = PoseStamped(), JointState(name=["a", "b"], position=[0.0, 1.0])
+    begin, start = time.time_ns(), time.monotonic()
+    number = 0
+    while (now := time.monotonic() - start) < seconds:
+        while number < now * rate:
+            pose.header.stamp.nanosec = state.header.stamp.nanosec = number
+            holder.publish(pose)
+            joints.publish(state)
+            number += 1
+        time.sleep(0.5e-3)
+    end = time.time_ns()
+    taken = all(publisher.wait_for_all_acked(Duration(seconds=10)) for publisher in (holder, joints))
+    print(json.dumps({"begin": begin, "end": end, "sent": number, "acknowledged": taken}), flush=True)
+
+
+def processor_time(pid: int) -> float:
+    """s of one core that the process has taken."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def recorder_of(parent: int) -> int | None:
+    """Process of the recorder that ``parent`` has started; None: not yet."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            started_by = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            if started_by == parent and b"recorder" in (folder / "cmdline").read_bytes():
+                return int(folder.name)
+        except (OSError, IndexError, ValueError):
+            continue
+    return None
+
+
+def measure(seconds: float, extra: float) -> dict[str, object]:
+    """One run; see above."""
+    from isf_analysis.bag.open_bag import open_bag
+
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        text = JOB.read_text().replace("../parts", str(JOB.parents[1] / "parts"))
+        job = folder / "job.yaml"
+        job.write_text(text.replace("rate: 250 Hz", "rate: 500 Hz"))
+        form = [sys.executable, "-m", "isf_cell.cli", "form", str(job), "--real-time", "--no-compare"]
+        cell = subprocess.Popen([*form, "-o", str(folder / "run"), "--json"], stdout=subprocess.PIPE, text=True)
+        beside = [sys.executable, __file__, "--publish", "--seconds", str(seconds), "--extra", str(extra)]
+        with subprocess.Popen(beside, stdout=subprocess.PIPE, text=True) as publisher:
+            while (pid := recorder_of(cell.pid)) is None and cell.poll() is None:
+                time.sleep(0.1)
+            if pid is None:
+                publisher.kill()
+                sys.exit("the cell did not start")
+            used = [(time.time_ns(), processor_time(pid))]
+            while publisher.poll() is None:
+                time.sleep(0.05)
+                used.append((time.time_ns(), processor_time(pid)))
+            assert publisher.stdout is not None
+            told = json.loads(publisher.stdout.read())
+        cell.send_signal(signal.SIGINT)
+        cell.communicate(120)
+        inside = [item for item in used if told["begin"] <= item[0] <= told["end"]]
+        share = (inside[-1][1] - inside[0][1]) / (1e-9 * (inside[-1][0] - inside[0][0]))
+        counts: dict[str, int] = {}
+        every = 0
+        with open_bag(folder / "run" / "bag") as bag:
+            for block in bag.blocks(bag.connections):
+                during = int(((block.times >= told["begin"]) & (block.times <= told["end"])).sum())
+                every += during
+                name = block.connection.topic.lstrip("/")
+                counts[name] = counts.get(name, 0) + (len(block.times) if name in STREAMS else during)
+    span = 1e-9 * (told["end"] - told["begin"])
+    return {
+        "messages_per_s": every / span,
+        "wrenches_per_s": counts.get("tool_1/wrench", 0) / span,
+        "targets_per_s": counts.get("tool_1/target", 0) / span,
+        "sent": told["sent"],
+        "lost": {name: told["sent"] - counts.get(name, 0) for name in STREAMS},
+        "share_of_a_core": share,
+        "load": os.getloadavg()[0],
+    }
+
+
+def main() -> None:
+    """Measure, or be the publisher."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--extra", type=float, default=1000.0, help="messages/s on each of two topics")
+    parser.add_argument("--publish", action="store_true", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.publish:
+        publish(given.seconds, given.extra)
+    else:
+        print(json.dumps(measure(given.seconds, given.extra), indent=2))
+
+
+if __name__ == "__main__":
+    main()
