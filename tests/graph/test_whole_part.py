@@ -95,6 +95,12 @@ def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
     assert alone.scan is not None
     assert graph_record.scan is not None
     np.testing.assert_allclose(graph_record.scan.z, alone.scan.z, atol=1e-6)
+    here, there = alone.formed_sheet, graph_record.formed_sheet
+    assert here is not None
+    assert there is not None
+    np.testing.assert_allclose(there.points, here.points, atol=1e-6)
+    np.testing.assert_allclose(there.thickness, here.thickness, atol=1e-6)
+    np.testing.assert_allclose(there.strain_margin, here.strain_margin, atol=1e-3)
 
 
 def test_a_recorded_part_is_decided_again_bit_for_bit(graph_run_folder: Path) -> None:

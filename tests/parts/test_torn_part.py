@@ -77,6 +77,10 @@ def test_permission_is_not_strength(tmp_path: Path) -> None:
     assert torn.value > torn.limit == pytest.approx(1.342, abs=1e-3)
     assert 15e-3 < np.hypot(*torn.position[:2]) < 24e-3
     assert -14e-3 < torn.position[2] < -4e-3
+    sheet = record.formed_sheet
+    assert sheet is not None
+    beyond = sheet.points[sheet.strain_margin < 0.0]
+    assert np.linalg.norm(beyond - np.array(torn.position), axis=1).min() < 3e-3
     flatter = form(load_job(steep_job(tmp_path, 50.0)), RunOptions(correction="none"))
     assert flatter.failure() is None
 

@@ -77,6 +77,7 @@ def form(
     )
     if error is not None and not reported:
         raise error
+    scan = _final_scan(cell)
     part_plan = cell.part_plan
     assert part_plan is not None  # the part was planned
     return PartRecord(
@@ -96,7 +97,7 @@ def form(
         corrections=tuple(cell.corrections),
         results=tuple(cell.results),
         target=part_plan.target,
-        scan=_final_scan(cell),
+        scan=scan,
         ticks=cell.sample.tick,
         late_ticks=0,
         lost_messages=0,
@@ -108,6 +109,7 @@ def form(
         base_folder=str(job_file.base.resolve()),
         tool_compliance=(job_file.rig.tool_1.compliance, job_file.rig.tool_2.compliance),
         axis_error=cell.machine.legs.following() if cell.machine.legs is not None else None,
+        formed_sheet=cell.machine.thinned_sheet(scan) if scan is not None else None,
     )
 
 

@@ -1,6 +1,7 @@
 """Core dataclasses to ROS messages and back; the only place where the two meet.
 
-A tool lift travels as ``sensor_msgs/PointCloud2``: tip positions x, y, z (m, frame ``sheet``) with the axial force (N).
+A tool lift travels as ``sensor_msgs/PointCloud2``: tip positions x, y, z (m, frame ``sheet``) with the axial force (N);
+a thinned sheet as one of its nodes, with thickness (m) and strain margin.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.tool_axis import axis_of_quaternion, quaternion_of
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 from isf_msgs import msg as isf
 from nav_msgs.msg import Path
@@ -29,6 +31,7 @@ contour_from_message = fields.contour_of
 correction_from_message = fields.correction_of
 result_from_message = fields.result_of
 lift_from_cloud = fields.lift_of
+thinned_sheet_from_cloud = fields.thinned_sheet_of
 cloud_points = fields.cloud_columns
 
 
@@ -164,20 +167,29 @@ _SIZE = 8
 
 def lift_to_cloud(rows: Array, stamp: Time) -> PointCloud2:
     """The message of ``rows`` (K, 4): x, y, z in m, force in N."""
-    table = np.ascontiguousarray(np.asarray(rows, dtype="<f8").reshape(-1, len(fields.LIFT)))
-    described = [
-        PointField(name=name, offset=_SIZE * k, datatype=PointField.FLOAT64, count=1)
-        for k, name in enumerate(fields.LIFT)
-    ]
-    step = _SIZE * len(fields.LIFT)
+    return _table_to_cloud(np.asarray(rows, dtype="<f8").reshape(1, -1, len(fields.LIFT)), fields.LIFT, stamp)
+
+
+def thinned_sheet_to_cloud(sheet: ThinnedSheet, stamp: Time) -> PointCloud2:
+    """The message of a thinned sheet, in its rows and columns."""
+    return _table_to_cloud(fields.thinned_sheet_table(sheet), fields.THINNED, stamp)
+
+
+def _table_to_cloud(table: Array, names: tuple[str, ...], stamp: Time) -> PointCloud2:
+    """Cloud of (rows, columns, K) with the K fields ``names``, float64."""
+    table = np.ascontiguousarray(table, dtype="<f8")
+    rows, columns, count = table.shape
     return PointCloud2(
-        header=Header(stamp=stamp, frame_id="sheet"),
-        height=1,
-        width=len(table),
-        fields=described,
+        header=Header(stamp=stamp, frame_id=FRAME),
+        height=rows,
+        width=columns,
+        fields=[
+            PointField(name=name, offset=_SIZE * k, datatype=PointField.FLOAT64, count=1)
+            for k, name in enumerate(names)
+        ],
         is_bigendian=False,
-        point_step=step,
-        row_step=step * len(table),
+        point_step=_SIZE * count,
+        row_step=_SIZE * count * columns,
         data=table.tobytes(),
-        is_dense=True,
+        is_dense=bool(np.isfinite(table).all()),
     )

@@ -12,6 +12,7 @@ from typing import Any, get_type_hints
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.geometry.height_map import HeightMap
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array, Mask, Points, Stamp
 from numpy.typing import NDArray
 
@@ -132,6 +133,24 @@ LIFT = ("x", "y", "z", "force")
 def lift_of(message: Any) -> Array:
     """(K, 4) m, N of a tool lift; raises ValueError when a field is missing or the data is cut off."""
     return cloud_columns(message, LIFT)
+
+
+THINNED = ("x", "y", "z", "thickness", "strain_margin")
+"""Fields of a thinned sheet: m, and true strain."""
+
+
+def thinned_sheet_of(message: Any) -> ThinnedSheet:
+    """Thinned sheet of a ``sensor_msgs/PointCloud2`` in rows and columns; ValueError when a field is missing, the data
+    is cut off, or there are less than two rows or columns."""
+    if min(message.height, message.width) < 2:
+        raise ValueError(f"{message.height} x {message.width} nodes are not a sheet in rows and columns")
+    table = cloud_columns(message, THINNED).reshape(message.height, message.width, len(THINNED))
+    return ThinnedSheet(*(np.ascontiguousarray(part) for part in (table[..., :3], table[..., 3], table[..., 4])))
+
+
+def thinned_sheet_table(sheet: ThinnedSheet) -> Array:
+    """(ny, nx, 5), the fields THINNED of every node."""
+    return np.dstack([sheet.points, sheet.thickness, sheet.strain_margin])
 
 
 def _no_time(_: Any) -> float:

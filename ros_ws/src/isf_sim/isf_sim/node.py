@@ -24,6 +24,7 @@ from isf_core.files.own_folder import path_below
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.tool_axis import UPRIGHT
 from isf_core.simulated_sheet import DEFAULT_SHEET, LARGEST_NUMBER, SHEET_KINDS, sheet_kind
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
 from isf_ros import conversion, process, qos, stamps
@@ -524,10 +525,14 @@ class MachineNode(CellNode[MachineParameters]):
         if self._output is not None:
             self._output.wrenches_received()
 
-    def publish_scan(self, shape: HeightMap) -> None:
-        """The exact shape on "scan"."""
-        if self._output is not None:
-            self._output.scan(conversion.height_map_to_message(shape, stamps.to_stamp(self._stamp)))
+    def publish_scan(self, shape: HeightMap, thinned: ThinnedSheet | None) -> None:
+        """The exact shape on "scan", thickness and strain margin, where there are any, on "machine/formed_sheet"."""
+        if self._output is None:
+            return
+        stamp = stamps.to_stamp(self._stamp)
+        if thinned is not None:  # first: who has the scan has the sheet, and may end the recording
+            self._output.formed_sheet(conversion.thinned_sheet_to_cloud(thinned, stamp))
+        self._output.scan(conversion.height_map_to_message(shape, stamp))
 
     def publish_cloud(self, points: NDArray[np.float64]) -> None:
         """Points (N, 3) m of a scanner on "scan"."""
@@ -581,7 +586,7 @@ class MachineServices:
                 response.points = len(points)
             else:
                 shape = machine.measured_shape()
-                node.publish_scan(shape)
+                node.publish_scan(shape, machine.thinned_sheet(shape))
                 response.points = shape.z.size
             node.targets_not_served()
         return response

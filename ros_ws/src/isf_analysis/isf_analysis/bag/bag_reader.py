@@ -21,6 +21,7 @@ from isf_core.files import yaml_file
 from isf_core.files.job import Job
 from isf_core.files.rig import load_rig
 from isf_core.files.yaml_file import find_shipped
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_ros import fields
 
 from isf_analysis.bag import topics
@@ -161,6 +162,10 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
     last = final[-1:]
     missing = ([] if target else [topics.TARGET.name]) + ([] if last else [_no_scan(len(scans))])
     missing += _gaps(nominal, results)
+    told = [item for item in messages.of(topics.FORMED_SHEET) if item[0] >= start and span.holds(item[0])]
+    formed_sheet, sheet_notes = _formed_sheet(
+        scan_cloud.final_scans(told, formed, part.unfinished_since(results), part.last_news())
+    )
     states = list(messages.of(topics.MACHINE_STATE))
     # the state at the start of the part, not the last one: a run of no duration has all its messages at one time
     before = [state for time, state in states[:-1] if time <= start][-1:] or [state for _, state in states[:1]]
@@ -193,6 +198,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
             *messages.bag.notes,
             *notes,
             *_of_version(job.software),
+            *sheet_notes,
             *(f"not in the bag: {what}" for what in missing),
         ),
         events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if span.holds(time)),
@@ -201,6 +207,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
         base_folder=getattr(job, "base_folder", ""),
         axis_error=_axis_error(after),
         tool_compliance=_tool_compliance(messages, job),
+        formed_sheet=formed_sheet,
     )
 
 
@@ -251,6 +258,16 @@ def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -
         if formed:
             found[formed[-1]] = kept_scan(formed[-1], time, scan_cloud.points_of(message))
     return tuple(found[index] for index in sorted(found))
+
+
+def _formed_sheet(told: list[Any]) -> tuple[ThinnedSheet | None, tuple[str, ...]]:
+    """The last of the sheets ``told`` after the part was formed, and why it is left out if so."""
+    if not told:
+        return None, ()
+    try:
+        return fields.thinned_sheet_of(told[-1]), ()
+    except ValueError as error:
+        return None, (f"{topics.FORMED_SHEET.name} is left out: {error}",)
 
 
 def _of_version(software: str) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ Such a bag holds no wrenches, targets or poses: the ticks are in the results of 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.events import Event
 from isf_core.geometry.height_map import HeightMap
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_ros import fields
 from numpy.typing import NDArray
 
@@ -66,6 +68,7 @@ class _Output:
                 topics.MACHINE_STATE,
                 topics.EVENT,
                 topics.SCAN,
+                topics.FORMED_SHEET,
             )
         }
 
@@ -98,6 +101,8 @@ class _Output:
         self._write(topics.MACHINE_STATE, end, _machine_state(record, end=True))
         if record.scan is not None:
             self._write(topics.SCAN, end, _cloud(record.scan))
+        if record.formed_sheet is not None:
+            self._write(topics.FORMED_SHEET, end, _formed_sheet(record.formed_sheet))
 
     def _write(self, topic: Topic, timestamp: int, message: Any) -> None:
         self._bag.write(self._connections[topic], timestamp, cell_types().serialize_cdr(message, topic.type))
@@ -195,8 +200,14 @@ def _points(scan: ContourScan) -> Any:
     return _cloud_of(np.asarray(scan.points(), dtype="<f4"), 1, scan.count, _header(scan.time))
 
 
-def _cloud_of(points: NDArray[Any], rows: int, columns: int, header: Any) -> Any:
-    """Cloud of ``points`` (rows * columns, 3) m as they are in memory."""
+def _formed_sheet(sheet: ThinnedSheet) -> Any:
+    table = np.asarray(fields.thinned_sheet_table(sheet), dtype="<f8")
+    rows, columns, count = table.shape
+    return _cloud_of(table.reshape(-1, count), rows, columns, _header(0.0), fields.THINNED)
+
+
+def _cloud_of(points: NDArray[Any], rows: int, columns: int, header: Any, names: Sequence[str] = "xyz") -> Any:
+    """Cloud of ``points`` (rows * columns, K) as they are in memory, with the K fields ``names``."""
     size = points.itemsize
     return make_message(
         "sensor_msgs/msg/PointCloud2",
@@ -205,10 +216,10 @@ def _cloud_of(points: NDArray[Any], rows: int, columns: int, header: Any) -> Any
         width=columns,
         fields=[
             make_message("sensor_msgs/msg/PointField", name=name, offset=size * k, datatype=_KINDS[size], count=1)
-            for k, name in enumerate("xyz")
+            for k, name in enumerate(names)
         ],
-        point_step=3 * size,
-        row_step=3 * size * columns,
+        point_step=len(names) * size,
+        row_step=len(names) * size * columns,
         is_dense=bool(np.isfinite(points).all()),
         data=np.frombuffer(np.ascontiguousarray(points).tobytes(), dtype=np.uint8),
     )

@@ -38,6 +38,7 @@ NOMINAL = Topic("contour/nominal", "isf_msgs/msg/Contour", "LATCHED")
 CORRECTED = Topic("contour/corrected", "isf_msgs/msg/Contour", "LATCHED")
 CORRECTION = Topic("contour/correction", "isf_msgs/msg/ContourCorrection", "EVENT")
 RESULT = Topic("contour/result", "isf_msgs/msg/ContourResult", "EVENT")
+FORMED_SHEET = Topic("machine/formed_sheet", "sensor_msgs/msg/PointCloud2", "LATCHED")
 LIFT = Topic("tool_lift", "sensor_msgs/msg/PointCloud2", "LATCHED")
 EVENT = Topic("machine/event", "isf_msgs/msg/MachineEvent", "EVENT")
 ARMED = Topic("force_ctrl/armed", "isf_msgs/msg/ForceCtrlArmed", "LATCHED")
@@ -75,6 +76,7 @@ CELL = (
     MACHINE_STATE,
     EVENT,
     SCAN,
+    FORMED_SHEET,
     LIFT,
     Topic("joint_states", "sensor_msgs/msg/JointState", "STREAM"),
     Topic("robot_description", "std_msgs/msg/String", "LATCHED"),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.geometry.height_map import HeightMap
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 from isf_core.view import page
 from isf_core.view.coloured import add_plain, beside_formed, broken, colour_bar, near_path, path_line
@@ -16,6 +17,7 @@ from isf_analysis.figures.shape_figures import map_limit, part_frame
 from isf_analysis.measures.deviation import RIM_WIDTH, Deviation
 from isf_analysis.measures.force_regions import path_forces
 from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.sheet_thickness import estimated_thickness
 
 MM = 1e3
 LARGEST_GRID = 40_000
@@ -43,6 +45,11 @@ def part_view(record: PartRecord, deviation: Deviation | None) -> str:
     contours = {contour.index: contour for contour in record.last_stage}
     if deviation is not None and shape is not None and record.target is not None:
         _deviation(drawing, shape, deviation, record.target)
+    if record.formed_sheet is not None:
+        _formed_sheet(drawing, record.formed_sheet, deviation)
+    estimate = estimated_thickness(record, deviation)
+    if estimate is not None and shape is not None:
+        _estimated_thickness(drawing, shape, estimate)
     if shape is not None and contours:
         _thickness(drawing, shape, list(contours.values()))
     _paths(drawing, record, contours, shape)
@@ -121,23 +128,71 @@ def _thickness(drawing: Drawing, shape: HeightMap, contours: Sequence[Contour]) 
     if not np.isfinite(colour).any():
         return
     x, y, z = _grid(shape)
-    low, high = _limits(np.concatenate(values))
     add_plain(drawing.figure, x, y, np.where(beside_formed(colour), z, np.nan))
-    drawing.figure.add_surface(
-        x=x,
-        y=y,
-        z=np.where(np.isfinite(colour), z, np.nan),
-        surfacecolor=np.round(colour, 3).astype(np.float32),
-        cmin=low,
-        cmax=high,
-        colorscale="Viridis",
-        colorbar=colour_bar("thickness by the plan [mm]"),
-        hovertemplate="x %{x:.1f}, y %{y:.1f}, z %{z:.2f} mm<br>%{surfacecolor:.2f} mm thick<extra></extra>",
-        lighting={"ambient": 0.8, "diffuse": 0.35, "specular": 0.03},
-    )
+    grid = shape.x, shape.y, shape.z
+    _coloured_surface(drawing, grid, colour, "thickness by the plan [mm]", "%{surfacecolor:.2f} mm thick (plan)")
     thinnest = int(np.argmin(np.concatenate(values)))
     place = np.vstack([_on_shape(contour.contact, shape) for contour in contours])[thinnest]
     drawing.close("thickness (plan)", (MM * place, f"{np.concatenate(values)[thinnest]:.2f} mm"))
+
+
+def _formed_sheet(drawing: Drawing, sheet: ThinnedSheet, deviation: Deviation | None) -> None:
+    """Two views of the simulated sheet itself, where it lies in the frame of the map."""
+    rows, columns = np.ones(sheet.thickness.shape[0], dtype=bool), np.ones(sheet.thickness.shape[1], dtype=bool)
+    if deviation is not None:
+        x0, x1, y0, y1 = part_frame(deviation, RIM_WIDTH)
+        x, y = sheet.points[..., 0], sheet.points[..., 1]
+        inside = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+        rows, columns = inside.any(axis=1), inside.any(axis=0)
+    stride = int(np.ceil(np.sqrt(max(1, rows.sum() * columns.sum()) / LARGEST_GRID)))
+    drawn = np.ix_(np.flatnonzero(rows)[::stride], np.flatnonzero(columns)[::stride])
+    if min(len(drawn[0]), drawn[1].shape[1]) < 2:
+        return
+    points, thickness, margin = sheet.points[drawn], MM * sheet.thickness[drawn], sheet.strain_margin[drawn]
+    for words, title, values, text in (
+        ("thickness (as formed)", "thickness of the simulated sheet [mm]", thickness, "%{surfacecolor:.2f} mm thick"),
+        ("strain margin", "true strain left before it tears", margin, "strain margin %{surfacecolor:.2f}"),
+    ):
+        if not np.isfinite(values).any():
+            continue
+        _coloured_surface(drawing, (points[..., 0], points[..., 1], points[..., 2]), values, title, text)
+        whole = sheet.strain_margin if values is margin else MM * sheet.thickness
+        least = np.unravel_index(int(np.nanargmin(whole)), whole.shape)
+        drawing.close(words, (MM * sheet.points[least], f"{whole[least]:.2f}" + ("" if values is margin else " mm")))
+
+
+def _estimated_thickness(drawing: Drawing, shape: HeightMap, estimate: HeightMap) -> None:
+    columns, rows = np.searchsorted(estimate.x, shape.x), np.searchsorted(estimate.y, shape.y)
+    values = MM * estimate.z[np.ix_(rows, columns)]
+    if not np.isfinite(values).any():
+        return
+    grid = shape.x, shape.y, shape.z
+    _coloured_surface(
+        drawing, grid, values, "thickness by the slope of the scan [mm]", "%{surfacecolor:.2f} mm thick (estimate)"
+    )
+    j, i = np.unravel_index(int(np.nanargmin(values)), values.shape)
+    place = MM * np.array([shape.x[i], shape.y[j], shape.z[j, i]])
+    drawing.close("thickness (estimate)", (place, f"{values[j, i]:.2f} mm"))
+
+
+def _coloured_surface(
+    drawing: Drawing, points: tuple[Array, Array, Array], values: Array, title: str, text: str
+) -> None:
+    """Surface through ``points`` x, y and z, m, coloured by ``values`` (ny, nx) from the least to the largest."""
+    x, y, z = points
+    low, high = _limits(values.ravel())
+    drawing.figure.add_surface(
+        x=_short(x),
+        y=_short(y),
+        z=np.where(np.isfinite(values), _short(z), np.nan),
+        surfacecolor=np.round(values, 3).astype(np.float32),
+        cmin=low,
+        cmax=high,
+        colorscale="Viridis",
+        colorbar=colour_bar(title),
+        hovertemplate="x %{x:.1f}, y %{y:.1f}, z %{z:.2f} mm<br>" + text + "<extra></extra>",
+        lighting={"ambient": 0.8, "diffuse": 0.35, "specular": 0.03},
+    )
 
 
 def _paths(drawing: Drawing, record: PartRecord, contours: dict[int, Contour], shape: HeightMap | None) -> None:

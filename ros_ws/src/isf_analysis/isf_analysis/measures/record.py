@@ -17,6 +17,7 @@ from isf_core.files import yaml_file
 from isf_core.files.job import Job, ToleranceSpec
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SEALED_VARIANTS
+from isf_core.thinned_sheet import ThinnedSheet
 
 from isf_analysis.measures.contour_scan import ContourScan
 
@@ -49,6 +50,7 @@ class PartRecord:
     sheet : ``model`` of the simulated sheet, and what it cost where it was formed in this process; empty: not known
     axis_error : m, root mean square and largest error of the axes while a tool touched the sheet; None: not told
     tool_compliance : m/N of tool 1 and of tool 2, each of the tip in x, y and z, as force control has it; None: unknown
+    formed_sheet : thickness and strain margin of the simulated sheet at the end; None: of a real machine, or not told
     base_folder : that relative paths in the job refer to; empty: not known
     """
 
@@ -82,6 +84,7 @@ class PartRecord:
     base_folder: str = ""
     axis_error: tuple[float, float] | None = None
     tool_compliance: tuple[Vector, Vector] | None = None
+    formed_sheet: ThinnedSheet | None = None
 
     @property
     def planned(self) -> int:
@@ -127,6 +130,14 @@ class PartRecord:
     def tolerance_note(self) -> str:
         """Why the default of :attr:`tolerance` stands for that of the job; empty: it does not."""
         return self._judged_by[1]
+
+    @property
+    def blank_thickness(self) -> float | None:
+        """m, of the flat blank; None where the job cannot be read."""
+        try:
+            return self.job().sheet.thickness
+        except IsfError:
+            return None
 
     @cached_property
     def _judged_by(self) -> tuple[ToleranceSpec, str]:

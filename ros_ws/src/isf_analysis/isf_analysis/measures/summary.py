@@ -17,6 +17,7 @@ from isf_analysis.measures.deviation import BANDS, Deviation, RegionError, Signe
 from isf_analysis.measures.findings import findings
 from isf_analysis.measures.force_metrics import ForceMetrics, force_metrics
 from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.sheet_thickness import sheet_thickness
 from isf_analysis.measures.verdict import force_remarks, verdict
 
 MM = 1e3
@@ -108,6 +109,7 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "contours_planned": record.planned,
         "tolerance": {"shape_mm": MM * tolerance.shape, "share": tolerance.share},
         "deviation": None if deviation is None else _deviation(deviation, tolerance.shape),
+        "sheet_thickness": sheet_thickness(record, deviation),
         "force": force,
         "machine": _machine(record),
         "ticks": record.ticks,

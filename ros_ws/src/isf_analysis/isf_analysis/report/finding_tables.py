@@ -49,6 +49,30 @@ def event_table(numbers: Numbers) -> str:
     return table("What the machine noticed, most severe first", head, rows, text=(2, 4)) if rows else ""
 
 
+def thickness_table(numbers: Numbers) -> str:
+    """Thinnest place and least strain margin, and where they are; nothing where no thickness is known."""
+    known = numbers["sheet_thickness"]
+    if known is None:
+        return ""
+    rows = []
+    for words, place in (("thinnest place", known["thinnest"]), ("least strain margin", known["least_margin"])):
+        if place is not None:
+            margin = place["margin"]
+            shown = number(margin)
+            rows.append(
+                [
+                    words,
+                    f"{number(place['thickness_mm'])}",
+                    f"<b>{shown}</b>" if margin is not None and margin < 0.0 else shown,
+                    ", ".join(number(value, 1) for value in place["place_mm"]),
+                    number(place["planned_mm"]),
+                ]
+            )
+    blank = "" if known["blank_mm"] is None else f"; the blank is {number(known['blank_mm'])} mm thick"
+    head = ["", "thickness [mm]", "strain margin", "at x, y, z [mm]", "planned there [mm]"]
+    return table(f"Thickness by: {known['source']}{blank}", head, rows)
+
+
 def remark_table(numbers: Numbers) -> str:
     """What the correction cannot do, and why; nothing without remarks."""
     remarks = numbers["remarks"]

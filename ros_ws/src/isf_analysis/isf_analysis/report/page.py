@@ -21,6 +21,7 @@ from isf_analysis.figures.part_view import part_view
 from isf_analysis.figures.report_figures import Picture
 from isf_analysis.measures.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, Deviation, directions
 from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.sheet_thickness import ESTIMATED, PLANNED, SIMULATED
 from isf_analysis.measures.summary import deviation_of, scan_errors_of, summarise
 from isf_analysis.measures.verdict import verdict
 from isf_analysis.report import finding_tables, result_tables
@@ -31,9 +32,18 @@ SUMMARY_NAME = "summary.json"
 
 VIEW_WORDS = (
     "Turn it by mouse, touch or arrow keys; zoom by wheel, pinch, or the keys + and −; Home is as at first. "
-    "The mark is the largest error, the thinnest place, the largest force or correction. Paths are drawn on "
-    "the sheet, where the contacts of the forming tool were planned; thickness is that of the plan, not measured."
+    "The mark is the largest error, the thinnest place, the least strain margin, the largest force or correction. "
+    "Paths are drawn on the sheet, where the contacts of the forming tool were planned. "
 )
+THICKNESS_WORDS = {
+    SIMULATED: "Thickness as formed and strain margin are those of the simulated sheet: the margin is the true strain "
+    "that is left before the forming limit of its material, without what a support tool adds to it; thickness (plan) "
+    "is what the plan expected.",
+    ESTIMATED: "No record tells the thickness of this sheet: the estimate is that of the blank times the cosine of the "
+    "slope of the smoothed scan, thickness (plan) what the plan expected.",
+    PLANNED: "Thickness is that of the plan, not measured.",
+}
+"""By what tells the thickness."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +127,7 @@ def render(
         view, missing = part_view(record, deviation), ""
     except IsfError as error:  # without plotly
         view, missing = "", f"<p>The part cannot be turned here: {escape(error.what)}.</p>"
+    caption = VIEW_WORDS + _thickness_words(numbers)
     return filled(
         "report_template.html",
         title=escape(f"Forming report: {record.job_name}"),
@@ -125,7 +136,7 @@ def render(
         banners=result_tables.banners(numbers, numbers["reference"] is not None),
         cards=result_tables.cards(numbers),
         view_style=view_page.STYLE if view else "",
-        view=f"<h2>The part, to be turned</h2><figure>{view}<figcaption>{VIEW_WORDS}</figcaption></figure>"
+        view=f"<h2>The part, to be turned</h2><figure>{view}<figcaption>{caption}</figcaption></figure>"
         if view
         else missing,
         scripts=view_page.scripts() if view else "",
@@ -133,6 +144,11 @@ def render(
         reading=_reading(record, numbers),
         footer=escape(f"Made {made} by isf_analysis {__version__}. Bag: {numbers['bag'] or 'none'}"),
     )
+
+
+def _thickness_words(numbers: dict[str, Any]) -> str:
+    known = numbers["sheet_thickness"]
+    return THICKNESS_WORDS[known["source"]] if known is not None else ""
 
 
 def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Picture, ...]) -> list[str]:
@@ -146,6 +162,8 @@ def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Pictu
             result_tables.signed_table(numbers),
             finding_tables.split_table(numbers),
         ]
+    if thickness := finding_tables.thickness_table(numbers):
+        parts += ["<h2>Thickness</h2>", thickness]
     happened = finding_tables.event_table(numbers)
     if happened:
         parts += ["<h2>Events</h2>", happened]

@@ -21,6 +21,7 @@ from isf_analysis.bag.playback import begin_of_contour
 from isf_analysis.bag.topics import cell_types, make_message, message_folder
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.thinned_sheet import ThinnedSheet
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from synthetic_part import make_part
@@ -73,6 +74,22 @@ def test_other_kinds_of_parts_come_back_too(changes: dict[str, Any], tmp_path: P
 def test_faults_of_the_machine_come_back(tmp_path: Path) -> None:
     part = replace(PART, faults=((1405, "force limit of tool_1"),))
     assert read_bag(write_bag(part, tmp_path / "bag")).faults == part.faults
+
+
+def test_the_formed_sheet_comes_back_and_one_that_is_none_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Columns that bend, as of shell elements, and a margin that is not known."""
+    points = np.random.default_rng(2).normal(size=(4, 3, 3))
+    sheet = ThinnedSheet(points, points[..., 0] ** 2, np.where(points[..., 1] > 0.0, np.nan, points[..., 1]))
+    part = replace(PART, formed_sheet=sheet)
+    assert_same(part, read_bag(write_bag(part, tmp_path / "bag")))
+    monkeypatch.setattr("isf_ros.fields.THINNED", ("x", "y", "z", "thinness", "margin"))
+    foreign = write_bag(part, tmp_path / "foreign")
+    monkeypatch.undo()
+    back = read_bag(foreign)
+    assert back.formed_sheet is None
+    assert any("machine/formed_sheet is left out: needs floating-point" in note for note in back.notes)
 
 
 def test_unknown_cells_come_back(tmp_path: Path) -> None:

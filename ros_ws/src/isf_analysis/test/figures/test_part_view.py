@@ -19,6 +19,7 @@ from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import deviation_of
 from isf_analysis.report.page import write_report
 from isf_core.geometry.height_map import HeightMap
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 from packed_page import unpacked
 from synthetic_part import in_stages, make_part
@@ -43,14 +44,15 @@ def array(value: Any) -> Array:
 
 def test_every_quantity_of_the_record_is_a_view_with_its_unit() -> None:
     content = shown(PART)
-    assert list(content["views"]) == ["deviation", "thickness (plan)", "forming force", "support force", "correction"]
+    thicknesses = ["thickness (estimate)", "thickness (plan)"]
+    assert list(content["views"]) == ["deviation", *thicknesses, "forming force", "support force", "correction"]
     bars = []
     for view in content["views"].values():
         (last,) = view["traces"][-1:]
         trace = content["data"][last]
         bars.append((trace.get("colorbar") or trace["line"]["colorbar"])["title"]["text"])
         assert len(view["annotations"]) == 1
-    assert [re.findall(r"\[(N|mm)\]", bar)[0] for bar in bars] == ["mm", "mm", "N", "N", "mm"]
+    assert [re.findall(r"\[(N|mm)\]", bar)[0] for bar in bars] == ["mm", "mm", "mm", "N", "N", "mm"]
     assert sorted(k for view in content["views"].values() for k in view["traces"]) == list(range(len(content["data"])))
 
 
@@ -111,6 +113,56 @@ def test_of_a_part_formed_in_stages_the_last_one_is_shown() -> None:
     assert np.nanmax(array(surface["surfacecolor"])) == pytest.approx(1e3 * PART.nominal[0].thickness.max(), abs=1e-3)
     line = content["data"][content["views"]["forming force"]["traces"][-1]]
     assert np.isnan(array(line["x"])).sum() == len(PART.results)
+
+
+def formed_sheet(target: HeightMap) -> ThinnedSheet:
+    """The target, half as thick again 10 mm right of the middle, and torn on its left."""
+    x, y = np.meshgrid(target.x, target.y)
+    thickness = 1e-3 - 0.5e-3 * np.exp(-((x - 10e-3) ** 2 + y**2) / (8e-3) ** 2)
+    margin = 1.3 - 1.4 * np.exp(-((x + 10e-3) ** 2 + y**2) / (8e-3) ** 2)
+    return ThinnedSheet(np.stack([x, y, target.z], axis=-1), thickness, margin)
+
+
+def test_the_simulated_sheet_is_shown_where_it_lies_in_place_of_an_estimate() -> None:
+    target = PART.target
+    assert target is not None
+    sheet = formed_sheet(target)
+    content = shown(replace(PART, formed_sheet=sheet))
+    assert list(content["views"])[:4] == ["deviation", "thickness (as formed)", "strain margin", "thickness (plan)"]
+    x = (10.0, -10.0)
+    for name, place, text, least in zip(
+        ("thickness (as formed)", "strain margin"), x, ("0.50 mm", "-0.10"), (0.5, -0.1), strict=True
+    ):
+        view = content["views"][name]
+        (trace,) = (content["data"][k] for k in view["traces"])
+        colour = array(trace["surfacecolor"])
+        assert colour.min() == pytest.approx(least, abs=1e-3)
+        node = np.unravel_index(int(np.argmin(colour)), colour.shape)
+        assert [array(trace["x"])[node], array(trace["y"])[node]] == pytest.approx([place, 0.0], abs=1e-3)
+        (label,) = view["annotations"]
+        assert (label["text"], label["x"], label["y"]) == (text, pytest.approx(place), pytest.approx(0.0))
+    unknown = ThinnedSheet(sheet.points, sheet.thickness, np.full(sheet.thickness.shape, np.nan))
+    assert "strain margin" not in shown(replace(PART, formed_sheet=unknown))["views"]
+
+
+def test_the_estimate_is_the_sine_law_of_the_scan_that_the_plan_is_not(tmp_path: Path) -> None:
+    """The wall of 50 deg was formed 0.8 times as deep, 43.6 deg: 0.724 mm where the plan says 0.643 mm."""
+    target = PART.target
+    assert target is not None
+    noise = np.random.default_rng(1).normal(0.0, 17e-6, target.z.shape)
+    part = replace(PART, scan=HeightMap(target.x, target.y, 0.8 * target.z + noise))
+    content = shown(part)
+    trace = content["data"][content["views"]["thickness (estimate)"]["traces"][-1]]
+    colour, z = array(trace["surfacecolor"]), array(trace["z"])
+    on_wall = (z > -0.8 * 15.0) & (z < -0.8 * 6.0)
+    assert np.median(colour[on_wall]) == pytest.approx(0.724, abs=0.02)
+    flange = z > -0.1
+    assert np.median(colour[flange]) == pytest.approx(1.0, abs=0.002)
+    numbers = write_report(part, tmp_path).numbers["sheet_thickness"]
+    assert numbers["source"] == "estimate from the scan"
+    assert numbers["thinnest"]["thickness_mm"] == pytest.approx(0.72, abs=0.04)
+    no_blank = replace(part, job_text=part.job_text.replace("thickness: 1 mm", "thickness: much"))
+    assert "thickness (estimate)" not in shown(no_blank)["views"]
 
 
 def test_paths_carry_the_forces_and_corrections_of_the_record() -> None:

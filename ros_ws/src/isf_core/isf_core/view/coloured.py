@@ -21,12 +21,16 @@ def near_path(contours: Sequence[Contour], values: Sequence[Array], x: Array, y:
     ``values`` (N,) per contour. NaN beside the path, farther than its steps reach: nothing was formed there. In
     accumulative forming contacts are made higher up than they end.
     """
-    contacts = np.vstack([contour.contact for contour in contours])
     nodes = np.column_stack([a.ravel() for a in np.meshgrid(x, y)])
-    distance, nearest = KDTree(contacts[:, :2]).query(nodes)
+    return value_near_path(contours, values, nodes).reshape(len(y), len(x))
+
+
+def value_near_path(contours: Sequence[Contour], values: Sequence[Array], places: Array) -> Array:
+    """(M,), as :func:`near_path` at ``places`` (M, 2) m."""
+    contacts = np.vstack([contour.contact for contour in contours])
+    distance, nearest = KDTree(contacts[:, :2]).query(places)
     pitch = 3.0 * float(np.median(np.linalg.norm(np.diff(contours[0].contact, axis=0), axis=1))) + 1.5e-3
-    found = np.where(distance < pitch, np.concatenate(values)[nearest], np.nan)
-    return np.asarray(found.reshape(len(y), len(x)))
+    return np.asarray(np.where(distance < pitch, np.concatenate(values)[nearest], np.nan))
 
 
 def beside_formed(colour: Array) -> Mask:

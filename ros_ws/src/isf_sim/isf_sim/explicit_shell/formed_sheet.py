@@ -16,6 +16,7 @@ from isf_core.files.material import Material, forming_limit
 from isf_core.files.rig import Clamp
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SheetKind
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.interpolate import griddata
@@ -211,6 +212,18 @@ class FormedSheet:
             np.column_stack([x, y]), z, tuple(np.meshgrid(grid_x, grid_y)), method="cubic", fill_value=0.0
         )
         return HeightMap(grid_x, grid_y, heights)
+
+    def thinned_sheet(self) -> ThinnedSheet:
+        """Thickness and margin of the elements, at the middles of their upper faces as the sheet lies now."""
+        shell = self.shell
+        elements = len(shell.y) - 1, len(shell.x) - 1
+        face = shell.upper_face().reshape(3, len(shell.y), len(shell.x))
+        middles = 0.25 * (face[:, 1:, 1:] + face[:, 1:, :-1] + face[:, :-1, 1:] + face[:, :-1, :-1])
+        return ThinnedSheet(
+            np.ascontiguousarray(np.moveaxis(middles, 0, -1)),
+            shell.state.thickness.reshape(elements).copy(),
+            self.strength.margin(shell).reshape(elements),
+        )
 
     def formed(self, surface: Surface) -> NDArray[np.int8]:
         """(ny, nx), 1 on the nodes of ``surface`` where the sheet has been formed."""

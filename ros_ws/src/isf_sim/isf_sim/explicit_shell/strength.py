@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from isf_core.files.material import FormingLimit
 from isf_core.types import Array
+from numpy.typing import NDArray
 
 from isf_sim.explicit_shell.shell import ExplicitShell
 from isf_sim.sheet.surface import LONG_AGO
@@ -57,13 +58,21 @@ class Strength:
         if not chosen.size:
             self.strain, self.place = 0.0, np.zeros(3)
             return
+        strain = self._used(shell, chosen)
+        worst = int(np.argmax(strain))
+        self.strain, self.place = float(strain[worst]), middle[:, chosen[worst]].copy()
+
+    def margin(self, shell: ExplicitShell) -> Array:
+        """(e,) true strain that is left of the elements before the forming limit, negative beyond it."""
+        return np.asarray(self._limit.strain - self._used(shell, np.arange(self.bending.size)))
+
+    def _used(self, shell: ExplicitShell, chosen: NDArray[np.intp]) -> Array:
+        """Strain of the ``chosen`` elements as the forming limit counts it."""
         limit = self._limit
         strain = np.log(self._blank / shell.state.thickness[chosen])
         if limit.slope != 1.0:
             strain = strain + (limit.slope - 1.0) * principal_strains(shell)[1][chosen]
-        strain = strain + 0.5 * self._blank * limit.bending_share * self.bending[chosen]
-        worst = int(np.argmax(strain))
-        self.strain, self.place = float(strain[worst]), middle[:, chosen[worst]].copy()
+        return np.asarray(strain + 0.5 * self._blank * limit.bending_share * self.bending[chosen])
 
 
 def principal_strains(shell: ExplicitShell) -> tuple[Array, Array]:

@@ -21,6 +21,7 @@ from isf_core.geometry.kinematics import Gantry, Kinematics, make_kinematics
 from isf_core.geometry.tool_axis import UPRIGHT, between, point_on_axis, tilt_of
 from isf_core.geometry.tool_solid import tool_solid
 from isf_core.simulated_sheet import SheetKind
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 
 from isf_sim.explicit_shell.formed_sheet import FormedSheet
@@ -336,6 +337,17 @@ class SimulatedMachine:
         if self._shell is not None:
             return self._shell.measured_shape()
         return self.plant.measured_shape()
+
+    def thinned_sheet(self, shape: HeightMap) -> ThinnedSheet | None:
+        """Thickness of the sheet and how much more it bears; ``shape`` is the present :meth:`measured_shape`.
+
+        None while nothing is formed, and of accumulative forming, whose model of the sheet has no thickness.
+        """
+        if self._adsif is not None:
+            return None
+        if self._shell is not None:
+            return self._shell.thinned_sheet()
+        return self.plant.thinned_sheet(shape, self._constants.squeeze)
 
     def sheet_values(self) -> dict[str, object]:
         """What stands behind the shapes and forces of this machine, for a summary."""

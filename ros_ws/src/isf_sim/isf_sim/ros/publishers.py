@@ -47,6 +47,7 @@ class MachinePublishers:
         self._state = self._publisher(MachineState, "machine/state", qos.STREAM_SOURCE)
         self._event = self._publisher(EventMessage, "machine/event", qos.EVENT)
         self._scan = self._publisher(PointCloud2, "scan", qos.LATCHED)
+        self._formed_sheet = self._publisher(PointCloud2, "machine/formed_sheet", qos.LATCHED)
         self._clock = self._publisher(Clock, "/clock", qos.SENSOR) if clock else None
         self._wrench_messages = [conversion.make_wrench() for _ in (1, 2)]
         self._pose_messages = [conversion.make_pose() for _ in (1, 2)]
@@ -113,6 +114,11 @@ class MachinePublishers:
         """A measured shape; returns when every reliable subscriber has it, so that the cell may be ended then."""
         self._scan.publish(cloud)
         self._scan.wait_for_all_acked(Duration(seconds=SCAN_PATIENCE))
+
+    def formed_sheet(self, cloud: PointCloud2) -> None:
+        """Thickness and strain margin of the sheet; returns as :meth:`scan`."""
+        self._formed_sheet.publish(cloud)
+        self._formed_sheet.wait_for_all_acked(Duration(seconds=SCAN_PATIENCE))
 
     def _publisher(self, kind: Any, topic: str, profile: Any) -> Publisher[Any]:
         return self._node.create_publisher(kind, topic, profile)

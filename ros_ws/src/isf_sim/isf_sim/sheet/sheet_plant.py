@@ -15,6 +15,7 @@ import numpy as np
 from isf_core.files.material import Material, forming_limit
 from isf_core.files.rig import Clamp
 from isf_core.geometry.height_map import HeightMap
+from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 
 from isf_sim.plant_constants import PlantConstants
@@ -48,7 +49,7 @@ from isf_sim.sheet.sheet_point import (
     no_contact,
 )
 from isf_sim.sheet.shell_region import grow_region, no_region, opening_region, region_lines
-from isf_sim.sheet.squeeze import indentation_stiffness
+from isf_sim.sheet.squeeze import SQUEEZED_THINNEST, SqueezeConstants, indentation_stiffness, lasting_indentation
 from isf_sim.sheet.surface import LONG_AGO, Surface, TipTrack, bilinear_grid, empty_track, flat_surface
 from isf_sim.sheet.thickness import limit_margin, thickness_map
 from isf_sim.shell.shell import Elastic, Shell
@@ -60,6 +61,10 @@ SMALLEST_FORCE = 30.0
 """N, force of a coarse solution at first touch, when none is known yet."""
 MAXIMUM_CELLS = 40
 """Cells of the coarse shell along the longer side: large blanks have larger cells at the clamp."""
+BESIDE = 15.0e-3
+"""m of flange that is told with the thickness of what was formed."""
+MOST_NODES = 40_000
+"""Nodes of which the thickness is told; of more every second, or third, in both directions."""
 RELATED = 30.0e-3
 """m, distance (depth counts threefold) within which an earlier solution is a good start."""
 
@@ -229,13 +234,27 @@ class SheetPlant:
         y = self.surface.y0 + stride * self.surface.h * np.arange(z.shape[0], dtype=np.float64)
         return HeightMap(x, y, (z + bulge) if self.pressing == 1 else -(z + bulge))
 
-    def thickness_map(self) -> Array:
-        """(ny, nx) m, thickness of the sheet normal to its surface, on the nodes of ``surface``."""
-        return thickness_map(self.surface, self.thickness)
-
-    def limit_margin(self) -> Array:
-        """(ny, nx), thinning ln(t0 / t) that is left before the forming limit; negative beyond it."""
-        return limit_margin(self.thickness_map(), self.thickness, forming_limit(self.material).strain)
+    def thinned_sheet(self, shape: HeightMap, squeeze: SqueezeConstants) -> ThinnedSheet | None:
+        """Thickness and margin of what was formed and BESIDE m around it, on the nodes of ``shape``, which is the
+        present :meth:`measured_shape`; None while nothing is formed."""
+        surface = self.surface
+        rows, columns = (np.flatnonzero(surface.formed.any(axis=axis)) for axis in (1, 0))
+        if not rows.size:
+            return None
+        drawn = thickness_map(surface, self.thickness)
+        thickness = np.maximum(drawn - lasting_indentation(surface, squeeze), SQUEEZED_THINNEST * drawn)
+        margin = limit_margin(surface, self.thickness, forming_limit(self.material)) - np.log(drawn / thickness)
+        stride = max(1, round((shape.x[1] - shape.x[0]) / surface.h))
+        beside = round(BESIDE / surface.h)
+        j, i = (
+            np.arange(max(nodes[0] - beside, 0) // stride, min((nodes[-1] + beside) // stride + 1, count))
+            for nodes, count in zip((rows, columns), shape.z.shape, strict=True)
+        )
+        thinned = math.ceil(math.sqrt(len(j) * len(i) / MOST_NODES))
+        j, i = j[::thinned], i[::thinned]
+        points = np.stack([*np.meshgrid(shape.x[i], shape.y[j]), shape.z[np.ix_(j, i)]], axis=-1)
+        nodes = np.ix_(stride * j, stride * i)
+        return ThinnedSheet(points, thickness[nodes], margin[nodes])
 
     def forget_solutions(self) -> None:
         """Drop the control points: the sheet is loaded in another way from now on."""

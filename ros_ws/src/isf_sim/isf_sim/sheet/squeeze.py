@@ -20,6 +20,9 @@ from isf_sim.jit import kernel
 from isf_sim.sheet.sheet_point import TRAVELLED, Contact
 from isf_sim.sheet.surface import Surface, corner_of
 
+SQUEEZED_THINNEST = 0.2
+"""Share of its former thickness that squeezing leaves of the sheet at least."""
+
 
 class SqueezeConstants(NamedTuple):
     """Tool radii m, stiffness k_m N/m, lasting part of the indentation, blank thickness m, window m of path,
@@ -120,13 +123,19 @@ def eased_tension(state: Squeeze, contact: Contact, c: SqueezeConstants) -> floa
     return min(max(1.0 + 2.0 * ahead / width, 0.0), 1.0) * pressure * t * width
 
 
+def lasting_indentation(surface: Surface, c: SqueezeConstants) -> Array:
+    """(ny, nx) m, what the squeeze of all passes has left in the thickness, on the nodes of ``surface``."""
+    return np.asarray(c.memory * surface.squeeze / c.stiffness)
+
+
 @kernel
 def _local_thickness(x: float, y: float, surface: Surface, contact: Contact, c: SqueezeConstants) -> float:
-    """m: t0 cos(alpha) less the lasting indentation of earlier passes, at least a fifth of the former."""
+    """m: t0 cos(alpha) less the lasting indentation of earlier passes, at least SQUEEZED_THINNEST of the former."""
     slope = contact.wall[0]
     formed = c.thickness / math.sqrt(1.0 + slope * slope)
     return max(
-        formed - c.memory * _earlier_force(x, y, surface, contact.path[TRAVELLED], c) / c.stiffness, 0.2 * formed
+        formed - c.memory * _earlier_force(x, y, surface, contact.path[TRAVELLED], c) / c.stiffness,
+        SQUEEZED_THINNEST * formed,
     )
 
 

@@ -11,6 +11,7 @@ motion.
 from __future__ import annotations
 
 import numpy as np
+from isf_core.files.material import FormingLimit
 from isf_core.types import Array
 from scipy.ndimage import gaussian_filter
 
@@ -104,9 +105,30 @@ def coarse_area(origin: Array, x: Array, y: Array) -> Array:
     return _origin_area(origin, y, x)
 
 
-def limit_margin(thickness: Array, blank: float, fracture_strain: float) -> Array:
-    """Thinning that is left before the forming limit in plane strain, bending left out; negative beyond it."""
-    return np.asarray(fracture_strain - np.log(blank / thickness))
+def limit_margin(surface: Surface, blank: float, limit: FormingLimit) -> Array:
+    """(ny, nx) true strain that is left before ``limit`` on the nodes of ``surface``, negative beyond it; ``blank`` m.
+
+    Strains and bends count as beside the tool (:func:`strain_up_the_wall`), so that a wall that tears has none left.
+    What the support tool squeezes, and what its squeeze lets the sheet bear beyond the limit, is left out.
+    """
+    slope, x, y = (
+        _differences(values, surface.h) for values in (surface.height, surface.origin[..., 0], surface.origin[..., 1])
+    )
+    area = (1.0 + x[..., 0]) * (1.0 + y[..., 1]) - x[..., 1] * y[..., 0]
+    strain = -np.log(np.maximum(area / np.sqrt(1.0 + (slope**2).sum(axis=-1)), THINNEST))
+    if limit.slope != 1.0:
+        nodes = zip(*(values.reshape(-1, 2) for values in (x, y, slope)), strict=True)
+        strain += (limit.slope - 1.0) * np.array([minor_strain(*node) for node in nodes]).reshape(strain.shape)
+    return np.asarray(limit.strain - strain - 0.5 * blank * limit.bending_share * surface.bending)
+
+
+def _differences(values: Array, h: float) -> Array:
+    """(ny, nx, 2), slopes of ``values`` along x and y over REACH_CELLS to either side, clamped at the border."""
+    reach = round(REACH_CELLS)
+    wide = np.pad(values, reach, mode="edge")
+    inner = slice(reach, -reach)
+    along = wide[inner, 2 * reach :] - wide[inner, : -2 * reach], wide[2 * reach :, inner] - wide[: -2 * reach, inner]
+    return np.stack(along, axis=-1) / (2.0 * reach * h)
 
 
 def _origin_area(origin: Array, y: Array | float, x: Array | float) -> Array:

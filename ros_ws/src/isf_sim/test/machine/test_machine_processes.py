@@ -85,6 +85,7 @@ def test_accumulative_forming_through_servo_and_load_cells() -> None:
     expected = horizontal_force(opened_gap(0.7, np.radians(45.0), soft))
     assert on_support == pytest.approx(expected, rel=0.05)  # the servo lags a little
     assert on_forming == pytest.approx(-on_support, rel=0.1)
+    assert machine.thinned_sheet(machine.measured_shape()) is None  # this model has no thickness
     depth = -machine.measured_shape().at(np.zeros((1, 2)))[0]
     assert 0.5e-3 < depth < 2.2e-3 * np.tan(np.radians(32.0))
     kept = machine.state_copy()

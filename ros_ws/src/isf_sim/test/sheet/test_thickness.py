@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from isf_core.files.material import OWN_THINNING
+from isf_core.files.material import OWN_THINNING, FormingLimit
 from isf_core.process.thickness_and_tips import overlap
 from isf_core.types import Array
 from isf_sim.sheet.contact_kernels import envelope
@@ -198,6 +198,17 @@ def test_every_pass_bends_the_wall_and_small_steps_more_often() -> None:
     assert surface.bending[n, higher].mean() * RADIUS > before + 4.0
 
 
-def test_margin_is_the_thinning_left() -> None:
-    thickness = BLANK * np.exp(-np.array([1.1, 0.0, 1.3]))
-    assert limit_margin(thickness, BLANK, 1.1) == pytest.approx([0.0, 1.1, -0.2], abs=1e-12)
+def test_margin_is_what_is_left_of_thinning_bends_and_minor_strain() -> None:
+    """Stretched evenly to 1 / 0.8 along x and y, bent twice to 5 mm; a wall down x has no minor strain."""
+    surface = flat_surface((0.02, 0.02), 0.5e-3)
+    line = surface.x0 + surface.h * np.arange(surface.height.shape[0])
+    surface.origin[:, :, 0], surface.origin[:, :, 1] = -0.2 * line[None, :], -0.2 * line[:, None]
+    surface.bending[...] = 2.0 / 5e-3
+    thickness = thickness_map(surface, BLANK)
+    middle = (slice(15, 26), slice(15, 26))
+    assert thickness[middle] == pytest.approx(0.64 * BLANK, rel=1e-6)
+    used, bends = 2.0 * math.log(1.25), 0.15 * 2.0 * 0.5 * BLANK / 5e-3
+    for slope, strain in ((1.0, used), (0.5, 0.75 * used)):
+        margin = limit_margin(surface, BLANK, FormingLimit(1.1, slope, 0.15))
+        assert margin[middle] == pytest.approx(1.1 - strain - bends, abs=1e-6)
+    assert limit_margin(surface, BLANK, FormingLimit(0.2, 1.0, 0.0))[20, 20] < 0.0
