@@ -23,6 +23,9 @@ MM = 1e3
 SMOOTHING = 2e-3
 """m, standard deviation of the filter of the scan: noise of 0.05 mm between points 1 mm apart is a slope of 3 deg."""
 
+SHARE = 0.95
+"""Of the formed nodes, for what most of them bear: the seam of the contours, a few per cent, stands apart."""
+
 SIMULATED, ESTIMATED, PLANNED = "simulated sheet", "estimate from the scan", "plan"
 """Where a thickness comes from."""
 
@@ -49,15 +52,18 @@ def sheet_thickness(record: PartRecord, deviation: Deviation | None) -> dict[str
     """JSON: ``source``, ``blank_mm``, and ``thinnest`` and ``least_margin``, a place each; None where nothing tells it.
 
     A place has ``thickness_mm``, ``place_mm`` [x, y, z], ``planned_mm`` (of the contact of the last stage that is
-    nearest in plan, None beside the path) and ``margin`` (None where it is not known).
+    nearest in plan, None beside the path) and ``margin`` (None where it is not known). ``most_bear``: the strain margin
+    that SHARE of the nodes beside the path have at least, None where it is not known.
     """
     sheet = record.formed_sheet
-    least = None
+    least, most_bear = None, np.nan
     if sheet is not None:
         source, points, thickness = SIMULATED, sheet.points.reshape(-1, 3), sheet.thickness.ravel()
         margin = sheet.strain_margin.ravel()
         if np.isfinite(margin).any():
             least = _place(record, points, thickness, margin, int(np.nanargmin(margin)))
+            formed = margin[np.isfinite(_planned(record, points[:, :2])) & np.isfinite(margin)]
+            most_bear = float(np.quantile(formed, 1.0 - SHARE)) if len(formed) else np.nan
     elif (estimate := estimated_thickness(record, deviation)) is not None and deviation is not None:
         inside = deviation.masks["wall_and_base"] & np.isfinite(estimate.z)
         source, thickness = ESTIMATED, estimate.z[inside]
@@ -78,20 +84,26 @@ def sheet_thickness(record: PartRecord, deviation: Deviation | None) -> dict[str
         "blank_mm": None if blank is None else MM * blank,
         "thinnest": _place(record, points, thickness, margin, int(np.nanargmin(thickness))),
         "least_margin": least,
+        "most_bear": _number(most_bear),
     }
 
 
 def _place(record: PartRecord, points: Array, thickness: Array, margin: Array, node: int) -> dict[str, Any]:
-    contours = record.last_stage
-    planned = np.nan
-    if contours:
-        planned = float(value_near_path(contours, [one.thickness for one in contours], points[node : node + 1, :2])[0])
+    planned = float(_planned(record, points[node : node + 1, :2])[0])
     return {
         "thickness_mm": _number(MM * thickness[node]),
         "place_mm": [_number(MM * value) for value in points[node]],
         "planned_mm": _number(MM * planned),
         "margin": _number(margin[node]),
     }
+
+
+def _planned(record: PartRecord, places: Array) -> Array:
+    """(M,) m, planned thickness at ``places`` (M, 2) m; NaN beside the path."""
+    contours = record.last_stage
+    if not contours:
+        return np.full(len(places), np.nan)
+    return value_near_path(contours, [one.thickness for one in contours], places)
 
 
 def _number(value: float) -> float | None:

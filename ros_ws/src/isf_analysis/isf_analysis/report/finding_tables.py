@@ -12,6 +12,7 @@ from isf_core.contour import contour_label
 
 from isf_analysis.measures.force_regions import AFTER, BEFORE, CONTACT, CORNER_RADIUS
 from isf_analysis.measures.remarks import spans
+from isf_analysis.measures.sheet_thickness import SHARE
 from isf_analysis.report.result_tables import DASH, number, percent, table
 
 Numbers = dict[str, Any]
@@ -68,6 +69,10 @@ def thickness_table(numbers: Numbers) -> str:
                     number(place["planned_mm"]),
                 ]
             )
+    if known["most_bear"] is not None:
+        rows.append(
+            [f"{100 * SHARE:g} % of what was formed have at least", DASH, number(known["most_bear"]), DASH, DASH]
+        )
     blank = "" if known["blank_mm"] is None else f"; the blank is {number(known['blank_mm'])} mm thick"
     head = ["", "thickness [mm]", "strain margin", "at x, y, z [mm]", "planned there [mm]"]
     return table(f"Thickness by: {known['source']}{blank}", head, rows)

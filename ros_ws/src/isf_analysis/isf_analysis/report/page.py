@@ -37,8 +37,9 @@ VIEW_WORDS = (
 )
 THICKNESS_WORDS = {
     SIMULATED: "Thickness as formed and strain margin are those of the simulated sheet: the margin is the true strain "
-    "that is left before the forming limit of its material, without what a support tool adds to it; thickness (plan) "
-    "is what the plan expected.",
+    "that is left before the forming limit of its material, without what a support tool adds to it. Where it is below "
+    "0 along less than four tool radii of a contour, as can be at the seam of the contours, the machine tells no tear. "
+    "Thickness (plan) is what the plan expected.",
     ESTIMATED: "No record tells the thickness of this sheet: the estimate is that of the blank times the cosine of the "
     "slope of the smoothed scan, thickness (plan) what the plan expected.",
     PLANNED: "Thickness is that of the plan, not measured.",
