@@ -1,9 +1,10 @@
-"""The formed part in three dimensions: its shape by deviation or thickness, the tool path by force or correction."""
+"""The formed part in three dimensions: its shape by deviation or thickness, the tool path by force or correction, and
+its forming step by step."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from isf_core.contour import Contour
@@ -13,9 +14,11 @@ from isf_core.types import Array
 from isf_core.view import page
 from isf_core.view.coloured import add_plain, beside_formed, broken, colour_bar, near_path, path_line
 
+from isf_analysis.figures.forming_view import add_forming
 from isf_analysis.figures.shape_figures import map_limit, part_frame
 from isf_analysis.measures.deviation import RIM_WIDTH, Deviation
 from isf_analysis.measures.force_regions import path_forces
+from isf_analysis.measures.forming_steps import forming_steps
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.sheet_thickness import estimated_thickness
 
@@ -33,8 +36,16 @@ DEVIATION_SCALE = [
 """That of the maps (ColorBrewer RdBu), light grey at zero: white would not be seen on a white page."""
 
 
-def part_view(record: PartRecord, deviation: Deviation | None) -> str:
-    """HTML of the part to be turned (:func:`isf_core.view.page.fragment`); empty when the record has nothing to show.
+class PartView(NamedTuple):
+    """HTML of the part to be turned (:func:`isf_core.view.page.fragment`), empty when the record has nothing to show;
+    ``forming``: the forming step by step is in it."""
+
+    html: str
+    forming: bool
+
+
+def part_view(record: PartRecord, deviation: Deviation | None) -> PartView:
+    """The part of ``record`` to be turned.
 
     Raises
     ------
@@ -53,9 +64,14 @@ def part_view(record: PartRecord, deviation: Deviation | None) -> str:
     if shape is not None and contours:
         _thickness(drawing, shape, list(contours.values()))
     _paths(drawing, record, contours, shape)
+    steps = forming_steps(record)
+    if steps is not None:
+        moving = add_forming(drawing.figure, steps)
+        drawing.close("forming", steps=moving)
     if not drawing.views:
-        return ""
-    return page.fragment(drawing.figure, drawing.views, f"{record.job_name} in three dimensions")
+        return PartView("", forming=False)
+    html = page.fragment(drawing.figure, drawing.views, f"{record.job_name} in three dimensions")
+    return PartView(html, forming=steps is not None)
 
 
 class Drawing:
@@ -65,10 +81,10 @@ class Drawing:
         self.figure = figure
         self.views: dict[str, page.View] = {}
 
-    def close(self, words: str, *labels: tuple[Array, str]) -> None:
-        """What was added since the last view is the view ``words``, with ``labels`` at places (3,) mm."""
+    def close(self, words: str, *labels: tuple[Array, str], steps: page.Steps | None = None) -> None:
+        """What was added since the last view is the view ``words``, with ``labels`` at places (3,) mm and its steps."""
         first = sum(len(view.traces) for view in self.views.values())
-        self.views[words] = page.View(range(first, len(self.figure.data)), labels)
+        self.views[words] = page.View(range(first, len(self.figure.data)), labels, steps)
 
 
 def _shape(record: PartRecord, deviation: Deviation | None) -> HeightMap | None:

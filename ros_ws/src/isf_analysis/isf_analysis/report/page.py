@@ -35,6 +35,15 @@ VIEW_WORDS = (
     "The mark is the largest error, the thinnest place, the least strain margin, the largest force or correction. "
     "Paths are drawn on the sheet, where the contacts of the forming tool were planned. "
 )
+FORMING_WORDS = (
+    " Forming is played by its button or the space key, and goes step by step with the slider or its arrow keys: the "
+    "sheet after the step, the path of the tips in it and, as balls of their radius, the tools. The line above the "
+    "picture says whether the sheet was scanned; what is swept by the tools, or the wanted shape so far, knows no "
+    "springback, so that its last step differs from the finished part."
+)
+NO_FORMING_WORDS = (
+    " The forming step by step is left out: nothing was formed, or neither a scan nor CAD tells the shape in between."
+)
 THICKNESS_WORDS = {
     SIMULATED: "Thickness as formed and strain margin are those of the simulated sheet: the margin is the true strain "
     "that is left before the forming limit of its material, without what a support tool adds to it. Where it is below "
@@ -125,10 +134,10 @@ def render(
     method = f"correction: {record.correction}" if record.corrects else "no springback correction"
     made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
     try:
-        view, missing = part_view(record, deviation), ""
+        (view, forming), missing = part_view(record, deviation), ""
     except IsfError as error:  # without plotly
-        view, missing = "", f"<p>The part cannot be turned here: {escape(error.what)}.</p>"
-    caption = VIEW_WORDS + _thickness_words(numbers)
+        view, forming, missing = "", False, f"<p>The part cannot be turned here: {escape(error.what)}.</p>"
+    caption = VIEW_WORDS + _thickness_words(numbers) + (FORMING_WORDS if forming else NO_FORMING_WORDS)
     return filled(
         "report_template.html",
         title=escape(f"Forming report: {record.job_name}"),

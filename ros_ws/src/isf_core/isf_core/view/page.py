@@ -35,11 +35,66 @@ STYLE = """
 .view3d-zoom { position: absolute; right: 4px; bottom: 4px; display: flex; gap: 4px; }
 .view3d-zoom button { width: 36px; height: 36px; font: inherit; border: 1px solid #8895a1; border-radius: 6px;
   background: transparent; color: inherit; cursor: pointer; }
+.view3d-steps { display: flex; flex-wrap: wrap; gap: 6px 12px; align-items: center; margin: 0 0 6px; }
+.view3d-steps[hidden] { display: none; }
+.view3d-steps button { min-width: 76px; height: 36px; font: inherit; border: 1px solid #8895a1; border-radius: 6px;
+  background: transparent; color: inherit; cursor: pointer; }
+.view3d-steps input { flex: 1 1 180px; min-width: 120px; height: 36px; accent-color: #0072b2; }
+.view3d-steps output { flex: 1 1 100%; font-variant-numeric: tabular-nums; min-height: 1.4em; }
+.view3d-steps :focus-visible { outline: 2px solid #0072b2; outline-offset: 2px; }
 .view3d-frame { position: relative; }
 .view3d-note { position: absolute; inset: 40% 0 auto; text-align: center; }
 @media print { .view3d { display: none; } }
 """
 """Of the classes in :func:`fragment`, for the page's style sheet."""
+
+
+FINEST_STEP = 0.01
+"""mm, resolution of what moves from step to step; coarser for a part of more than 300 mm."""
+
+
+STEPS = (
+    '<div class="view3d-steps" role="group" aria-label="steps; space plays and pauses" hidden>'
+    '<button type="button">Play</button><input type="range" min="0" value="0" step="1" aria-label="step">'
+    "<output></output></div>"
+)
+"""Play, pause, and the step that is shown."""
+
+
+@dataclass(frozen=True)
+class Ball:
+    """The tip of a tool, drawn as a ball that runs along a path.
+
+    Attributes
+    ----------
+    trace : number of its trace, a surface
+    path : number of the path in :attr:`Steps.paths`
+    shape : (ny, nx, 3) mm, the ball with the tip of the tool at the origin
+    """
+
+    trace: int
+    path: int
+    shape: Array
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What changes in a view from step to step, of which there are K.
+
+    Attributes
+    ----------
+    labels : K texts
+    surface : number of the trace whose heights change
+    heights : (K + 1, ny, nx) mm, before the first step and after every one; known everywhere
+    paths : number of a trace and its K arrays (P, 3) mm, without points where nothing is drawn
+    balls : that run along paths
+    """
+
+    labels: Sequence[str]
+    surface: int
+    heights: Array
+    paths: Sequence[tuple[int, Sequence[Array]]]
+    balls: Sequence[Ball] = ()
 
 
 @dataclass(frozen=True)
@@ -50,10 +105,12 @@ class View:
     ----------
     traces : numbers of the traces that are seen
     labels : place (3,) mm and text of what is pointed at, always in sight; left out where the place is not known
+    steps : what changes from step to step, played or chosen by the reader; None: nothing does
     """
 
     traces: Sequence[int]
     labels: Sequence[tuple[Array, str]] = field(default=())
+    steps: Steps | None = None
 
 
 def new_figure() -> Any:
@@ -90,14 +147,14 @@ def fragment(figure: Any, views: Mapping[str, View], label: str) -> str:
     shown = set(next(iter(views.values())).traces)
     for number, trace in enumerate(figure.data):
         trace.visible = number in shown
-    sides = np.array([_side(figure, axis) for axis in "xyz"])
-    ratio = np.maximum(sides / sides.max(), FLATTEST)
-    figure.update_layout(scene={"aspectmode": "manual", "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True))})
+    ratio = _ratio(np.array([_side(figure, axis) for axis in "xyz"]))
+    figure.update_layout(scene={"aspectmode": "manual", "aspectratio": ratio})
     drawn = json.loads(figure.to_json())
     chosen = {
         name: {
             "traces": list(view.traces),
             "annotations": [_annotation(place, text) for place, text in view.labels if np.isfinite(place).all()],
+            **({} if view.steps is None else {"steps": _steps(view.steps, figure)}),
         }
         for name, view in views.items()
     }
@@ -108,6 +165,8 @@ def fragment(figure: Any, views: Mapping[str, View], label: str) -> str:
         for k, name in enumerate(views)
     )
     head = f'<fieldset class="view3d-choice"><legend>Coloured by</legend>{choice}</fieldset>' if len(views) > 1 else ""
+    if any(view.steps is not None for view in views.values()):
+        head += STEPS
     buttons = "".join(
         f'<button type="button" data-key="{key}" aria-label="{words}" title="{words}">{sign}</button>'
         for key, words, sign in (("+", "nearer", "+"), ("-", "farther", "\N{MINUS SIGN}"), ("Home", "as at first", "⌂"))
@@ -137,6 +196,50 @@ def page(figure: Any, title: str) -> str:
         f"{STYLE}.view3d-plot {{ height: calc(100vh - 60px); }}</style></head>\n<body>\n<h1>{escape(title)}</h1>\n"
         f"{fragment(figure, {'all': View(range(len(figure.data)))}, title)}\n{scripts()}\n</body>\n</html>\n"
     )
+
+
+def _ratio(sides: Array) -> dict[str, float]:
+    """Sides of the box around a figure of ``sides`` (3,) mm, the largest one 1."""
+    return dict(zip("xyz", np.maximum(sides / sides.max(), FLATTEST).tolist(), strict=True))
+
+
+def _steps(steps: Steps, figure: Any) -> dict[str, Any]:
+    """For the page: whole units of ``unit`` mm; heights as differences from step to step, which pack well."""
+    sheet = figure.data[steps.surface]
+    low = [float(np.min(sheet.x)), float(np.min(sheet.y)), float(steps.heights.min())]
+    high = [float(np.max(sheet.x)), float(np.max(sheet.y)), float(steps.heights.max())]
+    for ball in steps.balls:
+        tips = np.vstack(steps.paths[ball.path][1])
+        if len(tips):
+            low = np.minimum(low, tips.min(axis=0) + ball.shape.min(axis=(0, 1))).tolist()
+            high = np.maximum(high, tips.max(axis=0) + ball.shape.max(axis=(0, 1))).tolist()
+    unit = max(FINEST_STEP, float(np.abs([low, high]).max()) / 16_000.0)  # differences fit too
+    heights = np.rint(steps.heights / unit).astype(np.int64)
+    return {
+        "labels": list(steps.labels),
+        "surface": steps.surface,
+        "unit": unit,
+        "shape": list(heights.shape[1:]),
+        "heights": _whole(np.diff(heights, axis=0, prepend=np.zeros_like(heights[:1]))),
+        "paths": [
+            {"trace": trace, "points": [_whole(np.rint(one / unit)) for one in points]} for trace, points in steps.paths
+        ],
+        "balls": [
+            {
+                "trace": ball.trace,
+                "path": ball.path,
+                "shape": np.round(np.moveaxis(ball.shape, -1, 0), 3).tolist(),
+            }
+            for ball in steps.balls
+        ],
+        "ranges": [[a, b] for a, b in zip(low, high, strict=True)],
+        "ratio": _ratio(np.maximum(np.array(high) - low, 1e-3)),
+    }
+
+
+def _whole(values: Array) -> str:
+    """Base64 of ``values`` as int16, little-endian."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<i2").tobytes()).decode("ascii")
 
 
 def _side(figure: Any, axis: str) -> float:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from isf_core.view.page import View, fragment, new_figure, page, scripts
+from isf_core.types import Array
+from isf_core.view.page import Ball, Steps, View, fragment, new_figure, page, scripts
 from packed_page import unpacked
 
 pytest.importorskip("plotly")
@@ -61,3 +62,47 @@ def test_the_library_is_packed_once_into_two_megabytes() -> None:
     assert "<title>a &lt;plan&gt;</title>" in whole
     assert 'type="radio"' not in whole
     assert not re.search(r"<script[^>]+src=|https?://", re.sub(r">[A-Za-z0-9+/=]{200,}<", "><", whole))
+
+
+def whole(text: str) -> Array:
+    return np.frombuffer(base64.b64decode(text), dtype="<i2").astype(float)
+
+
+def stepped(scale: float) -> tuple[Steps, dict[str, Any], str]:
+    """A sheet that sinks in three steps, a path that is there in the first two, and a ball of 5 mm on it."""
+    figure, rng = new_figure(), np.random.default_rng(3)
+    figure.add_surface(x=scale * np.arange(4.0), y=scale * np.arange(3.0), z=np.zeros((3, 4)))
+    figure.add_scatter3d(x=[0.0], y=[0.0], z=[0.0])
+    figure.add_surface(x=np.zeros((2, 2)), y=np.zeros((2, 2)), z=np.zeros((2, 2)))
+    heights = -scale * np.cumsum(rng.uniform(0.0, 1.0, (4, 3, 4)), axis=0)
+    path = [scale * rng.uniform(0.0, 3.0, (7, 3)), scale * rng.uniform(0.0, 3.0, (5, 3)), np.empty((0, 3))]
+    shape = np.array([[[-5.0, 0.0, 0.0], [5.0, 0.0, 0.0]], [[0.0, -5.0, 10.0], [0.0, 5.0, 10.0]]])
+    steps = Steps(["one", "two", "<three>"], 0, heights, [(1, path)], [Ball(2, 0, shape)])
+    html = fragment(figure, {"forming": View([0, 1, 2], steps=steps)}, "part")
+    return steps, unpacked(html)["views"]["forming"]["steps"], html
+
+
+@pytest.mark.parametrize("scale", [10.0, 400.0])
+def test_what_moves_comes_back_from_the_differences_in_the_page(scale: float) -> None:
+    """To half a unit: 0.01 mm, or what fits 1.2 m into 16 bits."""
+    steps, content, html = stepped(scale)
+    unit = content["unit"]
+    assert unit == 0.01 if scale == 10.0 else 0.0625 < unit < 0.11
+    found = np.cumsum(whole(content["heights"]).reshape(4, *content["shape"]), axis=0) * unit
+    np.testing.assert_allclose(found, steps.heights, atol=0.5 * unit + 1e-9)
+    (line,) = content["paths"]
+    assert line["trace"] == 1
+    for text, points in zip(line["points"], steps.paths[0][1], strict=True):
+        np.testing.assert_allclose(whole(text).reshape(-1, 3) * unit, points, atol=0.5 * unit + 1e-9)
+    assert content["labels"] == ["one", "two", "<three>"]
+    assert "<three>" not in html
+    (low_x, high_x), _, (low_z, high_z) = content["ranges"]
+    every = np.vstack(steps.paths[0][1])
+    assert low_x == pytest.approx(min(0.0, every[:, 0].min() - 5.0))
+    assert high_x == pytest.approx(max(3.0 * scale, every[:, 0].max() + 5.0))
+    assert (low_z, high_z) == pytest.approx((steps.heights.min(), every[:, 2].max() + 10.0))
+
+
+def test_only_a_view_of_steps_has_something_to_play() -> None:
+    assert "Play" in stepped(10.0)[2]
+    assert "Play" not in fragment(drawn(), {"all": View([0, 1])}, "part")
