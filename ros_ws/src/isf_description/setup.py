@@ -15,7 +15,11 @@ setup(
         (f"share/{package_name}/config", glob("config/*.yaml")),
         (f"share/{package_name}/layouts", glob("layouts/*")),
     ],
-    install_requires=["setuptools"],
+    install_requires=[
+        "numpy>=1.26,<3",
+        "isf-core",
+        "isf-ros",
+    ],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="ISF cell maintainers",

@@ -14,7 +14,12 @@ setup(
         (f"share/{package_name}", ["package.xml"]),
         (f"share/{package_name}/config", glob("config/*.yaml")),
     ],
-    install_requires=["setuptools"],
+    install_requires=[
+        "numpy>=1.26,<3",
+        "scipy>=1.11",
+        "isf-core",
+        "isf-ros",
+    ],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="ISF cell maintainers",

@@ -11,7 +11,10 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
-    install_requires=["setuptools"],
+    install_requires=[
+        "numpy>=1.26,<3",
+        "isf-core",
+    ],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="ISF cell maintainers",

@@ -646,8 +646,9 @@ def main() -> None:
     except Exception as fault:  # the last line of defence: a sentence instead of a traceback
         if os.environ.get("ISF_TRACEBACK"):
             raise
-        terminal.show_error(terminal.unexpected(fault), as_json=as_json)
-        sys.exit(Exit.INTERNAL)
+        coded = terminal.unexpected(fault)
+        terminal.show_error(coded, as_json=as_json)
+        sys.exit(exit_for(coded.code))
 
 
 if __name__ == "__main__":

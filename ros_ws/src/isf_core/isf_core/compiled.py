@@ -7,6 +7,7 @@ therefore carries a digest of all sources of the package that hold kernels.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -27,7 +28,7 @@ def kernels_of(package: str, folder: Path, mark: str) -> Callable[[F], F]:
     """
     import numba  # only packages with kernels need it
 
-    cache = str(Path(numba.config.CACHE_DIR or folder / "__pycache__") / f"{package}-{_digest(folder, mark.encode())}")
+    cache = str(_writable(numba.config.CACHE_DIR, folder) / f"{package}-{_digest(folder, mark.encode())}")
 
     def kernel(function: F) -> F:
         before = numba.config.CACHE_DIR
@@ -39,6 +40,16 @@ def kernels_of(package: str, folder: Path, mark: str) -> Callable[[F], F]:
         return cast(F, compiled)
 
     return kernel
+
+
+def _writable(chosen: str, folder: Path) -> Path:
+    """Where kernels are kept: as ``chosen`` by the user, beside the sources, or in the user's cache where those cannot
+    be written to."""
+    if chosen:
+        return Path(chosen)
+    if os.access(folder, os.W_OK):
+        return folder / "__pycache__"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "isf" / "kernels"
 
 
 def _digest(folder: Path, mark: bytes) -> str:

@@ -110,10 +110,12 @@ def cell_types() -> Typestore:
 
 
 def message_folder() -> Path:
-    """Folder of the ``.msg`` files: ``share/isf_msgs/msg`` of an installed workspace, else the source tree."""
+    """Folder of the ``.msg`` files: ``share/isf_msgs/msg`` of an installed workspace, that of a wheel, which carries
+    them, else the source tree."""
     prefixes = [Path(item) for item in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if item]
     folders = [prefix / "share" / PACKAGE / "msg" for prefix in prefixes]
-    folders.append(Path(__file__).resolve().parents[3] / PACKAGE / "msg")
+    here = Path(__file__).resolve()
+    folders += [here.parent / "msg", here.parents[3] / PACKAGE / "msg"]
     for folder in folders:
         if folder.is_dir():
             return folder

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from isf_core.errors import IsfError, coded
+from isf_core.errors import ErrorCode, IsfError, coded
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -194,7 +194,14 @@ def _warnings(summary: Mapping[str, Any]) -> list[str]:
 
 
 def unexpected(error: Exception) -> IsfError:
-    """An unforeseen failure in the same form as the expected ones."""
+    """An unforeseen failure in the same form as the expected ones; NODE_MISSING where ROS is not installed."""
+    missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    if missing == "rclpy" or missing.endswith(("_msgs", "_srvs", "_interfaces")):
+        return IsfError(
+            ErrorCode.NODE_MISSING,
+            f"this command needs ROS 2 and the built workspace: there is no {missing}",
+            advice="source ros_ws/install/setup.bash; plan, simulate, report, replay, compare and bag need no ROS",
+        )
     return coded(error, advice="a fault of this software; ISF_TRACEBACK=1 shows more")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import sysconfig
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
@@ -219,8 +220,10 @@ def _line(node: yaml.Node, place: tuple[int | str, ...]) -> int:
 
 
 def share_directory() -> Path:
-    """``share/isf_core`` of the installed package, else the package's own source tree."""
-    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+    """``share/isf_core`` of the ROS package or wheel that is installed, else the package's own source tree."""
+    schemes = (sysconfig.get_default_scheme(), f"{os.name}_user")
+    prefixes = [item for item in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if item]
+    for prefix in (*prefixes, *(sysconfig.get_path("data", scheme) for scheme in schemes)):
         candidate = Path(prefix) / "share" / "isf_core"
         if (candidate / "materials").is_dir():
             return candidate
