@@ -88,6 +88,7 @@ def test_every_figure_is_beside_the_page_and_inside_it(report: Report) -> None:
         "section_y",
         "histogram",
         "regions",
+        "error_split",
         "corrections",
         "support_force",
         "contact",
@@ -126,6 +127,9 @@ def test_the_numbers_on_the_page_are_those_of_the_summary(report: Report) -> Non
             for value in shape["regions"][region]["table2"].values():
                 assert number(value) in text
     assert f"{numbers['time']['planned_s']:.1f} s" in text
+    assert "Thickness by: estimate from the scan; the blank is 1.00 mm thick" in text
+    assert f"thinnest place {numbers['sheet_thickness']['thinnest']['thickness_mm']:.2f} –" in text
+    assert "Forming is played by its button or the space key" in text
 
 
 def test_constants_come_with_unit_and_source(report: Report) -> None:
@@ -152,28 +156,28 @@ CASES: dict[str, tuple[PartRecord, set[str], str]] = {
     "stopped": (make_part(spacing=2.5e-3, contours=5, stop_after=3), {"deviation_compare"}, "Part not complete"),
     "stopped at once": (
         make_part(spacing=2.5e-3, contours=5, stop_after=0),
-        {"deviation_compare"},
+        {"deviation_compare", "error_split"},
         "0 of 5 contours formed",
     ),
     "without scan": (
         replace(PART, scan=None, notes=("not in the bag: scan",)),
-        {"deviation_compare", "deviation_map", "section_x", "section_y", "histogram", "regions"},
+        {"deviation_compare", "deviation_map", "section_x", "section_y", "histogram", "regions", "error_split"},
         "No shape to compare",
     ),
     "another CAD": (
         replace(PART, target=HeightMap(TARGET.x + 9.0, TARGET.y, TARGET.z)),
-        {"deviation_compare", "deviation_map", "section_x", "section_y", "histogram", "regions"},
+        {"deviation_compare", "deviation_map", "section_x", "section_y", "histogram", "regions", "error_split"},
         "scan and wanted shape are not compared: scan and target have no point in common",
     ),
     "flat CAD": (
         replace(PART, target=HeightMap(TARGET.x, TARGET.y, 0.0 * TARGET.z)),
-        {"deviation_compare", "deviation_map", "section_x", "section_y", "histogram", "regions"},
+        {"deviation_compare", "deviation_map", "section_x", "section_y", "histogram", "regions", "error_split"},
         "the target is flat",
     ),
     "without corrections": (replace(PART, corrections=()), {"deviation_compare", "corrections"}, "Part complete"),
     "without results": (
         replace(PART, results=()),
-        {"deviation_compare", "support_force", "contact", "forming_force"},
+        {"deviation_compare", "error_split", "support_force", "contact", "forming_force"},
         "Part not complete",
     ),
     "material of the user": (
