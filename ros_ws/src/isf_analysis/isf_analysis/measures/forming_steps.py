@@ -29,14 +29,17 @@ MOST_STEPS = 60
 MOST_NODES = 6_000
 FINEST = 0.5e-3
 """m between nodes at least."""
+POINTS_APART = 1.3
+"""Mean distances of the points of a scan between nodes, at least."""
 MARGIN = 12e-3
 """m of sheet around the path."""
 FLATTEST, STEEPEST = math.radians(45.0), math.radians(85.0)
 """rad, of the swept wall: a flatter one would reach far into the flange from where corrected tips begin."""
 FARTHEST = 4.0
 """Tool radii beyond which a swept wall ends."""
-FLAT_SPREAD = 1e-3
-"""Of points that lie nearly on a line, which tell no slope across it."""
+LEAST_SPREAD, LINED_UP = 0.35, 0.1
+"""Cells, standard deviation of points along x and y, and 1 - r^2 of the two, below which points tell no slope: noise of
+a scanner would tell any."""
 EMPTY = 1e-6
 """Points in a cell, mean of nine, that are rounding of none."""
 NEARLY_CLOSED = 0.1
@@ -139,14 +142,19 @@ def _some(numbers: Sequence[int]) -> list[int]:
 
 
 def _grid(contours: Sequence[Contour], record: PartRecord) -> tuple[Array, Array]:
-    """(nx,), (ny,) m round the path, within what was scanned."""
+    """(nx,), (ny,) m round the path, within what was scanned, no finer than its points."""
     path = np.vstack([contour.contact[:, :2] for contour in contours])
     low, high = path.min(axis=0) - MARGIN, path.max(axis=0) + MARGIN
     if record.scan is not None:
         low = np.maximum(low, [record.scan.x[0], record.scan.y[0]])
         high = np.minimum(high, [record.scan.x[-1], record.scan.y[-1]])
-    spacing = max(FINEST, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
-    return tuple(np.linspace(a, b, max(2, int((b - a) / spacing))) for a, b in zip(low, high, strict=True))  # type: ignore[return-value]
+    finest = FINEST
+    if known := [scan for scan in record.scans if scan.count]:
+        plan = known[-1].points()[:, :2]
+        finest = max(finest, POINTS_APART * float(np.sqrt(np.prod(np.ptp(plan, axis=0)) / len(plan))))
+    spacing = max(finest, float(np.sqrt(np.prod(high - low) / MOST_NODES)))
+    nx, ny = (max(2, int(length / spacing)) for length in high - low)
+    return np.linspace(low[0], high[0], nx), np.linspace(low[1], high[1], ny)
 
 
 def _radii(record: PartRecord) -> tuple[float, float]:
@@ -207,7 +215,8 @@ def gridded(points: Array, x: Array, y: Array) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         xx, yy, xy, xz, yz = spread(0, 0), spread(1, 1), spread(0, 1), spread(0, 2), spread(1, 2)
         square = xx * yy - xy**2
-        known = square > FLAT_SPREAD * xx * yy
+        wide = np.minimum(xx / n, yy / n) > (LEAST_SPREAD * (x[1] - x[0])) ** 2
+        known = wide & (square > LINED_UP * xx * yy)
         dz_dx = np.where(known, (yy * xz - xy * yz) / square, 0.0)
         dz_dy = np.where(known, (xx * yz - xy * xz) / square, 0.0)
         across, along, z = (np.where(count > 0, one / count, mean / n) for one, mean in zip(sums, means, strict=True))

@@ -130,7 +130,7 @@ def test_without_scan_and_cad_it_is_what_the_tools_swept() -> None:
 
 def test_scans_between_contours_are_the_sheet_of_the_steps() -> None:
     """A plane that sinks, seen at places in no order; between the scans after contours 2 and 4 there are two paths."""
-    places = np.random.default_rng(4).uniform(-0.075, 0.075, (60_000, 2))
+    places = np.random.default_rng(4).uniform(-0.065, 0.065, (60_000, 2))
 
     def scan(index: int) -> Array:
         return np.column_stack([places, 0.5 * places[:, 0] - 0.25 * places[:, 1] - 1e-3 * index])
@@ -146,7 +146,7 @@ def test_scans_between_contours_are_the_sheet_of_the_steps() -> None:
 
 
 def test_points_in_no_order_with_a_hole_are_read_on_the_grid() -> None:
-    places = np.random.default_rng(5).uniform(-0.05, 0.05, (5_000, 2))
+    places = np.random.default_rng(5).uniform(-0.05, 0.05, (20_000, 2))
     points = np.column_stack([places, 2.0 * places[:, 0]])[np.hypot(*places.T) > 6e-3]
     line = np.linspace(-0.04, 0.04, 41)
     found = gridded(points, line, line)
@@ -154,6 +154,17 @@ def test_points_in_no_order_with_a_hole_are_read_on_the_grid() -> None:
     seen = np.hypot(*np.meshgrid(line, line)) > 10e-3
     assert found[seen] == pytest.approx((2.0 * np.meshgrid(line, line)[0])[seen], abs=1e-9)
     assert np.isnan(gridded(np.empty((0, 3)), line, line)).all()
+
+
+def test_noise_of_a_scanner_makes_no_spikes() -> None:
+    """Flat sheet, a point somewhere in most square millimetres, 0.05 mm of noise, and nodes closer than the points."""
+    rng = np.random.default_rng(6)
+    middles = np.stack(np.meshgrid(*2 * [np.arange(-0.07, 0.07, 1e-3)]), axis=-1).reshape(-1, 2)
+    places = middles + rng.uniform(-0.5e-3, 0.5e-3, middles.shape)
+    points = np.column_stack([places, rng.normal(0.0, 17e-6, len(places)).clip(-50e-6, 50e-6)])
+    points = points[rng.uniform(size=len(points)) < 0.7]  # some are not seen
+    line = np.arange(-0.06, 0.06, 0.7e-3)
+    assert np.abs(gridded(points, line, line)).max() < 0.3e-3
 
 
 def test_a_part_of_many_contours_is_thinned_out() -> None:
