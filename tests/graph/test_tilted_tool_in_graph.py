@@ -10,6 +10,10 @@ import pytest
 from isf_analysis.bag.bag_reader import read_bag
 from isf_cell import in_process
 from isf_cell.options import RunOptions
+from isf_cell.replay.live_node import play_into
+from isf_cell.replay.outcome import replay
+from isf_cell.replay.recorded_run import read_run
+from isf_cell.replay.what_if import parse
 from isf_cell.run import graph_run
 from isf_core.files.job import JobFile
 
@@ -45,3 +49,8 @@ def test_a_tilted_tool_forms_the_same_in_the_graph_as_in_one_process(tmp_path: P
         np.testing.assert_allclose(theirs.forming_target, mine.forming_target, atol=1e-6)
         np.testing.assert_allclose(theirs.forming_force, mine.forming_force, atol=6.0)
         assert np.abs(theirs.forming_force[:, 2]).max() > 10.0
+    run = read_run(tmp_path)
+    assert run.armed is not None
+    assert run.armed.axis == (0.0, 0.0, 1.0)
+    assert replay(run, parse([])).identical is True
+    assert play_into(run, "force_ctrl", run.job_file(), tmp_path / "logs", {}).identical

@@ -483,7 +483,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._late_ended = 0
         self._receiver.restart()
         self._latency = LatencyMeter()
-        self._output.armed(request, tip_1, tip_2, controller.config)
+        self._output.armed(request, tip_1, tip_2, axis, controller.config)
         self._output.start(tip_1, tip_2, controller.config.rate, axis)
         self._output.with_holder = job_file.job.process == "TPIF"
         self._controller, self._job_file = controller, job_file

@@ -58,7 +58,7 @@ def play_into_node(
     given = dict(_parameter(item) for item in parameters)
     from isf_cell.replay import live_node  # late: ROS is not needed to refuse
 
-    live_node.check(run, node, job_file)
+    live_node.check(run, node)
     logs = Path(tempfile.mkdtemp(prefix="isf_play_"))  # kept where the node fails: the error names it
     with terminal.part_progress(f"into {node}") as progress:
         answer = live_node.play_into(run, node, job_file, logs, given, progress.share)

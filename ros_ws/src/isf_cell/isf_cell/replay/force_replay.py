@@ -69,7 +69,7 @@ def replay_force(
     ended = {result.index: round(result.end * NANO) for result in results}
     controller = ForceController(config)
     plan_id = contours[0].plan_id if contours else ""
-    controller.arm(plan_id, armed.first_index, armed.count, armed.tip_1, armed.tip_2, armed.support_force)
+    controller.arm(plan_id, armed.first_index, armed.count, armed.tip_1, armed.tip_2, armed.support_force, armed.axis)
     feed = _Feed(controller, ticks, config.rate)
     found: list[ContourResult] = []
     notes: list[str] = []

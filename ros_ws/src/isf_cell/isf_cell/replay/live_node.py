@@ -92,7 +92,7 @@ class LiveAnswer:
         return not self.differing and bool(compared) and all(item.identical for item in compared)
 
 
-def check(run: RecordedRun, name: str, job_file: JobFile) -> None:
+def check(run: RecordedRun, name: str) -> None:
     """Raises IsfError BAG_INCOMPLETE or FILE_FIELD for a record that the node ``name`` cannot be given."""
     if name not in PACKAGES:
         raise IsfError(
@@ -105,8 +105,6 @@ def check(run: RecordedRun, name: str, job_file: JobFile) -> None:
         why = "it has no wrenches, targets or arming: isf form, or a recorder in a cell, records them"
     elif not run.ticks.exact:
         why = "it is by the clock: which wrenches a tick used is not in it (isf replay tells how far off it is)"
-    elif job_file.tilts:
-        why = "its tool is tilted: how it stood when force control was armed is not recorded"
     if why:
         raise IsfError(ErrorCode.BAG_INCOMPLETE, f"cannot be played into force_ctrl: {why}", where=str(run.path))
 
@@ -128,7 +126,7 @@ def play_into(
     IsfError : as :func:`check`; FILE_FIELD, parameters for a node that runs already; NODE_DIED, NODE_MISSING,
         TRANSITION_FAILED, SERVICE_TIMEOUT of the node; what it refuses to be armed with
     """
-    check(run, name, job_file)
+    check(run, name)
     with ExitStack() as stack:
         live = stack.enter_context(_Live(name))
         started = live.find_or_start(stack, log_folder, parameters)
@@ -350,7 +348,10 @@ class _ForceControlFeed:
         for attempt in range(50):
             self._machine.publish(isf.MachineState(mode=isf.MachineState.IDLE, tared=True, lockstep=True))
             for publisher, tip in zip(self._poses, (armed.tip_1, armed.tip_2), strict=True):
-                publisher.publish(_pose(tip, int(self._ticks.stamp[0])))
+                pose = _pose(tip, int(self._ticks.stamp[0]))
+                if publisher is self._poses[0]:
+                    conversion.set_axis(pose, armed.axis)
+                publisher.publish(pose)
             self._publish_pair(0)
             self._live.settled()
             response = self._live.client.call(Arm, "force_ctrl/arm", request, self._live.watch)

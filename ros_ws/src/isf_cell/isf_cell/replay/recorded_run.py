@@ -18,6 +18,7 @@ from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.scan_cloud import stamp_of
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.geometry.tool_axis import UPRIGHT
 from isf_core.types import Array, Indices
 from isf_force_ctrl.control_config import ControlConfig
 from isf_ros import fields
@@ -35,7 +36,7 @@ class Armed:
 
     Attributes
     ----------
-    config : parameters ; tip_1, tip_2 : (3,) m, where the tools were
+    config : parameters ; tip_1, tip_2 : (3,) m, where the tools were ; axis : (3,) unit, of tool 1
     first_index, count : contours that were to come
     support_force : N in place of the set-points of the contours; None: as in the contours
     """
@@ -46,6 +47,7 @@ class Armed:
     tip_1: tuple[float, float, float]
     tip_2: tuple[float, float, float]
     support_force: float | None
+    axis: tuple[float, float, float] = UPRIGHT
 
 
 @dataclass(frozen=True)
@@ -185,6 +187,7 @@ def _armed(bag: Bag, namespace: str, plan_id: str) -> Armed | None:
         tip_1=(message.tip_1.x, message.tip_1.y, message.tip_1.z),
         tip_2=(message.tip_2.x, message.tip_2.y, message.tip_2.z),
         support_force=None if np.isnan(message.support_force) else float(message.support_force),
+        axis=UPRIGHT if (axis := getattr(message, "axis", None)) is None else (axis.x, axis.y, axis.z),  # an older bag
     )
 
 

@@ -55,13 +55,14 @@ class ForceCtrlPublishers:
         self.last_publish = 0.0
         """s, monotonic time of the last targets."""
 
-    def armed(self, request: Arm.Request, tip_1: Vector, tip_2: Vector, config: ControlConfig) -> None:
-        """What was armed, with the tools at ``tip_1``, ``tip_2`` m: a bag can be replayed with it."""
+    def armed(self, request: Arm.Request, tip_1: Vector, tip_2: Vector, axis: Vector, config: ControlConfig) -> None:
+        """What was armed, with the tools at ``tip_1``, ``tip_2`` m, tool 1 with its ``axis``: to replay a bag with."""
         message = isf.ForceCtrlArmed(plan_id=request.plan_id, first_index=request.first_index, count=request.count)
         message.header.frame_id = conversion.FRAME
         message.header.stamp = self._node.get_clock().now().to_msg()
         for point, tip in ((message.tip_1, tip_1), (message.tip_2, tip_2)):
             point.x, point.y, point.z = tip
+        message.axis.x, message.axis.y, message.axis.z = axis
         message.support_force = request.support_force
         message.settings = config.to_json()
         self._armed.publish(message)
