@@ -283,13 +283,21 @@ def report(
     export: Annotated[
         Path | None, typer.Option(help="folder for the formed shape as STL, PLY and VTK, in mm", metavar="FOLDER")
     ] = None,
+    section: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="draw this section, too (mm, deg): y=12.5, x=0, 30deg (from x, through the middle) or 30deg@10,-5; "
+            "again for each",
+            metavar="PLANE",
+        ),
+    ] = None,
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Make the report of a recorded part: one HTML file and its pictures."""
     from isf_cell.commands.report import report_bag
 
-    report_bag(bag, reference, output, export, namespace=namespace, as_json=json)
+    report_bag(bag, reference, output, export, section or (), namespace=namespace, as_json=json)
 
 
 @app.command()

@@ -14,8 +14,9 @@ from isf_core.types import Array
 from isf_core.view import page
 from isf_core.view.coloured import add_plain, beside_formed, broken, colour_bar, near_path, path_line
 
+from isf_analysis.figures.cuts import part_frame
 from isf_analysis.figures.forming_view import add_forming
-from isf_analysis.figures.shape_figures import map_limit, part_frame
+from isf_analysis.figures.shape_figures import map_limit
 from isf_analysis.measures.deviation import RIM_WIDTH, Deviation
 from isf_analysis.measures.force_regions import path_forces
 from isf_analysis.measures.forming_steps import forming_steps

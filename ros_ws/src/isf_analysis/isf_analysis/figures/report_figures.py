@@ -9,6 +9,7 @@ from functools import partial
 from matplotlib.figure import Figure
 
 from isf_analysis.figures import contact_figures, process_figures, scan_figures, shape_figures, style
+from isf_analysis.figures.cuts import Cut, cuts
 from isf_analysis.measures.contour_scan import ScanError
 from isf_analysis.measures.deviation import Deviation, directions
 from isf_analysis.measures.error_split import error_splits
@@ -46,11 +47,15 @@ def draw(
     reference_deviation: Deviation | None,
     progress: Callable[[str], None],
     scans: tuple[ScanError, ...] = (),
+    asked: tuple[Cut, ...] = (),
 ) -> tuple[Picture, ...]:
-    """All figures that the record has data for; ``scans``: errors after the scans between contours."""
+    """All figures that the record has data for.
+
+    ``scans``: errors after the scans between contours; ``asked``: sections beside those that show the part anyway.
+    """
     pictures = []
     for plan in (
-        *_shape(record, deviation, reference, reference_deviation),
+        *_shape(record, deviation, reference, reference_deviation, asked),
         *_scans(record, scans),
         *_process(record),
     ):
@@ -66,6 +71,7 @@ def _shape(
     deviation: Deviation | None,
     reference: PartRecord | None,
     reference_deviation: Deviation | None,
+    asked: tuple[Cut, ...],
 ) -> Iterator[_Plan]:
     target, scan = record.target, record.scan
     if deviation is None or target is None or scan is None:
@@ -103,24 +109,18 @@ def _shape(
         SHAPE,
         "Deviation of this part",
         f"{colours}. Measured minus wanted height, in the clamp, in the frame of the machine: nothing was aligned. The "
-        f"scale ends at ± {own_limit:g} mm." + (" Marks: what the machine noticed there." if placed else ""),
-        partial(shape_figures.deviation_map, deviation, target, own_limit, placed),
+        f"scale ends at ± {own_limit:g} mm."
+        + (" Marks: what the machine noticed there." if placed else "")
+        + (" Dashed: the sections that were asked for." if asked else ""),
+        partial(shape_figures.deviation_map, deviation, target, own_limit, placed, asked),
     )
-    for cut in shape_figures.cuts(deviation):
+    for cut in (*cuts(deviation), *asked):
         yield _Plan(
             cut.name,
             SHAPE,
             f"Section {cut.words}",
             "Profiles to scale, and below them the vertical distance from the target.",
-            partial(
-                shape_figures.section,
-                cut.angle,
-                target,
-                scan,
-                reference.scan if reference is not None else None,
-                cut.extent,
-                cut.centre,
-            ),
+            partial(shape_figures.section, cut, target, scan, reference.scan if reference is not None else None),
         )
     yield _Plan(
         "histogram",

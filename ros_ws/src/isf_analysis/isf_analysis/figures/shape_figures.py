@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from isf_core.events import Event, EventKind, kind_name
@@ -11,16 +10,17 @@ from isf_core.geometry.height_map import HeightMap
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
-from scipy import ndimage
 
 from isf_analysis.figures import style
+from isf_analysis.figures.cuts import Cut, part_frame
 from isf_analysis.figures.error_map import draw_errors, draw_opening
 from isf_analysis.measures.deviation import BANDS, REGIONS, Deviation, directions, flange_level
 
 MM = 1e3
-MARGIN = 25e-3
-"""m of flange shown around the opening."""
+FLAT = 2.0
+"""mm: a profile that goes up and down less is shown as high as twice this, so that its axis says something."""
 
 REGION_LABELS = {
     "wall_and_base": "whole part",
@@ -52,14 +52,18 @@ def map_limit(*deviations: Deviation | None) -> float:
     return style.rounded_limit(max(largest, default=0.0))
 
 
-def deviation_map(deviation: Deviation, target: HeightMap, limit: float, events: Sequence[Event] = ()) -> Figure:
-    """Plan view of one part's deviation, with marks where ``events`` happened, which have a place."""
+def deviation_map(
+    deviation: Deviation, target: HeightMap, limit: float, events: Sequence[Event] = (), cuts: Sequence[Cut] = ()
+) -> Figure:
+    """Plan view of one part's deviation, with marks where ``events`` happened, which have a place, and ``cuts``."""
     x0, x1, y0, y1 = part_frame(deviation)
     wide = y1 - y0 < 0.75 * (x1 - x0)
     figure = style.new_figure(float(np.clip(1.4 + 6.2 * (y1 - y0) / (x1 - x0), 3.4, 6.0)) if wide else 6.0, maps=True)
     axes = figure.subplots()
     image = _draw_map(axes, deviation, target, limit)
     _colour_bar(figure, image, [axes], horizontal=wide, standing=directions(target)[1])
+    for cut in cuts:
+        _draw_cut(axes, cut)
     if events:
         _draw_events(axes, events)
         figure.legend(loc="outside lower center", ncols=3, handletextpad=0.3)
@@ -81,106 +85,16 @@ def deviation_pair(
     return figure
 
 
-@dataclass(frozen=True)
-class Cut:
-    """Where a section goes: file name, words, centre (x, y) m, angle rad from x, half length m."""
-
-    name: str
-    words: str
-    centre: tuple[float, float]
-    angle: float
-    extent: float
-
-
-def cuts(deviation: Deviation) -> tuple[Cut, ...]:
-    """Sections that show the part: along x, along y and through the largest error.
-
-    Of several features: along the two largest, across each, and through the largest error. Sections go through the
-    origin when the part is there, else through its middle. Features smaller than a hundredth of the largest, and those
-    after the fourth, get none.
-    """
-    mask = deviation.masks["wall_and_base"]
-    x, y = deviation.error.x, deviation.error.y
-    labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
-    cells = ndimage.sum_labels(mask, labels, range(1, count + 1))
-    kept = [k for k in range(1, count + 1) if cells[k - 1] >= 0.01 * cells.max()]
-    boxes = ndimage.find_objects(labels)
-    middles, halves = [], []
-    for k in kept:
-        rows, columns = boxes[k - 1]
-        box = (x[columns.start], x[columns.stop - 1], y[rows.start], y[rows.stop - 1])
-        middles.append((0.5 * float(box[0] + box[1]), 0.5 * float(box[2] + box[3])))
-        halves.append(0.5 * float(np.hypot(box[1] - box[0], box[3] - box[2])))
-    if len(kept) == 1:
-        at_origin = bool(mask[np.argmin(np.abs(y)), np.argmin(np.abs(x))])
-        centre = (0.0, 0.0) if at_origin else middles[0]
-        extent = section_extent(deviation) if at_origin else halves[0] + MARGIN
-        found = (
-            Cut("section_x", f"along x at y = {_mm(centre[1:])} mm", centre, 0.0, extent),
-            Cut("section_y", f"along y at x = {_mm(centre[:1])} mm", centre, np.pi / 2, extent),
-        )
-        return *found, *_worst_cut(deviation, centre, extent, found)
-    order = np.argsort([-cells[k - 1] for k in kept], kind="stable")[:4]
-    one, other = sorted(middles[k] for k in order[:2])
-    angle = float(np.arctan2(other[1] - one[1], other[0] - one[0]))
-    centre = (0.5 * (one[0] + other[0]), 0.5 * (one[1] + other[1]))
-    extent = 0.5 * float(np.hypot(other[0] - one[0], other[1] - one[1])) + max(halves) + MARGIN
-    along = Cut("section_x", "through the two largest features", centre, angle, extent)
-    across = [
-        Cut(
-            f"section_feature_{n}",
-            f"across the feature at ({_mm(middles[k])}) mm",
-            middles[k],
-            angle + np.pi / 2,
-            halves[k] + MARGIN,
-        )
-        for n, k in enumerate(order)
-    ]
-    label = labels[np.argmin(np.abs(y - deviation.whole.worst[1])), np.argmin(np.abs(x - deviation.whole.worst[0]))]
-    if not np.isfinite(deviation.whole.worst[2]) or label not in kept:
-        return along, *across
-    return (
-        along,
-        *across,
-        *_worst_cut(deviation, middles[kept.index(label)], halves[kept.index(label)] + MARGIN, (along, *across)),
-    )
-
-
-def _worst_cut(
-    deviation: Deviation, centre: tuple[float, float], extent: float, others: Sequence[Cut]
-) -> tuple[Cut, ...]:
-    """From ``centre`` through the largest error; none where there is no error, or it lies on one of the ``others``."""
-    if not deviation.whole.max_abs > 0.0:  # NaN too
-        return ()
-    worst = np.array(deviation.whole.worst[:2])
-    cell = float(deviation.error.x[1] - deviation.error.x[0])
-    for cut in others:
-        from_centre = worst - cut.centre
-        beside = abs(from_centre[1] * np.cos(cut.angle) - from_centre[0] * np.sin(cut.angle))
-        if beside <= cell:
-            return ()
-    x, y = worst - centre
-    words = f"through the largest error at ({_mm(deviation.whole.worst[:2])}) mm"
-    return (Cut("section_worst", words, centre, float(np.arctan2(y, x)), extent),)
-
-
-def section(
-    angle: float,
-    target: HeightMap,
-    part: HeightMap,
-    reference: HeightMap | None,
-    extent: float,
-    centre: tuple[float, float] = (0.0, 0.0),
-) -> Figure:
-    """Section through ``centre`` (m) at ``angle`` (rad from x) to ``extent`` (m): profiles to scale, and the error."""
-    s = np.linspace(-extent, extent, 801)
-    points = np.array(centre) + s[:, None] * np.array([np.cos(angle), np.sin(angle)])
+def section(cut: Cut, target: HeightMap, part: HeightMap, reference: HeightMap | None) -> Figure:
+    """Profiles along ``cut`` to scale, and the error below them."""
+    s = cut.distances()
+    points = cut.points(s)
     wanted = MM * target.at(points)
     formed = MM * part.at(points)
     before = None if reference is None else MM * reference.at(points)
     heights = np.concatenate([wanted, formed] + ([] if before is None else [before]))
     span = float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 1.0
-    profile_height = np.clip(style.WIDTH * 0.85 * (span + 4) / (2 * MM * extent), 0.9, 6.0)
+    profile_height = np.clip(style.WIDTH * 0.85 * (span + 4) / (MM * (cut.end - cut.begin)), 0.9, 6.0)
     figure = style.new_figure(profile_height + 3.3)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[profile_height, 2.1])
     top.plot(MM * s, wanted, color=style.TARGET, linestyle=(0, (4, 2)), linewidth=1.5, label="target")
@@ -191,22 +105,16 @@ def section(
     bottom.plot(MM * s, formed - wanted, color=style.PART)
     bottom.axhline(0.0, color=style.TARGET, linestyle=(0, (4, 2)), linewidth=1.2)
     top.set_aspect("equal", adjustable="box")
+    if span < FLAT and np.isfinite(heights).any():
+        middle = 0.5 * float(np.nanmax(heights) + np.nanmin(heights))
+        top.set_ylim(middle - FLAT, middle + FLAT)
     top.set_ylabel("z [mm]")
     top.yaxis.set_major_locator(MaxNLocator(max(1, int(2.5 * profile_height))))
     style.legend_above(top, 3)
     bottom.set_ylabel("error [mm]")
-    bottom.set_xlabel("distance from the centre [mm]" if not any(centre) else f"distance from ({_mm(centre)}) [mm]")
-    bottom.set_xlim(-MM * extent, MM * extent)
+    bottom.set_xlabel(f"{cut.axis} [mm]")
+    bottom.set_xlim(MM * cut.begin, MM * cut.end)
     return figure
-
-
-def section_extent(deviation: Deviation) -> float:
-    """m from the centre that a section should show: the farthest corner of the opening and some flange."""
-    opening = deviation.masks["wall_and_base"]
-    rows, columns = np.nonzero(opening)
-    radius = np.hypot(deviation.error.x[columns], deviation.error.y[rows]).max()
-    half = min(np.abs(deviation.error.x[[0, -1]]).min(), np.abs(deviation.error.y[[0, -1]]).min())
-    return float(min(radius + MARGIN, half))
 
 
 def histogram(deviation: Deviation, reference: Deviation | None, tolerance: float) -> Figure:
@@ -322,15 +230,24 @@ def _frame_opening(axes: Axes, deviation: Deviation) -> None:
     axes.set_ylim(MM * y0, MM * y1)
 
 
-def part_frame(deviation: Deviation, margin: float = MARGIN) -> tuple[float, float, float, float]:
-    """m, least and largest x and y that a map shows: the opening and ``margin`` of flange."""
-    rows, columns = np.nonzero(deviation.masks["wall_and_base"])
-    x, y = deviation.error.x, deviation.error.y
-    return (
-        float(max(x[0], x[columns.min()] - margin)),
-        float(min(x[-1], x[columns.max()] + margin)),
-        float(max(y[0], y[rows.min()] - margin)),
-        float(min(y[-1], y[rows.max()] + margin)),
+def _draw_cut(axes: Axes, cut: Cut) -> None:
+    """A line where a section goes, with its name along it."""
+    ends = MM * cut.points(np.array([cut.begin, cut.end]))
+    axes.plot(*ends.T, color=style.INK, linewidth=1.0, linestyle=(0, (6, 3)), zorder=5)
+    first, last = sorted(ends.round(6).tolist())  # the words along the line, never upside down
+    along = np.subtract(last, first) / np.hypot(*np.subtract(last, first))
+    axes.annotate(
+        cut.label,
+        first,
+        xytext=(6 * along[0] - 3 * along[1], 6 * along[1] + 3 * along[0]),
+        textcoords="offset points",
+        rotation=float(np.degrees(np.arctan2(along[1], along[0]))),
+        rotation_mode="anchor",
+        va="bottom",
+        ha="left",
+        fontsize=10,
+        zorder=6,
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
     )
 
 
@@ -351,10 +268,6 @@ def _draw_events(axes: Axes, events: Sequence[Event]) -> None:
             label=f"{kind_name(kind)} ({len(same)})",
             zorder=6,
         )
-
-
-def _mm(place: tuple[float, ...]) -> str:
-    return ", ".join(f"{MM * value + 0.0:.0f}".replace("-", "\N{MINUS SIGN}") for value in place)
 
 
 def _colour_bar(

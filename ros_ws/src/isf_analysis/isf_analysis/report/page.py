@@ -6,7 +6,7 @@ import base64
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -17,6 +17,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.view import page as view_page
 
 from isf_analysis.figures import report_figures, style
+from isf_analysis.figures.cuts import Plane, asked_cuts
 from isf_analysis.figures.part_view import part_view
 from isf_analysis.figures.report_figures import Picture
 from isf_analysis.measures.deviation import BASE_SLOPE, OPENING_DEPTH, RIM_WIDTH, WALL_SLOPE, Deviation, directions
@@ -72,21 +73,25 @@ def write_report(
     reference: PartRecord | None = None,
     bag: Path | str | None = None,
     failure: IsfError | None = None,
+    sections: Sequence[Plane] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Report:
     """Write report.html, its PNG files and summary.json into ``folder``, which is made when it does not exist.
 
     ``reference`` is the uncorrected part; ``bag`` is named in the numbers; ``failure`` is what ended the run when the
-    record itself does not tell (a node that died, the operator); ``progress`` hears what is being done.
+    record itself does not tell (a node that died, the operator); ``sections`` are drawn beside those that a report has
+    anyway; ``progress`` hears what is being done.
 
     Raises
     ------
-    IsfError : FILE_NOT_WRITABLE
+    IsfError : FILE_NOT_WRITABLE; of ``sections``, before anything is written: FILE_FIELD where one misses the part,
+        BAG_INCOMPLETE where there is no shape
     """
     folder = Path(folder)
     notify = progress or _silent
     notify("comparing shapes")
     record, deviation = _compared(record)
+    asked = asked_cuts(sections, deviation)
     reference_deviation = None
     if reference is not None:
         reference, reference_deviation = _compared(reference)
@@ -97,7 +102,7 @@ def write_report(
         numbers["complete"] = False
         numbers["failure"] = {"code": int(failure.code), "message": failure.message}
         numbers["verdict"] = verdict(numbers)
-    pictures = report_figures.draw(record, deviation, reference, reference_deviation, notify, scans)
+    pictures = report_figures.draw(record, deviation, reference, reference_deviation, notify, scans, asked)
     notify("writing the report")
     page = render(record, numbers, pictures, deviation)
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from isf_analysis.figures import process_figures, shape_figures, style
+from isf_analysis.figures.cuts import Cut
 from isf_analysis.measures.deviation import compare
 from matplotlib.figure import Figure
 from synthetic_part import Cone, formed_map, make_part, target_map
@@ -40,8 +41,9 @@ def test_a_map_shows_the_error_in_millimetres_with_y_upwards() -> None:
 
 
 def test_a_section_is_to_scale_and_its_error_is_the_difference() -> None:
+    cut = Cut("section", "", (0.0, 0.0), np.pi / 4, -60e-3, 60e-3, "distance")
     with style.applied():
-        figure = shape_figures.section(np.pi / 4, TARGET, CORRECTED, UNCORRECTED, 60e-3)
+        figure = shape_figures.section(cut, TARGET, CORRECTED, UNCORRECTED)
     profile, error = figure.axes
     assert profile.get_aspect() == 1.0
     lines = {str(line.get_label()): line.get_ydata() for line in profile.get_lines()}

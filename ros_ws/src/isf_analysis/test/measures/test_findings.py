@@ -11,6 +11,7 @@ import pytest
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.figures import process_figures, shape_figures, style
+from isf_analysis.figures.cuts import cuts
 from isf_analysis.measures.deviation import compare, directions
 from isf_analysis.measures.remarks import grouped, spans
 from isf_analysis.measures.summary import summary
@@ -184,29 +185,29 @@ def test_directions_of_the_target() -> None:
 def test_sections_go_through_every_feature() -> None:
     target = two_features()
     deviation = compare(target, target)
-    cuts = shape_figures.cuts(deviation)
-    assert [cut.name for cut in cuts] == ["section_x", "section_feature_0", "section_feature_1"]
-    assert cuts[0].angle == pytest.approx(0.0, abs=1e-6)
-    assert sorted(cut.centre[0] for cut in cuts[1:]) == pytest.approx([-23e-3, 23e-3], abs=1e-3)
-    assert all(cut.angle == pytest.approx(np.pi / 2, abs=1e-6) for cut in cuts[1:])
-    for cut in cuts:
-        s = np.linspace(-cut.extent, cut.extent, 400)
+    found = cuts(deviation)
+    assert [cut.name for cut in found] == ["section_x", "section_feature_0", "section_feature_1"]
+    assert found[0].angle == pytest.approx(0.0, abs=1e-6)
+    assert sorted(cut.centre[0] for cut in found[1:]) == pytest.approx([-23e-3, 23e-3], abs=1e-3)
+    assert all(cut.angle == pytest.approx(np.pi / 2, abs=1e-6) for cut in found[1:])
+    for cut in found:
+        s = np.linspace(cut.begin, cut.end, 400)
         height = target.at(np.array(cut.centre) + s[:, None] * [np.cos(cut.angle), np.sin(cut.angle)])
         assert np.nanmax(np.abs(height)) == pytest.approx(4e-3, abs=0.1e-3)
 
 
 def test_one_part_at_the_origin_is_cut_along_x_and_y() -> None:
     assert PLAIN.target is not None
-    cuts = shape_figures.cuts(compare(PLAIN.target, PLAIN.target))
-    assert [(cut.name, cut.centre, cut.angle) for cut in cuts] == [
+    found = cuts(compare(PLAIN.target, PLAIN.target))
+    assert [(cut.name, cut.centre, cut.angle) for cut in found] == [
         ("section_x", (0.0, 0.0), 0.0),
         ("section_y", (0.0, 0.0), np.pi / 2),
     ]
-    assert cuts[0].extent > Cone().opening_radius
+    assert found[0].end > Cone().opening_radius
     z = PLAIN.target.z.copy()
     row, column = len(PLAIN.target.y) // 2 + 5, len(PLAIN.target.x) // 2 - 5
     z[row, column] += 1e-3
-    (worst,) = shape_figures.cuts(compare(HeightMap(PLAIN.target.x, PLAIN.target.y, z), PLAIN.target))[2:]
+    (worst,) = cuts(compare(HeightMap(PLAIN.target.x, PLAIN.target.y, z), PLAIN.target))[2:]
     assert (worst.name, worst.centre, worst.angle) == ("section_worst", (0.0, 0.0), pytest.approx(0.75 * np.pi))
 
 

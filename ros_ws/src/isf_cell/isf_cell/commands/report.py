@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from isf_analysis.bag.bag_reader import read_bag, read_cell
 from isf_analysis.bag.open_bag import bag_of
+from isf_analysis.figures.cuts import Plane, planes_of
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.report.page import write_report
 from isf_analysis.report.shape_files import write_shape
@@ -41,12 +42,14 @@ def finish(
     counts: Mapping[str, Any] | None = None,
     namespace: str | None = None,
     export: Path | None = None,
+    sections: Sequence[Plane] = (),
 ) -> None:
     """Report the run in ``folder`` (its ``bag`` by default); raises ``failure`` after reporting it.
 
     A run of which its own bag does not hold the end has the failure BAG_INCOMPLETE.
 
-    ``namespace`` is the cell of a bag, or reference, that holds several. ``counts`` replaces numbers that the bag
+    ``namespace`` is the cell of a bag, or reference, that holds several; ``sections`` are those that were asked for.
+    ``counts`` replaces numbers that the bag
     cannot know, such as the wall time. The formed shape is written into the folder ``export`` once the report is
     written; where it cannot be, that is raised too and told in the JSON object, but not in summary.json: the part does
     not lack anything.
@@ -68,7 +71,7 @@ def finish(
             advice="check the free space of the disk; what was recorded is reported",
         )
     reference = read_cell(reference_bag, namespace) if reference_bag else None
-    made = write_report(record, folder, reference=reference, bag=bag, failure=failure)
+    made = write_report(record, folder, reference=reference, bag=bag, failure=failure, sections=sections)
     data = {**made.numbers, **(counts or {}), "bag": str(bag), "report": str(made.html)}
     data["machine"] = {**_machine_use(record), **made.numbers["machine"]}
     if failure:
@@ -111,21 +114,34 @@ def report_bag(
     reference: Path | None,
     output: Path | None,
     export: Path | None = None,
+    sections: Sequence[str] = (),
     *,
     namespace: str | None = None,
     as_json: bool,
 ) -> None:
     """Report of ``bag`` (or of the run folder with it), of its cell ``namespace``; beside it, or in ``output``.
 
+    ``sections`` that are drawn beside those of every report, such as ``y=12.5`` or ``30deg@10,-5`` (mm).
+
     The formed shape is written into the folder ``export``, the report first: it tells more of a part without a scan.
 
     Raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, FILE_NOT_WRITABLE.
     """
+    planes = planes_of(sections)
     bag = bag_of(bag).resolve()
     folder = make_folder(output or bag.parent)
     reference = reference and bag_of(reference)
     try:
-        finish(folder, reference, failure=None, as_json=as_json, bag=bag, namespace=namespace, export=export)
+        finish(
+            folder,
+            reference,
+            failure=None,
+            as_json=as_json,
+            bag=bag,
+            namespace=namespace,
+            export=export,
+            sections=planes,
+        )
     finally:
         if being_formed(bag.parent):
             terminal.say("the part is being formed: this is as far as it is")

@@ -15,6 +15,7 @@ from isf_cell.commands import report
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.commands.tryout import Trial, _row
 from isf_cell.replay.outcome import part_numbers
+from isf_core.errors import IsfError
 from isf_core.geometry.height_map import HeightMap
 from synthetic_part import make_part
 
@@ -52,6 +53,21 @@ def test_a_report_with_its_shape(
     reported(PART, tmp_path)
     assert "error" not in json.loads(capsys.readouterr().out)
     assert (tmp_path / "shape" / "formed.ply").is_file()
+
+
+def test_a_section_that_cannot_be_drawn_leaves_the_report_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(style, "DPI", 34)
+    run = tmp_path / "run"
+    write_bag(PART, run / "bag")
+    for sections in (("y=nowhere",), ("x=0", "y=500")):
+        with pytest.raises(IsfError, match="--section") as caught:
+            report.report_bag(run, None, None, sections=sections, as_json=False)
+        assert exit_for(caught.value.code) == Exit.INPUT
+        assert not (run / "report.html").exists()
+    report.report_bag(run, None, None, sections=("x=0",), as_json=False)
+    assert (run / "section_at_x_0mm.png").is_file()
 
 
 def test_the_published_band_stays_beside_the_tolerance_of_the_job() -> None:
