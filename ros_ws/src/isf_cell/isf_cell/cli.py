@@ -434,14 +434,35 @@ def compare(
     tolerance: Annotated[
         list[float] | None, typer.Option(help="mm; again for each  [default: 0.1, 0.2, 0.3]", metavar="MM")
     ] = None,
+    inside: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="only points in this shape, in plan, mm: circle:X,Y,R box:X0,Y0,X1,Y1 polygon:FILE.csv; again for "
+            "each, points in any of them count",
+            metavar="SHAPE",
+        ),
+    ] = None,
+    outside: Annotated[
+        list[str] | None,
+        typer.Option(help="only points that are not in this shape; again for each", metavar="SHAPE"),
+    ] = None,
+    region: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="only points in this region of B, a job or a run: wall, base, wall_and_base, rim or flange; again "
+            "for each",
+            metavar="NAME",
+        ),
+    ] = None,
     output: Output = None,
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """Distance of one shape from another, along the normal: numbers, map, table."""
-    from isf_cell.commands.compare import compare_shapes
+    from isf_cell.commands.compare import Masks, compare_shapes
 
-    compare_shapes(first, second, unit, align, tolerance or None, output, namespace=namespace, as_json=json)
+    masks = Masks(tuple(inside or ()), tuple(outside or ()), tuple(region or ()))
+    compare_shapes(first, second, unit, align, tolerance or None, output, masks, namespace=namespace, as_json=json)
 
 
 @app.command()

@@ -18,8 +18,13 @@ CELLS = 180
 MM = 1e3
 
 
-def compared(points: Array, signed: Array, tolerances: Sequence[float], title: str) -> Figure:
-    """Map and histogram of ``signed`` (N,) m at ``points`` (N, 3) m; ``tolerances`` mm."""
+def compared(
+    points: Array, signed: Array, tolerances: Sequence[float], title: str, outlines: Sequence[Array] = ()
+) -> Figure:
+    """Map and histogram of ``signed`` (N,) m at ``points`` (N, 3) m; ``tolerances`` mm.
+
+    ``outlines`` (K, 2) m, closed, of what points were chosen by.
+    """
     figure = style.new_figure(9.0, maps=False)
     above, below = figure.subplots(2, 1, height_ratios=[2.2, 1.0])
     limit = style.rounded_limit(float(np.quantile(np.abs(signed), 0.995)) * MM)
@@ -37,6 +42,9 @@ def compared(points: Array, signed: Array, tolerances: Sequence[float], title: s
     image = above.imshow(
         MM * mean, origin="lower", extent=extent, cmap=style.DEVIATION_MAP, vmin=-limit, vmax=limit, zorder=1
     )
+    above.autoscale(False)  # an outline may reach far beyond the points
+    for outline in outlines:
+        above.plot(*(MM * outline.T), color=style.INK, linewidth=1.2, linestyle=(0, (5, 2)), zorder=3)
     above.set_aspect("equal")
     above.grid(False)
     above.set_title(title)

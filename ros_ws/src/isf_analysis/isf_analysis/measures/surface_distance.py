@@ -7,7 +7,7 @@ to. Points beside the surface, nearest to its open border, tell nothing of it an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -235,6 +235,10 @@ class Motion:
         """(N, 3) m, ``points`` moved."""
         return np.asarray(points @ self.rotation.T + self.shift)
 
+    def after(self, first: Motion) -> Motion:
+        """``first``, then this one."""
+        return Motion(self.rotation @ first.rotation, self.rotation @ first.shift + self.shift)
+
     @property
     def angle(self) -> float:
         """rad, of the rotation."""
@@ -249,6 +253,9 @@ _FIT_TRIM = 3.0
 _FIT_NOISE = 1e-9
 _FIT_FLIPS = 1e-6
 """m, deviation of shapes without noise; what a fit goes to and fro by where points change their facets."""
+_FIT_EXACT, _FIT_UNTOLD = 1e-12, 0.03
+"""Of the motion that the points tell best, what they tell of one that is made: of shapes that fit but for noise, and of
+others. Facets and noise tell 0.02 of the turn of a cone about its axis, or the slide of its base (mini_cone)."""
 _FIT_STILL = 1e-3
 _FIT_FAILED = 0.1
 """What a step moves the points along their normals, in shares of the limit: it is the last one, it came to no rest."""
@@ -260,12 +267,21 @@ def best_fit(points: Array, surface: Surface) -> Motion:
     Iterated closest points with distances to the tangent plane (Chen 1992); points beside the surface, or more than
     three robust standard deviations off, do not count. What is off is told only once the shapes lie on each other: on
     a part that is mostly flange the robust deviation is that of the flange, and a shift to the side leaves every point
-    of the wall outside of it. So all count at first, and the limit falls by half with every step.
+    of the wall outside of it. So all count at first, and the limit falls by half with every step. Where that comes to
+    no rest, motions that the points hardly tell, such as the turn of a cone about its axis, are not made.
 
     Raises
     ------
     IsfError : SCAN_INCOMPLETE, too few points lie over the surface, or no motion is found
     """
+    try:
+        return _fitted(points, surface, _FIT_EXACT)
+    except IsfError:
+        return _fitted(points, surface, _FIT_UNTOLD)
+
+
+def _fitted(points: Array, surface: Surface, untold: float) -> Motion:
+    """As :func:`best_fit`; motions that the points tell less than ``untold``, of the one they tell best, not made."""
     chosen = points[np.linspace(0, len(points) - 1, min(len(points), _FIT_POINTS)).astype(np.int64)]
     motion, moves, limit = NO_MOTION, np.inf, np.inf
     for number in range(_FIT_STEPS):
@@ -281,15 +297,55 @@ def best_fit(points: Array, surface: Surface) -> Motion:
         limit = max(least, 0.5**number * float(away[over].max()))
         used = over & (away <= limit)
         about = moved[used].mean(axis=0)
-        matrix = np.hstack([np.cross(moved[used] - about, normal[used]), normal[used]])
-        step = np.linalg.lstsq(matrix, -error[used], rcond=None)[0]
-        rotation = Rotation.from_rotvec(step[:3]).as_matrix()
+        arm = moved[used] - about
+        size = float(np.sqrt(np.mean(np.sum(arm**2, axis=1))))  # turns and shifts move the points alike
+        matrix = np.hstack([np.cross(arm / size, normal[used]), normal[used]])
+        step = np.linalg.lstsq(matrix, -error[used], rcond=untold)[0]
+        rotation = Rotation.from_rotvec(step[:3] / size).as_matrix()
         motion = Motion(rotation @ motion.rotation, rotation @ (motion.shift - about) + about + step[3:])
         moves = float(np.abs(matrix @ step).max())
         if limit <= least and moves < _FIT_STILL * limit:
             break
     if moves > max(_FIT_FAILED * limit, _FIT_FLIPS):
         raise _not_fitted(f"step {_FIT_STEPS} still moves the first shape by {1e6 * moves:.1f} um")
+    return motion
+
+
+_MASK_ROUNDS = 10
+_MASK_FREE = 3
+"""Rounds after which a point that the mask has left out once stays out: else rows of a scan go to and fro over the
+border for ever."""
+_MASK_SETTLED = 1e-3
+_MASK_FAILED = 0.05
+"""Of the points that a fit is made of: what crosses the border of the mask in a round that is the last one, and what
+may go to and fro over it when the rounds are over."""
+
+
+def best_fit_of(points: Array, surface: Surface, counts: Callable[[Array], Mask]) -> Motion:
+    """As :func:`best_fit`, of those ``points`` (N, 3) m alone of which ``counts``, given where they lie, says so.
+
+    Which points those are depends on the motion: they are chosen as the shapes lie, fitted, and chosen again until the
+    same ones are chosen, but for a few at the border of the mask. What is left of a part often does not tell some
+    motion, as a flat base its slide: such a motion is not made.
+
+    Raises
+    ------
+    IsfError : SCAN_INCOMPLETE, as :func:`best_fit`, or no choice of points stays the same
+    """
+    motion, before = NO_MOTION, counts(points)
+    for number in range(_MASK_ROUNDS):
+        if before.sum() < 6:
+            raise _not_fitted(f"{before.sum()} points are left by the mask")
+        motion = _fitted(motion.of(points[before]), surface, _FIT_UNTOLD).after(motion)
+        chosen = counts(motion.of(points))
+        if number >= _MASK_FREE:
+            chosen &= before
+        changed = int((chosen != before).sum())
+        if changed <= _MASK_SETTLED * before.sum():
+            return motion
+        before = chosen
+    if changed > _MASK_FAILED * before.sum():
+        raise _not_fitted(f"round {_MASK_ROUNDS} still moves {changed} points over the border of the mask")
     return motion
 
 

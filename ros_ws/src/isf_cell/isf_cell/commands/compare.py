@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import trimesh
 from isf_analysis.bag.bag_reader import read_cell
 from isf_analysis.figures import distance_figures, style
 from isf_analysis.measures.deviation import BANDS
+from isf_analysis.measures.plan_mask import PlanMask, region_of, shapes_of
 from isf_analysis.measures.surface_distance import (
     NO_MOTION,
     Distances,
@@ -21,11 +22,13 @@ from isf_analysis.measures.surface_distance import (
     Surface,
     apart,
     best_fit,
+    best_fit_of,
     statistics,
 )
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES, load_job
-from isf_core.types import Array
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array, Mask
 from isf_planner.part import meshes
 from isf_planner.planning import plan
 from scipy.spatial import Delaunay
@@ -45,17 +48,36 @@ APART = {"clamp": 0.1, "fit": 1.0}
 TIMES = ("received", "header.stamp")
 """Columns of a table of clouds, ns, by which the last cloud is told from those before it."""
 
+LEAST = 3
+"""Points that numbers and a picture are made of."""
+
 MM = 1e3
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape in m: ``points`` (N, 3), the areas m^2 that they stand for, and its ``surface``; ``kind`` for people."""
+    """A shape in m: ``points`` (N, 3), the areas m^2 that they stand for, and its ``surface``; ``kind`` for people.
+
+    ``target`` of the run or job that the shape is of.
+    """
 
     kind: str
     points: Array
     surface: Surface
     area: Array
+    target: HeightMap | None = None
+
+
+@dataclass(frozen=True)
+class Masks:
+    """What counts, as it was written: shapes ``inside`` and ``outside`` in plan, ``regions`` of the target."""
+
+    inside: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
+    regions: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.inside or self.outside or self.regions)
 
 
 def compare_shapes(
@@ -65,6 +87,7 @@ def compare_shapes(
     align: str,
     tolerances: Sequence[float] | None,
     output: Path | None,
+    masks: Masks = Masks(),
     *,
     namespace: str | None = None,
     as_json: bool,
@@ -72,16 +95,21 @@ def compare_shapes(
     """Distance of the points of ``first`` from the surface of ``second``; ``tolerances`` mm (None: of the
     report), ``align`` clamp or fit.
 
-    ``namespace`` : cell that is meant, of bags that hold several.
+    ``masks`` : which points count, where they lie once the shapes are aligned, in the frame of ``second``; a fit is
+    made of them alone. ``namespace`` : cell that is meant, of bags that hold several.
 
-    Raises IsfError of either file; FILE_FIELD for values that make no sense; SCAN_INCOMPLETE: nothing in common.
+    Raises IsfError of either file; FILE_FIELD for values that make no sense and masks that leave nothing;
+    SCAN_INCOMPLETE: nothing in common.
     """
     tolerances = [MM * band for band in BANDS] if tolerances is None else tolerances
     if align not in APART:
         raise IsfError(ErrorCode.FILE_FIELD, f"no alignment '{align}'", where="--align", advice="clamp or fit")
     if not tolerances or not all(0.0 < value < 1e3 for value in tolerances):
         raise IsfError(ErrorCode.FILE_FIELD, "a tolerance is a length in mm", where="--tolerance", advice="such as 0.3")
+    inside, outside = shapes_of(masks.inside, "--inside"), shapes_of(masks.outside, "--outside")
     measured, wanted = load_shape(first, unit, namespace), load_shape(second, unit, namespace)
+    region = _region(wanted, masks.regions, second) if masks.regions else None
+    mask = PlanMask(inside, outside, wanted.target, region)
     what = apart(measured.points, wanted.surface, APART[align])
     if what:
         raise IsfError(
@@ -90,10 +118,16 @@ def compare_shapes(
             where=f"{first}, {second}",
             advice="--unit of meshes and PLY clouds; clouds in NPZ and CSV are in m; --align fit for shapes near by",
         )
-    motion = best_fit(measured.points, wanted.surface) if align == "fit" else NO_MOTION
-    points = motion.of(measured.points)
+    motion = _motion(measured.points, wanted.surface, mask if masks else None) if align == "fit" else NO_MOTION
+    moved = motion.of(measured.points)
+    counts = mask.counts(moved)
+    if masks and counts.sum() < LEAST:
+        raise _left(int(counts.sum()), masks, moved)
+    points, area = moved[counts], measured.area[counts]
     found = wanted.surface.distances(points)
-    numbers = statistics(points, found, measured.area, [value / MM for value in tolerances])
+    numbers = statistics(points, found, area, [value / MM for value in tolerances])
+    if masks and (numbers is None or numbers.points < LEAST):
+        raise _left(0 if numbers is None else numbers.points, masks, moved)
     if numbers is None:
         raise IsfError(
             ErrorCode.SCAN_INCOMPLETE,
@@ -107,6 +141,8 @@ def compare_shapes(
         "second": {"path": str(second), "kind": wanted.kind},
         "align": align,
         "moved": _moved(motion),
+        "mask": {"inside": masks.inside, "outside": masks.outside, "regions": masks.regions},
+        "masked_fraction": 1.0 - float(area.sum() / measured.area.sum()),
         "points": numbers.points,
         "beside_fraction": numbers.beside,
         "mean_mm": MM * numbers.mean,
@@ -120,13 +156,43 @@ def compare_shapes(
         "table": str(folder / "distances.csv"),
     }
     with style.applied():
-        title = f"{first.name} against {second.name}"
-        figure = distance_figures.compared(points[~found.beside], found.signed[~found.beside], tolerances, title)
+        title = f"{first.name} against {second.name}{', masked' if masks else ''}"
+        over = ~found.beside
+        outlines = [shape.outline for shape in (*inside, *outside)]
+        figure = distance_figures.compared(points[over], found.signed[over], tolerances, title, outlines)
         Path(str(data["picture"])).write_bytes(style.png(figure))
     _write_points(Path(str(data["table"])), points, found)
     if as_json:
         terminal.print_json(data)
     _show(data)
+
+
+def _motion(points: Array, surface: Surface, mask: PlanMask | None) -> Motion:
+    return best_fit(points, surface) if mask is None else best_fit_of(points, surface, mask.counts)
+
+
+def _region(wanted: Shape, names: Sequence[str], path: Path) -> Mask:
+    if wanted.target is None:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"{path} has no regions: it is a {wanted.kind}, without a target",
+            where="--region",
+            advice="compare with a job or with a run, or choose what counts by --inside and --outside",
+        )
+    return region_of(wanted.target, names)
+
+
+def _left(count: int, masks: Masks, points: Array) -> IsfError:
+    """``masks`` leave ``count`` of the first shape, which lies at ``points`` (N, 3) m."""
+    given = (("--inside", masks.inside), ("--outside", masks.outside), ("--region", masks.regions))
+    low, high = (MM * end(points, axis=0) for end in (np.min, np.max))
+    return IsfError(
+        ErrorCode.FILE_FIELD,
+        f"the mask leaves {count} points over the second shape",
+        where=", ".join(option for option, values in given if values),
+        advice=f"coordinates are in mm, in the frame of the second shape; the first one lies from x = {low[0]:.0f} to "
+        f"{high[0]:.0f} and from y = {low[1]:.0f} to {high[1]:.0f}",
+    )
 
 
 def load_shape(path: Path, unit: str | None, namespace: str | None = None) -> Shape:
@@ -156,7 +222,8 @@ def load_shape(path: Path, unit: str | None, namespace: str | None = None) -> Sh
 
 
 def _of_bag(path: Path, namespace: str | None) -> Shape:
-    scan = read_cell(path, namespace).scan
+    record = read_cell(path, namespace)
+    scan = record.scan
     if scan is None:
         raise IsfError(
             ErrorCode.BAG_INCOMPLETE,
@@ -170,12 +237,13 @@ def _of_bag(path: Path, namespace: str | None) -> Shape:
             ErrorCode.SCAN_INCOMPLETE, "the scan holds no heights", where=str(path), advice="scan the part again"
         )
     known, surface = np.isfinite(points).all(axis=1), Surface.of_height_map(scan)
-    return Shape("scan of a run", points[known], surface, surface.area_by_vertex()[known])
+    return Shape("scan of a run", points[known], surface, surface.area_by_vertex()[known], record.target)
 
 
 def _of_job(path: Path) -> Shape:
     # the plan says where the part lies: over a die, and of a part from both sides, the outline alone does not
-    return _of_mesh("CAD of a job", *plan(load_job(path)).mesh)
+    made = plan(load_job(path))
+    return replace(_of_mesh("CAD of a job", *made.mesh), target=made.target)
 
 
 def _of_mesh(kind: str, vertices: Array, faces: Any) -> Shape:
@@ -291,6 +359,8 @@ def _show(data: dict[str, Any]) -> None:
         table.add_row(label, f"{data[key]:.3f} mm")
     for band, share in data["within_fraction"].items():
         table.add_row(f"within {band} mm", f"{100 * share:.1f} %")
+    if any(data["mask"].values()):
+        table.add_row("masked, left out", f"{100 * data['masked_fraction']:.1f} %")
     table.add_row("beside, left out", f"{100 * data['beside_fraction']:.1f} %")
     terminal.say(
         f"{data['first']['kind']} {data['first']['path']}, distance from {data['second']['kind']} "

@@ -13,7 +13,7 @@ import pytest
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.bag.table_files import write_tables
 from isf_analysis.measures.contour_scan import kept_scan
-from isf_cell.commands.compare import compare_shapes, load_shape
+from isf_cell.commands.compare import Masks, compare_shapes, load_shape
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
 from isf_planner.planning import plan
@@ -162,3 +162,119 @@ def test_what_makes_no_sense_is_refused(runs: Path, tmp_path: Path) -> None:
     with pytest.raises(IsfError) as caught:
         load_shape(PARTS / "mini_cone.stl", None)
     assert caught.value.code == ErrorCode.MESH_UNIT_UNKNOWN
+
+
+@pytest.fixture(scope="module")
+def step(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A flat plate of 100 x 80 mm, and one with a pad of 40 x 20 mm that is 0.5 mm higher; as clouds, m, 1 mm apart.
+
+    The pad reaches from x = 10 to 50 and from y = -10 to 10 mm, the edge included.
+    """
+    folder = tmp_path_factory.mktemp("step")
+    x, y = np.meshgrid(np.arange(-50, 51) / 1e3, np.arange(-40, 41) / 1e3)
+    pad = (x > 9.5e-3) & (np.abs(y) < 10.5e-3)
+    for name, z in (("flat", 0.0 * x), ("pad", 0.5e-3 * pad)):
+        np.savez(folder / f"{name}.npz", x=x.ravel(), y=y.ravel(), z=z.ravel())
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("masks", "mean", "largest", "points"),
+    [
+        (Masks(inside=("box:12,-8,48,8",)), 0.5, 0.5, 37 * 17),
+        (Masks(inside=("box:12,-8,48,8",), outside=("box:30,-20,60,20",)), 0.5, 0.5, 18 * 17),
+        (Masks(outside=("box:8,-12,52,12",)), 0.0, 0.0, 101 * 81 - 43 * 25),
+        (Masks(inside=("circle:-30,20,9.9", "circle:-30,-20,9.9")), 0.0, 0.0, 2 * 305),
+    ],
+)
+def test_numbers_picture_and_table_are_those_of_the_masked_points(
+    masks: Masks,
+    mean: float,
+    largest: float,
+    points: int,
+    step: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    compare_shapes(
+        step / "pad.npz", step / "flat.npz", None, "clamp", (0.1, 0.6), tmp_path / "out", masks, as_json=True
+    )
+    data = json.loads(capsys.readouterr().out)
+    assert data["points"] == points
+    assert (data["mean_mm"], data["max_abs_mm"]) == pytest.approx((mean, largest), abs=1e-9)
+    assert data["within_fraction"] == {"0.1": 0.0 if mean else 1.0, "0.6": 1.0}
+    table = np.loadtxt(data["table"], delimiter=",", skiprows=1)
+    assert len(table) == points
+    np.testing.assert_allclose(table[:, 3], mean, atol=1e-6)
+    assert data["mask"]["inside"] == list(masks.inside)
+    assert Path(data["picture"]).stat().st_size > 10_000
+
+
+def test_the_share_that_is_masked_is_one_of_the_area(
+    step: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Half of the plate, with the points on the border and half of the cells around them; by numpy alone."""
+    masks = Masks(outside=("box:0.5,-100,100,100",))
+    compare_shapes(
+        step / "flat.npz", step / "pad.npz", None, "clamp", (0.1, 0.6), tmp_path / "out", masks, as_json=True
+    )
+    data = json.loads(capsys.readouterr().out)
+    assert data["masked_fraction"] == pytest.approx(49.5 / 100.0, abs=1e-6)
+    assert data["points"] == 51 * 81
+    compare_shapes(step / "flat.npz", step / "pad.npz", None, "clamp", (0.1, 0.6), tmp_path / "all", as_json=True)
+    assert json.loads(capsys.readouterr().out)["masked_fraction"] == 0.0
+
+
+def test_regions_are_those_of_the_run_that_is_compared_with(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A scan lifted by 0.25 mm: on the flat base all of it, on a wall of 50 deg 0.64 of it."""
+    found = {}
+    for name in ("base", "wall", "rim"):
+        compare_shapes(
+            runs / "second",
+            runs / "first",
+            None,
+            "clamp",
+            (0.3,),
+            tmp_path / name,
+            Masks(regions=(name,)),
+            as_json=True,
+        )
+        found[name] = json.loads(capsys.readouterr().out)
+    assert found["base"]["mean_mm"] == pytest.approx(1e3 * LIFT, rel=0.01)
+    # 5 mm cells hold no wall that is not beside a fillet of 5 mm
+    assert 0.6 * 1e3 * LIFT < found["wall"]["mean_mm"] < 0.9 * 1e3 * LIFT
+    x, y = np.loadtxt(found["rim"]["table"], delimiter=",", skiprows=1)[:, :2].T
+    radius = np.hypot(x, y)
+    assert radius.min() > 35.0
+    assert radius.max() < 55.0
+    assert sum(data["points"] for data in found.values()) < 51 * 51
+
+
+def test_a_masked_fit_by_the_command(step: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without the pad the plates lie on each other as they are; with it the fit is at least not worse than it says."""
+    masks = Masks(outside=("box:8,-12,52,12",))
+    compare_shapes(step / "pad.npz", step / "flat.npz", None, "fit", (0.1,), tmp_path / "out", masks, as_json=True)
+    data = json.loads(capsys.readouterr().out)
+    assert data["max_abs_mm"] < 1e-6
+    assert np.abs(data["moved"]["shift_mm"]).max() < 1e-6
+
+
+def test_masks_that_make_no_sense_are_refused(step: Path, runs: Path, tmp_path: Path) -> None:
+    cloud, run = step / "flat.npz", runs / "first"
+    for second, masks, words in (
+        (cloud, Masks(inside=("circle:500,0,10",)), "leaves 0 points"),
+        (cloud, Masks(inside=("circle:0,0,0.5",)), "leaves 1 points"),
+        (cloud, Masks(outside=("box:-100,-100,100,100",)), "--outside"),
+        (cloud, Masks(regions=("wall",)), "has no regions"),
+        (run, Masks(regions=("bottom",)), "no region 'bottom'"),
+        (cloud, Masks(inside=("ring:0,0,5",)), "--inside"),
+    ):
+        with pytest.raises(IsfError, match=words) as caught:
+            compare_shapes(
+                cloud if second == cloud else run, second, None, "clamp", (0.1,), tmp_path / "out", masks, as_json=False
+            )
+        assert caught.value.code == ErrorCode.FILE_FIELD
+        assert caught.value.advice
+    assert not (tmp_path / "out").exists()
