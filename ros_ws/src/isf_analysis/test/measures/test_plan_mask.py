@@ -150,8 +150,9 @@ def test_a_masked_fit_is_not_pulled_by_what_is_masked() -> None:
     mask = PlanMask(outside=shapes_of(["box:11.5,-100,100,100"], "--outside"))
     motion = best_fit_of(measured, surface, mask.counts)
     good = ~spoiled & (part[:, 0] < 11e-3)
-    # but for the turn about the axis of the cone, which it does not tell
-    assert np.abs(surface.distances(motion.of(measured)[good]).signed).max() < 10e-6
+    # but for the turn about the axis of the cone, which it does not tell; turned facets of 1 mm on a fillet of 5 mm are
+    # 1 / (8 * 5) mm off
+    assert np.abs(surface.distances(motion.of(measured)[good]).signed).max() < 40e-6
     axis = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -20e-3]])
     np.testing.assert_allclose(motion.of((axis - shift) @ turn), axis, atol=20e-6)
     pulled = best_fit(measured, surface).of(measured)[good]
@@ -161,7 +162,7 @@ def test_a_masked_fit_is_not_pulled_by_what_is_masked() -> None:
     found = surface.distances(points[counts])
     numbers = statistics(points[counts], found, np.ones(int(counts.sum())))
     assert numbers is not None
-    assert numbers.max_abs < 10e-6
+    assert numbers.max_abs < 40e-6
 
 
 def test_a_masked_fit_of_a_base_lifts_it_and_no_more() -> None:
