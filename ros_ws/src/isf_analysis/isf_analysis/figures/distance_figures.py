@@ -10,20 +10,22 @@ from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from isf_analysis.figures import style
+from isf_analysis.measures.plan_mask import PlanMask
 from isf_analysis.measures.scan_cloud import filled
 
 CELLS = 180
 """Of the map, along its longer side."""
 
 MM = 1e3
+EVERYWHERE = PlanMask()
 
 
 def compared(
-    points: Array, signed: Array, tolerances: Sequence[float], title: str, outlines: Sequence[Array] = ()
+    points: Array, signed: Array, tolerances: Sequence[float], title: str, mask: PlanMask = EVERYWHERE
 ) -> Figure:
     """Map and histogram of ``signed`` (N,) m at ``points`` (N, 3) m; ``tolerances`` mm.
 
-    ``outlines`` (K, 2) m, closed, of what points were chosen by.
+    ``mask`` that the points were chosen by: cells outside of it stay empty, and its shapes are drawn.
     """
     figure = style.new_figure(9.0, maps=False)
     above, below = figure.subplots(2, 1, height_ratios=[2.2, 1.0])
@@ -37,14 +39,17 @@ def compared(
     np.add.at(total, (row, column), signed)
     np.add.at(count, (row, column), 1.0)
     mean = filled(np.where(count > 0, total / np.maximum(count, 1.0), np.nan))
+    middles = np.meshgrid(*(low[k] + cell * (np.arange(size[k]) + 0.5) for k in (0, 1)))
+    chosen = mask.counts(np.column_stack([part.ravel() for part in middles])).reshape(mean.shape)
+    mean[~(chosen | (count > 0))] = np.nan
     above.set_facecolor("#e9edf0")
     extent = (MM * low[0], MM * (low[0] + cell * size[0]), MM * low[1], MM * (low[1] + cell * size[1]))
     image = above.imshow(
         MM * mean, origin="lower", extent=extent, cmap=style.DEVIATION_MAP, vmin=-limit, vmax=limit, zorder=1
     )
     above.autoscale(False)  # an outline may reach far beyond the points
-    for outline in outlines:
-        above.plot(*(MM * outline.T), color=style.INK, linewidth=1.2, linestyle=(0, (5, 2)), zorder=3)
+    for shape in (*mask.inside, *mask.outside):
+        above.plot(*(MM * shape.outline.T), color=style.INK, linewidth=1.2, linestyle=(0, (5, 2)), zorder=3)
     above.set_aspect("equal")
     above.grid(False)
     above.set_title(title)

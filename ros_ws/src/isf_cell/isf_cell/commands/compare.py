@@ -158,8 +158,7 @@ def compare_shapes(
     with style.applied():
         title = f"{first.name} against {second.name}{', masked' if masks else ''}"
         over = ~found.beside
-        outlines = [shape.outline for shape in (*inside, *outside)]
-        figure = distance_figures.compared(points[over], found.signed[over], tolerances, title, outlines)
+        figure = distance_figures.compared(points[over], found.signed[over], tolerances, title, mask)
         Path(str(data["picture"])).write_bytes(style.png(figure))
     _write_points(Path(str(data["table"])), points, found)
     if as_json:

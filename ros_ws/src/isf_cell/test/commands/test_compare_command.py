@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.bag.table_files import write_tables
+from isf_analysis.figures import distance_figures, style
 from isf_analysis.measures.contour_scan import kept_scan
+from isf_analysis.measures.plan_mask import PlanMask, shapes_of
 from isf_cell.commands.compare import Masks, compare_shapes, load_shape
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
@@ -278,3 +280,18 @@ def test_masks_that_make_no_sense_are_refused(step: Path, runs: Path, tmp_path: 
         assert caught.value.code == ErrorCode.FILE_FIELD
         assert caught.value.advice
     assert not (tmp_path / "out").exists()
+
+
+def test_the_map_is_empty_where_the_mask_is() -> None:
+    """A hole of 5 mm in a plate of points 1 mm apart, which the map would close if it were one of the scan."""
+    x, y = (part.ravel() / 1e3 for part in np.meshgrid(np.arange(-20, 21), np.arange(-20, 21)))
+    points = np.column_stack([x, y, 0.0 * x])
+    mask = PlanMask(outside=shapes_of(["circle:0,0,2.5"], "--outside"))
+    points = points[mask.counts(points)]
+    with style.applied():
+        masked = distance_figures.compared(points, points[:, 2], (0.1,), "", mask).axes[0].get_images()[0].get_array()
+        closed = distance_figures.compared(points, points[:, 2], (0.1,), "").axes[0].get_images()[0].get_array()
+    assert masked is not None
+    assert closed is not None
+    assert np.isnan(np.ma.filled(masked, np.nan)).sum() > 8
+    assert np.isnan(np.ma.filled(closed, np.nan)).sum() < 4
