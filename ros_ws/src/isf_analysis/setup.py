@@ -19,6 +19,7 @@ setup(
         "scipy>=1.11",
         "matplotlib>=3.6",
         "rosbags>=0.10",
+        "shapely>=2.0",
         "PyYAML>=6.0",
         "isf-core",
         "isf-ros",
