@@ -70,6 +70,7 @@ def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None
     assert again.identical is (None if lost else True), again.numbers()
     assert not again.target_distance.any()
     run = read_run(tmp_path)
+    assert run.ticks is not None
     for node in ("force_ctrl", "springback"):  # live ones, over the middleware
         played = play_into(run, node, run.job_file(), tmp_path / "logs", {})
         assert played.identical, played
@@ -78,10 +79,7 @@ def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None
         decided = played.results or played.corrections
         assert decided is not None
         assert decided.compared == there.planned
-    other = play_into(run, "force_ctrl", run.job_file(), tmp_path / "logs", {"loop_gain": 20.0})
-    assert not other.identical
-    assert 1e-6 < other.largest < 5e-4
-    assert "loop_gain 20.0 (recorded 24.0)" in other.notes[0]
+        assert played.targets == (np.isfinite(run.ticks.target).all(axis=1).sum() if node == "force_ctrl" else 0)
     known = learn_record(there, FOLDER)
     assert known.parts == 1
     assert np.abs(known.push).max() > 1e-3

@@ -54,3 +54,7 @@ def test_a_tilted_tool_forms_the_same_in_the_graph_as_in_one_process(tmp_path: P
     assert run.armed.axis == (0.0, 0.0, 1.0)
     assert replay(run, parse([])).identical is True
     assert play_into(run, "force_ctrl", run.job_file(), tmp_path / "logs", {}).identical
+    other = play_into(run, "force_ctrl", run.job_file(), tmp_path / "logs", {"compliance_time": 0.1})
+    assert not other.identical
+    assert other.differing > 0
+    assert "compliance_time 0.1 (recorded 0.2)" in other.notes[0]

@@ -141,7 +141,7 @@ def test_a_masked_fit_is_not_pulled_by_what_is_masked() -> None:
     With all its points the spoiled side, a third of the part, pulls it.
     """
     part = TARGET.points()
-    part = part[np.hypot(part[:, 0], part[:, 1]) < 60e-3]
+    part = part[np.hypot(part[:, 0], part[:, 1]) < 50e-3][::5]
     spoiled = part[:, 0] > 12e-3
     shape = part + np.where(spoiled, 3e-3 * np.clip((part[:, 0] - 12e-3) / 20e-3, 0.0, 1.0), 0.0)[:, None] * [0, 0, 1]
     turn, shift = Rotation.from_rotvec([0.01, -0.006, 0.004]).as_matrix(), np.array([0.4e-3, -0.3e-3, 0.5e-3])
