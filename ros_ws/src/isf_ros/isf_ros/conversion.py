@@ -122,20 +122,12 @@ def path_to_message(tips: NDArray[np.float64], stamp: Time, most: int = 2000) ->
 
 def height_map_to_message(height_map: HeightMap, stamp: Time) -> PointCloud2:
     """Grid points x, y, z (float64) as a PointCloud2 of ny rows and nx columns."""
-    points = np.ascontiguousarray(height_map.points(), dtype="<f8")
-    cloud = PointCloud2()
-    cloud.header.frame_id = FRAME
-    cloud.header.stamp = stamp
-    cloud.height, cloud.width = height_map.z.shape
-    cloud.fields = [
-        PointField(name=name, offset=8 * k, datatype=PointField.FLOAT64, count=1) for k, name in enumerate("xyz")
-    ]
-    cloud.is_bigendian = False
-    cloud.point_step = 24
-    cloud.row_step = 24 * cloud.width
-    cloud.is_dense = bool(np.isfinite(points).all())
-    cloud.data = points.tobytes()
-    return cloud
+    return _table_to_cloud(height_map.points().reshape(*height_map.z.shape, 3), tuple("xyz"), stamp)
+
+
+def points_to_cloud(points: Array, stamp: Time) -> PointCloud2:
+    """Unordered points (N, 3) m as a cloud of one row, x, y, z as float64."""
+    return _table_to_cloud(np.reshape(points, (1, -1, 3)), tuple("xyz"), stamp)
 
 
 def height_map_from_message(message: Any) -> HeightMap:

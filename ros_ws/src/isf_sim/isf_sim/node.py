@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_sim.machine.state import load_machine, plant_digest, save_machine
 from isf_sim.real_time import PeriodicThread
-from isf_sim.ros.publishers import MachinePublishers, cloud_message, state_message
+from isf_sim.ros.publishers import MachinePublishers, state_message
 from isf_sim.ros.targets import TargetPair, TargetStream
 from isf_sim.warm_up import warm_up
 
@@ -537,7 +537,7 @@ class MachineNode(CellNode[MachineParameters]):
     def publish_cloud(self, points: NDArray[np.float64]) -> None:
         """Points (N, 3) m of a scanner on "scan"."""
         if self._output is not None:
-            self._output.scan(cloud_message(points, self._stamp))
+            self._output.scan(conversion.points_to_cloud(points, stamps.to_stamp(self._stamp)))
 
 
 class MachineServices:

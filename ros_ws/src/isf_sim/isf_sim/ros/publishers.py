@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.events import Event
 from isf_core.files.spindle_cells import CHANNELS
@@ -13,11 +12,10 @@ from isf_msgs.msg import MachineEvent as EventMessage
 from isf_msgs.msg import MachineState
 from isf_ros import conversion, qos, stamps
 from isf_ros.lifecycle import CellNode
-from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState, PointCloud2, PointField
+from sensor_msgs.msg import JointState, PointCloud2
 
 from isf_sim.legs.legs import Legs
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
@@ -145,14 +143,3 @@ def state_message(
         axis_error_rms=rms,
         axis_error_largest=largest,
     )
-
-
-def cloud_message(points: NDArray[np.float64], nanoseconds: int) -> PointCloud2:
-    """Unordered points (N, 3) m as a cloud of one row, x, y, z as float64."""
-    data = np.ascontiguousarray(points, dtype="<f8")
-    cloud = PointCloud2(height=1, width=len(data), point_step=24, row_step=24 * len(data), is_dense=True)
-    cloud.header.frame_id = conversion.FRAME
-    cloud.header.stamp = stamps.to_stamp(nanoseconds)
-    cloud.fields = [PointField(name=n, offset=8 * k, datatype=PointField.FLOAT64, count=1) for k, n in enumerate("xyz")]
-    cloud.data = data.tobytes()
-    return cloud
