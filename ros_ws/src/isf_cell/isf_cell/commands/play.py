@@ -72,6 +72,7 @@ def play_into_node(
         "targets": {
             "compared": answer.targets,
             "differing": answer.differing,
+            "unfed": answer.unfed,
             "largest_um": 1e6 * answer.largest,
         },
         "contours": {
@@ -88,7 +89,7 @@ def play_into_node(
     if answer.targets:
         terminal.say(
             f"{node} ({which}) answered {answer.targets} recorded ticks: {answer.differing} targets differ, by at most "
-            f"{1e6 * answer.largest:.3f} um"
+            f"{1e6 * answer.largest:.3f} um" + (f"; {answer.unfed} ticks were fed to nothing" if answer.unfed else "")
         )
     kind = "results" if answer.results else "corrections"
     same = "all the same" if decided.identical else f"{', '.join(decided.differing) or 'some are missing'} differ"

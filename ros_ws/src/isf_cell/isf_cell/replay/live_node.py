@@ -32,7 +32,6 @@ from isf_msgs.action import LiftTool, MoveAside
 from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
 from isf_ros.lifecycle import failure
-from isf_sim.ros.publishers import cloud_message
 from isf_springback.lift_feedback import lift_due
 from isf_springback.scan.feedback import scan_due
 from lifecycle_msgs.srv import GetState
@@ -45,6 +44,7 @@ from isf_cell.processes.process_group import NodeProcess, ProcessGroup
 from isf_cell.replay.correction_replay import between
 from isf_cell.replay.differences import Difference, difference
 from isf_cell.replay.recorded_run import Armed, RecordedRun, Ticks
+from isf_cell.run.graph_cell import NOT_HEARD_YET
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.tool_lift import SETTINGS
 
@@ -72,6 +72,7 @@ class LiveAnswer:
     ----------
     node : its name ; started : it was started for this
     targets : pairs of targets compared, of springback 0 ; differing : of them ; largest : m, largest difference
+    unfed : recorded ticks that were fed to nothing, since the node had ended or gone on elsewhere
     results : of force control, corrections : of springback; beside the recorded ones
     notes : what kept it from going on, and other parameters than the recorded ones
     """
@@ -80,6 +81,7 @@ class LiveAnswer:
     started: bool
     targets: int = 0
     differing: int = 0
+    unfed: int = 0
     largest: float = 0.0
     results: Difference | None = None
     corrections: Difference | None = None
@@ -89,7 +91,7 @@ class LiveAnswer:
     def identical(self) -> bool:
         """Every answer is the recorded one to the last bit, and there are as many."""
         compared = [item for item in (self.results, self.corrections) if item is not None]
-        return not self.differing and bool(compared) and all(item.identical for item in compared)
+        return not (self.differing or self.unfed) and bool(compared) and all(item.identical for item in compared)
 
 
 def check(run: RecordedRun, name: str) -> None:
@@ -223,24 +225,19 @@ class _Live:
 
     def wait(self, answer: Callable[[], T | None], seconds: float, what: str) -> T:
         """The first ``answer`` that is not None; raises IsfError SERVICE_TIMEOUT that names ``what`` is missing."""
-        found: list[T] = []
-
-        def there() -> bool:
-            with self.news:
-                item = answer()
-            found.extend([] if item is None else [item])
-            return bool(found)
-
         deadline = time.monotonic() + seconds
-        while not there():
-            self.watch()
+        while True:
             with self.news:
-                if answer() is None:
-                    self.news.wait(0.1)
+                found = answer()
+                if found is None:
+                    self.news.wait(0.1)  # a node that dies tells nothing: it is looked for ten times a second
+                    found = answer()
+            if found is not None:
+                return found
+            self.watch()
             if time.monotonic() > deadline:
                 advice = f"its output is in {self.process.log}" if self.process else "see its log and /diagnostics"
                 raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"'{self.name}' did not answer {what}", advice=advice)
-        return found[0]
 
     def settled(self) -> None:
         """When this returns the node has taken what was published before: a service is served after topics."""
@@ -317,8 +314,6 @@ class _ForceControlFeed:
                 notes.append(f"{activity.label}: {result.message}")
                 break
             progress(len(self._results), len(self._run.part.corrected))
-        if position < last:
-            notes.append(f"{last - position} of {last} recorded ticks were fed to nothing: it ended before")
         answered = np.array([answer for answer, _ in self._answers]).reshape(-1, 6)
         recorded = np.array([target for _, target in self._answers]).reshape(-1, 6)
         known = np.isfinite(recorded).all(axis=1)
@@ -327,7 +322,8 @@ class _ForceControlFeed:
             "force_ctrl",
             True,
             targets=int(known.sum()),
-            differing=int(np.count_nonzero(off)) + last - position,
+            differing=int(np.count_nonzero(off)),
+            unfed=last - position,
             largest=float(off.max(initial=0.0)),
             results=difference(self._run.part.results, list(self._results.values())),
             notes=tuple(notes),
@@ -344,8 +340,8 @@ class _ForceControlFeed:
             base_folder=str(self._job_file.base),
             support_force=math.nan if armed.support_force is None else armed.support_force,
         )
-        waiting = {ErrorCode.WRENCH_LOST, ErrorCode.POSE_LOST, ErrorCode.NO_TARE}
-        for attempt in range(50):
+        deadline = time.monotonic() + ANSWER
+        while True:
             self._machine.publish(isf.MachineState(mode=isf.MachineState.IDLE, tared=True, lockstep=True))
             for publisher, tip in zip(self._poses, (armed.tip_1, armed.tip_2), strict=True):
                 pose = _pose(tip, int(self._ticks.stamp[0]))
@@ -358,7 +354,7 @@ class _ForceControlFeed:
             if not response.code:
                 break
             error = failure(response.code, response.message)
-            if error.code not in waiting or attempt == 49:
+            if error.code not in NOT_HEARD_YET or time.monotonic() > deadline:
                 raise error
         text = self._live.wait(lambda: self._settings or None, ANSWER, "with what it is armed")
         now, then = json.loads(text), json.loads(armed.config.to_json())
@@ -511,7 +507,7 @@ def _play_into_springback(live: _Live, run: RecordedRun, job_file: JobFile, prog
         if lift is not None:
             lifts.publish(conversion.lift_to_cloud(lift[1], stamps.from_seconds(lift[0])))
         if scan is not None:
-            scans.publish(cloud_message(scan[1], round(scan[0] * stamps.NANO)))
+            scans.publish(conversion.points_to_cloud(scan[1], stamps.from_seconds(scan[0])))
         progress(k + 1, count)
     compared = difference(part.corrections, list(found.values()))
     return LiveAnswer("springback", True, corrections=compared, notes=tuple(notes))

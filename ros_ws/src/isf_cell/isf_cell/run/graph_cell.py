@@ -70,7 +70,7 @@ _OF_AN_INTRUDER = (
 )
 """Failures that may come from somebody who sends targets or wrenches beside the cell."""
 
-_NOT_HEARD_YET = (ErrorCode.WRENCH_LOST, ErrorCode.POSE_LOST, ErrorCode.NO_TARE)
+NOT_HEARD_YET = (ErrorCode.WRENCH_LOST, ErrorCode.POSE_LOST, ErrorCode.NO_TARE)
 """What force_ctrl refuses to arm with until it has heard the machine."""
 
 _END_THE_PART = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
@@ -297,7 +297,7 @@ class GraphCell:
                 self._wait_for_recorder()
                 return
             error = failure(response.code, response.message)
-            if error.code not in _NOT_HEARD_YET or time.monotonic() > deadline:
+            if error.code not in NOT_HEARD_YET or time.monotonic() > deadline:
                 raise error
             pause.wait(0.2)
 
