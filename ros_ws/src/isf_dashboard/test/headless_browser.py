@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import pytest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -31,6 +32,13 @@ LIMIT = 60.0
 def installed() -> str | None:
     """Path of a browser, if there is one."""
     return next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+needed = pytest.mark.skipif(
+    installed() is None,
+    reason="without Chromium the page is not looked at; .ci/run installs it, elsewhere: apt install chromium",
+)
+"""Mark of tests that look at a page."""
 
 
 class Browser:

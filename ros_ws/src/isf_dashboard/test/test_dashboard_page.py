@@ -17,10 +17,7 @@ from isf_dashboard.run_source import history_of
 from isf_dashboard.server import DashboardServer, Site
 from synthetic_part import make_events, make_part
 
-pytestmark = pytest.mark.skipif(
-    headless_browser.installed() is None,
-    reason="without Chromium the page is not looked at; .ci/run installs it, elsewhere: apt install chromium",
-)
+pytestmark = headless_browser.needed
 
 DRAWN = """
 (() => {

@@ -339,7 +339,8 @@ def _tool_compliance(messages: _Messages, job: Any) -> tuple[Vector, Vector] | N
     try:
         armed = [message for _, message in messages.of(topics.ARMED) if message.plan_id == job.plan_id]
         if not armed:
-            rig = load_rig(find_shipped("rigs", yaml_file.parse(job.job_text, Job, "job").rig).stem)
+            name = yaml_file.parse(job.job_text, Job, "job").rig
+            rig = load_rig(str(find_shipped("rigs", name)))  # never a file that a bag names
             return rig.tool_1.compliance, rig.tool_2.compliance
         settings = json.loads(armed[-1].settings)
         plane = settings["forming_compliance"], settings["support_compliance"]

@@ -18,11 +18,11 @@ from isf_core.contour import Contour, ContourResult, Process
 from isf_core.errors import IsfError
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Mask
-from matplotlib.path import Path as Polygon
 from scipy.ndimage import distance_transform_edt, gaussian_filter, uniform_filter
 
 from isf_analysis.measures.contour_scan import ContourScan
 from isf_analysis.measures.deviation import flange_level
+from isf_analysis.measures.plan_mask import PlanShape
 from isf_analysis.measures.record import PartRecord
 
 MOST_STEPS = 60
@@ -184,8 +184,7 @@ def _scanned(scan: ContourScan | None, final: HeightMap | None, x: Array, y: Arr
     if scan is not None:
         return gridded(scan.points(), x, y)
     assert final is not None
-    nodes = np.column_stack([line.ravel() for line in np.meshgrid(x, y)])
-    return _without_holes(final.at(nodes).reshape(len(y), len(x)))
+    return _without_holes(final.at(_nodes(x, y)).reshape(len(y), len(x)))
 
 
 def gridded(points: Array, x: Array, y: Array) -> Array:
@@ -248,8 +247,7 @@ def _swept(
     if process in (Process.TPIF, Process.ADSIF):
         if record.target is None:
             return None
-        nodes = np.column_stack([line.ravel() for line in np.meshgrid(x, y)])
-        wanted = _without_holes(record.target.at(nodes).reshape(len(y), len(x))) - flange_level(record.target)
+        wanted = _without_holes(record.target.at(_nodes(x, y)).reshape(len(y), len(x))) - flange_level(record.target)
         of = _over_die if process is Process.TPIF else _carried_down
         return [(of(formed[end][0], wanted, x, y), REACHED) for end in ends]
     blank = record.blank_thickness or 0.0
@@ -286,9 +284,8 @@ def _sweep(sheet: Array, tips: Array, contour: Contour, radius: float, x: Array,
     if _encloses(contour):
         design = np.column_stack([np.ones(len(tips)), tips[:, :2]])
         plane = np.linalg.lstsq(design, tips[:, 2], rcond=None)[0]
-        nodes = np.column_stack([line.ravel() for line in np.meshgrid(x, y)])
-        inside = Polygon(tips[:, :2]).contains_points(nodes).reshape(sheet.shape)
-        level = (plane[0] + nodes @ plane[1:]).reshape(sheet.shape)
+        inside = _inside(tips, x, y)
+        level = plane[0] + plane[1] * x + plane[2] * y[:, None]
         sheet[inside] = np.minimum(sheet, level)[inside]
     if radius <= 0.0:
         return
@@ -319,9 +316,14 @@ def _encloses(contour: Contour) -> bool:
     return bool(np.median(inwards) > 0.0)
 
 
-def _inside(contour: Contour, x: Array, y: Array) -> Mask:
-    nodes = np.column_stack([line.ravel() for line in np.meshgrid(x, y)])
-    return np.asarray(Polygon(contour.contact[:, :2]).contains_points(nodes).reshape(len(y), len(x)))
+def _inside(line: Array, x: Array, y: Array) -> Mask:
+    """(ny, nx) nodes within the closed ``line`` (N, 2 or more) m in plan."""
+    return PlanShape(line[:, :2]).holds(_nodes(x, y)).reshape(len(y), len(x))
+
+
+def _nodes(x: Array, y: Array) -> Array:
+    """(ny * nx, 2) m."""
+    return np.column_stack([line.ravel() for line in np.meshgrid(x, y)])
 
 
 def _over_die(contour: Contour, wanted: Array, x: Array, y: Array) -> Array:
@@ -331,7 +333,7 @@ def _over_die(contour: Contour, wanted: Array, x: Array, y: Array) -> Array:
 
 def _carried_down(contour: Contour, wanted: Array, x: Array, y: Array) -> Array:
     """The ``wanted`` part (ny, nx) m inside the contour, as far below as the tools are."""
-    inside = _inside(contour, x, y)
+    inside = _inside(contour.contact, x, y)
     at = HeightMap(x, y, wanted).at(contour.contact[:, :2])
     sheet = wanted + float(np.nanmedian(contour.contact[:, 2] - at))
     return np.asarray(gaussian_filter(np.where(inside, sheet, 0.0), 1.0))  # the edge lies between nodes

@@ -56,14 +56,9 @@ def sheet_thickness(record: PartRecord, deviation: Deviation | None) -> dict[str
     that SHARE of the nodes beside the path have at least, None where it is not known.
     """
     sheet = record.formed_sheet
-    least, most_bear = None, np.nan
     if sheet is not None:
         source, points, thickness = SIMULATED, sheet.points.reshape(-1, 3), sheet.thickness.ravel()
         margin = sheet.strain_margin.ravel()
-        if np.isfinite(margin).any():
-            least = _place(record, points, thickness, margin, int(np.nanargmin(margin)))
-            formed = margin[np.isfinite(_planned(record, points[:, :2])) & np.isfinite(margin)]
-            most_bear = float(np.quantile(formed, 1.0 - SHARE)) if len(formed) else np.nan
     elif (estimate := estimated_thickness(record, deviation)) is not None and deviation is not None:
         inside = deviation.masks["wall_and_base"] & np.isfinite(estimate.z)
         source, thickness = ESTIMATED, estimate.z[inside]
@@ -78,23 +73,24 @@ def sheet_thickness(record: PartRecord, deviation: Deviation | None) -> dict[str
         return None
     if not np.isfinite(thickness).any():
         return None
+    planned = _planned(record, points[:, :2])
+    formed = margin[np.isfinite(planned) & np.isfinite(margin)]
+
+    def place(node: np.intp) -> dict[str, Any]:
+        return {
+            "thickness_mm": _number(MM * thickness[node]),
+            "place_mm": [_number(MM * value) for value in points[node]],
+            "planned_mm": _number(MM * planned[node]),
+            "margin": _number(margin[node]),
+        }
+
     blank = record.blank_thickness
     return {
         "source": source,
         "blank_mm": None if blank is None else MM * blank,
-        "thinnest": _place(record, points, thickness, margin, int(np.nanargmin(thickness))),
-        "least_margin": least,
-        "most_bear": _number(most_bear),
-    }
-
-
-def _place(record: PartRecord, points: Array, thickness: Array, margin: Array, node: int) -> dict[str, Any]:
-    planned = float(_planned(record, points[node : node + 1, :2])[0])
-    return {
-        "thickness_mm": _number(MM * thickness[node]),
-        "place_mm": [_number(MM * value) for value in points[node]],
-        "planned_mm": _number(MM * planned),
-        "margin": _number(margin[node]),
+        "thinnest": place(np.nanargmin(thickness)),
+        "least_margin": place(np.nanargmin(margin)) if np.isfinite(margin).any() else None,
+        "most_bear": float(np.quantile(formed, 1.0 - SHARE)) if len(formed) else None,
     }
 
 

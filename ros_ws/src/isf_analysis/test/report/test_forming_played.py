@@ -13,10 +13,7 @@ from isf_analysis.figures import style
 from isf_analysis.report.page import write_report
 from synthetic_part import make_part
 
-pytestmark = pytest.mark.skipif(
-    headless_browser.installed() is None,
-    reason="without Chromium the page is not looked at; .ci/run installs it, elsewhere: apt install chromium",
-)
+pytestmark = headless_browser.needed
 
 CONTOURS = 6
 DEEPEST = "Math.min(...[...document.querySelector('.view3d-plot').data[{trace}].z].flatMap((row) => [...row]))"
