@@ -54,7 +54,7 @@ def publish(seconds: float, rate: float) -> None:
             holder.publish(pose)
             joints.publish(state)
             number += 1
-        time.sleep(0.5e-3)
+        time.sleep(0.5e-3)  # this loop is the clock of the two streams: what is due is sent twice a millisecond
     end = time.time_ns()
     taken = all(publisher.wait_for_all_acked(Duration(seconds=10)) for publisher in (holder, joints))
     print(json.dumps({"begin": begin, "end": end, "sent": number, "acknowledged": taken}), flush=True)
@@ -92,13 +92,13 @@ def measure(seconds: float, extra: float) -> dict[str, object]:
         beside = [sys.executable, __file__, "--publish", "--seconds", str(seconds), "--extra", str(extra)]
         with subprocess.Popen(beside, stdout=subprocess.PIPE, text=True) as publisher:
             while (pid := recorder_of(cell.pid)) is None and cell.poll() is None:
-                time.sleep(0.1)
+                time.sleep(0.1)  # looks again: the system tells nobody that a grandchild has started
             if pid is None:
                 publisher.kill()
                 sys.exit("the cell did not start")
             used = [(time.time_ns(), processor_time(pid))]
             while publisher.poll() is None:
-                time.sleep(0.05)
+                time.sleep(0.05)  # the period of the measurement of processor time, which counts in 10 ms
                 used.append((time.time_ns(), processor_time(pid)))
             assert publisher.stdout is not None
             told = json.loads(publisher.stdout.read())

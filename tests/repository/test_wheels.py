@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import subprocess
 import sys
@@ -68,3 +69,20 @@ def test_wheels_do_without_ros_what_needs_none(tmp_path: Path) -> None:
     assert refused.returncode == 5, refused.stderr
     assert json.loads(refused.stdout)["error"]["code"] == 1501
     assert "needs ROS 2" in refused.stdout
+
+
+def test_wheels_ask_for_the_libraries_that_the_workspace_installs() -> None:
+    """Library and versions by the one list, requirements/runtime.in; the packages themselves besides."""
+    listed = {line.partition("#")[0].strip().lower() for line in (ROOT / "requirements" / "runtime.in").open()}
+    asked = {}
+    for path in sorted((ROOT / "ros_ws" / "src").glob("isf_*/setup.py")):
+        call = next(
+            node
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.keyword) and node.arg == "install_requires"
+        )
+        asked[path.parent.name] = {str(name).lower() for name in ast.literal_eval(call.value)}
+    packages = {name.replace("_", "-") for name in asked}
+    assert {name: wanted - listed - packages for name, wanted in asked.items() if wanted - listed - packages} == {
+        "isf_driver_example": {"setuptools"}  # no wheel is made of it
+    }
