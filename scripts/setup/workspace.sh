@@ -39,6 +39,7 @@ build_kind() {
 # colcon_build OPTIONS...
 colcon_build() {
   local cmake=(-DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$isf_venv/bin/python")
+  [ "$isf_kind" != wheels ] || cmake+=(-DISF_MSGS_CPP=OFF)
   # Other ROS installations of the calling shell must not leak into the build.
   unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME COLCON_DEFAULTS_FILE
   export PYTHONNOUSERSITE=1 VIRTUAL_ENV=$isf_venv
