@@ -28,8 +28,8 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
-PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
-MIDDLEWARE_FILE = ("config", "fastdds.xml")
+PROFILES, RANGE = "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+MIDDLEWARE_FILE, LINK_FILE = ("config", "fastdds.xml"), ("config", "fastdds_link.xml")
 RVIZ_FILE = ("layouts", "cell.rviz")
 RESPAWN_DELAY = 2.0  # s, so that a node which cannot start does not fill the log
 
@@ -83,6 +83,11 @@ ARGUMENTS: dict[str, dict[str, Any]] = {
     },
     "frame_prefix": {"default_value": "", "description": "before the name of every frame, on the /tf of all cells"},
     "rviz": {"default_value": NO, "choices": [YES, NO], "description": "start RViz with the layout of the cell"},
+    "link": {
+        "default_value": NO,
+        "choices": [YES, NO],
+        "description": "other nodes of the cell are on other computers: they are found, and sent small datagrams",
+    },
     "respawn": {
         "default_value": NO,
         "choices": [YES, NO],
@@ -100,16 +105,20 @@ def generate_launch_description() -> LaunchDescription:
     """Arguments and nodes of a cell."""
     arguments = [DeclareLaunchArgument(name, **said) for name, said in ARGUMENTS.items()]
     return LaunchDescription(
-        [*arguments, *middleware(), OpaqueFunction(function=start_nodes), OpaqueFunction(function=request_part)]
+        [*arguments, *(OpaqueFunction(function=step) for step in (middleware, start_nodes, request_part))]
     )
 
 
-def middleware() -> list[Action]:
+def middleware(context: LaunchContext) -> list[Action]:
     """With what Fast DDS takes by itself a node waits seconds for its last messages to be acknowledged when it ends:
-    longer than launch waits for it. A profile of the user's own stands."""
+    longer than launch waits for it. A profile of the user's own stands. For ``link`` see LINK_FILE."""
+    share = FindPackageShare("isf_cell")
+    if LaunchConfiguration("link").perform(context) == YES:
+        wanted = {PROFILES: PathJoinSubstitution([share, *LINK_FILE]), RANGE: "SUBNET"}
+        return [SetEnvironmentVariable(name, value) for name, value in wanted.items()]
     if PROFILES in os.environ:
         return []
-    return [SetEnvironmentVariable(PROFILES, PathJoinSubstitution([FindPackageShare("isf_cell"), *MIDDLEWARE_FILE]))]
+    return [SetEnvironmentVariable(PROFILES, PathJoinSubstitution([share, *MIDDLEWARE_FILE]))]
 
 
 def start_nodes(context: LaunchContext) -> list[Action]:

@@ -169,7 +169,7 @@ def test_named_config_file_exists_and_is_installed(launch_file: dict[str, Any]) 
     actions, context = perform(launch_file)
     for node in nodes(actions).values():
         assert Path(launch_standin.text(node.keywords["parameters"][0], context)).is_file()
-    (profile,) = launch_file["middleware"]() or [None]
+    (profile,) = launch_file["middleware"](context) or [None]
     assert profile is None or Path(profile.args[1].perform(context)).is_file()
 
 
@@ -188,11 +188,24 @@ def test_fast_dds_asks_often_unless_the_user_has_a_profile(
     launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
-    (variable,) = launch_file["middleware"]()
+    (variable,) = launch_file["middleware"]({"link": "false"})
     assert variable.args[0] == "FASTRTPS_DEFAULT_PROFILES_FILE"
     assert Path(variable.args[1].perform({})).is_file()
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")
-    assert launch_file["middleware"]() == []
+    assert launch_file["middleware"]({"link": "false"}) == []
+
+
+def test_nodes_on_other_computers_are_found_and_sent_small_datagrams(
+    launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the environment says: that of the ``isf`` command is for one computer."""
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    profile, reach = launch_file["middleware"]({"link": "true"})
+    assert profile.args[0] == "FASTRTPS_DEFAULT_PROFILES_FILE"
+    text = Path(profile.args[1].perform({})).read_text(encoding="utf-8")
+    assert int(re.search(r"<maxMessageSize>(\d+)<", text)[1]) <= 1472  # what Ethernet carries in one piece
+    assert reach.args == ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
 
 
 @pytest.mark.parametrize(("namespace", "action"), [("", "/form_part"), ("/cell_1", "/cell_1/form_part")])

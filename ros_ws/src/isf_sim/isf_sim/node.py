@@ -139,7 +139,7 @@ class MachineNode(CellNode[MachineParameters]):
                     sheet=sheet_kind(values.sheet),
                 )
             )
-        self._output = MachinePublishers(self, clock=values.lockstep, raw_cells=values.raw_cells)
+        self._output = MachinePublishers(self, lockstep=values.lockstep, raw_cells=values.raw_cells)
         self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM)
         self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM)
         self._executive = ExecutiveWatch(self, EXECUTIVE_SILENCE)

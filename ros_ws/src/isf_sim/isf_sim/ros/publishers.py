@@ -21,8 +21,7 @@ from isf_sim.legs.legs import Legs
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 
 SCAN_PATIENCE = 5.0
-"""s of wall time for the subscribers of a scan to take it."""
-
+"""s of wall time for the subscribers of a scan to take it, in lockstep."""
 
 WRENCH_PATIENCE = 2.0
 """s of wall time for the subscribers of the wrenches to take those that a service call has changed."""
@@ -31,11 +30,13 @@ WRENCH_PATIENCE = 2.0
 class MachinePublishers:
     """The node's publishers and their messages, which are filled anew for every tick.
 
-    ``raw_cells``: of a tool with spindle cells the voltages are published, and no wrench.
+    In ``lockstep`` the clock is published, too. ``raw_cells``: of a tool with spindle cells the voltages are published,
+    and no wrench.
     """
 
-    def __init__(self, node: CellNode[Any], *, clock: bool, raw_cells: bool) -> None:
+    def __init__(self, node: CellNode[Any], *, lockstep: bool, raw_cells: bool) -> None:
         self._node = node
+        self._lockstep = lockstep
         self._raw_cells: list[Publisher[Any]] = []
         if raw_cells:
             self._raw_cells = [self._publisher(JointState, f"tool_{k}/raw_cells", qos.STREAM_SOURCE) for k in (1, 2)]
@@ -46,7 +47,7 @@ class MachinePublishers:
         self._event = self._publisher(EventMessage, "machine/event", qos.EVENT)
         self._scan = self._publisher(PointCloud2, "scan", qos.LATCHED)
         self._formed_sheet = self._publisher(PointCloud2, "machine/formed_sheet", qos.LATCHED)
-        self._clock = self._publisher(Clock, "/clock", qos.SENSOR) if clock else None
+        self._clock = self._publisher(Clock, "/clock", qos.SENSOR) if lockstep else None
         self._wrench_messages = [conversion.make_wrench() for _ in (1, 2)]
         self._pose_messages = [conversion.make_pose() for _ in (1, 2)]
         self._axis = UPRIGHT
@@ -109,14 +110,20 @@ class MachinePublishers:
         self._event.publish(message)
 
     def scan(self, cloud: PointCloud2) -> None:
-        """A measured shape; returns when every reliable subscriber has it, so that the cell may be ended then."""
-        self._scan.publish(cloud)
-        self._scan.wait_for_all_acked(Duration(seconds=SCAN_PATIENCE))
+        """A measured shape; in lockstep returns when every reliable subscriber has it, so that all that happens after a
+        scan is answered happens in the same order again."""
+        self._publish_cloud(self._scan, cloud)
 
     def formed_sheet(self, cloud: PointCloud2) -> None:
         """Thickness and strain margin of the sheet; returns as :meth:`scan`."""
-        self._formed_sheet.publish(cloud)
-        self._formed_sheet.wait_for_all_acked(Duration(seconds=SCAN_PATIENCE))
+        self._publish_cloud(self._formed_sheet, cloud)
+
+    def _publish_cloud(self, publisher: Publisher[Any], cloud: PointCloud2) -> None:
+        """By the clock nobody is waited for: a subscriber that is out of reach would keep the tools where they are, on
+        the sheet. What is on its way when the node ends is handed over then."""
+        publisher.publish(cloud)
+        if self._lockstep:
+            publisher.wait_for_all_acked(Duration(seconds=SCAN_PATIENCE))
 
     def _publisher(self, kind: Any, topic: str, profile: Any) -> Publisher[Any]:
         return self._node.create_publisher(kind, topic, profile)

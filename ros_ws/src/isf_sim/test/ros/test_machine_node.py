@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import itertools
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import forked_process
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -166,6 +169,38 @@ def test_real_time_ticks_by_the_clock(machine: Client) -> None:
     assert machine.wait(followed)
     assert machine.wait(lambda: machine.states[-1].mode == MachineState.IDLE)
     assert machine.fault_codes() == []
+
+
+SUBSCRIBER = """
+import rclpy
+from isf_ros import qos
+from sensor_msgs.msg import PointCloud2
+rclpy.init()
+node = rclpy.create_node("subscriber")
+node.create_subscription(PointCloud2, "scan", lambda _: print("has a scan", flush=True), qos.LATCHED)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.clock
+@pytest.mark.parametrize("machine", [["lockstep:=false"]], indirect=True)
+def test_the_tools_do_not_wait_for_a_subscriber_out_of_reach(machine: Client) -> None:
+    """As one on a computer whose link is cut: reliable, known, and silent."""
+    assert machine.call(Reset, "machine/reset", Reset.Request(new_blank=True, job_text=JOB)).code == 0
+    subscriber = forked_process.start([sys.executable, "-c", SUBSCRIBER], stdout=subprocess.PIPE, text=True)
+    try:
+        assert machine.call(Scan, "machine/scan", Scan.Request()).code == 0
+        assert subscriber.stdout is not None
+        assert subscriber.stdout.readline() == "has a scan\n"
+        subscriber.send_signal(signal.SIGSTOP)
+        before = machine.newest()
+        assert machine.call(Scan, "machine/scan", Scan.Request()).code == 0
+        assert machine.wait(lambda: machine.newest() > before + 6 * stamps.NANO)
+        ticks = np.array(sorted(stamp for stamp in machine.wrenches[0] if stamp >= before))
+        assert np.diff(ticks).max() < 4.0 * stamps.NANO  # a busy computer has gaps of its own
+    finally:
+        subscriber.kill()
+        subscriber.wait()
 
 
 @pytest.mark.clock
