@@ -36,6 +36,11 @@ def test_the_benchmark_of_real_time_prints_its_row(tmp_path: Path) -> None:
     assert_prints("real_time", arguments, r"\| 250 \| quiet \| ordinary \| [\d.]+", tmp_path)
 
 
+@pytest.mark.graph
+def test_the_soak_prints_its_rows(tmp_path: Path) -> None:
+    assert_prints("soak", "--parts 1", r"\| force_ctrl \| [\d.]+ \| [\d.]+ \| [+-]0.0% \|", tmp_path)
+
+
 def assert_prints(name: str, arguments: str, row: str, folder: Path) -> None:
     """Run a benchmark in ``folder``: it ends well and prints ``row`` (regular expression)."""
     command = [sys.executable, str(ROOT / "benchmarks" / f"{name}.py"), *arguments.split()]
