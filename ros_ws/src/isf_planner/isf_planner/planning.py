@@ -17,7 +17,7 @@ from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_planner import replanning
-from isf_planner.checks import part_checks
+from isf_planner.checks import arm_checks, part_checks
 from isf_planner.checks.shank_checks import ShankClearance, check_shank
 from isf_planner.forming.sides import merged
 from isf_planner.forming.stages import Stage
@@ -136,6 +136,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
     part_checks.check_axes(contours, rig, job.tool_1.ball_radius)
+    arm_checks.check_arms(contours, job, rig)
     part_checks.check_backing_plate(contours, job)
     last = tuple(contour for contour in contours if contour.stage == len(part.preforms))
     part_checks.check_floors(last, planned, job)
@@ -175,6 +176,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     contours, expected = finish(made, job_file)
     part_checks.check_travel(contours, job_file.rig)
     part_checks.check_axes(contours, job_file.rig, job.tool_1.ball_radius)
+    arm_checks.check_arms(contours, job, job_file.rig)
     part_checks.check_backing_plate(contours, job)
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)

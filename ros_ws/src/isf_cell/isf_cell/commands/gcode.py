@@ -108,7 +108,7 @@ def run_program(
             trimesh.Trimesh(*plan.mesh, process=False).export(folder / "part.stl")
             (folder / "job.yaml").write_text(job_file.text, encoding="utf-8")
         if plan is not None:
-            data |= reach(plan, job_file.rig, folder)
+            data |= reach(plan, job_file.job, job_file.rig, folder)
         failure = _failure(program, findings)
         _show(program, findings, data)
         if plan is None or failure is not None or not simulate:

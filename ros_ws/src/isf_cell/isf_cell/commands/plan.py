@@ -12,15 +12,17 @@ from typing import Any
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile, load_job
+from isf_core.files.job import Job, JobFile, load_job
 from isf_core.files.rig import Rig
 from isf_planner import Plan, exports, plan
+from isf_planner.checks.arm_checks import ArmClearance, ArmPath, arm_paths, clearances
 from isf_planner.features.segmentation import find_features
 from isf_planner.features.surface_features import FeatureMap
 from isf_planner.part import meshes
 from isf_planner.part.meshes import Mesh
 from isf_planner.paths import support_tool
 from isf_planner.view import feature_view, plan_view
+from isf_planner.view.arm_figure import arm_pictures
 from isf_planner.view.plan_figure import draw_plan
 from isf_planner.view.reach_figure import axes_use, draw_reach, hexapod_of
 
@@ -73,7 +75,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     data |= {"files": [str(path) for path in _write(result, wanted, found)]}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
     data |= {"tool_axis": tool_axis(result)}
-    data |= reach(result, job_file.rig, folder)
+    data |= reach(result, job_file.job, job_file.rig, folder)
     if as_json:
         terminal.print_json(data)
     terminal.console.print(
@@ -101,6 +103,8 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     for warning in result.warnings:
         terminal.warn(warning)
     terminal.say(f"picture {picture}\ntable   {table}")
+    for line in arm_text(data["machine"]):
+        terminal.say(line)
     if "picture" in data["machine"]:
         terminal.say(f"reach   {data['machine']['picture']}")
     for path in data["files"]:
@@ -152,15 +156,56 @@ def machine_use(rig: Rig, contours: Sequence[Contour], ball_radius: float) -> di
     return data
 
 
-def reach(plan: Plan, rig: Rig, folder: Path) -> dict[str, Any]:
-    """The machine's use for ``--json``, and of a hexapod the picture of its reach."""
+def reach(plan: Plan, job: Job, rig: Rig, folder: Path) -> dict[str, Any]:
+    """The machine's use for ``--json``, and of a hexapod or of arms the picture of their reach."""
     data = {"machine": machine_use(rig, plan.contours, plan.ball_radius)}
     hexapod = hexapod_of(rig)
     if hexapod is not None:
         data["machine"]["picture"] = str(
             draw_reach(hexapod, plan.contours, rig, folder / "reach.png", plan.ball_radius)
         )
+    if paths := arm_paths(plan.contours, rig, plan.ball_radius):
+        near = clearances(paths, job, rig)
+        data["machine"]["arms"] = [arm_use(path, clearance) for path, clearance in zip(paths, near, strict=True)]
+        pictures = arm_pictures(paths, near, rig, folder)
+        data["machine"]["picture"] = str(pictures[0])
+        data["machine"]["pictures"] = [str(picture) for picture in pictures]
     return data
+
+
+def arm_use(path: ArmPath, clearance: ArmClearance) -> dict[str, Any]:
+    """What a plan asks of one arm, for ``--json``."""
+    tight, fast = int(np.argmin(path.margin)), np.unravel_index(int(np.argmax(path.speed)), path.speed.shape)
+    soft, give = path.arm.compliance(path.joints), path.give
+    return {
+        "tool": path.tool,
+        "model": path.arm.name,
+        "roll_deg": float(np.degrees(path.arm.roll)),
+        "joint_margin_deg": float(np.degrees(path.margin[tight])),
+        "joint_margin_at_mm": (1e3 * path.tips[tight]).tolist(),
+        "singular_deg": float(np.degrees(path.singular.min())),
+        "singular_at_mm": (1e3 * path.tips[int(np.argmin(path.singular))]).tolist(),
+        "manipulability_m3": float(path.arm.manipulability(path.joints).min()),
+        "joint_speed_share": float(path.speed[fast]),
+        "fastest_joint": path.arm.joints[int(fast[1])].name,
+        "clearance_mm": 1e3 * clearance.distance,
+        "clearance_of": clearance.link,
+        "clearance_to": clearance.other,
+        "clearance_at_mm": (1e3 * path.tips[clearance.row]).tolist(),
+        "compliance_um_per_N": (1e6 * np.stack([soft.min(axis=0), soft.max(axis=0)])).tolist(),
+        "gives_way_mm": float(1e3 * np.linalg.norm(give, axis=1).max()),
+    }
+
+
+def arm_text(machine: dict[str, Any]) -> list[str]:
+    """The same for people, a line for each arm; none without arms."""
+    return [
+        f"arm of tool {arm['tool']}: {arm['joint_margin_deg']:.0f} deg from the limits of its joints, "
+        f"{arm['singular_deg']:.0f} deg from singular poses, joints at {100 * arm['joint_speed_share']:.0f} % of their "
+        f"speed, {arm['clearance_of']} {arm['clearance_mm']:.0f} mm from the {arm['clearance_to']}; gives way by "
+        f"{arm['gives_way_mm']:.2f} mm under the predicted force"
+        for arm in machine.get("arms", [])
+    ]
 
 
 def _convert(path: Path, wanted: Wanted, *, as_json: bool) -> None:

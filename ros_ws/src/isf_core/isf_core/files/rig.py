@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
+from isf_core.files.arm import Arm
 from isf_core.files.hydraulic_legs import HydraulicLegs
 from isf_core.files.quantity import (
     Compliance,
@@ -31,7 +32,8 @@ from isf_core.files.quantity import (
 )
 from isf_core.files.spindle_cells import SpindleCells
 from isf_core.files.yaml_file import FieldError, FileModel, find_named
-from isf_core.geometry.kinematics import make_kinematics
+from isf_core.geometry.kinematics import Kinematics, make_kinematics
+from isf_core.geometry.serial_arm import SerialArm
 
 BASE = "based_on"
 
@@ -207,6 +209,8 @@ class ToolAxis(FileModel):
     spindle_cells: SpindleCells | None = None
     """Three tri-axial cells in place of one with six axes: `isf form` and `isf simulate` then read the force from their
     nine voltages."""
+    arm: Arm | None = None
+    """Of `kinematics: arm`: six-axis arm that carries the tool; `compliance` then is that of tool and holder alone."""
 
     @model_validator(mode="after")
     def _tables(self) -> ToolAxis:
@@ -248,7 +252,7 @@ class Rig(FileModel):
     """Lower tool and its axes."""
     contact_stiffness: Stiffness = Field(gt=0)
     """Overall horizontal contact stiffness K_c (Ren 2018 eq. 2-8)."""
-    kinematics: Literal["gantry_xyz_uvw", "hexapod_spif_a"] = "gantry_xyz_uvw"
+    kinematics: Literal["gantry_xyz_uvw", "hexapod_spif_a", "arm"] = "gantry_xyz_uvw"
     """How the axes make a pose of the tips: see isf_core.geometry.kinematics."""
     legs: HydraulicLegs | None = None
     """Of `hexapod_spif_a`: legs that move in the simulated machine, in place of `servo` for the upper tool."""
@@ -293,10 +297,32 @@ class Rig(FileModel):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _arms_of_arms(self) -> Rig:
+        if self.kinematics == "arm" and self.tool_1.arm is None:
+            raise FieldError("is missing", field="tool_1.arm", advice="describe the arm, or leave kinematics out")
+        for name, tool in (("tool_1", self.tool_1), ("tool_2", self.tool_2)):
+            if tool.arm is not None and self.kinematics != "arm":
+                raise FieldError(
+                    f"an arm is of no use to kinematics: {self.kinematics}",
+                    field=f"{name}.arm",
+                    advice="write kinematics: arm",
+                )
+        return self
+
+    def make_kinematics(self) -> tuple[Kinematics, Kinematics]:
+        """Kinematics of the upper and the lower tool."""
+        return make_kinematics(self.kinematics, self.arm(1), self.arm(2))
+
+    def arm(self, tool: int) -> SerialArm | None:
+        """The arm that carries ``tool`` (1, 2), None where none does."""
+        spec = (self.tool_1 if tool == 1 else self.tool_2).arm
+        return None if spec is None else spec.kinematics(self.limits.travel, side=1 if tool == 1 else -1)
+
     @property
     def largest_tilt(self) -> float:
         """rad, by which the machine can tilt its upper tool; 0: it is always upright, as every lower tool is."""
-        return make_kinematics(self.kinematics)[0].tilt_limit
+        return self.make_kinematics()[0].tilt_limit
 
     @property
     def aside(self) -> tuple[float, float]:

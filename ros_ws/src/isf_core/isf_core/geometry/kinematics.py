@@ -3,7 +3,8 @@
 A tool's pose is a point (3,) m of it in frame ``sheet`` and the tilt of its axis, (2,) rad about x, then about y. The
 point is where the axis leaves the tip, which of an upright tool is its tip, and of a tilted one
 :func:`isf_core.geometry.tool_axis.point_on_axis`. A machine names its kinematics in the rig file: the gantry, whose
-axes are the coordinates of the tip, or the hexapod of :mod:`isf_core.geometry.hexapod`.
+axes are the coordinates of the tip, the hexapod of :mod:`isf_core.geometry.hexapod`, or six-axis arms
+(:mod:`isf_core.geometry.serial_arm`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.geometry.hexapod import spif_a
+from isf_core.geometry.serial_arm import SerialArm
 from isf_core.types import Array, Mask
 
 UPRIGHT = np.zeros(2)
@@ -37,11 +39,11 @@ class Kinematics(Protocol):
     def tilt_limit(self) -> float: ...
 
     def positions(self, tip: Array, tilt: Array = UPRIGHT) -> Array:
-        """(A,) m, axis positions for the tip (3,) m and tilt (2,) rad; raises TARGET_OUT_OF_WORKSPACE."""
+        """(A,) m or rad, axis positions for the tip (3,) m and tilt (2,) rad; raises TARGET_OUT_OF_WORKSPACE."""
         ...
 
     def tip(self, positions: Array) -> tuple[Array, Array]:
-        """Tip (3,) m and tilt (2,) rad of the axis positions (A,) m; raises TARGET_OUT_OF_WORKSPACE."""
+        """Tip (3,) m and tilt (2,) rad of the axis positions (A,) m or rad; raises TARGET_OUT_OF_WORKSPACE."""
         ...
 
     def reachable(self, tips: Array, tilts: Array = UPRIGHT) -> Mask:
@@ -78,7 +80,11 @@ class Gantry:
         return np.broadcast_to(upright, np.shape(tips)[:-1]).copy()
 
 
-def make_kinematics(name: str) -> tuple[Kinematics, Kinematics]:
-    """Kinematics of the upper and the lower tool by the name in the rig file."""
-    lower = Gantry(("U", "V", "W"))
-    return (spif_a(), lower) if name == "hexapod_spif_a" else (Gantry(), lower)
+def make_kinematics(
+    name: str, upper: SerialArm | None = None, lower: SerialArm | None = None
+) -> tuple[Kinematics, Kinematics]:
+    """Kinematics of the upper and the lower tool by the name in the rig file; arms where the rig has them."""
+    other: Kinematics = lower or Gantry(("U", "V", "W"))
+    if name == "arm" and upper is not None:
+        return upper, other
+    return (spif_a(), other) if name == "hexapod_spif_a" else (Gantry(), other)

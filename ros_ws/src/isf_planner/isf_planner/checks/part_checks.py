@@ -139,7 +139,7 @@ def check_axes(contours: Sequence[Contour], rig: Rig, radius: float) -> None:
             (contour.forming_tool, contour.forming_tip),
             (3 - contour.forming_tool, contour.support_tip),
         ):
-            kinematics = make_kinematics(rig.kinematics)[tool - 1]
+            kinematics = rig.make_kinematics()[tool - 1]
             axis = contour.forming_axis if tool == contour.forming_tool else np.empty((0, 3))
             if len(axis):
                 within = kinematics.reachable(point_on_axis(tips, axis, radius), tilt_of(axis))
@@ -162,7 +162,7 @@ def axis_reason(rig: Rig, tip: Array, tool: int = 1, leaning: tuple[Array, float
 
     ``leaning``: axis (3,) and ball radius m of a tilted tool; None: upright.
     """
-    kinematics = make_kinematics(rig.kinematics)[tool - 1]
+    kinematics = rig.make_kinematics()[tool - 1]
     try:
         if leaning is None:
             kinematics.positions(tip)

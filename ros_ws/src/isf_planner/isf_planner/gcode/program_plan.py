@@ -29,7 +29,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
-from isf_planner.checks import part_checks
+from isf_planner.checks import arm_checks, part_checks
 from isf_planner.checks.shank_checks import check_shank
 from isf_planner.gcode.reader import RAPID, Finding, Program
 from isf_planner.part.mesh_checks import place_text
@@ -81,7 +81,7 @@ def check_program(program: Program, rig: Rig) -> tuple[Finding, ...]:
                 _finding(program, k, f"the {tool} tool leaves the travel of the rig (+-{text} mm)", tips[k])
             )
         number = 1 if tool == "upper" else 2
-        kinematics, leans = make_kinematics(rig.kinematics)[number - 1], number == 1 and program.tilted
+        kinematics, leans = rig.make_kinematics()[number - 1], number == 1 and program.tilted
         within = (
             kinematics.reachable(point_on_axis(tips, program.axis, program.ball), tilt_of(program.axis))
             if leans
@@ -251,6 +251,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
     filled, warnings = with_predictions(tuple(contours), job_file)  # a compensation would move the program's tips
     part_checks.check_travel(filled, rig)
     part_checks.check_axes(filled, rig, job.tool_1.ball_radius)
+    arm_checks.check_arms(filled, job, rig)
     part_checks.check_backing_plate(filled, job)
     target = _target(contact, group, rig.clamp.size)
     shank = check_shank(filled, target, job_file) if program.tilted else None

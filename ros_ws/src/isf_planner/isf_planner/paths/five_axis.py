@@ -94,7 +94,7 @@ def _axis_of_run(run: Sequence[Contour], most: float, job_file: JobFile) -> Arra
     Under strategy auto no further than the rig's axes reach all along the run; under five_axis
     :func:`isf_planner.checks.part_checks.check_axes` refuses what they do not.
     """
-    spec, kinematics = job_file.job.tool_axis, make_kinematics(job_file.rig.kinematics)[0]
+    spec, kinematics = job_file.job.tool_axis, job_file.rig.make_kinematics()[0]
     points = np.vstack([contour.forming_tip for contour in run])
     normal = np.vstack([contour.normal for contour in run])
 

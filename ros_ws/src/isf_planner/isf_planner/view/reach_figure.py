@@ -49,7 +49,7 @@ class AxesUse:
 
 def hexapod_of(rig: Rig) -> Hexapod | None:
     """The hexapod that moves the upper tool of ``rig``, None when another machine does."""
-    upper = make_kinematics(rig.kinematics)[0]
+    upper = rig.make_kinematics()[0]
     return upper if isinstance(upper, Hexapod) else None
 
 

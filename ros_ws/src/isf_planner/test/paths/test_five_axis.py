@@ -91,7 +91,7 @@ def test_three_and_five_axes_have_the_same_tips_and_contacts(upright: Plan) -> N
 def test_auto_tilts_as_far_as_the_rig_reaches_and_says_so() -> None:
     job_file = job_with("strategy: auto")
     made = plan(job_file)
-    hexapod = make_kinematics(job_file.rig.kinematics)[0]
+    hexapod = job_file.rig.make_kinematics()[0]
     for contour in made.contours:
         point = point_on_axis(contour.forming_tip, contour.forming_axis, 5e-3)
         assert hexapod.reachable(point, tilt_of(contour.forming_axis)).all()

@@ -162,7 +162,7 @@ class SimulatedMachine:
             self._legs = Legs(plant_file.rig, self.variant, self.control_rate, park_1, job.tool_1.radius, seeds)
         self._squeeze = no_squeeze()
         self._parts = TickParts()
-        self._kinematics = make_kinematics(rig.kinematics)
+        self._kinematics = rig.make_kinematics()
         self._tilt = ToolTilt()
         self._solid = tool_solid(job.tool_1)
         self._linear = all(isinstance(item, Gantry) for item in self._kinematics)
