@@ -12,6 +12,8 @@ from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.files.rig import Rig
+from isf_core.geometry.serial_arm import TERMS, compliance_field
 from numpy.typing import NDArray
 
 from isf_force_ctrl.laws.force_and_compliance import ComplianceSettings, ContactForceSettings, group_delay, low_pass
@@ -56,6 +58,8 @@ class ControlConfig:
     servo_bandwidth : Hz
     contact_stiffness : N/m, K_c
     forming_compliance, support_compliance : (2,) m/N, x and y of tool 1 and of tool 2
+    forming_arm, support_arm : (90,) compliance m/N of the arms that carry tool 1 and tool 2, as polynomials
+        (:func:`isf_core.geometry.serial_arm.compliance_field`); empty without an arm
     compensation : factor 0..1 on the compliance compensation of the forming tool
     support_compensation : the same of the support tool, on contours without force control
     support_force : N, replaces the set-points of force-controlled contours; None: as in the contours
@@ -152,6 +156,8 @@ class ControlConfig:
     seam_speed: float = 5e-3
     seam_length: float = 6e-3
     axial_compliance: tuple[float, float] = (0.0, 0.0)
+    forming_arm: tuple[float, ...] = ()
+    support_arm: tuple[float, ...] = ()
     frozen_time: float = 0.3
     sign_force: float = 30.0
     sign_time: float = 0.1
@@ -191,7 +197,12 @@ class ControlConfig:
             support_force=support_force,
             support_compliance=(rig.tool_2.compliance[0], rig.tool_2.compliance[1]),
             support_compensation=_support_compensation(job_file),
-            axial_compliance=(rig.tool_1.compliance[2], rig.tool_2.compliance[2]),
+            axial_compliance=(
+                rig.tool_1.compliance[2] + _largest(_arm_field(rig, 1), "z"),
+                rig.tool_2.compliance[2] + _largest(_arm_field(rig, 2), "z"),
+            ),
+            forming_arm=_arm_field(rig, 1),
+            support_arm=_arm_field(rig, 2),
             rapid_speed=min(ControlConfig.rapid_speed, 0.6 * rig.limits.speed),
             vertical="vertical" in job.control.components,
             tangential="tangential" in job.control.components,
@@ -243,7 +254,8 @@ class ControlConfig:
                 where="parameter drift_stop",
                 advice="the warning comes before the refusal",
             )
-        forming, support = max(self.forming_compliance), max(self.support_compliance)
+        forming = max(self.forming_compliance) + _largest(self.forming_arm)
+        support = max(self.support_compliance) + _largest(self.support_arm)
         gain = self.compensation * forming
         check_compliance_gain(gain, self.contact_stiffness)
         if self.support_compensation > 0.0:
@@ -280,6 +292,14 @@ class ControlConfig:
             offset_limit=self.component_limit,
         )
 
+    def of_arm(self, tool: int) -> tuple[tuple[float, ...], tuple[float, float, float], float]:
+        """Compliance of the arm of ``tool`` (1, 2; empty: there is none), that of tool and holder (3,) m/N, factor."""
+        field = self.forming_arm if tool == 1 else self.support_arm
+        own = self.forming_compliance if tool == 1 else self.support_compliance
+        axial = self.axial_compliance[tool - 1] - _largest(field, "z")
+        factor = self.compensation if tool == 1 or not self.support_compensation else self.support_compensation
+        return field, (own[0], own[1], axial), factor
+
     def compliance(self, tool: int = 1) -> ComplianceSettings:
         """Settings of the compliance compensation of ``tool`` (1, 2); the roles decide when it acts."""
         compliance = self.forming_compliance if tool == 1 else self.support_compliance
@@ -292,6 +312,17 @@ class ControlConfig:
             offset_limit=self.offset_limit,
             smoothing_time=self.compliance_time,
         )
+
+
+def _arm_field(rig: Rig, tool: int) -> tuple[float, ...]:
+    """(90,) m/N, of the arm of ``tool``; empty without one."""
+    arm = rig.arm(tool)
+    return () if arm is None else tuple(compliance_field(arm, rig.limits.travel).ravel().tolist())
+
+
+def _largest(field: tuple[float, ...], axis: str = "xy") -> float:
+    """m/N, largest compliance of an arm in ``axis`` x or y, or z, at the middle of the sheet; 0 without an arm."""
+    return max((field["xyz".index(one) * TERMS] for one in axis), default=0.0) if field else 0.0
 
 
 def _planned_for_compliance(job_file: JobFile) -> bool:
@@ -326,9 +357,10 @@ def _support_compensation(job_file: JobFile) -> float:
     control, rig = job_file.job.control, job_file.rig
     if control.support_compensation is not None:
         return control.support_compensation
-    compliance = max(rig.tool_2.compliance[0], rig.tool_2.compliance[1])
+    compliance = max(rig.tool_2.compliance[0], rig.tool_2.compliance[1]) + _largest(_arm_field(rig, 2))
     if job_file.job.process != "ADSIF" or compliance <= 0.0:
         return 0.0
-    first = control.compliance_compensation * max(rig.tool_1.compliance[0], rig.tool_1.compliance[1])
+    upper = max(rig.tool_1.compliance[0], rig.tool_1.compliance[1]) + _largest(_arm_field(rig, 1))
+    first = control.compliance_compensation * upper
     left = (0.95 * MAXIMUM_OF_BOTH / rig.contact_stiffness - first) / compliance
     return max(0.0, min(control.compliance_compensation, left))

@@ -10,10 +10,12 @@ import math
 from collections import deque
 
 import numpy as np
+from isf_core.geometry.tool_axis import UPRIGHT
 from isf_core.types import Array
 
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Flag, Mode, Targets
+from isf_force_ctrl.laws.arm_compensation import ArmCompensation
 from isf_force_ctrl.laws.force_and_compliance import ComplianceCompensation, ContactForceLoop, Fir
 from isf_force_ctrl.motion.segments import Row, axis_of_row
 
@@ -32,10 +34,7 @@ class ControlLaws:
     def __init__(self, config: ControlConfig) -> None:
         self._config = config
         self._loops = (ContactForceLoop(config.contact_force()), ContactForceLoop(config.contact_force()))
-        self._compliances = (
-            ComplianceCompensation(config.compliance(1)),
-            ComplianceCompensation(config.compliance(2)),
-        )
+        self._compliances = (_compensation(config, 1), _compensation(config, 2))
         self._components: tuple[ForceComponents, ...] = ()
         if config.vertical or config.tangential:
             self._components = (ForceComponents(config, 1), ForceComponents(config, 2))
@@ -59,7 +58,10 @@ class ControlLaws:
             loop.retune(config.contact_force())
             loop.set_gain(self._monitor.scale * config.loop_gain / self.contact_stiffness)
         for index, compliance in enumerate(self._compliances):
-            compliance.retune(config.compliance(index + 1))
+            if isinstance(compliance, ArmCompensation):
+                compliance.retune(config.compliance(index + 1), *config.of_arm(index + 1))
+            else:
+                compliance.retune(config.compliance(index + 1))
         for components in self._components:
             components.retune(config)
         self._filter.retune(config.coefficients())
@@ -103,10 +105,10 @@ class ControlLaws:
         return offset * row[6] + x, offset * row[7] + y, z
 
     @property
-    def forming_offset(self) -> tuple[float, float]:
-        """m, compliance offset of the forming tool in x and y."""
+    def forming_offset(self) -> tuple[float, float, float]:
+        """(3,) m, compliance offset of the forming tool."""
         compliance = self._compliances[self._forming]
-        return compliance.x, compliance.y
+        return compliance.x, compliance.y, compliance.z
 
     @property
     def contact_stiffness(self) -> float:
@@ -172,6 +174,12 @@ class ControlLaws:
             acts = index == self._forming or self._support_compensated
             if forces is None:
                 compliance.freeze()
+            elif isinstance(compliance, ArmCompensation):
+                felt = forces[3 * index : 3 * index + 3] if acts else (0.0, 0.0, 0.0)
+                self._compensate_arm(compliance, index, row, felt)
+                self._used_compliance[index] = (
+                    acts or max(map(abs, (compliance.x, compliance.y, compliance.z))) > _NEGLIGIBLE
+                )
             elif acts:
                 compliance.step(forces[3 * index], forces[3 * index + 1], row[6], row[7])
             else:
@@ -181,6 +189,14 @@ class ControlLaws:
             loop = self._loops[self._forming]
             loop.ramp_back()
             self._used_loop[self._forming] = abs(loop.offset) > _NEGLIGIBLE
+
+    @staticmethod
+    def _compensate_arm(compliance: ArmCompensation, index: int, row: Row, felt: tuple[float, ...]) -> None:
+        """One tick of an arm with the force (3,) N that it feels."""
+        x, y, z = axis_of_row(row) if index == 0 else UPRIGHT
+        tilt = (math.atan2(-y, math.hypot(x, z)), math.atan2(x, z)) if x or y else (0.0, 0.0)
+        force, tip = (felt[0], felt[1], felt[2]), (row[3 * index], row[3 * index + 1], row[3 * index + 2])
+        compliance.step(force, (row[6], row[7]), tip, tilt)
 
     def _control_components(self, mode: Mode, row: Row, forces: tuple[float, ...] | None) -> int:
         """Vertical and tangential force of the support tool; the forming tool's offsets go to zero. Returns flags."""
@@ -199,16 +215,24 @@ class ControlLaws:
     def _targets(self, row: Row) -> Targets:
         one, two = self._compliances
         offset_1, offset_2 = self._loops[0].offset, self._loops[1].offset
-        x_1, y_1 = row[0] + one.x, row[1] + one.y
+        x_1, y_1, z_1, z_2 = row[0] + one.x, row[1] + one.y, row[2], row[5]
         x_2, y_2 = row[3] - offset_2 * row[6], row[4] - offset_2 * row[7]
         if offset_1:
             x_1, y_1 = x_1 + offset_1 * row[6], y_1 + offset_1 * row[7]
+        if one.z:
+            z_1 += one.z
         if self._used_compliance[1]:
-            x_2, y_2 = x_2 + two.x, y_2 + two.y
+            x_2, y_2, z_2 = x_2 + two.x, y_2 + two.y, z_2 + two.z
         if self._components:
             (a, b, c), (d, e, f) = self._components[0].offset, self._components[1].offset
-            return Targets((x_1 + a, y_1 + b, row[2] + c), (x_2 + d, y_2 + e, row[5] + f), row[12], axis_of_row(row))
-        return Targets((x_1, y_1, row[2]), (x_2, y_2, row[5]), row[12], axis_of_row(row))
+            return Targets((x_1 + a, y_1 + b, z_1 + c), (x_2 + d, y_2 + e, z_2 + f), row[12], axis_of_row(row))
+        return Targets((x_1, y_1, z_1), (x_2, y_2, z_2), row[12], axis_of_row(row))
+
+
+def _compensation(config: ControlConfig, tool: int) -> ComplianceCompensation | ArmCompensation:
+    """Of ``tool`` (1, 2), by what carries it."""
+    settings, arm = config.compliance(tool), config.of_arm(tool)
+    return ArmCompensation(settings, *arm) if arm[0] else ComplianceCompensation(settings)
 
 
 MINIMUM_FORCE = 20.0

@@ -321,7 +321,7 @@ class ForceController:
             normal_force=laws.normal_force,
             normal_force_filtered=laws.filtered,
             error=laws.error if forced else NAN,
-            forming_offset=(*laws.forming_offset, 0.0),
+            forming_offset=laws.forming_offset,
             support_offset=laws.support_offset(self._playback.row),
             contact_stiffness=laws.contact_stiffness,
             feed=self._playback.feed,
@@ -665,7 +665,7 @@ def pace(config: ControlConfig, error: float) -> float:
 
 
 _FORCE_LOOP = int(Flag.SATURATED_ERROR | Flag.SATURATED_RATE | Flag.SATURATED_OFFSET)
-_WIDTH = 21
+_WIDTH = 22
 """Numbers per tick."""
 
 _LOOP_MODES = (int(Mode.ENGAGE), int(Mode.CONTROL))
@@ -692,7 +692,7 @@ class ContourLog:
     def add(
         self,
         state: tuple[float, int, int, float, float, float, float],
-        compliance: tuple[float, float],
+        compliance: tuple[float, float, float],
         forces: tuple[float, ...],
         tips: tuple[float, ...],
     ) -> None:
@@ -715,10 +715,10 @@ class ContourLog:
         table = self._table()
         time, mode, flags, set_point, normal_force = table[:, :5].T
         at_points = _point_times(table[:, 5], time, len(self.contour), completed=completed)
-        values = _interpolated(at_points, time, table[:, 6:21])
+        values = _interpolated(at_points, time, table[:, 6:22])
         contour = self.contour
-        forming, support = (slice(3, 6), slice(6, 9)) if contour.forming_tool == 1 else (slice(6, 9), slice(3, 6))
-        forming_tip, support_tip = (slice(9, 12), slice(12, 15))
+        forming, support = (slice(4, 7), slice(7, 10)) if contour.forming_tool == 1 else (slice(7, 10), slice(4, 7))
+        forming_tip, support_tip = (slice(10, 13), slice(13, 16))
         if contour.forming_tool == 2:
             forming_tip, support_tip = support_tip, forming_tip
         engaged = mode == Mode.CONTROL
@@ -736,7 +736,7 @@ class ContourLog:
             forming_target=values[:, forming_tip],
             support_target=values[:, support_tip] if contour.has_support else none3,
             force_offset=values[:, 0] if self.forced else np.empty(0),
-            compliance_offset=np.column_stack([values[:, 1:3], np.zeros(len(values))]),
+            compliance_offset=np.ascontiguousarray(values[:, 1:4]),
             tick_time=time,
             tick_set_point=np.nan_to_num(set_point) if self.forced else np.empty(0),
             tick_normal_force=normal_force,
@@ -757,11 +757,11 @@ class ContourLog:
         table = table[table[:, 1] == Mode.CONTROL]
         if not len(table):
             return np.empty((0, 2)), np.empty(0)
-        tip = 15 if self.contour.forming_tool == 1 else 18
+        tip = 16 if self.contour.forming_tool == 1 else 19
         return table[:, tip : tip + 2] - table[:, 7:9], table[:, 6]
 
     def _table(self) -> Array:
-        """(T, 21), one row per tick."""
+        """(T, 22), one row per tick."""
         return np.array(self._numbers, dtype=float).reshape(-1, _WIDTH)
 
     def _measured_at(self, tool: int, at_points: Array) -> Array:

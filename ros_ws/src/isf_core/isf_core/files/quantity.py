@@ -94,9 +94,7 @@ Angle = Annotated[float, BeforeValidator(_to_si("rad", "50 deg")), Reading("deg"
 AngularSpeed = Annotated[float, BeforeValidator(_to_si("rad/s", "10 deg/s")), Reading("deg/s", math.pi / 180.0)]
 Compliance = Annotated[float, BeforeValidator(_to_si("m/N", "1.0 um/N")), Reading("um/N", 1e-6)]
 Stiffness = Annotated[float, BeforeValidator(_to_si("N/m", "0.45 N/um")), Reading("N/um", 1e6)]
-AngularStiffness = Annotated[
-    float, BeforeValidator(_to_si("N*m/rad", "1.5 MN*m/rad")), Reading("kN*m/rad", 1e3)
-]
+AngularStiffness = Annotated[float, BeforeValidator(_to_si("N*m/rad", "1.5 MN*m/rad")), Reading("kN*m/rad", 1e3)]
 EdgeStiffness = Annotated[float, BeforeValidator(_to_si("N/m**2", "50 N/mm/mm")), Reading("N/mm/mm", 1e6)]
 EdgeForce = Annotated[float, BeforeValidator(_to_si("N/m", "200 N/mm")), Reading("N/mm", 1e3)]
 Frequency = Annotated[float, BeforeValidator(_to_si("1/s", "500 Hz")), Reading("Hz", 1.0)]

@@ -146,7 +146,7 @@ class SerialArm:
     def compliance(self, joints: Array) -> Array:
         """(..., 3, 3) m/N, way of the tip per force on it, joints giving way alone: J K^-1 J^T (Salisbury 1980).
 
-        The complementary part, by which the load itself changes the stiffness, is left out, as are the links (Dumas 2011).
+        Links are stiff, and that the load itself changes the stiffness is left out (Dumas 2011).
         """
         along = self.jacobian(joints)[..., :3, :]
         soft = np.array([1.0 / joint.stiffness for joint in self.joints])
@@ -324,7 +324,7 @@ def choose_posture(arm: SerialArm, region: Sequence[float], roll: float | None =
     every = arm.inverse(grid[None], tilts[None], rolls[:, None])
     worth = np.where(every.exists, np.minimum(every.margin, every.singular), -1.0)
     good = (worth > 0.0).sum(axis=1)  # (R, 8), how many poses can be taken at all
-    # an upright tool in line with the last joint leaves everything but that joint as it is: the middle of its range then
+    # with a tool in line with the last joint the roll moves that joint alone: then to the middle of its range
     aside = np.abs(every.joints[..., 5] - arm.joints[5].middle).mean(axis=1) / (2.0 * math.pi)
     # rounded, so that of two mirrored postures the same one is taken on every machine
     score = good + np.round(np.clip(worth.min(axis=1), -1.0, 3.0) / 4.0, 6) - 1e-4 * np.round(aside, 6)
@@ -345,3 +345,32 @@ def _turn(axis: int, angle: Array) -> Array:
 
 def _out(what: str, advice: str) -> IsfError:
     return IsfError(ErrorCode.TARGET_OUT_OF_WORKSPACE, what, where="kinematics", advice=advice)
+
+
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Entries of a symmetric matrix, in the order of :func:`compliance_field`."""
+TERMS = 15
+"""Of the polynomial: 1, x, y, z and their six products; the tilt about x and y and its three products."""
+
+
+def compliance_field(arm: SerialArm, region: Sequence[float]) -> Array:
+    """(6, TERMS), the compliance m/N over tips with coordinates up to ``region`` (3,) m as polynomials, quadratic in
+    tip and tilt; for what has to know it at every tick.
+    """
+    grid = np.stack(np.meshgrid(*(np.linspace(-r, r, 5) for r in region), indexing="ij"), axis=-1).reshape(-1, 3)
+    tilts = np.zeros((len(grid), 2))
+    if arm.tilt_limit > 0.0:
+        leaning = arm.tilt_limit * np.array([[x, y] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0) if x or y])
+        grid, tilts = np.vstack([grid, np.zeros((len(leaning), 3))]), np.vstack([tilts, leaning])
+    joints, margin, _ = arm.held(grid, tilts)
+    known = np.isfinite(margin)
+    soft = arm.compliance(joints[known])
+    values = np.stack([soft[:, i, j] for i, j in PAIRS], axis=-1)
+    terms = np.array([compliance_terms(*tip, *tilt) for tip, tilt in zip(grid[known], tilts[known], strict=True)])
+    return np.ascontiguousarray(np.linalg.lstsq(terms, values, rcond=None)[0].T)
+
+
+def compliance_terms(x: float, y: float, z: float, about_x: float, about_y: float) -> tuple[float, ...]:
+    """(TERMS,) of the polynomials of :func:`compliance_field` at a tip (m) and tilt (rad)."""
+    place = (1.0, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z)
+    return (*place, about_x, about_y, about_x * about_x, about_y * about_y, about_x * about_y)

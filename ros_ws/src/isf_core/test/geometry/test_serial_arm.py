@@ -10,7 +10,7 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.rig import load_rig
 from isf_core.geometry.kinematics import Gantry
-from isf_core.geometry.serial_arm import SerialArm, choose_posture
+from isf_core.geometry.serial_arm import PAIRS, SerialArm, choose_posture, compliance_field, compliance_terms
 
 DEG = np.pi / 180.0
 REGION = (0.125, 0.125, 0.11)
@@ -92,7 +92,9 @@ def test_joints_of_a_pose_are_among_the_branches(arm: SerialArm) -> None:
     tips, turned = arm.forward(joints)
     axis = -turned[:, :, 0]
     upward = axis[:, 2] > 0.2
-    tilts = np.stack([np.arctan2(-axis[:, 1], np.hypot(axis[:, 0], axis[:, 2])), np.arctan2(axis[:, 0], axis[:, 2])], -1)
+    tilts = np.stack(
+        [np.arctan2(-axis[:, 1], np.hypot(axis[:, 0], axis[:, 2])), np.arctan2(axis[:, 0], axis[:, 2])], -1
+    )
     # the roll of a pose is what turns the link without roll into the one that is there
     plain = arm.forward(arm.inverse(tips, tilts, np.zeros(300)).joints[:, 0])[1]
     across = np.einsum("nji,njk->nik", plain, turned)
@@ -128,8 +130,8 @@ def test_manipulability_vanishes_where_the_wrist_is_straight(arm: SerialArm) -> 
 
 
 def test_the_tip_gives_way_as_levers_and_drives_do(arm: SerialArm) -> None:
-    """A force along y turns joint 1 alone where the arm lies in the plane y = 0 with joints 4 and 6 at zero, but for the
-    two wrist joints across; a force along z turns 2, 3 and 5. Levers are measured in the picture, not in the Jacobian."""
+    """The arm lies in the plane y = 0: a force along z turns joints 2, 3 and 5, one along y joints 1, 4 and 6. Levers
+    are distances in the drawing of the arm, not columns of the Jacobian."""
     joints = arm.held(np.zeros(3))[0]
     np.testing.assert_allclose(joints[[0, 3, 5]], 0.0, atol=1e-9)
     compliance = arm.compliance(joints)
@@ -233,3 +235,15 @@ def test_an_arm_that_cannot_be_had_is_refused(tmp_path: Path, old: str, new: str
     path.write_text(text.replace(old, new))
     with pytest.raises(IsfError, match=field):
         load_rig(str(path))
+
+
+def test_the_field_of_compliance_is_that_of_the_joints(arm: SerialArm) -> None:
+    field = compliance_field(arm, REGION)
+    rng = np.random.default_rng(4)
+    tips, tilts = rng.uniform(-1, 1, (200, 3)) * REGION, rng.uniform(-0.3, 0.3, (200, 2))
+    for tilt, within in ((np.zeros((200, 2)), 0.003), (tilts, 0.08)):
+        exact = arm.compliance(arm.held(tips, tilt)[0])
+        terms = np.array([compliance_terms(*tip, *lean) for tip, lean in zip(tips, tilt, strict=True)])
+        values = terms @ field.T
+        off = max(np.abs(values[:, n] - exact[:, i, j]).max() for n, (i, j) in enumerate(PAIRS))
+        assert off < within * exact.max()

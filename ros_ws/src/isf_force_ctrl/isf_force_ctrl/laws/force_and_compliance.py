@@ -150,6 +150,9 @@ class ComplianceSettings:
 class ComplianceCompensation:
     """Offset of the forming tool in x and y; one call per tick."""
 
+    z = 0.0
+    """m, there is none: axes of a gantry are stiff in z (Ren 2018, 2.2.1)."""
+
     __slots__ = (
         "_fir_x",
         "_fir_y",
@@ -193,8 +196,8 @@ class ComplianceCompensation:
         self._slow_across += self._share * (across - self._slow_across)
         wanted_x = -self._gain_x * (self._slow_along * normal_x - self._slow_across * normal_y)
         wanted_y = -self._gain_y * (self._slow_along * normal_y + self._slow_across * normal_x)
-        raw_x = _limited(wanted_x, self._raw_x, self._slew, self._limit)
-        raw_y = _limited(wanted_y, self._raw_y, self._slew, self._limit)
+        raw_x = limited(wanted_x, self._raw_x, self._slew, self._limit)
+        raw_y = limited(wanted_y, self._raw_y, self._slew, self._limit)
         self.flags = 0 if raw_x == wanted_x and raw_y == wanted_y else int(Flag.SATURATED_COMPLIANCE)
         self._raw_x, self._raw_y = raw_x, raw_y
         self.x, self.y = self._fir_x.step(raw_x), self._fir_y.step(raw_y)
@@ -205,7 +208,8 @@ class ComplianceCompensation:
         self.x, self.y = self._fir_x.step(self._raw_x), self._fir_y.step(self._raw_y)
 
 
-def _limited(wanted: float, last: float, slew: float, limit: float) -> float:
+def limited(wanted: float, last: float, slew: float, limit: float) -> float:
+    """``wanted``, no farther than ``slew`` from ``last`` and ``limit`` from zero."""
     value = limit if wanted > limit else -limit if wanted < -limit else wanted
     if value > last + slew:
         return last + slew

@@ -161,7 +161,11 @@ def boxes(rig: Rig) -> tuple[Box, ...]:
     x, y = 0.5 * rig.clamp.size[0], 0.5 * rig.clamp.size[1]
     low, high = -PLATE, rig.clamp.height
     frame = [
-        Box((sign * x if sign > 0 else -x - STRIP, -y - STRIP, low), (x + STRIP if sign > 0 else -x, y + STRIP, high), "clamp")
+        Box(
+            (sign * x if sign > 0 else -x - STRIP, -y - STRIP, low),
+            (x + STRIP if sign > 0 else -x, y + STRIP, high),
+            "clamp",
+        )
         for sign in (-1, 1)
     ]
     frame += [
@@ -175,9 +179,7 @@ def boxes(rig: Rig) -> tuple[Box, ...]:
     return tuple(frame)
 
 
-def capsules(
-    path: ArmPath, spec: Arm, rows: Indices, stick_out: float
-) -> tuple[Array, Array, Array, tuple[str, ...]]:
+def capsules(path: ArmPath, spec: Arm, rows: Indices, stick_out: float) -> tuple[Array, Array, Array, tuple[str, ...]]:
     """Begin and end (R, L, 3) m, radii (L,) m and names of the links of an arm at ``rows`` of its path.
 
     The first link, from the base to the second joint, stands where the arm stands and is left out.

@@ -15,7 +15,6 @@ from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, ToolSpec
 from isf_core.files.rig import Rig
-from isf_core.geometry.kinematics import make_kinematics
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.types import Array, Indices
 

@@ -19,7 +19,6 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, ToolSpec
 from isf_core.files.rig import Rig
 from isf_core.geometry.height_map import HeightMap
-from isf_core.geometry.kinematics import make_kinematics
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.process.thickness_and_tips import sine_law
 from isf_core.types import Array, Indices, Mask

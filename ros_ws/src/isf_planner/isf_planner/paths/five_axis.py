@@ -15,7 +15,6 @@ import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_core.geometry.kinematics import make_kinematics
 from isf_core.geometry.tool_axis import inclination, point_on_axis, tilt_of, turn_per_length
 from isf_core.types import Array
 from scipy.ndimage import uniform_filter1d

@@ -63,7 +63,12 @@ def _draw_map(figure: Figure, axes: Axes, path: ArmPath, rig: Rig) -> None:
     axes.plot(*(path.tips[:, :2] * MM).T, color=SUPPORT, lw=0.6)
     a, b = (value * MM for value in rig.limits.travel[:2])
     axes.add_patch(Rectangle((-a, -b), 2 * a, 2 * b, fill=False, ec=MUTED, lw=1.5))
-    axes.set(title=f"From limits and singular poses at z = {level * MM:.1f} mm", xlabel="x in mm", ylabel="y in mm", aspect="equal")
+    axes.set(
+        title=f"From limits and singular poses at z = {level * MM:.1f} mm",
+        xlabel="x in mm",
+        ylabel="y in mm",
+        aspect="equal",
+    )
     label = "deg (white: out of reach; frame: travel)"
     figure.colorbar(shown, ax=axes, label=label)
 
@@ -94,7 +99,9 @@ def _draw_joints(axes: Axes, path: ArmPath, way: Array) -> None:
         axes.plot(way[rows], share, lw=1.0, label=joint.name)
     for end in (-1.0, 1.0):
         axes.axhline(end, color=MUTED, lw=1.5)
-    axes.set(title="Joints along the path", xlabel="path in m", ylabel="position, -1 and 1 at the limits", ylim=(-1.15, 1.35))
+    axes.set(
+        title="Joints along the path", xlabel="path in m", ylabel="position, -1 and 1 at the limits", ylim=(-1.15, 1.35)
+    )
     axes.legend(ncols=6, fontsize=9, loc="upper right")
 
 
@@ -114,9 +121,7 @@ def _shown(count: int) -> Indices:
     return np.unique(np.linspace(0, count - 1, min(count, 2000)).astype(np.int64))
 
 
-def arm_pictures(
-    paths: Sequence[ArmPath], clearances: Sequence[ArmClearance], rig: Rig, folder: Path
-) -> list[Path]:
+def arm_pictures(paths: Sequence[ArmPath], clearances: Sequence[ArmClearance], rig: Rig, folder: Path) -> list[Path]:
     """One picture for each arm, ``reach.png`` and, of a lower arm beside an upper one, ``reach_2.png``."""
     names = ["reach.png"] + [f"reach_{path.tool}.png" for path in paths[1:]]
     return [

@@ -11,7 +11,7 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.files.rig import Rig
 from isf_core.geometry.hexapod import Hexapod
-from isf_core.geometry.kinematics import UPRIGHT, make_kinematics
+from isf_core.geometry.kinematics import UPRIGHT
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.types import Array
 from matplotlib.axes import Axes

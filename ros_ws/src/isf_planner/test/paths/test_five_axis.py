@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_core.geometry.kinematics import make_kinematics
 from isf_core.geometry.tool_axis import angle_between, inclination, point_on_axis, tilt_of, turn_per_length
 from isf_planner import Plan, plan
 from isf_planner.paths.five_axis import pressing_axis, smoothed, with_tool_axis

@@ -17,7 +17,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import Event
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
-from isf_core.geometry.kinematics import Gantry, Kinematics, make_kinematics
+from isf_core.geometry.kinematics import Gantry, Kinematics
 from isf_core.geometry.tool_axis import UPRIGHT, between, point_on_axis, tilt_of
 from isf_core.geometry.tool_solid import tool_solid
 from isf_core.simulated_sheet import SheetKind
@@ -27,6 +27,7 @@ from isf_core.types import Array
 from isf_sim.explicit_shell.formed_sheet import FormedSheet
 from isf_sim.legs.legs import Legs, LegState
 from isf_sim.machine import tick as mt
+from isf_sim.machine.arm_give import ArmGive, with_arms
 from isf_sim.machine.build import make_parts
 from isf_sim.machine.events import (
     BUCKLES,
@@ -109,7 +110,10 @@ class SimulatedMachine:
         self.variant_number, self.seed, self.blank = variant, seed, blank
         self.variant: Variant = make_variant(variant, seed, blank)
         self.plant_constants = constants or PlantConstants()
-        constants, plant_file = self.variant.constants(self.plant_constants), self.variant.plant_file(job_file)
+        constants, plant_file = (
+            self.variant.constants(self.plant_constants),
+            with_arms(self.variant.plant_file(job_file)),
+        )
         self.control_rate = job.control.rate
         self.tick_count = 0
         self.faults: list[tuple[ErrorCode, str]] = []
@@ -160,6 +164,9 @@ class SimulatedMachine:
         if plant_file.rig.legs is not None:
             seeds = (seed % 2**63, variant, 4)
             self._legs = Legs(plant_file.rig, self.variant, self.control_rate, park_1, job.tool_1.radius, seeds)
+        self._arms = ArmGive(rig, self.variant.compliance, self.control_rate)
+        self._way = np.zeros((2, 3))
+        self._reached: Array | None = None
         self._squeeze = no_squeeze()
         self._parts = TickParts()
         self._kinematics = rig.make_kinematics()
@@ -436,6 +443,7 @@ class SimulatedMachine:
             held=self._held,
             tilt=self._tilt,
             legs=self._legs.state if self._legs is not None else None,
+            way=self._way,
             watch=self._watch,
             settled=self._settled,
         )
@@ -451,6 +459,7 @@ class SimulatedMachine:
         self._shell = state.shell
         self._cell_1, self._cell_2, self._held = state.cell_1, state.cell_2, state.held
         self._tilt, self._watch, self._settled = state.tilt, state.watch, state.settled
+        self._way = state.way
         if self._legs is not None and state.legs is not None:
             self._legs.take_up(state.legs, state.tick_count)
 
@@ -492,6 +501,8 @@ class SimulatedMachine:
             self.limits |= LIMIT_TRAVEL
             self.latch(*finding)
             target[:] = self._axes.target
+        elif not self.faults and self._arms.present and not self._reaches(target):
+            self._reached = target.copy()
 
     def _reach_fault(self, target: Array) -> Finding | None:
         """TARGET_OUT_OF_WORKSPACE when an axis cannot make the tips of ``target`` (6,) m with the tool's axis asked."""
@@ -500,7 +511,13 @@ class SimulatedMachine:
 
     def _reaches(self, target: Array) -> bool:
         """False where it takes a closer look to say so."""
-        return self._linear or (self._legs is not None and self._legs.reaches(target[:3], self._asked_tilt()))
+        if self._linear:
+            return True
+        if self._legs is not None:
+            return self._legs.reaches(target[:3], self._asked_tilt())
+        if self._reached is None or self._tilt.asked != UPRIGHT:
+            return False
+        return bool(np.abs(target - self._reached).max() < NEAR)
 
     def _asked_tilt(self) -> Array:
         """(2,) rad."""
@@ -523,6 +540,10 @@ class SimulatedMachine:
         before = self._axes.tips[0].tolist() if self._shell is not None else []
         if self._legs is not None:
             self._drive_legs(self._legs, target)
+        if self._arms.present:
+            axes = self._axes
+            mt.move_axes(target, axes, self._constants)
+            self._arms.move(axes.tips, (axes.force_1, axes.force_2), self._tilt.state[:, 0], self._way)
         row = self.tick_count % BLOCK
         if row == 0 or len(self._draws) == 0:
             own, more = self._generator, self._more_generator
@@ -678,7 +699,7 @@ class MachineState:
     ring : of accumulative forming, None in other processes
     axes, squeeze, cell_1, cell_2 : axes, sheet between the tools, load cells
     held : (2, 9) V, what stuck channels of spindle cells hold
-    tilt : of tool 1 ; legs : None where the rig has none that move
+    tilt : of tool 1 ; legs : None where the rig has none that move ; way : (2, 3) m, by which arms have given way
     watch, settled : what is counted of events, and the conditions that change nothing of it
     """
 
@@ -703,6 +724,7 @@ class MachineState:
     held: Array
     tilt: ToolTilt
     legs: LegState | None
+    way: Array
     watch: EventWatch
     settled: int
 
@@ -843,6 +865,8 @@ def tick_facts(
     )
 
 
+NEAR = 1.0e-3
+"""m, around tips that the arms have been found to reach, within which they are not asked again."""
 RELEASE_SPEED = 20.0e-3
 """m/s, at which tools are moved clear."""
 RELEASE_CLEARANCE = 3.0e-3
