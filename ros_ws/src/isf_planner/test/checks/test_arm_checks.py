@@ -47,12 +47,12 @@ def test_joints_and_speeds_are_those_of_the_points(made: tuple[Plan, JobFile]) -
     np.testing.assert_allclose(path.tips[:n], first.forming_tip, atol=1e-12)
     np.testing.assert_allclose(path.tips[n], first.forming_tip[0], atol=1e-12)  # closed: the first point once more
     np.testing.assert_allclose(arm.forward(path.joints)[0], path.tips, atol=1e-9)
-    # 20 mm/s by the Jacobian between two points, against the differences of the joints
+    # 30 mm/s by the Jacobian between two points, against the differences of the joints
     k = n // 3
     way = path.tips[k + 1] - path.tips[k]
     rates = np.linalg.solve(
         arm.jacobian(0.5 * (path.joints[k] + path.joints[k + 1])),
-        np.concatenate([0.02 * way / np.linalg.norm(way), np.zeros(3)]),
+        np.concatenate([0.03 * way / np.linalg.norm(way), np.zeros(3)]),
     )
     fastest = np.radians([123, 115, 112, 179, 172, 219])
     np.testing.assert_allclose(path.speed[k], np.abs(rates) / fastest, rtol=1e-3, atol=1e-6)
@@ -67,7 +67,7 @@ def test_the_arm_gives_way_under_the_predicted_force(made: tuple[Plan, JobFile])
     row = int(np.argmax(path.contour == result.contours[4].index))
     np.testing.assert_allclose(path.force[row], [0.0, 0.0, force[0]])  # the sheet pushes an upper tool upwards
     give = path.give[row]
-    assert give[2] == pytest.approx(1.02e-6 * force[0], rel=0.02)
+    assert give[2] == pytest.approx(1.02e-6 * force[0], rel=0.05)
     assert give[2] > 0.0
 
 
