@@ -136,7 +136,8 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
     part_checks.check_travel(contours, rig)
     part_checks.check_axes(contours, rig, job.tool_1.ball_radius)
-    arm_checks.check_arms(contours, job, rig)
+    if rig.kinematics == "arm":
+        arm_checks.check_arms(contours, job, rig)
     part_checks.check_backing_plate(contours, job)
     last = tuple(contour for contour in contours if contour.stage == len(part.preforms))
     part_checks.check_floors(last, planned, job)
@@ -176,7 +177,8 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     contours, expected = finish(made, job_file)
     part_checks.check_travel(contours, job_file.rig)
     part_checks.check_axes(contours, job_file.rig, job.tool_1.ball_radius)
-    arm_checks.check_arms(contours, job, job_file.rig)
+    if job_file.rig.kinematics == "arm":
+        arm_checks.check_arms(contours, job, job_file.rig)
     part_checks.check_backing_plate(contours, job)
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)

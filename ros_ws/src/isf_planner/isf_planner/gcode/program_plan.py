@@ -250,7 +250,8 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
     filled, warnings = with_predictions(tuple(contours), job_file)  # a compensation would move the program's tips
     part_checks.check_travel(filled, rig)
     part_checks.check_axes(filled, rig, job.tool_1.ball_radius)
-    arm_checks.check_arms(filled, job, rig)
+    if rig.kinematics == "arm":
+        arm_checks.check_arms(filled, job, rig)
     part_checks.check_backing_plate(filled, job)
     target = _target(contact, group, rig.clamp.size)
     shank = check_shank(filled, target, job_file) if program.tilted else None
