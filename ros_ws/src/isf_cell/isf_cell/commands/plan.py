@@ -72,7 +72,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     if as_json or wanted.colour == FEATURES:  # they take as long as the plan of a simple part
         found = find_features(Mesh(*result.mesh), job_file.job.tool_1.ball_radius)
         data |= {"features": found.counts()}
-    data |= {"files": [str(path) for path in _write(result, wanted, found)]}
+    data |= {"files": [str(path) for path in _write(result, wanted, found, job_file.rig)]}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
     data |= {"tool_axis": tool_axis(result)}
     data |= reach(result, job_file.job, job_file.rig, folder)
@@ -225,9 +225,11 @@ def _convert(path: Path, wanted: Wanted, *, as_json: bool) -> None:
         terminal.say(f"file    {file}")
 
 
-def _write(result: Plan, wanted: Wanted, found: FeatureMap | None = None) -> list[Path]:
-    """Exports and views; a plan file has no ``found`` features, as it does not know the radius of the tool."""
-    written = [file for path in wanted.export for file in exports.export(result, path, wanted.form)]
+def _write(result: Plan, wanted: Wanted, found: FeatureMap | None = None, rig: Rig | None = None) -> list[Path]:
+    """Exports and views; a plan file has no ``found`` features, as it does not know the radius of the tool, and no rig
+    whose arms programs could speak of."""
+    arms = (None, None) if rig is None else (rig.arm(1), rig.arm(2))
+    written = [file for path in wanted.export for file in exports.export(result, path, wanted.form, arms)]
     if wanted.colour != FEATURES:
         return written + [plan_view.show(result, path, wanted.colour) for path in wanted.show]
     if found is None:

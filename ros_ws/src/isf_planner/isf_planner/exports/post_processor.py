@@ -36,6 +36,39 @@ FIELDS = {
     "feed": "mm/s",
     "feed_min": "mm/min",
     "feed_m": "m/s",
+    "feed1": "mm/s of the upper tool on the way to the point, so that both arrive together",
+    "feed2": "the same of the lower tool",
+    "feed1_m": "m/s",
+    "feed2_m": "m/s",
+    "move": "number of the line with this field in the part: the same in the programs of both tools",
+    "phase": "TRUE and FALSE by turns, contour by contour",
+    **{
+        f"{name}{k}": f"{text}, of the {tool} tool's arm"
+        for k, tool in ((1, "upper"), (2, "lower"))
+        for name, text in {
+            "ka": "deg, orientation of the flange in frame sheet about z",
+            "kb": "then about y",
+            "kc": "then about x (A, B, C of KRL)",
+            "kqw": "the same as a quaternion",
+            "kqx": "x",
+            "kqy": "y",
+            "kqz": "z",
+            **{f"j{n}_": f"deg, joint {n}; in a header: above the first point" for n in range(1, 7)},
+            "sx": "mm, frame sheet in the base of the arm",
+            "sy": "mm",
+            "sz": "mm",
+            "sa": "deg, its orientation about z",
+            "sb": "then y",
+            "sc": "then x",
+            "sqw": "the same as a quaternion",
+            "sqx": "x",
+            "sqy": "y",
+            "sqz": "z",
+            "tx": "mm, tip in the flange",
+            "ty": "mm",
+            "tz": "mm",
+        }.items()
+    },
     "n": "number of the line in its file",
     "point": "number of the point in the part, from 1",
     "contour": "number of the contour, from 1",
@@ -57,8 +90,8 @@ class Channel(FileModel):
 
     suffix: str = ""
     """Added to the file name."""
-    plans: str = Field(pattern="^(one tool|one tilted tool|two tools)$")
-    """For which plans this program is written."""
+    plans: str = Field(pattern="^(one tool|one tilted tool|two tools|one arm|two arms)$")
+    """For which plans this program is written; those of arms where the rig has one for every tool, else the others."""
     header: list[str] = Field(default_factory=list)
     contour: list[str] = Field(default_factory=list)
     """Before the first point of every contour."""

@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.serial_arm import SerialArm
 from isf_core.geometry.tool_axis import UP, point_on_axis, quaternion_of, tilt_of
 from isf_core.types import Array, Indices
 from numpy.typing import NDArray
 
+from isf_planner.exports.arm_fields import frame_fields, pose_fields
 from isf_planner.exports.post_processor import Channel, PostProcessor, pattern
 
 
@@ -32,6 +34,7 @@ class PathPoints:
     speed : (N,) m/s ; force : (N,) N, set-point of the support tool's normal force, 0 for position control
     lift : (N,) bool, both tools are lifted clear before this point
     axis : (N, 3), axis of the upper tool
+    forming : (N,) tool that forms, 1 or 2
     """
 
     contour: Indices
@@ -41,6 +44,7 @@ class PathPoints:
     force: Array
     lift: NDArray[np.bool_]
     axis: Array
+    forming: Indices
 
     @property
     def tilted(self) -> bool:
@@ -55,7 +59,7 @@ class PathPoints:
 
 def path_points(contours: Sequence[Contour]) -> PathPoints:
     """Points of all contours in their order."""
-    names = ("contour", "tool_1", "tool_2", "speed", "force", "lift", "axis")
+    names = ("contour", "tool_1", "tool_2", "speed", "force", "lift", "axis", "forming")
     parts: dict[str, list[Array]] = {name: [] for name in names}
     for contour in contours:
         n = len(contour)
@@ -68,6 +72,7 @@ def path_points(contours: Sequence[Contour]) -> PathPoints:
         lift = np.zeros(len(order), dtype=bool)
         lift[0] = contour.retract or not parts["lift"]
         parts["contour"].append(np.full(len(order), contour.index))
+        parts["forming"].append(np.full(len(order), contour.forming_tool))
         for name, value in zip(("tool_1", "tool_2", "speed", "force"), (*tips, speed, force), strict=True):
             parts[name].append(value[order])
         parts["lift"].append(lift)
@@ -80,7 +85,11 @@ MM = 1e3
 
 
 def write_programs(
-    contours: Sequence[Contour], post: PostProcessor, path: Path, ball_radius: float = math.nan
+    contours: Sequence[Contour],
+    post: PostProcessor,
+    path: Path,
+    ball_radius: float = math.nan,
+    arms: tuple[SerialArm | None, SerialArm | None] = (None, None),
 ) -> list[Path]:
     """Write all programs of a plan beside each other and return their paths.
 
@@ -90,6 +99,7 @@ def write_programs(
     post : format
     path : file name; channels add their suffix, a split program adds _001, _002, ...
     ball_radius : m, of the upper tool's tip, needed where that tool is tilted
+    arms : that carry the upper and the lower tool; a format with programs for arms then writes these
 
     Raises
     ------
@@ -97,8 +107,13 @@ def write_programs(
     """
     points = path_points(contours)
     wanted = "two tools" if points.two_tools else "one tool"
-    if points.tilted:
+    tilted = points.tilted
+    used = _arms_of(points, post, arms)
+    if used:
+        wanted = "two arms" if points.two_tools else "one arm"
+    elif tilted:
         wanted = wanted.replace("two tools", "two tilted tools").replace("one tool", "one tilted tool")
+    if tilted:
         points = replace(points, tool_1=point_on_axis(points.tool_1, points.axis, ball_radius))
     channels = [channel for channel in post.channels if channel.plans == wanted]
     if not channels:
@@ -116,9 +131,14 @@ def write_programs(
         "plan_id": contours[0].plan_id,
         "contours": len(contours),
     }
+    poses = _ArmFields(points, used)
+    for tool, arm in used.items():
+        known |= frame_fields(arm, tool)
+    if used:
+        known |= poses.above(0, post.clearance)
     written = []
     for channel in channels:
-        body = list(_body(points, channel, post.clearance, known))
+        body = list(_body(points, channel, post.clearance, known, poses))
         for number, lines in enumerate(_files(body, channel, post.lines_per_file, known), start=1):
             split = f"_{number:03d}" if post.lines_per_file and len(body) > _room(channel, post.lines_per_file) else ""
             target = path.with_name(f"{path.stem}{channel.suffix}{split}{path.suffix or post.extension}")
@@ -164,7 +184,7 @@ def read_programs(paths: Sequence[Path], post: PostProcessor) -> list[tuple[Arra
 
 
 def _body(
-    points: PathPoints, channel: Channel, clearance: float, known: dict[str, object]
+    points: PathPoints, channel: Channel, clearance: float, known: dict[str, object], poses: _ArmFields
 ) -> Iterator[tuple[str, dict[str, object]]]:
     """Templates with their values, line by line; the numbers of line and file come when files are made."""
     tips = np.column_stack([points.tool_1, points.tool_2]) * MM
@@ -173,6 +193,7 @@ def _body(
     lifted[:, 2], lifted[:, 5] = clearance, -clearance
     names = ("x1", "y1", "z1", "x2", "y2", "z2")
     feed = points.speed * MM
+    both = _both_speeds(points)
     last = len(tips) - 1
     for k in range(len(tips)):
         begins = k == 0 or points.contour[k] != points.contour[k - 1]
@@ -183,6 +204,12 @@ def _body(
             "feed_min": 60.0 * feed[k],
             "feed_m": points.speed[k],
             "force": points.force[k],
+            "feed1": both[k, 0] * MM,
+            "feed2": both[k, 1] * MM,
+            "feed1_m": both[k, 0],
+            "feed2_m": both[k, 1],
+            "phase": "FALSE" if points.contour[k] % 2 else "TRUE",
+            **poses.at(k),
             **dict(zip(ORIENTATION, orientation[k].tolist(), strict=True)),
         }
         at = values | dict(zip(names, tips[k].tolist(), strict=True))
@@ -191,18 +218,80 @@ def _body(
                 yield line, at
             if points.lift[k]:
                 if k > 0:
-                    above = values | dict(zip(names, lifted[k - 1].tolist(), strict=True))
+                    above = (
+                        values | dict(zip(names, lifted[k - 1].tolist(), strict=True)) | poses.above(k - 1, clearance)
+                    )
                     yield from ((line, above) for line in channel.lift)
-                above = values | dict(zip(names, lifted[k].tolist(), strict=True))
+                above = values | dict(zip(names, lifted[k].tolist(), strict=True)) | poses.above(k, clearance)
                 yield from ((line, above) for line in channel.lift)
-        if k == 0 or points.lift[k] or points.speed[k] != points.speed[k - 1]:
+        if k == 0 or points.lift[k] or (both[k] != both[k - 1]).any():
             yield from ((line, at) for line in channel.feed_change)
         yield channel.point, at
         if k == last or points.contour[k + 1] != points.contour[k]:
             for line in channel.contour_end:
                 yield line, at
-    above = values | dict(zip(names, lifted[last].tolist(), strict=True))
+    above = values | dict(zip(names, lifted[last].tolist(), strict=True)) | poses.above(last, clearance)
     yield from ((line, above) for line in channel.lift)
+
+
+SLOWEST = 1e-4
+"""m/s of a tool that hardly moves while the other one does."""
+
+
+def _both_speeds(points: PathPoints) -> Array:
+    """(N, 2) m/s of both tips on the way to each point: the forming one's is the feed, and both take the same time."""
+    speeds = np.column_stack([points.speed, points.speed])
+    if not points.two_tools:
+        return speeds
+    ways = [np.linalg.norm(np.diff(tips, axis=0, prepend=tips[:1]), axis=1) for tips in (points.tool_1, points.tool_2)]
+    own, other = np.where(points.forming == 1, ways, ways[::-1])
+    moves = (own > 1e-9) & ~points.lift
+    shared = np.where(moves, points.speed * other / np.maximum(own, 1e-9), points.speed)
+    rows = np.arange(len(shared))
+    speeds[rows, np.where(points.forming == 1, 1, 0)] = np.maximum(np.round(shared, 6), SLOWEST)
+    return speeds
+
+
+def _arms_of(
+    points: PathPoints, post: PostProcessor, arms: tuple[SerialArm | None, SerialArm | None]
+) -> dict[int, SerialArm]:
+    """Arms by tool, where each tool that moves has one and the format has programs for arms; else none."""
+    moving = [tool for tool, tips in ((1, points.tool_1), (2, points.tool_2)) if np.isfinite(tips).all()]
+    found = {tool: arm for tool in moving if (arm := arms[tool - 1]) is not None}
+    plans = "two arms" if points.two_tools else "one arm"
+    return found if len(found) == len(moving) and any(one.plans == plans for one in post.channels) else {}
+
+
+class _ArmFields:
+    """Fields of the arms at every point; none without arms."""
+
+    def __init__(self, points: PathPoints, arms: dict[int, SerialArm]) -> None:
+        self._points, self._arms = points, arms
+        self._tilts = {1: tilt_of(points.axis), 2: np.zeros((len(points.axis), 2))}
+        self._names: tuple[str, ...] = ()
+        found = []
+        for tool, arm in arms.items():
+            names, values = pose_fields(arm, tool, self._tips(tool), self._tilts[tool])
+            self._names += names
+            found.append(values)
+        self._values = np.hstack(found) if found else np.empty((len(points.axis), 0))
+
+    def at(self, k: int) -> dict[str, object]:
+        """Of point ``k``."""
+        return dict(zip(self._names, self._values[k].tolist(), strict=True))
+
+    def above(self, k: int, clearance: float) -> dict[str, object]:
+        """Of point ``k`` lifted by ``clearance`` mm off the sheet plane."""
+        fields: dict[str, object] = {}
+        for tool, arm in self._arms.items():
+            tip = self._tips(tool)[k : k + 1].copy()
+            tip[:, 2] = (1.0 if tool == 1 else -1.0) * clearance / MM
+            names, values = pose_fields(arm, tool, tip, self._tilts[tool][k : k + 1])
+            fields |= dict(zip(names, values[0].tolist(), strict=True))
+        return fields
+
+    def _tips(self, tool: int) -> Array:
+        return self._points.tool_1 if tool == 1 else self._points.tool_2
 
 
 ORIENTATION = ("i1", "j1", "k1", "a1", "b1", "c1", "qw1", "qx1", "qy1", "qz1")
@@ -225,6 +314,7 @@ def _files(
 ) -> Iterator[list[str]]:
     """Lines of every file."""
     room = _room(channel, lines_per_file) if lines_per_file else len(body)
+    move = 0
     for number, begin in enumerate(range(0, len(body), room), start=1):
         piece = body[begin : begin + room]
         count = 1
@@ -235,7 +325,8 @@ def _files(
             *piece,
             *((line, ends) for line in channel.footer),
         ]:
-            lines.append(template.format_map(_Values(values, n=count, file=number)))
+            move += "{move" in template
+            lines.append(template.format_map(_Values(values, n=count, file=number, move=move)))
             count += 1
         yield lines
 

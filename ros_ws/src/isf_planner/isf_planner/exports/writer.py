@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.serial_arm import SerialArm
 
 from isf_planner.exports.ampl_csv import write_csv
 from isf_planner.exports.plan_file import save_plan
@@ -24,7 +25,12 @@ FORMATS = {
 """File name ending to format."""
 
 
-def export(plan: Plan, path: Path, form: str | None = None) -> list[Path]:
+def export(
+    plan: Plan,
+    path: Path,
+    form: str | None = None,
+    arms: tuple[SerialArm | None, SerialArm | None] = (None, None),
+) -> list[Path]:
     """Write ``plan`` and return the files.
 
     Parameters
@@ -32,6 +38,7 @@ def export(plan: Plan, path: Path, form: str | None = None) -> list[Path]:
     plan : to be written
     path : file name; some formats write several files beside it
     form : "plan", "csv", a post-processor's name or YAML file; None: by the ending of the file name
+    arms : that carry the upper and the lower tool, for programs of robots
 
     Raises
     ------
@@ -59,4 +66,4 @@ def export(plan: Plan, path: Path, form: str | None = None) -> list[Path]:
                 advice="export a plan (.npz) or a program (iso, iso_two_channels, krl, rapid)",
             )
         return write_csv(plan, path)
-    return write_programs(plan.contours, load_post(known), path, plan.ball_radius)
+    return write_programs(plan.contours, load_post(known), path, plan.ball_radius, arms)
