@@ -46,6 +46,16 @@ def test_the_plan_says_what_the_arm_does(tmp_path: Path) -> None:
     assert Path(tmp_path / data["machine"]["picture"]).stat().st_size > 20_000
 
 
+@pytest.mark.parametrize("number", range(1, 6))
+def test_the_programs_of_the_page_are_written(number: int, tmp_path: Path) -> None:
+    arguments = lines("plan")[number]
+    done = isf([*arguments, "--json"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    files = [tmp_path / name for name in json.loads(done.stdout)["files"]]
+    assert len(files) == (2 if "robot_pair" in arguments[0] else 1)
+    assert all(file.stat().st_size > 10_000 for file in files)
+
+
 def test_the_compensated_arm_forms_as_a_stiff_machine(tmp_path: Path) -> None:
     """0.480 mm RMS is what a stiff machine leaves of this part (the page's table)."""
     done = isf([*lines("simulate")[0], "--json"], tmp_path)

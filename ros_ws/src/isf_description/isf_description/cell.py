@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from isf_core.files.job import METRES, Job, JobFile, ToolSpec
 from isf_core.files.rig import Rig, ToolAxis
 
-from isf_description import hexapod
+from isf_description import arm, hexapod
 from isf_description.axes import linear_axis
 from isf_description.tree import Body, Description, Joint, Limits, Link
 
@@ -89,6 +89,8 @@ def describe(rig: Rig, job_file: JobFile | None = None) -> Description:
     for tool in tools:
         if tool.number == 1 and rig.kinematics == "hexapod_spif_a":
             more_links, more_joints = hexapod.chain(rig, SHEET, tool.corner)
+        elif rig.arm(tool.number) is not None:
+            more_links, more_joints = arm.chain(rig, tool.number, SHEET)
         else:
             more_links, more_joints = _gantry(rig, tool)
         links += [*more_links, *_tool_links(rig, tool)]
@@ -119,7 +121,8 @@ def _stand(rig: Rig, job: Job | None, job_file: JobFile | None, tools: list[Tool
     half = (0.5 * rig.clamp.size[0] + STRIP, 0.5 * rig.clamp.size[1] + STRIP)
     thickness = THICKNESS if job is None else job.sheet.thickness
     lower = next((tool for tool in tools if tool.number == 2), None)
-    floor = 0.4 if lower is None else _reach(rig, lower) + 2.0 * rig.limits.travel[2] + 0.1
+    below = None if rig.tool_1.arm is None else rig.tool_1.arm.table
+    floor = below or 0.4 if lower is None else _reach(rig, lower) + 2.0 * rig.limits.travel[2] + 0.1
     table = [Body("box", (2 * half[0] + 0.7, 2 * half[1] + 0.7, 0.06), "table", (0, 0, -0.03), 0.5)]
     if job is None or job.process != "TPIF":  # on the holder's columns it would have to slide
         height = floor - PLATE - thickness
@@ -131,7 +134,7 @@ def _stand(rig: Rig, job: Job | None, job_file: JobFile | None, tools: list[Tool
     for tool in tools:
         if tool.number == 1 and rig.kinematics == "hexapod_spif_a":
             table += hexapod.columns(floor)
-        else:
+        elif rig.arm(tool.number) is None:
             table += _rails(rig, tool, floor)
     upper = rig.clamp.height
     clamp = [*_ring(rig.clamp.size, PLATE, -0.5 * PLATE)]

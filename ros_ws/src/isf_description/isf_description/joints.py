@@ -11,6 +11,7 @@ from isf_core.files.rig import Rig
 from isf_core.geometry.hexapod import spif_a
 from isf_core.geometry.tool_axis import axis_of_quaternion, tilt_of
 
+from isf_description.arm import arm_positions
 from isf_description.hexapod import leg_positions
 from isf_description.tree import Quaternion, Vector
 
@@ -26,6 +27,8 @@ def tool_positions(rig: Rig, number: int, radius: float) -> Callable[[Vector, Qu
     """
     if number == 1 and rig.kinematics == "hexapod_spif_a":
         return _hexapod(radius)
+    if rig.arm(number) is not None:
+        return arm_positions(rig, number, radius)
     names = [f"tool_{number}_{axis}" for axis in "xyz"]
 
     def gantry(tip: Vector, _: Quaternion) -> Positions:

@@ -23,6 +23,7 @@ from urdf_reading import Urdf, numbers
 
 ROOT = Path(__file__).resolve().parents[4]
 RIGS = ("behera2015", "lu2016", "praveen2020", "ren2018", "torrao2013")
+ARMS = (("kr210_arm", 1), ("kr210_pair", 1), ("kr210_pair", 2))
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -57,7 +58,7 @@ def test_every_rig_has_its_frames_and_the_limits_of_its_file(name: str) -> None:
 
 def test_root_has_no_mass_and_what_moves_has_one() -> None:
     """KDL, and with it robot_state_publisher, warns of an inertia of the root; simulators refuse to move nothing."""
-    for name in RIGS:
+    for name in (*RIGS, "kr210_arm", "kr210_pair"):
         urdf = read(load_rig(name))
         assert urdf.links["base"].find("inertial") is None
         for joint in urdf.joints.values():
@@ -69,6 +70,33 @@ def test_root_has_no_mass_and_what_moves_has_one() -> None:
                 matrix = np.array([[values["i" + min(a, b) + max(a, b)] for b in "xyz"] for a in "xyz"])
                 first, second, third = np.linalg.eigvalsh(matrix)
                 assert 0.0 < first <= second <= third < 1.0001 * (first + second)  # else it is of no body
+
+
+@pytest.mark.parametrize(("name", "k"), ARMS)
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.3, -0.2)])
+def test_an_arm_of_the_urdf_ends_in_the_tip_that_its_joints_make(name: str, k: int, tilt: tuple[float, float]) -> None:
+    """Joint states put into the URDF by another reader: tip and axes of the tool are those of the pose."""
+    rig = load_rig(name)
+    urdf = read(rig)
+    turned = Rotation.from_matrix(rotation(np.array(tilt)))
+    quaternion = tuple(turned.as_quat().tolist())
+    positions = tool_positions(rig, k, 0.0)((0.06, -0.08, 0.03), quaternion)  # type: ignore[arg-type]
+    found = urdf.transform("sheet", f"tool_{k}", positions)
+    np.testing.assert_allclose(found[:3, 3], [0.06, -0.08, 0.03], atol=1e-6)
+    np.testing.assert_allclose(found[:3, :3], turned.as_matrix(), atol=1e-7)
+    assert urdf.limits(f"tool_{k}_A2") == pytest.approx((math.radians(-140), math.radians(-5)))
+    assert float(urdf.joints[f"tool_{k}_A6"].find("limit").attrib["velocity"]) == pytest.approx(math.radians(219))  # type: ignore[union-attr]
+    assert list(positions) == [f"tool_{k}_A{n}" for n in range(1, 7)]
+
+
+def test_an_arm_says_what_it_cannot_show() -> None:
+    reach = tool_positions(load_rig("kr210_arm"), 1, 5e-3)
+    with pytest.raises(IsfError) as caught:
+        reach((5.0, 0.0, 0.0), UPRIGHT)
+    assert caught.value.code is ErrorCode.TARGET_OUT_OF_WORKSPACE
+    with pytest.raises(IsfError) as caught:
+        reach((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
+    assert caught.value.code is ErrorCode.TARGET_NOT_FINITE
 
 
 @settings(max_examples=25)
