@@ -95,7 +95,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
         if p.output == "twist" and p.lockstep:
             raise IsfError(ErrorCode.FILE_FIELD, "twists are velocities by the clock, not in lockstep", where="output")
-        self._output = ForceCtrlPublishers(self, twist=p.output == "twist")
+        self._output = ForceCtrlPublishers(self, twist=p.output == "twist", joints=p.output == "joint_trajectory")
         self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM)
         self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM)
         self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR)
@@ -483,6 +483,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._late_ended = 0
         self._receiver.restart()
         self._latency = LatencyMeter()
+        self._output.aim(job_file, controller.config.rate)
         self._output.armed(request, tip_1, tip_2, axis, controller.config)
         self._output.start(tip_1, tip_2, controller.config.rate, axis)
         self._output.with_holder = job_file.job.process == "TPIF"

@@ -55,8 +55,9 @@ class ForceCtrlParameters:
     lock_memory: bool = parameter(True, "request memory that is never paged out while ticking by the clock")
     output: str = parameter(
         "pose",
-        "pose: PoseStamped on tool_k/target; twist: TwistStamped on tool_k/target_twist (not in lockstep)",
-        choices=("pose", "twist"),
+        "pose: PoseStamped on tool_k/target; twist: TwistStamped on tool_k/target_twist (not in lockstep); "
+        "joint_trajectory: poses, and for tools on arms JointTrajectory on tool_k/joint_trajectory",
+        choices=("pose", "twist", "joint_trajectory"),
     )
     state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick", minimum=1, maximum=100_000)
     set_point: float = parameter(

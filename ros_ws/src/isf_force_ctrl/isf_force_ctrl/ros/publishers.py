@@ -13,6 +13,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from isf_core.contour import ContourResult
+from isf_core.files.job import JobFile
 from isf_core.geometry.tool_axis import UPRIGHT
 from isf_msgs import msg as isf
 from isf_msgs.srv import Arm
@@ -22,6 +23,7 @@ from rclpy.publisher import Publisher
 
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import ControlState, Targets, Vector
+from isf_force_ctrl.ros.joint_targets import JointTargets
 
 RESTING = 10
 """Twists of zero that are sent when the tools are to stand."""
@@ -31,10 +33,12 @@ class ForceCtrlPublishers:
     """The node's publishers and the messages of its streams, which are filled anew for every tick.
 
     ``twist``: targets go out as TwistStamped on ``tool_k/target_twist`` instead of poses on ``tool_k/target``.
+    ``joints``: they go out as joint positions of arms too.
     """
 
-    def __init__(self, node: CellNode[Any], *, twist: bool = False) -> None:
+    def __init__(self, node: CellNode[Any], *, twist: bool = False, joints: bool = False) -> None:
         self._node = node
+        self._joints = JointTargets(node) if joints else None
         kind, topic = (TwistStamped, "target_twist") if twist else (PoseStamped, "target")
         self._targets = [self._publisher(kind, f"tool_{k}/{topic}", qos.STREAM_SOURCE) for k in (1, 2)]
         self._twists: list[TargetTwist] | None = None
@@ -66,6 +70,11 @@ class ForceCtrlPublishers:
         message.support_force = request.support_force
         message.settings = config.to_json()
         self._armed.publish(message)
+
+    def aim(self, job_file: JobFile, rate: float) -> None:
+        """Targets of the part of ``job_file`` follow; raises FILE_FIELD when they cannot be told as is wanted."""
+        if self._joints is not None:
+            self._joints.start(job_file, rate)
 
     def start(self, tip_1: Vector, tip_2: Vector, rate: float, axis: Vector = UPRIGHT) -> None:
         """Targets follow, ``rate`` per second; the tools are at ``tip_1``, ``tip_2`` m, tool 1 with its ``axis``."""
@@ -102,6 +111,8 @@ class ForceCtrlPublishers:
                 position = message.pose.position
                 position.x, position.y, position.z = tip
                 publisher.publish(message)
+        if self._joints is not None:
+            self._joints.send(targets)
         if self.with_holder:
             holder = self._holder_message
             holder.header.stamp.sec, holder.header.stamp.nanosec = seconds, rest
@@ -122,6 +133,8 @@ class ForceCtrlPublishers:
             if stamp is not None:
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, stamps.NANO)
             publisher.publish(message)
+        if self._joints is not None:
+            self._joints.repeat()
         if self.with_holder:
             self._holder.publish(self._holder_message)
         self.last_publish = time.monotonic()

@@ -1,0 +1,69 @@
+"""Targets of arms as joint positions: they lead to the poses that go out beside them; a rig without arms is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from isf_core.errors import ErrorCode
+from isf_core.files.rig import load_rig
+from isf_ros import conversion, qos
+from node_cell import JOB, RIG, Cell, small_ring, watched
+from trajectory_msgs.msg import JointTrajectory
+
+ARMS = "based_on: kr210_pair\nname: near\npark_height: 25 mm\nprovenance: {park_height: 'assumed'}\n"
+
+
+@pytest.fixture
+def cell() -> Iterator[Cell]:
+    with watched(Cell) as found:
+        yield found
+
+
+@pytest.mark.graph
+def test_joints_lead_to_the_targets(cell: Cell, tmp_path: Path) -> None:
+    (tmp_path / "arms.yaml").write_text(ARMS)
+    poses: dict[int, list[tuple[float, float, float]]] = {1: [], 2: []}
+    joints: dict[int, list[JointTrajectory]] = {1: [], 2: []}
+    for k in (1, 2):
+
+        def keep(message: PoseStamped, k: int = k) -> None:
+            at = message.pose.position
+            poses[k].append((at.x, at.y, at.z))
+
+        cell.node.create_subscription(PoseStamped, f"tool_{k}/target", keep, qos.STREAM_SOURCE)
+        cell.node.create_subscription(
+            JointTrajectory, f"tool_{k}/joint_trajectory", joints[k].append, qos.STREAM_SOURCE
+        )
+    cell.start(output="joint_trajectory")
+    cell.armed(job=JOB.replace(str(RIG), str(tmp_path / "arms.yaml")))
+    result = conversion.result_from_message(cell.form(small_ring()))
+    assert (result.completed, result.code) == (True, 0)
+    rig = load_rig(str(tmp_path / "arms.yaml"))
+    for k in (1, 2):
+        arm = rig.arm(k)
+        assert arm is not None
+        assert len(joints[k]) > 1000
+        assert all(list(one.joint_names) == ["A1", "A2", "A3", "A4", "A5", "A6"] for one in joints[k])
+        assert all(one.points[0].time_from_start.nanosec == 2_000_000 for one in joints[k])
+        some = joints[k][:: len(joints[k]) // 50]
+        tips, turned = arm.forward(np.array([one.points[0].positions for one in some]))
+        known = np.array(poses[k])
+        away = [np.linalg.norm(known - tip, axis=1).min() for tip in tips]
+        assert max(away) < 1e-6
+        np.testing.assert_allclose(turned[:, 2, 0], -1.0 if k == 1 else 1.0, atol=1e-9)  # both tools point at the sheet
+        fastest = np.abs([one.points[0].velocities for one in joints[k]]).max(axis=0)
+        assert 0.0 < fastest.max() < np.radians(112)
+
+
+@pytest.mark.graph
+def test_a_rig_without_arms_is_refused(cell: Cell) -> None:
+    cell.start(output="joint_trajectory")
+    response = cell.arm()
+    while response.code == ErrorCode.NO_TARE:
+        response = cell.arm()
+    assert response.code == ErrorCode.FILE_FIELD
+    assert "no arm" in response.message
