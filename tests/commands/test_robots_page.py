@@ -52,7 +52,7 @@ def test_the_programs_of_the_page_are_written(number: int, tmp_path: Path) -> No
     done = isf([*arguments, "--json"], tmp_path)
     assert done.returncode == 0, done.stderr
     files = [tmp_path / name for name in json.loads(done.stdout)["files"]]
-    assert len(files) == (2 if "robot_pair" in arguments[0] else 1)
+    assert len(files) == (2 if "robot_pair" in arguments[1] else 1)
     assert all(file.stat().st_size > 10_000 for file in files)
 
 
