@@ -35,14 +35,13 @@ def draw_arm(path: ArmPath, clearance: ArmClearance, rig: Rig, target: Path) -> 
         FigureCanvasAgg(figure)
         (above, beside), (joints, soft) = figure.subplots(2, 2)
         _draw_map(figure, above, path, rig)
-        _draw_side(beside, path, clearance.row, rig)
+        _draw_side(beside, path, clearance, rig)
         way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.tips, axis=0), axis=1))])
         _draw_joints(joints, path, way)
         _draw_softness(soft, path, way)
         figure.suptitle(
             f"{path.arm.name}, tool {path.tool}: at least {np.degrees(path.margin.min()):.0f} deg from the limits and "
-            f"{np.degrees(path.singular.min()):.0f} deg from singular poses, roll {np.degrees(path.arm.roll):.0f} deg; "
-            f"{clearance.link} {clearance.distance * MM:.0f} mm from the {clearance.other}",
+            f"{np.degrees(path.singular.min()):.0f} deg from singular poses, roll {np.degrees(path.arm.roll):.0f} deg",
             x=0.01,
             ha="left",
             fontsize=12,
@@ -73,9 +72,9 @@ def _draw_map(figure: Figure, axes: Axes, path: ArmPath, rig: Rig) -> None:
     figure.colorbar(shown, ax=axes, label=label)
 
 
-def _draw_side(axes: Axes, path: ArmPath, row: int, rig: Rig) -> None:
+def _draw_side(axes: Axes, path: ArmPath, clearance: ArmClearance, rig: Rig) -> None:
     """The arm where a link comes nearest to anything, seen in the plane of its base and the sheet."""
-    places, _ = path.arm.frames(path.joints[row])
+    places, _ = path.arm.frames(path.joints[clearance.row])
     out = -places[0]
     flat = np.array([1.0, 0.0, 0.0]) if np.hypot(*out[:2]) < 1e-6 else np.array([*out[:2], 0.0])
     flat /= np.linalg.norm(flat)
@@ -88,8 +87,9 @@ def _draw_side(axes: Axes, path: ArmPath, row: int, rig: Rig) -> None:
         corners = np.array([[x, y, 0.0] for x in (box.low[0], box.high[0]) for y in (box.low[1], box.high[1])]) @ flat
         size = (corners.max() - corners.min()) * MM, (box.high[2] - box.low[2]) * MM
         axes.add_patch(Rectangle((corners.min() * MM, box.low[2] * MM), *size, color=MUTED, alpha=0.5))
-    axes.set(title="From the side, where a link comes nearest to anything", aspect="equal")
-    axes.set(xlabel="from the middle of the sheet, away from the base, mm", ylabel="z in mm")
+    near = f"{clearance.link} {clearance.distance * MM:.0f} mm from {clearance.other}"
+    axes.set(title=near[0].upper() + near[1:], aspect="equal", ylabel="z in mm")
+    axes.set_xlabel("from the middle of the sheet, away from the base, mm")
 
 
 def _draw_joints(axes: Axes, path: ArmPath, way: Array) -> None:
