@@ -29,6 +29,9 @@ ROUNDING = 0.5e-7 * 1.001
 """m: the export writes four decimals of a millimetre."""
 
 SLOW = {
+    "behera_60_30_sequenced",
+    "behera_80_25",
+    "behera_80_25_ordinary",
     "ren_cone",
     "ren_cone_plate",
     "ren_funnel",
