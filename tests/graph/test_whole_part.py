@@ -31,7 +31,9 @@ from isf_cell.run import graph_run
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.yaml_file import find_named
+from isf_ros.stamps import to_seconds
 from quick_cone import DEPTH, LONGER, quick_cone, quick_cone_file
+from rosbags.highlevel import AnyReader
 
 pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("forked_nodes")]
 
@@ -78,6 +80,28 @@ def test_the_bag_holds_the_whole_part(graph_record: PartRecord) -> None:
     assert graph_record.lockstep
     assert graph_record.scan is not None
     assert graph_record.target is not None
+
+
+def test_the_bag_alone_shows_the_cell(graph_run_folder: Path) -> None:
+    """Frames from the sheet to both tips over all the part, the machine, the blank and then the scan, every contour."""
+    with AnyReader([graph_run_folder / "bag"]) as reader:
+        said = [(item.topic, reader.deserialize(raw, item.msgtype)) for item, _, raw in reader.messages()]
+    of = {topic: [message for name, message in said if name == topic] for topic in {name for name, _ in said}}
+    parents = {
+        item.child_frame_id: item.header.frame_id
+        for message in of["/tf"] + of["/tf_static"]
+        for item in message.transforms
+    }
+    for frame in ("tool_1", "tool_2"):
+        while frame != "sheet":
+            frame = parents[frame]
+    assert "<robot" in of["/robot_description"][-1].data
+    assert [len(message.points) > 100 for message in (of["/part/sheet"][0], of["/part/sheet"][-1])] == [False, True]
+    assert len(of["/contour/path"]) == len(of["/contour/result"])
+    moments = [to_seconds(item.header.stamp) for message in of["/tf"] for item in message.transforms]
+    poses = [to_seconds(message.header.stamp) for message in of["/tool_1/pose"]]
+    assert min(moments) < poses[0] + 0.05 * poses[-1]
+    assert max(moments) > 0.95 * poses[-1]
 
 
 def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:

@@ -204,7 +204,7 @@ def form(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Form a part through the ROS 2 node graph: five nodes and a recorder, each a process of its own."""
+    """Form a part through the ROS 2 node graph: five nodes, recorder and frames, each a process of its own."""
     from isf_cell.commands.form import form_part, resume_part
 
     if resume is not None:

@@ -9,8 +9,11 @@ from isf_core.types import Array, Indices
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from isf_description.surface import SCALE, height_colours
+from isf_description.surface import height_colours
 from isf_description.tree import Joint
+
+BLANK = (0.75, 0.79, 0.84)
+"""Red, green, blue of a sheet whose depth nobody has scanned."""
 
 
 def transform_message(joint: Joint, position: float, stamp: Any, prefix: str) -> TransformStamped:
@@ -39,12 +42,12 @@ def sheet_marker(vertices: Array, triangles: Indices, frame: str, stamp: Any) ->
 
 
 def blank_marker(size: tuple[float, float], thickness: float, frame: str, stamp: Any) -> Marker:
-    """The flat blank between the clamps, ``size`` m in x and y."""
+    """The flat blank between the clamps, ``size`` m in x and y; paths and tools below it are seen through it."""
     marker = _marker(Marker.CUBE, frame, stamp)
     marker.scale.x, marker.scale.y, marker.scale.z = *size, thickness
     marker.pose.position.z = -0.5 * thickness
-    red, green, blue = SCALE[0].tolist()
-    marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
+    red, green, blue = BLANK
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=0.35)
     return marker
 
 

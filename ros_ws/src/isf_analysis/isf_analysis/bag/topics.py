@@ -65,6 +65,8 @@ CELL = (
     Topic("tool_2/path", "nav_msgs/msg/Path", "LATCHED"),
     TARGET,
     Topic("part/markers", "visualization_msgs/msg/MarkerArray", "LATCHED"),
+    Topic("part/sheet", "visualization_msgs/msg/Marker", "LATCHED"),
+    Topic("contour/path", "nav_msgs/msg/Path", "LATCHED"),
     JOB,
     NOMINAL,
     CORRECTED,

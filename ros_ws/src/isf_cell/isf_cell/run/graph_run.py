@@ -51,20 +51,27 @@ def start_cell(
     checkpoint: Path | None = None,
     relayed: Sequence[str] = (),
 ) -> None:
-    """Start the five nodes, and the recorder when a ``bag`` folder is given.
+    """Start the five nodes; with a ``bag`` folder the recorder too, and the node that makes frames and scene.
+
+    These go into the bag: a viewer that opens it later shows the machine and the sheet, without ROS.
 
     Where the rig of ``job_file`` has spindle cells the machine gives out their voltages, and a node ``load_cell_k`` of
     each such tool makes the wrench. ``checkpoint``: folder of the part's. ``relayed``:
     rules FROM:=TO for what force control hears by another name.
     """
-    tools = tools_with_spindle_cells(job_file.rig) if job_file is not None else ()
+    tools: tuple[int, ...] = ()
+    rig = ""
+    if job_file is not None:
+        tools = tools_with_spindle_cells(job_file.rig)
+        rig = str(find_named("rigs", job_file.job.rig, job_file.base))
     choice = CellChoice(
         lockstep=lockstep,
         load_cells=tools,
         tilts=job_file is not None and job_file.tilts,
-        rig=str(find_named("rigs", job_file.job.rig, job_file.base)) if tools and job_file is not None else "",
+        rig=rig,
         bag="" if bag is None else str(bag),
         checkpoint="" if checkpoint is None else str(checkpoint),
+        viewers=bag is not None,
     )
     for node in cell_nodes(choice):
         name = "" if node.name == node.executable else node.name
