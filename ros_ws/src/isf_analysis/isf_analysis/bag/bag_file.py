@@ -36,7 +36,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 from rosbags.typesys.store import Typestore
 
-from isf_analysis.bag.topics import Delivery, Topic, cell_types
+from isf_analysis.bag.topics import Delivery, Topic, cell_types, definition
 
 COMPRESSIONS = ("none", "zstd")
 STORAGES = ("mcap", "sqlite3")
@@ -321,14 +321,23 @@ class BagFile:
         """Add a topic, under its absolute ``name`` when it differs from the topic's own; before the first write."""
         absolute = name or (topic.name if topic.name.startswith("/") else f"/{topic.name}")
         return self._writer.add_connection(
-            absolute, topic.type, typestore=cell_types(), offered_qos_profiles=[_qos(topic.delivery)]
+            absolute,
+            topic.type,
+            msgdef=definition(topic.type),
+            rihs01=cell_types().hash_rihs01(topic.type),
+            offered_qos_profiles=[_qos(topic.delivery)],
         )
 
     def add_like(self, connection: Connection, types: Typestore) -> Connection:
         """Add a topic as it is in another bag, whose message ``types`` are given; before the first write."""
         profiles = connection.ext.offered_qos_profiles if isinstance(connection.ext, ConnectionExtRosbag2) else ()
         return self._writer.add_connection(
-            connection.topic, connection.msgtype, typestore=types, offered_qos_profiles=profiles
+            connection.topic,
+            connection.msgtype,
+            typestore=types,
+            msgdef=connection.msgdef.data or None,
+            rihs01=types.hash_rihs01(connection.msgtype),
+            offered_qos_profiles=profiles,
         )
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:

@@ -111,6 +111,32 @@ def cell_types() -> Typestore:
     return store
 
 
+@cache
+def definition(name: str) -> str:
+    """Definition of messages ``name`` ("isf_msgs/msg/Contour") as it goes into a bag, those it is made of included.
+
+    Those of ``isf_msgs`` stand there as their authors wrote them: with units, and with constants before the field that
+    takes them, where viewers look for the names of its values. A type store keeps neither.
+    """
+    whole, _ = cell_types().generate_msgdef(name, ros_version=2)
+    first, *others = whole.split(f"{_BETWEEN_DEFINITIONS}MSG: ")
+    parts = [_written(name, first)]
+    for other in others:
+        title, _, text = other.partition("\n")
+        package, _, message = title.partition("/")
+        parts.append(f"{_BETWEEN_DEFINITIONS}MSG: {title}\n" + _written(f"{package}/msg/{message}", text))
+    return "".join(parts)
+
+
+_BETWEEN_DEFINITIONS = "=" * 80 + "\n"
+
+
+def _written(name: str, generated: str) -> str:
+    if not name.startswith(f"{PACKAGE}/"):
+        return generated
+    return (message_folder() / f"{name.rsplit('/', 1)[-1]}.msg").read_text(encoding="utf-8")
+
+
 def message_folder() -> Path:
     """Folder of the ``.msg`` files: ``share/isf_msgs/msg`` of an installed workspace, that of a wheel, which carries
     them, else the source tree."""

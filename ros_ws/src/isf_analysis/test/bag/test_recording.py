@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 from isf_analysis.bag import repair, topics
 from isf_analysis.bag.bag_file import BagFile, Storage
+from isf_analysis.bag.copy import copy_bag
 from isf_analysis.bag.recording import Recording
 from isf_analysis.bag.topics import cell_types, make_message
 from isf_core.errors import ErrorCode, IsfError
 from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_types_from_msg
 
 WRENCH = next(topic for topic in topics.CELL if topic.name == "tool_1/wrench")
 DATA = bytes(cell_types().serialize_cdr(make_message(WRENCH.type), WRENCH.type))
@@ -72,3 +75,20 @@ def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
     with pytest.raises(IsfError, match="known: none, zstd"):
         BagFile(tmp_path / "bag", Storage(compression="rar"))
     assert not (tmp_path / "bag").exists()
+
+
+def test_a_bag_defines_messages_as_they_are_written(tmp_path: Path) -> None:
+    """With units, and with constants right before their field: Foxglove takes the names of modes from there."""
+    state = next(topic for topic in topics.CELL if topic.name == "force_ctrl/state")
+    Recording(tmp_path / "bag", [(state, "/force_ctrl/state"), (WRENCH, "/tool_1/wrench")]).close()
+    copy_bag(tmp_path / "bag", tmp_path / "again")
+    for folder in ("bag", "again"):
+        with Reader(tmp_path / folder) as reader:
+            of = {connection.topic: connection for connection in reader.connections}
+        text = of["/force_ctrl/state"].msgdef.data
+        assert re.search(r"^uint8 HOLD=8 .*\nuint8 mode ", text, re.MULTILINE)
+        assert "float64 feed                       " in text
+        assert "# m/s, present speed along the path" in text
+        for connection in of.values():
+            for name, read in get_types_from_msg(connection.msgdef.data, connection.msgtype).items():
+                assert read[1] == cell_types().fielddefs[name][1]
