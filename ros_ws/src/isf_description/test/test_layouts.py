@@ -8,6 +8,10 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import yaml
+from isf_core.files.rig import load_rig
+from isf_description.cell import describe
+
 LAYOUTS = Path(__file__).resolve().parents[1] / "layouts"
 
 PANEL_KEYS = {
@@ -114,3 +118,17 @@ def test_plotjuggler_takes_the_layout_without_asking() -> None:
         shares = splitter.attrib["sizes"].split(";")
         assert len(shares) == int(splitter.attrib["count"]) == len(splitter.findall("DockArea"))
     assert {plot.attrib["mode"] for plot in root.iter("plot")} == {"TimeSeries"}
+
+
+def test_rviz_shows_the_frames_that_are_named_and_no_others() -> None:
+    """TFDisplay::createFrame enables every frame that is not said to be off, whatever "All Enabled" says at the start."""
+    displays = yaml.safe_load((LAYOUTS / "cell.rviz").read_text(encoding="utf-8"))["Visualization Manager"]["Displays"]
+    (frames,) = [display for display in displays if display["Class"] == "rviz_default_plugins/TF"]
+    named = {name for name in frames["Frames"] if name != "All Enabled"}
+    assert named == {"sheet", "clamp", "tool_1", "tool_2", "tool_1_cell", "tool_2_cell"}
+    wanted = re.compile(frames["Filter (whitelist)"])
+    links = {link.name for link in describe(load_rig("torrao2013"), None).links}
+    links |= {link.name for link in describe(load_rig("ren2018"), None).links}
+    assert {name for name in links if wanted.search(name)} == named
+    assert wanted.search("cell_1/tool_1")
+    assert len(links) > 25
