@@ -121,9 +121,10 @@ def test_plotjuggler_takes_the_layout_without_asking() -> None:
 
 
 def test_rviz_shows_the_frames_that_are_named_and_no_others() -> None:
-    """TFDisplay::createFrame enables every frame that is not said to be off, whatever "All Enabled" says at the start."""
-    displays = yaml.safe_load((LAYOUTS / "cell.rviz").read_text(encoding="utf-8"))["Visualization Manager"]["Displays"]
-    (frames,) = [display for display in displays if display["Class"] == "rviz_default_plugins/TF"]
+    """TFDisplay::createFrame enables every frame that is not said to be off, whatever "All Enabled" says."""
+    layout = yaml.safe_load((LAYOUTS / "cell.rviz").read_text(encoding="utf-8"))
+    displays = {display["Class"]: display for display in layout["Visualization Manager"]["Displays"]}
+    frames = displays["rviz_default_plugins/TF"]
     named = {name for name in frames["Frames"] if name != "All Enabled"}
     assert named == {"sheet", "clamp", "tool_1", "tool_2", "tool_1_cell", "tool_2_cell"}
     wanted = re.compile(frames["Filter (whitelist)"])
