@@ -91,7 +91,7 @@ def test_a_part_goes_on_after_kills_as_if_there_had_been_none(tmp_path: Path) ->
 
 
 def kill_all_of_the_command(job: Path, run: Path) -> None:
-    """``isf form``, killed with its six nodes as soon as contour 1 is kept: contour 2 is being formed then."""
+    """``isf form``, killed with its seven nodes as soon as contour 1 is kept: contour 2 is being formed then."""
     command = [sys.executable, "-m", "isf_cell.cli", "form", str(job), "--no-compare", "-o", str(run)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
     nodes: list[int] = []
@@ -109,7 +109,7 @@ def kill_all_of_the_command(job: Path, run: Path) -> None:
         if process.poll() is None:  # it takes its nodes with it
             process.send_signal(signal.SIGINT)
             process.wait(PATIENCE)
-    assert len(nodes) == 6
+    assert len(nodes) == 7
 
 
 def kill_one_node(job: Path, run: Path, steps: list[int]) -> Any:
