@@ -140,6 +140,7 @@ def play_bag(path: Path, options: PlayOptions, *, as_json: bool) -> None:
         "messages": played.messages,
         "seconds": played.seconds,
         "late_ms": {"median": float(np.median(late)), "p99": float(np.quantile(late, 0.99)), "max": float(late.max())},
+        "real_time_priority": played.priority,
         "notes": notes,
     }
     if as_json:

@@ -26,6 +26,7 @@ from isf_analysis.bag.playback import Recorded
 from isf_core.errors import ErrorCode, IsfError
 from isf_ros import stamps
 from isf_ros.answers import keep_answers
+from isf_ros.thread_priority import RealTimeSettings, acquire, release
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -44,6 +45,10 @@ AHEAD = 64_000_000
 
 BESIDES = 500
 """Bytes that a message takes beside its data."""
+
+PRIORITY = 10
+"""SCHED_FIFO priority while it plays, where the system permits it: below that of the nodes of a cell. With ordinary
+scheduling whatever else runs makes messages late."""
 
 SWITCH = 2e-4
 """s after which the reading thread lets the playing one go on."""
@@ -73,10 +78,12 @@ class Playing:
 
 @dataclass
 class Played:
-    """What was played: ``messages``, ``seconds`` of wall time, and how late each was published, s."""
+    """What was played: ``messages``, ``seconds`` of wall time, how late each was published, s, and the SCHED_FIFO
+    ``priority`` that the system granted, 0: none."""
 
     messages: int = 0
     seconds: float = 0.0
+    priority: int = 0
     late: list[float] = field(default_factory=list)
 
 
@@ -122,7 +129,7 @@ class Player:
             self._outputs[message.connection.id].publish(message.data)
             played.messages += 1
         reading = ReadAhead(playback.in_order(self._bag, self._connections, playing.begin))
-        with _no_collection(), reading as messages:
+        with _no_collection(), _ahead_of_others() as played.priority, reading as messages:
             self._play(messages, played, progress)
         self._wait_for_acknowledgement()
         return played
@@ -274,6 +281,16 @@ def _no_collection() -> Iterator[None]:
     finally:
         if before:
             gc.enable()
+
+
+@contextmanager
+def _ahead_of_others() -> Iterator[int]:
+    """All threads of the process with :data:`PRIORITY`; gives what was granted."""
+    privileges = acquire(RealTimeSettings(priority=PRIORITY))
+    try:
+        yield privileges.priority
+    finally:
+        release(privileges)
 
 
 def _message_class(name: str) -> Any:
