@@ -4,8 +4,8 @@
     ./isf python benchmarks/recorder.py --seconds 60 --extra 900
 
 A real cell of nodes forms `mini_cone` in real time with wrenches and targets at 500 Hz each; its recorder writes the
-bag. A publisher in a process of its own adds two reliable streams that a cell without holder and viewer leaves free
-(holder/target and joint_states), ``--extra`` messages/s each. While it sends, the processor time of the recorder's
+bag. A publisher in a process of its own adds two reliable streams that a cell without holder and load cells leaves free
+(holder/target and tool_1/raw), ``--extra`` messages/s each. While it sends, the processor time of the recorder's
 process is read from the system, and afterwards every message of the streams is looked for in the bag.
 """
 
@@ -15,6 +15,7 @@ import argparse
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -22,41 +23,40 @@ import time
 from pathlib import Path
 
 JOB = Path(__file__).resolve().parents[1] / "examples" / "jobs" / "mini_cone.yaml"
-STREAMS = ("holder/target", "joint_states")
+STREAMS = ("holder/target", "tool_1/raw")
 
 
 def publish(seconds: float, rate: float) -> None:
     """Send both streams once somebody listens and the cell forms; prints begin and end, ns since 1970, and counts."""
     import rclpy
-    from geometry_msgs.msg import PoseStamped
+    from geometry_msgs.msg import PoseStamped, WrenchStamped
     from isf_msgs.msg import ForceCtrlState
     from isf_ros import qos
     from rclpy.duration import Duration
     from rclpy.qos import QoSProfile
-    from sensor_msgs.msg import JointState
+    from rclpy.serialization import serialize_message
 
     rclpy.init()
     node = rclpy.create_node("beside")
     deep = QoSProfile(depth=10_000, reliability=qos.STREAM.reliability, durability=qos.STREAM.durability)
-    holder, joints = (
-        node.create_publisher(kind, name, deep) for kind, name in zip((PoseStamped, JointState), STREAMS, strict=True)
-    )
+    kinds = (PoseStamped, WrenchStamped)
+    publishers = [node.create_publisher(kind, name, deep) for kind, name in zip(kinds, STREAMS, strict=True)]
+    messages = [bytearray(serialize_message(kind())) for kind in kinds]
     modes: list[int] = []
     node.create_subscription(ForceCtrlState, "force_ctrl/state", lambda state: modes.append(state.mode), qos.STREAM)
-    while not (len(modes) > 50 and holder.get_subscription_count() and joints.get_subscription_count()):
+    while not (len(modes) > 50 and all(item.get_subscription_count() for item in publishers)):
         rclpy.spin_once(node, timeout_sec=0.1)
-    pose, state = PoseStamped(), JointState(name=["a", "b"], position=[0.0, 1.0])
     begin, start = time.time_ns(), time.monotonic()
     number = 0
     while (now := time.monotonic() - start) < seconds:
         while number < now * rate:
-            pose.header.stamp.nanosec = state.header.stamp.nanosec = number
-            holder.publish(pose)
-            joints.publish(state)
+            for publisher, message in zip(publishers, messages, strict=True):
+                struct.pack_into("<I", message, 8, number)  # nanoseconds of the stamp, after the head and the seconds
+                publisher.publish(bytes(message))
             number += 1
         time.sleep(0.5e-3)  # this loop is the clock of the two streams: what is due is sent twice a millisecond
     end = time.time_ns()
-    taken = all(publisher.wait_for_all_acked(Duration(seconds=10)) for publisher in (holder, joints))
+    taken = all(publisher.wait_for_all_acked(Duration(seconds=10)) for publisher in publishers)
     print(json.dumps({"begin": begin, "end": end, "sent": number, "acknowledged": taken}), flush=True)
 
 

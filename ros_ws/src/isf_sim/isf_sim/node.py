@@ -92,6 +92,9 @@ EXECUTIVE_SILENCE = 10.0
 """s of wall time without a sign of life of the executive after which tools that rest on the sheet are released.
 
 Twice the patience of force_ctrl, which lifts them along their path; this is for a force_ctrl that does not."""
+LONGEST_WAY = 1.0
+"""s of simulated time for axes to come to rest at their last targets."""
+
 REST = 1.0
 """s of wall time without a tick after which a machine in lockstep is at rest."""
 LONGEST_RELEASE = 2.0
@@ -184,7 +187,15 @@ class MachineNode(CellNode[MachineParameters]):
     def _let_go(self) -> None:
         """A protective stop of loaded or moving tools, to its end, before nobody moves them any more."""
         machine = self._machine
-        if machine is None or not self.is_active or not (machine.loaded or machine.moving):
+        if machine is None or not self.is_active:
+            return
+        if self.in_lockstep and not machine.faulted:
+            # time stood still since the last targets: axes that were on their way to them, in the air, get there
+            for _ in range(round(LONGEST_WAY * machine.control_rate)):
+                if machine.loaded or not machine.moving:
+                    break
+                machine.hold()
+        if not (machine.loaded or machine.moving):
             return
         if not machine.faulted:
             self.stop_machine("the node is told to end, or to be inactive, with tools that are loaded or moving")

@@ -36,9 +36,10 @@ PARKED = (np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -0.1]))
 
 
 class Client:
-    """Answers wrenches with targets, as force_ctrl does; ``process`` is the machine's."""
+    """Answers wrenches with targets, as force_ctrl does; ``process`` is the machine's, ``log`` its output."""
 
     process: forked_process.ForkedProcess
+    log: Path
     lockstep = True
 
     def __init__(self) -> None:
@@ -128,7 +129,7 @@ def served(program: list[str], folder: Path, parameters: list[str]) -> Iterator[
     process = forked_process.start([sys.executable, *program, "--ros-args", *arguments], stdout=log, stderr=log)
     rclpy.init()
     client = Client()
-    client.process = process
+    client.process, client.log = process, folder / "machine.log"
     try:
         yield client
     finally:

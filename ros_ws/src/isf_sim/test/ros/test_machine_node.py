@@ -293,3 +293,14 @@ def test_sensor_scan_takes_its_time_and_force_limit_is_an_event(machine: Client)
     assert machine.fault_codes()
     assert machine.fault_codes()[0] in (ErrorCode.FORCE_LIMIT, ErrorCode.LOAD_CELL_RANGE)
     assert machine.wait(lambda: MachineEvent.SATURATION in [event.kind for event in machine.events])
+
+
+def test_a_machine_that_ends_while_its_axes_are_on_their_way_in_the_air_has_no_fault(machine: Client) -> None:
+    """In lockstep time stands still after the last targets of a part, with the axes still behind them."""
+    machine.ready()
+    for number in range(1, 40):
+        assert machine.tick(number, (PARKED[0] - [0.0, 0.0, 0.0002 * number], PARKED[1]))
+    machine.process.send_signal(signal.SIGTERM)
+    assert machine.process.wait(LIMIT) == 0
+    assert machine.fault_codes() == []
+    assert "STOP_REQUESTED" not in machine.log.read_text(encoding="utf-8")
