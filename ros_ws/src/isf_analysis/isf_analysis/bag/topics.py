@@ -58,6 +58,8 @@ CELL = (
     Topic("tool_2/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
     Topic("tool_1/target_twist", "geometry_msgs/msg/TwistStamped", "STREAM"),
     Topic("tool_2/target_twist", "geometry_msgs/msg/TwistStamped", "STREAM"),
+    Topic("tool_1/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", "STREAM"),
+    Topic("tool_2/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", "STREAM"),
     Topic("tool_1/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
     Topic("tool_2/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
     Topic("machine/legs", "sensor_msgs/msg/JointState", "SENSOR"),
