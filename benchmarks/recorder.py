@@ -3,8 +3,9 @@
     ./isf python benchmarks/recorder.py                      # 20 s, 4,000 messages/s; about a minute
     ./isf python benchmarks/recorder.py --seconds 60 --extra 900
 
-A real cell of nodes forms `mini_cone` in real time with wrenches and targets at 500 Hz each; its recorder writes the
-bag. A publisher in a process of its own adds two reliable streams that a cell without holder and load cells leaves free
+A cell of nodes forms `mini_cone` by the clock with wrenches and targets of both tools at 500 Hz each, under the example
+driver (``--simulated``: the simulated machine, which is slower than that on two cores); its recorder writes the bag. A
+publisher in a process of its own adds two reliable streams that a cell without holder and load cells leaves free
 (holder/target and tool_1/raw), ``--extra`` messages/s each. While it sends, the processor time of the recorder's
 process is read from the system, and afterwards every message of the streams is looked for in the bag.
 """
@@ -14,15 +15,28 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from isf_cell.options import RunOptions
+from isf_cell.processes.cell_nodes import CellChoice, cell_nodes
+from isf_cell.processes.domain_lock import alone_in_domain
+from isf_cell.processes.process_group import ProcessGroup
+from isf_cell.run.graph_run import CellClient
+from isf_core.errors import IsfError
+from isf_core.files.job import JobFile
+
 JOB = Path(__file__).resolve().parents[1] / "examples" / "jobs" / "mini_cone.yaml"
+RATE = 500.0
+"""Hz, of control, wrenches and targets."""
+
 STREAMS = ("holder/target", "tool_1/raw")
 
 
@@ -66,49 +80,55 @@ def processor_time(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def recorder_of(parent: int) -> int | None:
-    """Process of the recorder that ``parent`` has started; None: not yet."""
-    for folder in Path("/proc").glob("[0-9]*"):
+@contextmanager
+def forming(folder: Path, job: JobFile, *, simulated: bool) -> Iterator[int]:
+    """A cell that forms ``job`` by the clock, recorded in ``folder``/bag; gives the process of its recorder."""
+    choice = CellChoice(lockstep=False, machine=simulated, bag=str(folder / "bag"))
+    with alone_in_domain(), ProcessGroup(folder / "logs") as group:
+        if not simulated:
+            group.start("isf_driver_example", "driver", {"rate": RATE}, name="machine")
+        for node in cell_nodes(choice):
+            group.start(node.package, node.executable, node.parameters, outlives=node.outlives)
+        client = CellClient()
         try:
-            started_by = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-            if started_by == parent and b"recorder" in (folder / "cmdline").read_bytes():
-                return int(folder.name)
-        except (OSError, IndexError, ValueError):
-            continue
-    return None
+            client.wait_ready(group)
+
+            def form() -> None:
+                with suppress(IsfError):  # the cell is ended in mid-part
+                    client.form(job, RunOptions(), lambda _: None, group)
+
+            part = threading.Thread(target=form)
+            part.start()
+            yield group["recorder"].popen.pid
+            group.stop()
+            part.join()
+        finally:
+            client.close()
 
 
-def measure(seconds: float, extra: float) -> dict[str, object]:
+def measure(seconds: float, extra: float, *, simulated: bool) -> dict[str, object]:
     """One run; see above."""
     from isf_analysis.bag.open_bag import open_bag
 
+    job = JobFile(JOB.read_text(encoding="utf-8").replace("rate: 250 Hz", f"rate: {RATE:g} Hz"), JOB.parent)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        text = JOB.read_text().replace("../parts", str(JOB.parents[1] / "parts"))
-        job = folder / "job.yaml"
-        job.write_text(text.replace("rate: 250 Hz", "rate: 500 Hz"))
-        form = [sys.executable, "-m", "isf_cell.cli", "form", str(job), "--real-time", "--no-compare"]
-        cell = subprocess.Popen([*form, "-o", str(folder / "run"), "--json"], stdout=subprocess.PIPE, text=True)
         beside = [sys.executable, __file__, "--publish", "--seconds", str(seconds), "--extra", str(extra)]
-        with subprocess.Popen(beside, stdout=subprocess.PIPE, text=True) as publisher:
-            while (pid := recorder_of(cell.pid)) is None and cell.poll() is None:
-                time.sleep(0.1)  # looks again: the system tells nobody that a grandchild has started
-            if pid is None:
-                publisher.kill()
-                sys.exit("the cell did not start")
+        with (
+            forming(folder, job, simulated=simulated) as pid,
+            subprocess.Popen(beside, stdout=subprocess.PIPE, text=True) as publisher,
+        ):
             used = [(time.time_ns(), processor_time(pid))]
             while publisher.poll() is None:
                 time.sleep(0.05)  # the period of the measurement of processor time, which counts in 10 ms
                 used.append((time.time_ns(), processor_time(pid)))
             assert publisher.stdout is not None
             told = json.loads(publisher.stdout.read())
-        cell.send_signal(signal.SIGINT)
-        cell.communicate(120)
         inside = [item for item in used if told["begin"] <= item[0] <= told["end"]]
         share = (inside[-1][1] - inside[0][1]) / (1e-9 * (inside[-1][0] - inside[0][0]))
         counts: dict[str, int] = {}
         every = 0
-        with open_bag(folder / "run" / "bag") as bag:
+        with open_bag(folder / "bag") as bag:
             for block in bag.blocks(bag.connections):
                 during = int(((block.times >= told["begin"]) & (block.times <= told["end"])).sum())
                 every += during
@@ -132,11 +152,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--extra", type=float, default=1000.0, help="messages/s on each of two topics")
     parser.add_argument("--publish", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--simulated", action="store_true", help="the simulated machine instead of the example driver")
     given = parser.parse_args()
     if given.publish:
         publish(given.seconds, given.extra)
     else:
-        print(json.dumps(measure(given.seconds, given.extra), indent=2))
+        print(json.dumps(measure(given.seconds, given.extra, simulated=given.simulated), indent=2))
 
 
 if __name__ == "__main__":
