@@ -127,7 +127,7 @@ class Computer:
     """Starts processes in a namespace, with memory and an identity of their own."""
 
     def __init__(self, name: str, folder: Path, domain: int, profile: Path) -> None:
-        self.name, self._folder, self._domain, self._profile = name, folder, domain, profile
+        self.name, self._folder, self._domain, self._profile = name, folder, domain, profile.resolve()
         self.processes: dict[str, subprocess.Popen[str]] = {}
         folder.mkdir(parents=True)
         (folder / "boot_id").write_text(f"{name}\n")
@@ -219,6 +219,9 @@ def follow(asking: subprocess.Popen[str], patience: float, heard: Any = lambda _
     guard.start()
     try:
         for line in asking.stdout:
+            if not line.startswith("{"):  # the middleware writes its warnings there
+                print(line, end="", file=sys.stderr)
+                continue
             said = json.loads(line)
             if "result" in said:
                 found: dict[str, Any] = said["result"]

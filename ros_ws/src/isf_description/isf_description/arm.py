@@ -23,7 +23,7 @@ THICK = 1.2
 
 
 def joint_name(tool: int, name: str) -> str:
-    """In the description, the joint states and the stream of targets, of joint ``name`` of the rig."""
+    """In the description and the joint states, of joint ``name`` of the rig; two arms may have the same names there."""
     return f"tool_{tool}_{name}"
 
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict, dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.files.rig import Rig
-from isf_core.geometry.serial_arm import TERMS, compliance_field
+from isf_core.geometry.serial_arm import TERMS, SerialArm, compliance_field
 from numpy.typing import NDArray
 
 from isf_force_ctrl.laws.force_and_compliance import ComplianceSettings, ContactForceSettings, group_delay, low_pass
@@ -317,7 +318,12 @@ class ControlConfig:
 def _arm_field(rig: Rig, tool: int) -> tuple[float, ...]:
     """(90,) m/N, of the arm of ``tool``; empty without one."""
     arm = rig.arm(tool)
-    return () if arm is None else tuple(compliance_field(arm, rig.limits.travel).ravel().tolist())
+    return () if arm is None else _field_of(arm, tuple(rig.limits.travel))
+
+
+@lru_cache(maxsize=8)  # a configuration asks for it six times
+def _field_of(arm: SerialArm, travel: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(compliance_field(arm, travel).ravel().tolist())
 
 
 def _largest(field: tuple[float, ...], axis: str = "xy") -> float:

@@ -94,7 +94,6 @@ EXECUTIVE_SILENCE = 10.0
 Twice the patience of force_ctrl, which lifts them along their path; this is for a force_ctrl that does not."""
 LONGEST_WAY = 1.0
 """s of simulated time for axes to come to rest at their last targets."""
-
 REST = 1.0
 """s of wall time without a tick after which a machine in lockstep is at rest."""
 LONGEST_RELEASE = 2.0

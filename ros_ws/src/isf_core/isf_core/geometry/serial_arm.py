@@ -268,15 +268,6 @@ class SerialArm:
         x, y, z = -self.side * (turned @ self.along)
         return tip, np.array([math.atan2(0.0 - y, math.hypot(x, z)), math.atan2(x, z)])
 
-    # -- posture -------------------------------------------------------------------------------------
-
-    def scores(self, tips: Array, tilts: Array, rolls: Array) -> Array:
-        """(R, 8) rad, for each of the rolls (R,) and every branch the smallest distance from limits and singular poses
-        over the tips (N, 3) m with tilts (N, 2) rad; -1 where one is out of reach."""
-        every = self.inverse(tips[None], tilts[None], np.asarray(rolls)[:, None])
-        worst = np.where(every.exists, np.minimum(every.margin, every.singular), -1.0)
-        return np.asarray(np.maximum(worst, -1.0).min(axis=1))
-
     # -- parts ---------------------------------------------------------------------------------------
 
     @cached_property

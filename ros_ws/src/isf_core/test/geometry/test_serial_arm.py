@@ -23,6 +23,17 @@ def arm() -> SerialArm:
     return found
 
 
+def least(arm: SerialArm, tips: np.ndarray, tilts: np.ndarray, rolls: np.ndarray) -> np.ndarray:
+    """(R, 8) rad, for every roll and branch the least distance from limits and singular poses; -1 out of reach."""
+    worst = np.full((len(rolls), 8), np.inf)
+    for i, roll in enumerate(rolls):
+        for tip, tilt in zip(tips, tilts, strict=True):
+            every = arm.inverse(tip, tilt, roll)
+            here = np.where(every.exists, np.minimum(every.margin, every.singular), -1.0)
+            worst[i] = np.minimum(worst[i], here)
+    return worst
+
+
 def denavit_hartenberg(joints: np.ndarray, tool: float) -> np.ndarray:
     """(4, 4), flange with tool in the base of a KR 210 R2700 extra, from the table of a data sheet: four numbers for a
     joint, in another order of turns than the URDF that the rig follows."""
@@ -157,8 +168,8 @@ def test_posture_is_the_best_of_all_and_holds_over_the_sheet(arm: SerialArm) -> 
     chosen = choose_posture(other, REGION)
     tips, upright = np.vstack([corners, np.zeros(3)]), np.zeros((9, 2))
     rolls = np.arange(-180, 180, 5) * DEG
-    worths = other.scores(tips, upright, rolls)
-    own = chosen.scores(tips, upright, np.array([chosen.roll]))[0, chosen.branch]
+    worths = least(other, tips, upright, rolls)
+    own = least(chosen, tips, upright, np.array([chosen.roll]))[0, chosen.branch]
     assert own > 0.9 * worths.max()
     assert own > 20 * DEG
     # a given roll is kept

@@ -52,6 +52,7 @@ class ArmGive:
         self._share = [
             0.0 if spec is None else 1.0 - math.exp(-2.0 * math.pi * spec.natural_frequency / rate) for spec in specs
         ]
+        self._own = [np.zeros((3, 3)) if arm is None else np.diag(_own(arm)) for arm in self._arms]
         self._factor = factor
         self._at: list[Array | None] = [None, None]
         self._rest = [np.zeros((3, 3)), np.zeros((3, 3))]
@@ -74,7 +75,6 @@ class ArmGive:
             if last is None or np.abs(place - last).max() > AGAIN:
                 joints, margin, _ = arm.held(tips[k], place[3:])
                 if np.isfinite(margin):
-                    own = np.diag(_own(arm))
-                    self._rest[k], self._at[k] = self._factor * (arm.compliance(joints) - own), place
+                    self._rest[k], self._at[k] = self._factor * (arm.compliance(joints) - self._own[k]), place
             way[k] += self._share[k] * (self._rest[k] @ forces[k] - way[k])
             tips[k] += way[k]
