@@ -71,6 +71,10 @@ ARGUMENTS: dict[str, dict[str, Any]] = {
     "load_cell_file_1": {"default_value": "", "description": "file of isf calibrate-cell for the cell of tool_1"},
     "load_cell_file_2": {"default_value": "", "description": "the same for tool_2"},
     "record": {"default_value": "", "description": "bag folder to write; empty: record nothing"},
+    "checkpoint": {
+        "default_value": "",
+        "description": "folder to keep the part in after every contour, to go on with it (resume); empty: none",
+    },
     "cell_state": {
         "default_value": YES,
         "choices": [YES, NO],
@@ -154,6 +158,7 @@ def choose(asked: dict[str, str], described: dict[str, Any]) -> cell_nodes.CellC
         cell_files=files,
         rig=described.get("rig", ""),
         bag=asked["record"],
+        checkpoint=str(Path(asked["checkpoint"]).resolve()) if asked["checkpoint"] else "",
         viewers=asked["cell_state"] == YES,
         job=str(Path(asked["job"]).resolve()) if asked["job"] else "",
         frame_prefix=asked["frame_prefix"],

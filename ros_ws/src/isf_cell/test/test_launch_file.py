@@ -86,6 +86,14 @@ def test_the_manual_gives_arguments_that_there_are(launch_file: dict[str, Any]) 
         launch_standin.values(entities, dict(word.split(":=") for word in shlex.split(line)))
 
 
+def test_a_part_is_kept_by_all_that_have_something_to_keep(launch_file: dict[str, Any], tmp_path: Path) -> None:
+    found = started(launch_file, checkpoint=str(tmp_path / "kept"))
+    assert parameters(found["executive"])["checkpoint"] == str(tmp_path / "kept")
+    for name in ("machine", "springback", "force_ctrl"):
+        assert parameters(found[name])["state_folder"] == str(tmp_path / "kept")
+    assert not [name for name, node in started(launch_file).items() if "state_folder" in parameters(node)]
+
+
 def test_under_a_driver_no_machine_is_started_and_time_is_the_clock(launch_file: dict[str, Any]) -> None:
     found = started(launch_file, machine="false", lockstep="false", record="bag", log_level="debug")
     assert set(found) == {*NODES, "recorder"} - {"machine"}
