@@ -40,14 +40,16 @@ BASE = "based_on"
 MAXIMUM_LAYERS = 20
 
 
-def layered_text(path: Path) -> str:
-    """Text of the rig file at ``path`` with everything it is based on; unchanged when it stands alone.
+def layered_text(path: Path) -> tuple[str, list[tuple[str, str]]]:
+    """Text of the rig file at ``path`` with everything it is based on, unchanged when it stands alone; and names and
+    texts of all these files, the uppermost first.
 
     Raises IsfError as :func:`isf_core.files.yaml_file.read`, and FILE_FIELD for files that are based on each other.
     """
     text = yaml_file.read(path)
     layers = []
     here = path
+    files = [(str(path), text)]
     while (layer := _mapping(text)) is not None and BASE in layer:
         layers.append(layer)
         below = layer.pop(BASE)
@@ -60,8 +62,9 @@ def layered_text(path: Path) -> str:
             )
         here = find_named("rigs", below, here.parent)
         text = yaml_file.read(here)
+        files.append((str(here), text))
     if not layers or layer is None:
-        return text
+        return text, [(str(here), text)]
     merged = layer
     for upper in reversed(layers):
         merged = _merged(merged, upper)
@@ -69,7 +72,7 @@ def layered_text(path: Path) -> str:
         part = merged.get(tool)
         if isinstance(part, dict) and isinstance(part.get("error_map"), str):
             part["error_map"] = str(_map_path(part["error_map"], tool, here, layer, path))
-    return yaml.safe_dump(merged, sort_keys=False, allow_unicode=True, width=10_000)
+    return yaml.safe_dump(merged, sort_keys=False, allow_unicode=True, width=10_000), files
 
 
 def _map_path(name: str, tool: str, lowest: Path, below: dict[str, Any], top: Path) -> Path:
@@ -341,7 +344,8 @@ def load_rig(name_or_path: str, base: Path | None = None) -> Rig:
     A file may tell only what differs from another rig: see :mod:`isf_core.files.rig`.
     """
     path = find_named("rigs", name_or_path, base)
-    rig = yaml_file.parse(layered_text(path), Rig, str(path))
+    text, files = layered_text(path)
+    rig = yaml_file.parse(text, Rig, files[0][0], files)
     tools = {}
     for name in ("tool_1", "tool_2"):
         tool: ToolAxis = getattr(rig, name)

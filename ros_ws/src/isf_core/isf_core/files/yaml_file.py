@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import os
 import sysconfig
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
 
@@ -49,8 +49,11 @@ def read(path: Path) -> str:
         raise IsfError(ErrorCode.FILE_SYNTAX, f"cannot be read as text: {error}", where=str(path)) from error
 
 
-def parse(text: str, model: type[Model], name: str) -> Model:
+def parse(text: str, model: type[Model], name: str, layers: Sequence[tuple[str, str]] = ()) -> Model:
     """Model from YAML ``text``; ``name`` is the file named in errors.
+
+    ``layers``: names and texts of the files that ``text`` was merged from, the uppermost first; an error names the line
+    of the one that has the field.
 
     Raises
     ------
@@ -78,7 +81,9 @@ def parse(text: str, model: type[Model], name: str) -> Model:
     try:
         return model.model_validate(data, context=FROM_FILE)
     except ValidationError as error:
-        raise _explain(error, model, root, name) from error
+        nodes = [(file, yaml.compose(layer, Loader=yaml.SafeLoader)) for file, layer in layers]
+        files = [(file, node) for file, node in nodes if node is not None]
+        raise _explain(error, model, files or [(name, root)]) from error
 
 
 def load(path: Path, model: type[Model]) -> Model:
@@ -86,7 +91,7 @@ def load(path: Path, model: type[Model]) -> Model:
     return parse(read(path), model, str(path))
 
 
-def _explain(error: ValidationError, model: type[BaseModel], root: yaml.Node, name: str) -> IsfError:
+def _explain(error: ValidationError, model: type[BaseModel], files: Sequence[tuple[str, yaml.Node]]) -> IsfError:
     # an unknown field is usually the reason why another one is missing: name it first; of a field that takes a word
     # or a quantity ("auto" or a force) the quantity tells more
     rank = {"extra_forbidden": 0, "literal_error": 2}
@@ -117,7 +122,9 @@ def _explain(error: ValidationError, model: type[BaseModel], root: yaml.Node, na
     more = len({_without_choice(model, fault["loc"]) for fault in faults}) - 1
     if more > 0:
         advice = f"{advice}; {more} more error(s) in this file".lstrip("; ")
-    return IsfError(code, what, where=f"{name}:{_line(root, place)}", advice=advice)
+    found = [(*_line(root, place), file) for file, root in files]
+    _, line, file = max(found, key=lambda one: one[0])  # of files that know as much the first
+    return IsfError(code, what, where=f"{file}:{line}", advice=advice)
 
 
 def _meant(name: str, place: tuple[int | str, ...], model: type[BaseModel]) -> str:
@@ -200,23 +207,23 @@ def _paths(model: type[BaseModel], before: str = "") -> Iterator[str]:
             yield from _paths(section, f"{before}{name}.")
 
 
-def _line(node: yaml.Node, place: tuple[int | str, ...]) -> int:
-    """Line (1-based) of the deepest node of ``place`` that exists."""
+def _line(node: yaml.Node, place: tuple[int | str, ...]) -> tuple[int, int]:
+    """How many parts of ``place`` exist, and the line (1-based) of the deepest one."""
     line = node.start_mark.line
-    for part in place:
+    for depth, part in enumerate(place):
         if isinstance(node, yaml.MappingNode):
             for key, value in node.value:
                 if key.value == str(part):
                     line, node = key.start_mark.line, value
                     break
             else:
-                break
+                return depth, line + 1
         elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
             node = node.value[part]
             line = node.start_mark.line
         else:
-            break
-    return line + 1
+            return depth, line + 1
+    return len(place), line + 1
 
 
 def share_directory() -> Path:

@@ -47,3 +47,16 @@ def test_layers_that_cannot_be(tmp_path: Path, text: str, code: ErrorCode) -> No
         load_rig("piece.yaml", tmp_path)
     assert caught.value.code is code
     assert "piece.yaml" in caught.value.message or "unknown_rig" in caught.value.message
+
+
+def test_a_fault_is_in_the_line_of_the_file_that_has_it(tmp_path: Path) -> None:
+    (tmp_path / "below.yaml").write_text("based_on: ren2018\nname: below\nservo:\n  rate: 500 Hz\n  bandwidth: 28\n")
+    (tmp_path / "above.yaml").write_text("based_on: below.yaml\nservo:\n  bandwidth: 29\n")
+    with pytest.raises(IsfError, match=r"above\.yaml:3: servo\.bandwidth: 29"):
+        load_rig("above.yaml", tmp_path)
+    (tmp_path / "above.yaml").write_text("based_on: below.yaml\nname: above\n")
+    with pytest.raises(IsfError, match=r"below\.yaml:5: servo\.bandwidth"):
+        load_rig("above.yaml", tmp_path)
+    (tmp_path / "above.yaml").write_text("based_on: below.yaml\nservo:\n  bandwidth: 28 Hz\n  bandwith: 28 Hz\n")
+    with pytest.raises(IsfError, match=r"above\.yaml:4: unknown field 'servo\.bandwith'"):
+        load_rig("above.yaml", tmp_path)
