@@ -21,6 +21,7 @@ from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, Stop, Tare
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
@@ -42,6 +43,8 @@ STAND_AFTER, RELEASE_AFTER = 0.25, 2.0
 """s without targets after which tools that were moving are told to stand still, and loaded ones leave the sheet."""
 STATE_PERIOD, HEALTH_PERIOD, POSE_PERIOD = 0.1, 0.5, 0.02
 """s between two messages on machine/state, /diagnostics, tool_k/pose."""
+LONGEST_CATCH_UP = 0.25
+"""s of cycles that are made up for when this process was kept waiting: the machine and its converters went on."""
 TARGET_LOST, TOOL_LOADED, STOP_REQUESTED, FAULTED = 1404, 1405, 1406, 1410
 """Codes of docs/reference/error_codes.md."""
 
@@ -56,6 +59,7 @@ class Driver:
         self._check = TargetCheck(1.0 / self._rate)
         self._tared = False
         self._tick, self._code, self._following = 0, 0, False
+        self._next_cycle = 0.0  # s of the monotonic clock
         self._heard: float | None = None  # s, when the last target came; None: nothing is to be done when none comes
         self._running: list[Any] = []
         self._wrenches = [node.create_publisher(WrenchStamped, f"tool_{k}/wrench", STREAM) for k in (1, 2)]
@@ -77,8 +81,9 @@ class Driver:
     def start(self) -> None:
         """Begin to move and to measure, where the tools are."""
         self._stand()
+        self._next_cycle = time.monotonic()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        periods = {1.0 / self._rate: self._on_cycle}
+        periods = {1.0 / self._rate: self._on_timer}
         if self._level >= SERVICES:
             periods[STATE_PERIOD] = self._publish_state
         self._running = [self._node.create_timer(period, work, clock=steady) for period, work in periods.items()]
@@ -131,7 +136,17 @@ class Driver:
         self._check.restart()
         self._hardware.stand()
 
-    def _on_cycle(self) -> None:
+    def _on_timer(self) -> None:
+        """Do every cycle that is due by now; a timer alone leaves out those that it was late for."""
+        now, period = time.monotonic(), 1.0 / self._rate
+        self._next_cycle = max(self._next_cycle, now - LONGEST_CATCH_UP)
+        stamp = self._node.get_clock().now()
+        while self._next_cycle <= now:
+            self._on_cycle((stamp - Duration(seconds=now - self._next_cycle)).to_msg())
+            self._next_cycle += period
+
+    def _on_cycle(self, stamp: Any) -> None:
+        """One cycle; ``stamp`` is the time of its readings."""
         silent = 0.0 if self._heard is None else time.monotonic() - self._heard
         if self._following and silent > STAND_AFTER:
             self._following = False
@@ -142,7 +157,6 @@ class Driver:
             if np.abs(forces).max() > FREE:
                 self._protect(TARGET_LOST, f"no targets for {RELEASE_AFTER:g} s while a tool is loaded")
         self._tick += 1
-        stamp = self._node.get_clock().now().to_msg()
         with_poses = self._tick % max(1, round(POSE_PERIOD * self._rate)) == 0
         for k in (0, 1):
             wrench = WrenchStamped()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import forked_process
+import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -151,6 +153,28 @@ def test_what_is_no_target_is_not_followed(sender: Sender, tip: tuple[float, ...
         assert sender.state is not None
         assert "tool_1/target" in sender.state.fault_messages[0]
         assert sender.wait(lambda: sender.height > PARKED + 15e-3)  # lifted from where it was
+
+
+def test_readings_of_cycles_that_came_late_are_not_left_out(sender: Sender) -> None:
+    """A process that is kept waiting for 60 ms at 100 Hz sends what the converters have read meanwhile."""
+    heard: list[tuple[float, float]] = []
+
+    def on_wrench(message: WrenchStamped, info: Any) -> None:
+        stamp = message.header.stamp
+        heard.append((stamp.sec + 1e-9 * stamp.nanosec, 1e-9 * info["source_timestamp"]))
+
+    sender.node.create_subscription(WrenchStamped, "tool_1/wrench", on_wrench, 100)
+    with driver(SERVICES) as process:
+        assert sender.wait(lambda: len(heard) > 20)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(0.06)  # the fault itself
+        process.send_signal(signal.SIGCONT)
+        before = len(heard)
+        assert sender.wait(lambda: len(heard) > before + 40)
+    stamps, sent = np.array(heard).T
+    made_up_for = np.diff(sent) < 0.2  # where the computer itself stood for longer, some are left out
+    assert np.diff(sent)[made_up_for].max() > 0.04, "the process was not kept waiting"
+    assert np.diff(stamps)[made_up_for] == pytest.approx(0.01, abs=0.5e-3)
 
 
 def test_targets_begin_where_the_tools_are(sender: Sender) -> None:
