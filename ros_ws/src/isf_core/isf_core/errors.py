@@ -149,6 +149,7 @@ class ErrorCode(IntEnum):
     QOS_INCOMPATIBLE = 1509
     SECOND_PUBLISHER = 1510
     VERSION_MISMATCH = 1511
+    ROS_NOT_STARTED = 1512
 
     # recorder and analysis
     BAG_UNREADABLE = 1601

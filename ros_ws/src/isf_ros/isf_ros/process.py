@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
 import signal
 import sys
 import time
@@ -11,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
-from isf_core.errors import IsfError
+from isf_core.errors import ErrorCode, IsfError
 from rclpy.duration import Duration
 from rclpy.executors import Executor, ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -24,8 +25,37 @@ EXIT_OK, EXIT_ERROR = 0, 2
 HAND_OVER = 2.0
 """s, longest time for which a node that ends waits for its subscribers: launch ends it by force after 5 s."""
 
+LARGEST_DOMAIN = 232
+"""Of DDS: its ports would be above 65,535 else."""
+
 MAX_FAILURES = 100
 """Failures of the executor one after the other after which its process cannot serve and ends."""
+
+
+def join_graph(args: list[str] | None = None) -> None:
+    """Take part in the graph, with signals left alone (see :func:`ended_by_signal`).
+
+    Raises IsfError ROS_NOT_STARTED for arguments, a domain or a security set-up that ROS does not take.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "")
+    advice = "look at the ROS arguments, and at ROS_DOMAIN_ID, RMW_IMPLEMENTATION and ROS_SECURITY_* in the environment"
+    if domain.isdecimal() and int(domain) > LARGEST_DOMAIN:  # Fast DDS ends the whole process without an exception
+        what = f"ROS_DOMAIN_ID is {domain}, domains go up to {LARGEST_DOMAIN}"
+        raise IsfError(ErrorCode.ROS_NOT_STARTED, what, where="environment", advice=advice)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # RCLError, UnknownROSArgsError, ...
+        why = str(error).partition(", at /")[0].replace("failed to initialize rcl: error not set", _security())
+        what = f"ROS could not be started: {why}"
+        raise IsfError(ErrorCode.ROS_NOT_STARTED, what, where="environment", advice=advice) from error
+
+
+def _security() -> str:
+    """What it is when rcl does not say it."""
+    if os.environ.get("ROS_SECURITY_ENABLE") != "true":
+        return "rcl does not say why"
+    keystore = os.environ.get("ROS_SECURITY_KEYSTORE", "")
+    return f"security is on, and the keystore ({keystore or 'ROS_SECURITY_KEYSTORE is not set'}) has no such enclave"
 
 
 def spin(node: Node, ended: Callable[[], bool], *, streams: bool = False) -> None:
@@ -71,7 +101,7 @@ def ended_by_signal() -> Callable[[], bool]:
     """Whether SIGINT or SIGTERM has come since this call; they raise no exception any more.
 
     As KeyboardInterrupt they may come out of rclpy as any other exception (RuntimeError from a conversion of types).
-    For ``rclpy.init(signal_handler_options=SignalHandlerOptions.NO)``.
+    For :func:`join_graph`.
     """
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -87,8 +117,8 @@ def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *
     atexit.register(gc.freeze)  # else the interpreter looks through all that was imported before it ends: a second
     ended = ended_by_signal()
     node: CellNode[Any] | None = None
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
+        join_graph(args)
         node = make_node()
         spin(node, ended, streams=streams)
     except ExternalShutdownException:

@@ -1,0 +1,44 @@
+"""A node's process that ROS does not let take part says why, with a code, and without a traceback."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+NODE = """
+import sys
+from isf_ros import process
+sys.exit(process.run(lambda: None))
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "environment", "said"),
+    [
+        ([], {"ROS_DOMAIN_ID": "500"}, "ROS_DOMAIN_ID is 500, domains go up to 232"),
+        ([], {"ROS_DOMAIN_ID": "cell"}, "ROS_DOMAIN_ID is not an integral number"),
+        (["-p", "rate"], {}, "'-p rate'"),
+        (["--no-such-rule"], {}, "--no-such-rule"),
+        (
+            ["--enclave", "/isf/machine"],
+            {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"},
+            "security is on, and the keystore (ROS_SECURITY_KEYSTORE is not set)",
+        ),
+    ],
+    ids=["domain too high", "domain no number", "rule", "argument", "no keystore"],
+)
+def test_what_ros_does_not_take_is_told(arguments: list[str], environment: dict[str, str], said: str) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", NODE, "--ros-args", *arguments],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 2
+    assert "[1512 ROS_NOT_STARTED]" in ended.stderr
+    assert said in ended.stderr
+    assert "Traceback" not in ended.stderr
