@@ -65,8 +65,11 @@ if [ -n "${RMW_IMPLEMENTATION:-}" ] && [ "$RMW_IMPLEMENTATION" != rmw_fastrtps_c
 fi
 # A cell stays on its own computer unless it is told otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
-# Nodes end at once, and a lost message is soon sent again: see the file.
-export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$ISF_ROOT/ros_ws/src/isf_cell/config/fastdds.xml}"
+# Nodes end at once, a lost message is soon sent again, nobody else is heard: see the files.
+isf_local=_local
+[ "$ROS_AUTOMATIC_DISCOVERY_RANGE" = LOCALHOST ] || isf_local=""
+export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$ISF_ROOT/ros_ws/src/isf_cell/config/fastdds$isf_local.xml}"
+unset isf_local
 export ROS_LOG_DIR="${ROS_LOG_DIR:-$ISF_ROOT/.isf/log/ros}"
 
 # Matrices of the cell are small: more BLAS threads only take time from the control loop.
@@ -85,7 +88,8 @@ EOF
 check_installation() {
   local log=$isf_state/log/check.log
   step "Check: rclpy and isf_msgs load"
-  if ! (. "$isf_state/env.sh" && logged "$log" python -c 'import isf_core, rclpy, rclpy.action
+  # what the user has in the environment (a domain that does not exist, security) is told by the commands
+  if ! (unset ROS_DOMAIN_ID ROS_SECURITY_ENABLE && . "$isf_state/env.sh" && logged "$log" python -c 'import isf_core, rclpy, rclpy.action
 from isf_msgs.msg import Contour
 rclpy.init()
 rclpy.create_node("isf_setup_check").create_publisher(Contour, "isf_setup_check", 1)

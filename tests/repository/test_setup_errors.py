@@ -202,6 +202,32 @@ def test_cell_stays_on_this_computer_unless_set_otherwise() -> None:
     assert _in_environment(show, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET").stdout.strip() == "SUBNET"
 
 
+LISTENS = """
+import os, rclpy
+rclpy.init()
+node = rclpy.create_node("isf_listens")
+open_files = (f"/proc/self/fd/{fd}" for fd in os.listdir("/proc/self/fd"))
+own = {os.readlink(path) for path in open_files if os.path.exists(path)}
+first = 7400 + 250 * int(os.environ["ROS_DOMAIN_ID"])
+for line in open("/proc/net/udp").read().splitlines()[1:]:
+    fields = line.split()
+    address, port = fields[1].split(":")
+    if f"socket:[{fields[9]}]" in own and first <= int(port, 16) < first + 250:
+        print(".".join(str(byte) for byte in reversed(bytes.fromhex(address))))
+"""
+"""Prints the addresses at which a node hears of others and their messages (ports of RTPS 2.5, 9.6.2.4)."""
+
+
+@needs_set_up
+def test_a_node_hears_this_computer_alone_unless_set_otherwise(tmp_path: Path) -> None:
+    program = tmp_path / "listens.py"
+    program.write_text(LISTENS, encoding="utf-8")
+    domain = {"ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", "99")}
+    assert set(_in_environment(f"python {program}", **domain).stdout.split()) == {"127.0.0.1"}
+    beyond = _in_environment(f"python {program}", ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET", **domain)
+    assert "0.0.0.0" in beyond.stdout.split()
+
+
 @needs_set_up
 def test_messages_are_acknowledged_long_before_a_node_gives_up_waiting_for_it() -> None:
     """By the profiles of Fast DDS, which it reads without complaint; another robot's own profiles are left alone."""

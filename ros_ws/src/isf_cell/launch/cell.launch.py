@@ -29,7 +29,8 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
 PROFILES, RANGE = "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
-MIDDLEWARE_FILE, LINK_FILE = ("config", "fastdds.xml"), ("config", "fastdds_link.xml")
+LOCAL_FILE, OPEN_FILE, LINK_FILE = (("config", f"fastdds{which}.xml") for which in ("_local", "", "_link"))
+LOCAL = "LOCALHOST"
 RVIZ_FILE = ("layouts", "cell.rviz")
 RESPAWN_DELAY = 2.0  # s, so that a node which cannot start does not fill the log
 
@@ -114,15 +115,17 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def middleware(context: LaunchContext) -> list[Action]:
-    """With what Fast DDS takes by itself a node waits seconds for its last messages to be acknowledged when it ends:
-    longer than launch waits for it. A profile of the user's own stands. For ``link`` see LINK_FILE."""
+    """A cell stays on its computer, unless there is a ``link`` or the user says otherwise. With what Fast DDS takes by
+    itself a node waits seconds for its last messages to be acknowledged when it ends: longer than launch waits for it.
+    A profile of the user's own stands, but for LINK_FILE."""
     share = FindPackageShare("isf_cell")
     if LaunchConfiguration("link").perform(context) == YES:
         wanted = {PROFILES: PathJoinSubstitution([share, *LINK_FILE]), RANGE: "SUBNET"}
         return [SetEnvironmentVariable(name, value) for name, value in wanted.items()]
-    if PROFILES in os.environ:
-        return []
-    return [SetEnvironmentVariable(PROFILES, PathJoinSubstitution([share, *MIDDLEWARE_FILE]))]
+    reach = os.environ.get(RANGE, LOCAL)
+    file = LOCAL_FILE if reach == LOCAL else OPEN_FILE
+    wanted = {PROFILES: PathJoinSubstitution([share, *file]), RANGE: reach}
+    return [SetEnvironmentVariable(name, value) for name, value in wanted.items() if name not in os.environ]
 
 
 def start_nodes(context: LaunchContext) -> list[Action]:
@@ -200,7 +203,7 @@ def make(node: cell_nodes.CellNode, asked: dict[str, str]) -> Action:
         "namespace": asked["namespace"],
         "remappings": [cell_nodes.OWN_CLOCK, *node.remap],
         "parameters": [asked["params_file"], {**node.parameters, "use_sim_time": sim_time(asked, shows=shows)}],
-        "ros_arguments": ["--log-level", asked["log_level"]],
+        "ros_arguments": ["--log-level", asked["log_level"], *cell_nodes.enclave_arguments(node.name)],
         "output": "screen",
         "respawn": asked["respawn"] == YES and node.keeps_nothing,
         "respawn_delay": RESPAWN_DELAY,

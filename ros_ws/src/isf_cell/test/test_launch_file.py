@@ -192,14 +192,23 @@ def test_a_job_that_is_no_file_is_named_with_what_to_give(launch_file: dict[str,
         launch_file["request_part"]({"job": "none.yaml", "namespace": ""})
 
 
-def test_fast_dds_asks_often_unless_the_user_has_a_profile(
-    launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("reach", "whitelisted"), [(None, True), ("LOCALHOST", True), ("SUBNET", False)])
+def test_a_cell_stays_on_its_computer_unless_the_user_says_otherwise(
+    launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch, reach: str | None, whitelisted: bool
 ) -> None:
-    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
-    (variable,) = launch_file["middleware"]({"link": "false"})
-    assert variable.args[0] == "FASTRTPS_DEFAULT_PROFILES_FILE"
-    assert Path(variable.args[1].perform({})).is_file()
+    profiles, scope = "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+    monkeypatch.delenv(profiles, raising=False)
+    monkeypatch.delenv(scope, raising=False)
+    if reach:
+        monkeypatch.setenv(scope, reach)
+    wanted = dict(action.args for action in launch_file["middleware"]({"link": "false"}))
+    assert ("<address>127.0.0.1<" in Path(wanted.pop(profiles).perform({})).read_text(encoding="utf-8")) == whitelisted
+    assert wanted == ({} if reach else {scope: "LOCALHOST"})
+
+
+def test_a_profile_of_the_users_own_stands(launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     assert launch_file["middleware"]({"link": "false"}) == []
 
 
