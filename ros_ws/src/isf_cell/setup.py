@@ -15,6 +15,7 @@ setup(
         ("bin", ["bin/isf"]),
         (f"share/{package_name}/launch", glob("launch/*.launch.py")),
         (f"share/{package_name}/config", [*glob("config/*.yaml"), *glob("config/*.xml")]),
+        (f"share/{package_name}/config/security", glob("config/security/*.xml")),
     ],
     install_requires=[
         "numpy>=1.26,<3",

@@ -14,9 +14,10 @@ from types import TracebackType
 import rclpy
 from isf_core.errors import ErrorCode
 from isf_core.files.job import JobFile
-from rclpy.signals import SignalHandlerOptions
+from isf_ros.process import join_graph
 
 from isf_cell.faults.outside import Outside
+from isf_cell.processes.cell_nodes import operator_arguments
 from isf_cell.processes.process_group import ends_with_owner
 from isf_cell.run.checkpoint import CHECKPOINT
 
@@ -42,7 +43,7 @@ class CommandCell:
         """Nodes that did not end with the command, and were killed."""
 
     def __enter__(self) -> CommandCell:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        join_graph(operator_arguments())
         self.outside = Outside()
         return self
 

@@ -6,6 +6,7 @@ standard library is imported here.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +15,27 @@ OWN_CLOCK = ("/clock", "clock")
 
 OWN_FRAMES = (("/tf", "tf"), ("/tf_static", "tf_static"))
 """Every cell has a frame ``sheet``: where two share /tf, one of them needs a prefix, or each topics of its own."""
+
+
+OPERATOR = "operator"
+"""Whose enclave commands have, such as ``isf form``."""
+
+
+def enclave(name: str) -> str:
+    """Security enclave of the node ``name``, as in ``config/security/policy.xml``."""
+    return f"/isf/{name}"
+
+
+def enclave_arguments(name: str) -> list[str]:
+    """ROS arguments that give the node its enclave; none while security is off, or one is given for all processes."""
+    on = os.environ.get("ROS_SECURITY_ENABLE") == "true" and not os.environ.get("ROS_SECURITY_ENCLAVE_OVERRIDE")
+    return ["--enclave", enclave(name)] if on else []
+
+
+def operator_arguments() -> list[str] | None:
+    """For ``rclpy.init`` of a command: None, or its enclave."""
+    enclaved = enclave_arguments(OPERATOR)
+    return ["--ros-args", *enclaved] if enclaved else None
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import IO, Literal
 
 from isf_cell.processes import executables
+from isf_cell.processes.cell_nodes import enclave_arguments
 
 _ERROR = re.compile(r"\[(ERROR|FATAL)\]|^\w*(Error|Exception)\b|^\[\d+ [A-Z_]+\]")
 """Lines of a node's output that say what went wrong."""
@@ -84,6 +85,7 @@ class ProcessGroup:
             command += ["-p", f"{key}:={_yaml(value)}"]
         for rule in (*([f"__node:={name}"] if name else []), *remap):
             command += ["-r", rule]
+        command += enclave_arguments(name or executable)
         node = self._run(name or executable, command, "wb", outlives)
         self.nodes.append(node)
         return node

@@ -32,14 +32,15 @@ from isf_msgs.action import LiftTool, MoveAside
 from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
 from isf_ros.lifecycle import failure
+from isf_ros.process import join_graph
 from isf_springback.lift_feedback import lift_due
 from isf_springback.scan.feedback import scan_due
 from lifecycle_msgs.srv import GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 
+from isf_cell.processes.cell_nodes import operator_arguments
 from isf_cell.processes.process_group import NodeProcess, ProcessGroup
 from isf_cell.replay.correction_replay import between
 from isf_cell.replay.differences import Difference, difference
@@ -147,7 +148,7 @@ class _Live:
         self.name = name
         self.process: NodeProcess | None = None
         self.news = threading.Condition()
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        join_graph(operator_arguments())
         self.node = Node(f"isf_play_{os.getpid()}")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)

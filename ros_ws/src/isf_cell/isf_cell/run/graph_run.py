@@ -19,14 +19,14 @@ from isf_core.files.rig import tools_with_spindle_cells
 from isf_core.files.yaml_file import find_named
 from isf_msgs.action import FormPart
 from isf_ros.lifecycle import failure
+from isf_ros.process import join_graph
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from isf_cell.options import RunOptions
-from isf_cell.processes.cell_nodes import CellChoice, cell_nodes
+from isf_cell.processes.cell_nodes import CellChoice, cell_nodes, operator_arguments
 from isf_cell.processes.domain_lock import alone_in_domain, busy
 from isf_cell.processes.held_interrupt import ctrl_c_held_back
 from isf_cell.processes.process_group import NodeProcess, ProcessGroup
@@ -84,7 +84,7 @@ class CellClient:
     """A client of the executive: waits for the cell, forms one part, can cancel it."""
 
     def __init__(self) -> None:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        join_graph(operator_arguments())
         self._node = Node(f"isf_command_{os.getpid()}")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)

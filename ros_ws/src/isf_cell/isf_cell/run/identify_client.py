@@ -13,12 +13,13 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_identify.identification import Finding
 from isf_identify.settings import IdentifySettings
 from isf_msgs.action import Identify
+from isf_ros.process import join_graph
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from isf_cell.processes.cell_nodes import operator_arguments
 from isf_cell.processes.held_interrupt import ctrl_c_held_back
 
 START, LIFTED = 10.0, 60.0
@@ -30,7 +31,7 @@ def identify_in_cell(settings: IdentifySettings, progress: Callable[[str, float]
 
     Raises IsfError NODE_MISSING, BUSY.
     """
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    join_graph(operator_arguments())
     node = Node(f"isf_identify_{os.getpid()}")
     executor = SingleThreadedExecutor()
     executor.add_node(node)

@@ -26,15 +26,17 @@ from isf_analysis.bag.playback import Recorded
 from isf_core.errors import ErrorCode, IsfError
 from isf_ros import stamps
 from isf_ros.answers import keep_answers
+from isf_ros.process import join_graph
 from isf_ros.thread_priority import RealTimeSettings, acquire, release
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rosbags.interfaces import Connection, QosReliability
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
+
+from isf_cell.processes.cell_nodes import operator_arguments
 
 CLOCK = "/clock"
 DEPTH = 1000
@@ -94,7 +96,7 @@ class Player:
         """Raises IsfError FILE_NOT_FOUND for message types that are not installed."""
         self._bag, self._connections, self._playing = bag, list(connections), playing
         kinds = {connection.msgtype: _message_class(connection.msgtype) for connection in connections}
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        join_graph(operator_arguments())
         self._node = Node("player")
         self._outputs = {
             connection.id: self._node.create_publisher(
