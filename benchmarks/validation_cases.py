@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from isf_cell.in_process import form
 from isf_cell.options import RunOptions
-from isf_core.files.job import BackingPlateSpec, JobFile, load_job
+from isf_core.files.job import JobFile, load_job
 from isf_core.files.material import forming_limit, load_material
 from isf_core.files.rig import load_rig
+from isf_core.files.tooling import BackingPlateSpec
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 from isf_sim.machine.events import event_limits

@@ -38,7 +38,7 @@ workspace_fingerprint() {
     cd "$isf_workspace/src" || return 1
     find . -type f \( -name package.xml -o -name setup.py -o -name setup.cfg -o -name CMakeLists.txt -o -name '*.cmake' \
       -o -name '*.c' -o -name '*.msg' -o -name '*.srv' -o -name '*.action' \) -print0 | LC_ALL=C sort -z | xargs -0 sha256sum
-    find . -type f \( -path '*/materials/*' -o -path './isf_core/adsif/*' -o -path '*/rigs/*' -o -path '*/launch/*.py' -o -path '*/config/*' -o -path '*/layouts/*' \) |
+    find . -type f \( -path '*/materials/*' -o -path './isf_core/adsif/*' -o -path './isf_core/tools/*' -o -path './isf_core/blanks/*' -o -path './isf_core/plates/*' -o -path '*/rigs/*' -o -path '*/launch/*.py' -o -path '*/config/*' -o -path '*/layouts/*' \) |
       LC_ALL=C sort
   } | sha256sum
 }

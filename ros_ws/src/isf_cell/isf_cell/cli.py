@@ -146,6 +146,23 @@ def part(
 
 
 @app.command()
+def library(
+    kind: Annotated[
+        str | None, typer.Argument(help="tools, blanks, plates, materials or rigs; none: all", metavar="KIND")
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(help="show its constants and their origin; a path: check a file of your own", metavar="NAME"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List the tools, blanks, plates, materials and rigs that a job may name, or the constants of one."""
+    from isf_cell.commands.library import show_library
+
+    show_library(kind, name, as_json=json)
+
+
+@app.command()
 def describe(
     name: Annotated[str, typer.Argument(help="rig (name or file), or job file", metavar="RIG|JOB", show_default=False)],
     prefix: Annotated[str, typer.Option(help="before every name in the file, such as left_")] = "",

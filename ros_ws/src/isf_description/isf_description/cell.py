@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from isf_core.files.job import METRES, Job, JobFile, ToolSpec
+from isf_core.files.job import METRES, Job, JobFile
 from isf_core.files.rig import Rig, ToolAxis
+from isf_core.files.tooling import ToolSpec
 
 from isf_description import arm, hexapod
 from isf_description.axes import linear_axis

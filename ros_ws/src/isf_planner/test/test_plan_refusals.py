@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
+from isf_core.files.job import Job, JobFile
 from isf_planner import plan
+from isf_planner.checks import part_checks
 from planner_parts import Cone, job_for, revolve, write
+from scipy.spatial import cKDTree
 
 
 def refusal(job_file: JobFile) -> IsfError:
@@ -56,6 +61,45 @@ def test_a_backing_plate_in_the_way(tmp_path: Path, process: str, opening: float
     assert more is not None
     wider = opening + 2.0 * float(more.group(1))
     plan(JobFile(job.text.replace(f"{opening:g} mm", f"{wider:g} mm"), job.base))  # the advice is enough
+
+
+def plate_refusal(contours: Sequence[Contour], job: Job) -> str:
+    """What the check of the backing plate finds; empty: nothing."""
+    try:
+        part_checks.check_backing_plate(contours, job)
+    except IsfError as error:
+        return error.what if error.code is ErrorCode.PART_DOES_NOT_FIT and "contour" in error.where else error.message
+    return ""
+
+
+def test_the_sheet_around_the_tool_stays_off_the_plate(tmp_path: Path) -> None:
+    """Where the wall is steep, the sheet reaches further out than the contact: by distances to points of the plate."""
+    steep = Cone(opening=0.03, angle=np.radians(62), entry=5.5e-3)
+    job = job_for(write(steep.mesh(20e-6), tmp_path / "a.stl"), process="SPIF")
+    contours = plan(job).contours
+    centre = np.vstack([contour.contact + 5e-3 * contour.normal for contour in contours])
+    formed = np.concatenate([contour.thickness for contour in contours])
+    found = set()
+    for opening, edge in itertools.product(np.arange(26e-3, 34e-3, 0.25e-3), (0.0, 2e-3)):
+        turn = np.linspace(0.0, 0.5 * np.pi, 100)
+        quarter = [opening + edge * (1 - np.sin(turn)), edge * (np.cos(turn) - 1) - 1e-3]
+        wall = [np.full(800, opening), np.linspace(-edge - 1e-3, -40e-3, 800)]
+        flat = [np.linspace(opening + edge, 80e-3, 800), np.full(800, -1e-3)]
+        plate = np.hstack([quarter, wall, flat]).T
+        apart = cKDTree(plate).query(np.column_stack([np.hypot(*centre[:, :2].T), centre[:, 2]]))[0]
+        into = 1e3 * float((5e-3 + formed - apart).max())
+        size = f"[{2e3 * opening:.2f} mm, {2e3 * opening:.2f} mm]"
+        text = f"{job.text}\nbacking_plate: {{shape: circle, size: {size}, edge_radius: {1e3 * edge:g} mm}}"
+        told = plate_refusal(contours, JobFile(text, job.base).job)
+        kind = told.split(" ")[1] if told else ""
+        found.add(kind)
+        if kind == "upper":
+            assert float(re.findall(r"([\d.]+) mm into", told)[0]) == pytest.approx(into, abs=0.02)
+        if not kind:
+            assert into < 0.12
+        if into > 0.12:
+            assert kind
+    assert found == {"", "part", "upper"}
 
 
 def test_part_deeper_than_the_travel(tmp_path: Path) -> None:

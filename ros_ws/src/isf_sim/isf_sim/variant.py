@@ -22,9 +22,10 @@ from typing import Any, Literal
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.hardening_law import FlowCurve
-from isf_core.files.job import JobFile, ToolSpec
+from isf_core.files.job import JobFile
 from isf_core.files.material import LAWS, Material, flow_curve
 from isf_core.files.rig import Clamp, ToolAxis
+from isf_core.files.tooling import ToolSpec
 from isf_core.simulated_sheet import is_structural
 from isf_core.types import Array
 

@@ -13,6 +13,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
 from isf_core.files import quantity
 from isf_core.files.job import JobFile, load_job
+from isf_core.files.tooling import ToolSpec
 from isf_planner import Plan
 from isf_planner.gcode.program_plan import (
     check_program,
@@ -43,7 +44,7 @@ part: {{mesh: part.stl, unit: m}}
 process: {process}
 rig: {rig}
 sheet: {{material: {material}, thickness: {thickness}}}
-tool_1: {{radius: {radius}}}
+tool_1: {{{tip}}}
 {lower}path: {{incremental_depth: 0.5 mm, point_spacing: {step}, feed: {feed}}}
 control: {{support_force: 0 N}}
 springback: {{method: none}}
@@ -96,9 +97,8 @@ def run_program(
         findings = list(program.findings)
         offsets = {system: values.offset(system) for system in program.systems}
         findings += check_work_offsets(program, job_file.rig, offsets) + check_program(program, job_file.rig)
-        radii = {number: tool.radius for number, tool in values.tools.items() if tool.radius is not None}
-        other = given.job.tool_1.radius if given else _radius(sheet)
-        findings += check_tools(program, radii, other)
+        tips = {number: tip for number, tool in values.tools.items() if (tip := tool.tip) is not None}
+        findings += check_tools(program, tips, given.job.tool_1 if given else ToolSpec(radius=_radius(sheet)))
         plan, refused = _plan(program, job_file) if not findings and not program.unknown else (None, None)
         findings += [refused] if refused else []
         data = _numbers(program, findings, job_file, plan)
@@ -162,19 +162,26 @@ def _job_of(
 ) -> JobFile:
     forming = program.tool[forming_points(program)]
     tool = set_up.tools.get(int(forming[0])) if len(forming) else None
-    radius = f"{1e3 * tool.radius:.6g} mm" if tool is not None and tool.radius is not None else sheet.radius
+    tip = tool.tip if tool is not None else None
+    written = f"radius: {json.dumps(sheet.radius if tip is None else _millimetres(tip.radius))}"
+    if tip is not None and tip.corner_radius is not None:
+        written += f", corner_radius: {_millimetres(tip.corner_radius)}"
     text = _PROGRAM_JOB.format(
         name=job_name(file.stem),
         process="DSIF" if program.two_tools else "SPIF",
         rig=json.dumps(_rig_path(sheet.rig or "ren2018")),
         material=json.dumps(sheet.material),
         thickness=json.dumps(sheet.thickness),
-        radius=json.dumps(radius),
-        lower=f"tool_2: {{radius: {json.dumps(radius)}}}\n" if program.two_tools else "",
+        tip=written,
+        lower=f"tool_2: {{{written}}}\n" if program.two_tools else "",
         step=f"{step:.6g} mm",
         feed=f"{feed:.6g} mm/s",
     )
     return JobFile(text, folder, str(file))
+
+
+def _millimetres(length: float) -> str:
+    return f"{1e3 * length:.6g} mm"
 
 
 def _radius(sheet: Sheet) -> float:

@@ -31,6 +31,7 @@ from isf_core.files import yaml_file
 from isf_core.files.material import Material, load_material
 from isf_core.files.quantity import Acceleration, Angle, AngularSpeed, Force, Frequency, Length, Speed, Stress
 from isf_core.files.rig import Rig, load_rig
+from isf_core.files.tooling import BackingPlateSpec, SheetSpec, ToolSpec, with_named_sections
 from isf_core.files.yaml_file import FieldError, FileModel
 from isf_core.process.support_window import SupportWindow, check_window, support_window
 from isf_core.types import Array
@@ -66,98 +67,6 @@ class PartSpec(FileModel):
         if self.unit is None and PurePath(self.mesh).suffix.lower() not in UNIT_IN_FILE:
             raise ValueError(f"unit is missing: '{self.mesh}' carries none; write unit: mm (or m, cm, in)")
         return self
-
-
-class SheetSpec(FileModel):
-    """The blank."""
-
-    material: str
-    """Material file by name, or a path relative to the job file."""
-    thickness: Length = Field(gt=0.05e-3, lt=10e-3)
-    """Of the blank."""
-
-
-class HolderPart(FileModel):
-    """A cylinder or cone about the tool's axis."""
-
-    length: Length = Field(gt=1e-3, lt=1.0)
-    """Along the axis."""
-    radius: Length = Field(gt=0.5e-3, lt=0.5)
-    """At its lower end."""
-    top_radius: Length | None = Field(default=None, gt=0.5e-3, lt=0.5)
-    """At its upper end; None: ``radius``, a cylinder."""
-
-
-class ToolSpec(FileModel):
-    """A tool with a hemispherical tip, or a flat tip with a corner radius."""
-
-    radius: Length = Field(gt=0.5e-3, lt=50e-3)
-    """Radius of the hemisphere; of a flat tip: of its whole circle."""
-    corner_radius: Length | None = Field(default=None, gt=0.1e-3, lt=50e-3)
-    """Flat tip: radius of its rounded edge, at most ``radius``; None: hemisphere."""
-    stick_out: Length | None = Field(default=None, gt=1e-3, lt=1.0)
-    """From the chuck to the tip; needed for compensation of the tool's own bending."""
-    shank_radius: Length | None = Field(default=None, gt=0.5e-3, lt=0.2)
-    """Of the shank; None: ``radius``."""
-    holder: tuple[HolderPart, ...] = ()
-    """What holds the shank, from the chuck (``stick_out``) upwards: a tilted tool must not run into anything with it;
-    none: a cylinder 60 mm long of radius 25 mm (assumed), 70 mm above the tip without ``stick_out`` (assumed)."""
-    young_modulus: Stress = Field(default=210e9, gt=1e9, lt=1e12)
-    """Of the tool; the default is that of steel."""
-
-    @model_validator(mode="after")
-    def _corner(self) -> ToolSpec:
-        if self.corner_radius is not None and self.corner_radius > self.radius:
-            raise ValueError("corner_radius must not exceed radius")
-        return self
-
-    @property
-    def ball_radius(self) -> float:
-        """m, radius of the rounding that touches the wall: of the hemisphere, or of a flat tip's corner."""
-        return self.radius if self.corner_radius is None else self.corner_radius
-
-    @property
-    def flat_radius(self) -> float:
-        """m, radius of the flat of the tip, 0 for a hemisphere."""
-        return self.radius - self.ball_radius
-
-
-class BackingPlateSpec(FileModel):
-    """A rigid plate under the sheet with an opening around the path, centred in the clamp."""
-
-    shape: Literal["circle", "rectangle"]
-    """Of the opening."""
-    size: tuple[Length, Length]
-    """Opening in x and y: diameters of a circle (equal), sides of a rectangle."""
-    corner_radius: Length = Field(default=0.0, ge=0)
-    """Of a rectangle in plan view."""
-    edge_radius: Length = Field(default=2e-3, ge=0)
-    """Rounding of the plate's upper edge."""
-
-    @model_validator(mode="after")
-    def _opening(self) -> BackingPlateSpec:
-        if min(self.size) <= 0:
-            raise ValueError("size must be positive")
-        if self.shape == "circle" and self.size[0] != self.size[1]:
-            raise ValueError("the two sizes of a circle must be equal")
-        if self.corner_radius > min(self.size) / 2:
-            raise ValueError("corner_radius must not exceed half the smaller side")
-        return self
-
-    def inside(self, x: Array, y: Array) -> Array:
-        """m, distance of the places ``x``, ``y`` m (any equal shapes) from the edge of the opening; negative beyond."""
-        if self.shape == "circle":
-            return np.asarray(0.5 * self.size[0] - np.hypot(x, y))
-        ox = np.abs(x) - (0.5 * self.size[0] - self.corner_radius)
-        oy = np.abs(y) - (0.5 * self.size[1] - self.corner_radius)
-        outside = np.hypot(np.maximum(ox, 0.0), np.maximum(oy, 0.0))
-        return np.asarray(self.corner_radius - outside - np.minimum(np.maximum(ox, oy), 0.0))
-
-    def height(self, x: Array, y: Array) -> Array:
-        """m, upper face of the plate with its rounded edge over the places: 0 on the flat, -inf in the opening."""
-        back, radius = -self.inside(x, y), self.edge_radius
-        rounded = np.sqrt(np.maximum(radius**2 - np.clip(radius - back, 0.0, radius) ** 2, 0.0)) - radius
-        return np.where(back >= 0.0, np.where(back < radius, rounded, 0.0), -np.inf)
 
 
 class DieSpec(FileModel):
@@ -720,13 +629,13 @@ class Job(FileModel):
     rig: str
     """Machine file by name, or a path relative to the job file."""
     sheet: SheetSpec
-    """The blank."""
+    """The blank: its fields, or the name of one in the library, or a path relative to the job file."""
     tool_1: ToolSpec
-    """Upper tool."""
+    """Upper tool: its fields, or a name or path as of a blank."""
     tool_2: ToolSpec | None = None
-    """Lower tool; needed by DSIF and ADSIF."""
+    """Lower tool, as the upper one; needed by DSIF and ADSIF."""
     backing_plate: BackingPlateSpec | None = None
-    """Plate under the sheet around the opening; left out: none."""
+    """Plate under the sheet around the opening: its fields, or a name or path as of a blank; left out: none."""
     die: DieSpec | None = None
     """What the sheet is formed onto; TPIF only, and needed there."""
     path: PathSpec
@@ -889,15 +798,17 @@ class JobFile:
     ----------
     job : Job ; material : Material ; rig : Rig
     mesh : absolute path of the mesh
-    text : the YAML text as read, base : folder that relative paths refer to
+    text : the YAML text as read, with the fields of tools, blank and plate where it names their files
+    base : folder that relative paths refer to
     """
 
     def __init__(self, text: str, base: Path, name: str = "job") -> None:
-        self.text = text
+        self.text = with_named_sections(text, base, name)
         self.base = base
-        self.job: Job = yaml_file.parse(text, Job, name)
+        self.job: Job = yaml_file.parse(self.text, Job, name, [(name, text)])
         self.material: Material = load_material(self.job.sheet.material, base)
         self.rig: Rig = load_rig(self.job.rig, base)
+        _check_blank(self, text, name)
         self.job._support_window = _support_window(self)
         self.mesh: Path = (base / self.job.part.mesh).resolve()
 
@@ -907,6 +818,20 @@ class JobFile:
         strategy = self.job.tool_axis.strategy
         fits = self.job.tool_1.flat_radius == 0.0 and self.job.process in ("SPIF", "DSIF")
         return strategy == "five_axis" or (strategy == "auto" and fits and self.rig.largest_tilt > 0.0)
+
+
+def _check_blank(job_file: JobFile, text: str, name: str) -> None:
+    """Raises IsfError FILE_FIELD for a blank that the clamp cannot hold; ``text`` and ``name`` of the job."""
+    size, free = job_file.job.sheet.size, job_file.rig.clamp.size
+    if size is None or (size[0] >= free[0] and size[1] >= free[1]):
+        return
+    blank, clamp = (" x ".join(f"{1e3 * side:g}" for side in sides) for sides in (size, free))
+    raise IsfError(
+        ErrorCode.FILE_FIELD,
+        f"the blank of {blank} mm does not reach the clamp of {job_file.rig.name}, {clamp} mm apart",
+        where=f"{name}:{yaml_file.line_of(text, ('sheet', 'size'))}",
+        advice="take a larger blank, or a rig with a smaller clamp.size",
+    )
 
 
 def _support_window(job_file: JobFile) -> SupportWindow | None:

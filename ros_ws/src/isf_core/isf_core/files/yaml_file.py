@@ -226,6 +226,12 @@ def _line(node: yaml.Node, place: tuple[int | str, ...]) -> tuple[int, int]:
     return len(place), line + 1
 
 
+def line_of(text: str, place: tuple[int | str, ...]) -> int:
+    """Line (1-based) in the YAML ``text`` of the field at ``place``, or of the deepest part of it that is there."""
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    return 1 if node is None else _line(node, place)[1]
+
+
 def share_directory() -> Path:
     """``share/isf_core`` of the ROS package or wheel that is installed, else the package's own source tree."""
     schemes = (sysconfig.get_default_scheme(), f"{os.name}_user")
@@ -244,7 +250,7 @@ def find_named(folder: str, name_or_path: str, base: Path | None = None) -> Path
     ------
     IsfError : FILE_NOT_FOUND, with the names that exist
     """
-    if not _is_path(name_or_path):
+    if not is_path(name_or_path):
         return find_shipped(folder, name_or_path)
     path = Path(name_or_path)
     path = path if path.is_absolute() or base is None else base / path
@@ -261,12 +267,13 @@ def find_shipped(folder: str, name: str) -> Path:
     IsfError : FILE_NOT_FOUND, with the names that exist
     """
     path = share_directory() / folder / f"{name}.yaml"
-    if _is_path(name) or Path(name).name != name or not path.is_file():
+    if is_path(name) or Path(name).name != name or not path.is_file():
         raise _not_in(folder, name, path)
     return path
 
 
-def _is_path(name: str) -> bool:
+def is_path(name: str) -> bool:
+    """True for a path of a file, False for a name in the share folder."""
     return name.endswith((".yaml", ".yml"))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isf_core.files.job import ToolSpec
+from isf_core.files.tooling import ToolSpec
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Indices
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from isf_core.files.job import HolderPart, ToolSpec
+from isf_core.files.tooling import HolderPart, ToolSpec
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.tool_solid import tool_solid
 

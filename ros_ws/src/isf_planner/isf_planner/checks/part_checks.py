@@ -13,8 +13,9 @@ import numpy as np
 import shapely
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import Job, ToolSpec
+from isf_core.files.job import Job
 from isf_core.files.rig import Rig
+from isf_core.files.tooling import BackingPlateSpec, ToolSpec
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.types import Array, Indices
 
@@ -175,27 +176,39 @@ def axis_reason(rig: Rig, tip: Array, tool: int = 1, leaning: tuple[Array, float
 
 
 def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
-    """Neither the formed sheet nor the lower tool meets the backing plate, whose opening has upright walls.
+    """Neither the formed sheet, nor the upper tool with the sheet around it, nor the lower tool meets the backing
+    plate, whose opening has upright walls.
 
     Raises
     ------
-    IsfError : PART_DOES_NOT_FIT with the worst place
+    IsfError : PART_DOES_NOT_FIT with the worst place and by how much
     """
     plate = job.backing_plate
     if plate is None:
         return
-    index, contact = _points([(contour.index, contour.contact) for contour in contours if contour.forming_tool == 1])
+    upper = [contour for contour in contours if contour.forming_tool == 1]
+    index, contact = _points([(contour.index, contour.contact) for contour in upper])
     beyond = -plate.inside(contact[:, 0], contact[:, 1])
     cut = plate.height(contact[:, 0], contact[:, 1]) - contact[:, 2]
-    if (cut > PLATE_TOLERANCE).any():
-        worst = int(np.argmax(cut))
-        wider = beyond[cut > PLATE_TOLERANCE].max()
-        raise IsfError(
-            ErrorCode.PART_DOES_NOT_FIT,
-            f"the part is formed {cut[worst] * 1e3:.2f} mm into the backing plate",
-            where=f"{contour_label(index[worst])} at {place_text(contact[worst])}",
-            advice=f"give its opening {_tenths(wider)} mm more on each side (backing_plate.size)",
-        )
+    pressed, missing = _tool_over_plate(upper, contact, plate, job)
+    for into, wider, what in (
+        (cut, beyond, "the part is formed {:.2f} mm into the backing plate"),
+        (
+            pressed,
+            missing,
+            f"the upper tool of radius {job.tool_1.radius * 1e3:.2f} mm presses the sheet {{:.2f}} mm into the edge of "
+            "the backing plate",
+        ),
+    ):
+        if (into > PLATE_TOLERANCE).any():
+            worst = int(np.argmax(into))
+            most = max(wider[into > PLATE_TOLERANCE].max(), missing.max())
+            raise IsfError(
+                ErrorCode.PART_DOES_NOT_FIT,
+                what.format(into[worst] * 1e3),
+                where=f"{contour_label(index[worst])} at {place_text(contact[worst])}",
+                advice=f"give its opening {_tenths(most)} mm more on each side (backing_plate.size)",
+            )
     if job.tool_2 is None:
         return
     index, tip = _points(
@@ -215,6 +228,27 @@ def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
             advice=f"give its opening {_tenths(missing[worst])} mm more on each side (backing_plate.size), or form "
             "with one tool (process SPIF)",
         )
+
+
+def _tool_over_plate(
+    contours: Sequence[Contour], contact: Array, plate: BackingPlateSpec, job: Job
+) -> tuple[Array, Array]:
+    """(N,) m, how far the sheet around the ball of the upper tool is pressed into the plate's rounded edge at each
+    ``contact`` (N, 3) m of ``contours``; and by how much the opening is too small there, on each side.
+
+    The plate's flat lies a sheet's thickness below z = 0. Its edge is a quarter circle, so the plate is what lies
+    within its edge radius of a body with a sharp edge, from which the ball's centre has a distance across and above.
+    """
+    normal = np.vstack([np.empty((0, 3)), *(contour.normal for contour in contours)])
+    formed = np.concatenate([np.empty(0), *(contour.thickness for contour in contours)])
+    centre = contact + job.tool_1.ball_radius * normal
+    across = plate.inside(centre[:, 0], centre[:, 1]) + plate.edge_radius
+    above = centre[:, 2] + job.sheet.thickness + plate.edge_radius
+    reach = job.tool_1.ball_radius + formed + plate.edge_radius
+    off = np.hypot(np.maximum(across, 0.0), np.maximum(above, 0.0))
+    distance = np.where((across > 0.0) | (above > 0.0), off, np.maximum(across, above))
+    room = np.sqrt(np.maximum(reach**2 - np.maximum(above, 0.0) ** 2, 0.0))
+    return reach - distance, room - across
 
 
 def _tenths(length: float) -> str:

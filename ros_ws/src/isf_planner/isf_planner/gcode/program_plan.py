@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 from bisect import bisect_right
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -16,8 +17,9 @@ import numpy as np
 import shapely
 from isf_core.contour import Contour, Process, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile, ToolSpec
+from isf_core.files.job import JobFile
 from isf_core.files.rig import Rig
+from isf_core.files.tooling import ToolSpec
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.process.thickness_and_tips import sine_law
@@ -116,24 +118,30 @@ def forming_points(program: Program) -> Mask:
     return np.asarray(np.isfinite(program.speed) & (program.tips[:, 2] <= ON_SHEET))
 
 
-def check_tools(program: Program, radii: dict[int, float], other: float) -> tuple[Finding, ...]:
-    """The first line of each tool that forms with another radius than the first one that forms: a plan has one.
+def check_tools(program: Program, tips: Mapping[int, ToolSpec], other: ToolSpec) -> tuple[Finding, ...]:
+    """The first line of each tool that forms with another tip than the first one that forms: a plan has one.
 
     Parameters
     ----------
-    radii : m, by number of the tool ; other : m, of a tool that is not in it
+    tips : by number of the tool ; other : of a tool that is not in it
     """
     index = np.flatnonzero(forming_points(program))
     numbers, first = np.unique(program.tool[index], return_index=True)
     in_turn = sorted(zip(first.tolist(), numbers.tolist(), strict=True))
     findings = []
     for at, number in in_turn[1:]:
-        before, here = radii.get(in_turn[0][1], other), radii.get(number, other)
-        if not math.isclose(before, here, rel_tol=1e-6):
-            what = f"tool {number} ({1e3 * here:g} mm radius) forms after one of {1e3 * before:g} mm"
-            advice = "one program for each radius: contacts, forces and the simulated tool are of one"
+        before, here = tips.get(in_turn[0][1], other), tips.get(number, other)
+        same = math.isclose(before.radius, here.radius, rel_tol=1e-6)
+        if not (same and math.isclose(before.ball_radius, here.ball_radius, rel_tol=1e-6)):
+            what = f"tool {number} ({_tip_text(here)}) forms after one of {_tip_text(before)}"
+            advice = "one program for each tip: contacts, forces and the simulated tool are of one"
             findings.append(_finding(program, int(index[at]), what, program.tips[index[at], :3], advice))
     return tuple(findings)
+
+
+def _tip_text(tool: ToolSpec) -> str:
+    flat = "" if tool.corner_radius is None else f", flat with an edge of {1e3 * tool.corner_radius:g} mm"
+    return f"{1e3 * tool.radius:g} mm radius{flat}"
 
 
 def _rapid_in_sheet(program: Program, tips: Array, up: float) -> Mask:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import yaml
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.quantity import Length
+from isf_core.files.tooling import TOOLS, ToolSpec, load_named
 from isf_core.files.yaml_file import FileModel
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 WORK_SYSTEMS = (54, 55, 56, 57)
 """Work coordinate systems, G54 to G57."""
@@ -20,6 +23,19 @@ class MountedTool(FileModel):
     """From the spindle's nose to the tip."""
     radius: Length | None = Field(default=None, gt=0.5e-3, lt=50e-3)
     """Of the tip; None: the job's."""
+    corner_radius: Length | None = Field(default=None, gt=0.1e-3, lt=50e-3)
+    """Of a flat tip; None: hemisphere."""
+
+    @model_validator(mode="after")
+    def _corner(self) -> MountedTool:
+        if self.corner_radius is not None and (self.radius is None or self.corner_radius > self.radius):
+            raise ValueError("corner_radius, the rounding of a flat tip, needs a radius that is not smaller")
+        return self
+
+    @property
+    def tip(self) -> ToolSpec | None:
+        """Its tip as a tool of a job; None: the job's."""
+        return None if self.radius is None else ToolSpec(radius=self.radius, corner_radius=self.corner_radius)
 
 
 class SetUp(FileModel):
@@ -28,7 +44,7 @@ class SetUp(FileModel):
     work_offsets: dict[str, tuple[Length, Length, Length]] = Field(default_factory=dict)
     """G54 to G57: origin of the work coordinates in frame ``sheet``; zero where left out."""
     tools: dict[int, MountedTool] = Field(default_factory=dict)
-    """Number, as T and H name it, to tool."""
+    """Number, as T and H name it, to tool: its fields, or its name in the library, or a path relative to this file."""
     mounted: int | None = None
     """Tool in the spindle when the program begins."""
 
@@ -46,5 +62,34 @@ class SetUp(FileModel):
 
 
 def load_set_up(path: Path) -> SetUp:
-    """Set-up of a YAML file; raises IsfError as :func:`isf_core.files.yaml_file.load`."""
-    return yaml_file.load(path, SetUp)
+    """Set-up of a YAML file, with the tools of the library that it names.
+
+    Raises
+    ------
+    IsfError : as :func:`isf_core.files.yaml_file.load` and :func:`isf_core.files.tooling.load_named`; FILE_FIELD for a
+        tool without stick_out, which is its length
+    """
+    text = yaml_file.read(path)
+    return yaml_file.parse(_with_named_tools(text, path), SetUp, str(path), [(str(path), text)])
+
+
+def _with_named_tools(text: str, path: Path) -> str:
+    try:
+        data = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return text  # told by the checks of the file
+    tools = data.get("tools") if isinstance(data, dict) else None
+    if not isinstance(tools, dict):
+        return text
+    named = {}
+    for number, value in tools.items():
+        if isinstance(value, str):
+            where = f"{path}:{yaml_file.line_of(text, ('tools', number))}"
+            tool = load_named(TOOLS, value, path.parent, where)
+            assert isinstance(tool, ToolSpec)
+            if tool.stick_out is None:
+                what = f"{value} has no stick_out, which is the length that G43 counts"
+                raise IsfError(ErrorCode.FILE_FIELD, what, where=where, advice="add it to the file of the tool")
+            lengths = {"length": tool.stick_out, "radius": tool.radius, "corner_radius": tool.corner_radius}
+            named[number] = {key: f"{1e3 * value:.9g} mm" for key, value in lengths.items() if value is not None}
+    return yaml.safe_dump({**data, "tools": tools | named}, allow_unicode=True) if named else text

@@ -1,13 +1,15 @@
 """The parts of the library: shapes that the field forms to test paths, forces and corrections.
 
 The shapes are those of the literature (cone, funnel, pyramid, fish fin, heart and shamrock: Ren 2018; two-slope
-pyramid and airfoil: Behera 2015; asymmetric cone: Lu 2016; free form F1 with F2 on its floor: Praveen 2020). Their
-full dimensions are not published: those here are our own, for tools of up to 5 mm radius. Lengths m, angles rad.
+pyramid and airfoil: Behera 2015; asymmetric cone: Lu 2016; free form F1 with F2 on its floor: Praveen 2020; marker,
+mask, implant and bonnet: Torrao 2013, with pictures of the last three). Their full dimensions are not published: those
+here are our own, for tools of up to 5 mm radius. Lengths m, angles rad.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -177,6 +179,56 @@ def two_pockets(angle: float = np.radians(45), depth: float = 10e-3, second_dept
     return Part("two_pockets", features, FLANGE, outline=(72e-3, 40e-3))
 
 
+def marker(
+    radius: float = 60e-3,
+    angle: float = np.radians(45),
+    depth: float = 2e-3,
+    entry: float = 3e-3,
+    floor: float = 3e-3,
+) -> Part:
+    """A truncated cone so shallow that a marker draws it on a board as rings, to compare upright and tilted tools."""
+    return replace(cone(radius, angle, depth, entry, floor), name="marker")
+
+
+def mask(scale: float = 1.0, angle: float = np.radians(50), depth: float = 18e-3, nose: float = 8e-3) -> Part:
+    """A face, formed from its back: an oval with a nose that goes ``nose`` deeper, and two eyes that rise again."""
+    oval = belt(scale * np.array([[0, -30], [0, 14]]) * 1e-3, scale * np.array([44, 62]) * 1e-3)
+    bridge = belt(scale * np.array([[0, -18], [0, 0]]) * 1e-3, scale * np.array([16, 13]) * 1e-3)
+    eyes = [belt(scale * np.array([[x, 26]]) * 1e-3, [scale * 10e-3]) for x in (-27, 27)]
+    features = (
+        Feature(OffsetLine(oval), straight_wall(angle, depth, 8e-3, 8e-3)),
+        Feature(OffsetLine(bridge), straight_wall(np.radians(45), nose, 6e-3, 6e-3)),
+        *(Feature(OffsetLine(eye), straight_wall(np.radians(35), 4e-3, 6e-3, 6e-3), up=True) for eye in eyes),
+    )
+    return Part("mask", features, FLANGE).centred()
+
+
+def implant(
+    scale: float = 1.0,
+    first_angle: float = np.radians(52),
+    last_angle: float = np.radians(15),
+    depth: float = 18e-3,
+) -> Part:
+    """A cranial implant: a dome with an irregular outline that flattens towards its crown."""
+    centres = scale * np.array([[-26, -20], [28, -26], [34, 18], [-18, 28]]) * 1e-3
+    line = belt(centres, scale * np.array([35, 33, 34, 37]) * 1e-3)
+    profile = curved_wall(first_angle, last_angle, depth, 8e-3, 12e-3)
+    return Part("implant", (Feature(OffsetLine(line), profile),), FLANGE).centred()
+
+
+def bonnet(
+    scale: float = 1.0,
+    first_angle: float = np.radians(38),
+    last_angle: float = np.radians(12),
+    depth: float = 70e-3,
+) -> Part:
+    """The bonnet of a car: a shield, narrow in front and wide at the windscreen, that flattens towards its crown."""
+    centres = scale * np.array([[0, -200], [235, 165], [0, 100], [-235, 165]]) * 1e-3
+    line = belt(centres, scale * np.array([190, 175, 275, 175]) * 1e-3)
+    profile = curved_wall(first_angle, last_angle, depth, 25e-3, 60e-3)
+    return Part("bonnet", (Feature(OffsetLine(line), profile),), 2.5 * FLANGE).centred()
+
+
 PARTS: dict[str, Callable[..., Part]] = {
     maker.__name__: maker
     for maker in (
@@ -194,6 +246,10 @@ PARTS: dict[str, Callable[..., Part]] = {
         star,
         free_form,
         two_pockets,
+        marker,
+        mask,
+        implant,
+        bonnet,
     )
 }
 """Generators by name; every argument has a default."""

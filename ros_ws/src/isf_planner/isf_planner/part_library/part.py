@@ -172,7 +172,9 @@ class Part:
     @property
     def depth(self) -> float:
         """m, deepest point below the flange."""
-        return max(feature.profile.depth for feature in self.features if not feature.up)
+        first, *others = (feature.profile.depth for feature in self.features if not feature.up)
+        deepest = max(others, default=0.0)
+        return first + deepest if self.outline is None else max(first, deepest)
 
     def height(self, points: Array) -> Array:
         """(N,) m, z of the upper face at ``points`` (N, 2) m."""

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from isf_core.contour import Contour, contour_label
-from isf_core.files.job import ForceRule, Job, JobFile, ToolSpec, WallFacts, holds, ruled_forces
+from isf_core.files.job import ForceRule, Job, JobFile, WallFacts, holds, ruled_forces
+from isf_core.files.tooling import ToolSpec
 from isf_core.process import thickness_and_tips
 from isf_core.process.support_window import support_window
 from isf_core.types import Array

@@ -18,8 +18,9 @@ import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.hardening_law import HardeningLaw
-from isf_core.files.job import Job, JobFile, ToolSpec
+from isf_core.files.job import Job, JobFile
 from isf_core.files.material import flow_curve, plane_strain
+from isf_core.files.tooling import ToolSpec
 from isf_core.geometry.opening import SMALLEST_GAP, Opening
 from isf_core.process.deflection import SheetSection, cantilever_compliance, deflection, membrane_share, ring_load_law
 from isf_core.process.forming_force import contact_patch, cusp_angle, equilibrium_force

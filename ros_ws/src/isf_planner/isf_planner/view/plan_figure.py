@@ -12,7 +12,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.files.job import Job, JobFile, ToolSpec
+from isf_core.files.job import Job, JobFile
+from isf_core.files.tooling import ToolSpec
 from isf_core.types import Array
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg

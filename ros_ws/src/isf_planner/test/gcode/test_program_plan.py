@@ -9,6 +9,7 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import load_rig
+from isf_core.files.tooling import ToolSpec
 from isf_planner import exports, plan
 from isf_planner.checks import part_checks
 from isf_planner.exports.programs import path_points
@@ -265,15 +266,18 @@ def test_tools_of_different_radius_are_told_with_their_line() -> None:
     tools = {number: MountedTool(length=0.05) for number in (1, 2, 3)}
     text = "T3 M6\n" + rings(8).replace("G1 X25", "G0 Z20\nT1 M6\nX25\nG1 X25", 1)
     program = read_program(text, SetUp(tools=tools))
-    radii = {1: 2.5e-3, 3: 7.5e-3}
-    (finding,) = check_tools(program, radii, 5e-3)
+    small, middle, large = (ToolSpec(radius=radius) for radius in (2.5e-3, 5e-3, 7.5e-3))
+    tips = {1: small, 3: large}
+    (finding,) = check_tools(program, tips, middle)
     assert finding.line == text.split("\n").index("G1 X25 Y0 Z-5") + 1
     assert "tool 1 (2.5 mm radius) forms after one of 7.5 mm" in finding.error.what
-    assert not check_tools(program, {1: 7.5e-3, 3: 7.5e-3}, 5e-3)
-    assert check_tools(program, {3: 7.5e-3}, 5e-3)
-    assert not check_tools(program, {3: 5e-3}, 5e-3)
+    assert not check_tools(program, {1: large, 3: large}, middle)
+    assert check_tools(program, {3: large}, middle)
+    assert not check_tools(program, {3: middle}, middle)
+    (finding,) = check_tools(program, {1: ToolSpec(radius=7.5e-3, corner_radius=2e-3), 3: large}, middle)
+    assert "tool 1 (7.5 mm radius, flat with an edge of 2 mm) forms after one of 7.5 mm radius" in finding.error.what
     above = read_program("T3\nG1 X0 Y0 Z5\nT1\nX9 Z-1\nX0\nM30", SetUp(tools=tools))
-    assert not check_tools(above, radii, 5e-3)
+    assert not check_tools(above, tips, middle)
 
 
 def test_a_lower_tool_without_a_place_is_told() -> None:

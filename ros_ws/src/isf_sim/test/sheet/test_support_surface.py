@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import BackingPlateSpec, JobFile
+from isf_core.files.job import JobFile
+from isf_core.files.tooling import BackingPlateSpec
 from isf_sim.sheet.support_surface import die_heights, support_of
 from isf_sim.sheet.surface import flat_surface
 
