@@ -5,9 +5,9 @@
 Prints published value, plant, verdict, and what kind of agreement it is: P predicted, A depends on a dimension that the
 source does not print and that had to be assumed, C a constant was calibrated on that number. A number is met within
 15 %, a force within 20 %. ``--page`` writes docs/results/validation.md with its pictures; ``--quick`` runs what takes
-seconds. Names: see main(). The whole takes about ten minutes on one core. The cases of other sources than Ren 2018 are
-in validation_cases.py, validation_funnel.py and validation_two_slopes.py. Assumed here: cone with opening radius 36 mm
-at 50 deg; 40 mm at 65 deg for the support force.
+seconds. Names: see main(). The whole takes about a quarter of an hour on one core. The cases of other sources than Ren
+2018 are in validation_cases.py, validation_funnel.py, validation_two_slopes.py and validation_torrao.py. Assumed here:
+cone with opening radius 36 mm at 50 deg; 40 mm at 65 deg for the support force.
 """
 
 from __future__ import annotations
@@ -275,7 +275,8 @@ QUICK = ("flat", "compliance", "praveen", "angles", "limits")
 
 NAMES = (
     "flat", "compliance", "praveen", "angles", "limits", "cone", "lift", "support", "local_die", "corrected_cone",
-    "pyramid", "corrected_pyramid", "lu", "steps", "behera", "funnel", "two_slopes", "tpif", "adsif", "speed",
+    "pyramid", "corrected_pyramid", "lu", "steps", "behera", "funnel", "two_slopes", "torrao", "tpif",
+    "adsif", "speed",
 )  # fmt: skip
 
 
@@ -292,6 +293,7 @@ def main() -> None:
     import validation_cases as cases  # late: it brings the whole cell
     import validation_page
     from validation_funnel import funnel
+    from validation_torrao import torrao
     from validation_two_slopes import two_slopes
 
     parts = {
@@ -303,6 +305,7 @@ def main() -> None:
         "speed": speed,
         "funnel": funnel,
         "two_slopes": two_slopes,
+        "torrao": torrao,
         **cases.PARTS,
     }
     print(f"{'quantity':<62} {'published':<26} {'plant':<34} {'':<6} agreement")

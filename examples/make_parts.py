@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Make the example parts as binary STL in mm: upper faces of cones, of a pyramid, of a funnel, of a sheet with a pocket
-and a dome, and a partial die.
+and a dome, of a mask, an implant and a bonnet, and a partial die.
 
 A wall profile (flange, entry fillet, straight wall, floor fillet, floor) is swept along the closed line in
 which the extended wall meets the sheet plane. Facets deviate from the smooth surface by less than 10 um, of the
-parts of 260 and 610 mm and of free_form by less than 20 um.
+parts of 260 and 610 mm, of free_form, and of the marker, the implant and the cone of 70 deg by less than 20 um, of the
+mask by 30 um, of the bonnet by 0.3 mm.
 Usage: make_parts.py [folder], default: the folder ``parts`` beside this file.
 """
 
@@ -17,7 +18,18 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from isf_core.types import Array
-from isf_planner.part_library.catalogue import asymmetric_cone, free_form, funnel, pyramid, ribbed_pyramid
+from isf_planner.part_library.catalogue import (
+    asymmetric_cone,
+    bonnet,
+    cone,
+    free_form,
+    funnel,
+    implant,
+    marker,
+    mask,
+    pyramid,
+    ribbed_pyramid,
+)
 from isf_planner.part_library.part import Part as LibraryPart
 from isf_planner.part_library.part_mesh import part_mesh
 
@@ -120,6 +132,11 @@ LIBRARY = {
     "behera_80_25": two_slopes(75.0, (80.0, 35.0), (25.0, 25.0)),
     "behera_60_30": two_slopes(100.0, (60.0, 60.0), (30.0, 30.0)),
     "praveen_free_form": first_feature(free_form(1.94, np.radians(45), 40e-3)),
+    "torrao_cone_70": cone(60e-3, np.radians(70), 30e-3, 6e-3, 8e-3),
+    "torrao_marker": marker(),
+    "torrao_mask": mask(),
+    "torrao_implant": implant(),
+    "torrao_bonnet": bonnet(),
 }
 """Parts of the library in other sizes, m and rad."""
 
@@ -132,6 +149,11 @@ LIBRARY_CHORD = {
     "praveen_cone_610": 20e-6,
     "praveen_free_form": 20e-6,
     "free_form": 16e-6,
+    "torrao_cone_70": 16e-6,
+    "torrao_marker": 16e-6,
+    "torrao_mask": 30e-6,
+    "torrao_implant": 19e-6,
+    "torrao_bonnet": 300e-6,
 }
 """m, distance between facet and surface of some parts; of others half of CHORD_ERROR."""
 

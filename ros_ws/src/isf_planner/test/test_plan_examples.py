@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 NAMES = (
     *("ren_cone", "ren_pyramid", "spif_cone", "mini_cone", "torrao_cone_45"),
     *("adsif_cone", "tpif_cone", "tpif_cone_die", "two_features", "free_form", "ren_funnel"),
+    *("torrao_cone_70", "torrao_marker", "torrao_mask", "torrao_implant"),
 )
 
 

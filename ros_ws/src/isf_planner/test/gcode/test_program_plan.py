@@ -50,6 +50,10 @@ SLOW = {
     "spif_cone",
     "tpif_cone",
     "torrao_cone_45",
+    "torrao_cone_70",
+    "torrao_cone_dps780",
+    "torrao_implant",
+    "torrao_bonnet",
 }
 NAMES = [
     pytest.param(path.stem, marks=pytest.mark.slow) if path.stem in SLOW else path.stem
