@@ -132,6 +132,7 @@ _EVENTS = """## Events and limits
 | contact lost | no support force for 0.1 s beside the pressing tool | assumed times |
 | die contact | sheet under the tool carried by die or backing plate | - |
 | saturation | load cell at the end of its range, axis beyond its following error | - |
+| load cell, force unknown | told by node `load_cell` of the nine channels of spindle cells | - |
 
 e_f, k and b are `fracture_strain`, `fracture_slope` and `bending_share` of the material, and nothing else: what a job's
 `wall_angle_limit` or a material's `max_wall_angle` lets the planner make is another thing. Strains are those of the

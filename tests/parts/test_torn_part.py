@@ -17,7 +17,7 @@ from isf_cell.in_process import form
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode
 from isf_core.events import Event, EventKind
-from isf_core.files.job import load_job
+from isf_core.files.job import JobFile, load_job
 from isf_core.files.material import load_material
 from planner_parts import Cone, write
 
@@ -83,6 +83,32 @@ def test_permission_is_not_strength(tmp_path: Path) -> None:
     assert np.linalg.norm(beyond - np.array(torn.position), axis=1).min() < 3e-3
     flatter = form(load_job(steep_job(tmp_path, 50.0)), RunOptions(correction="none"))
     assert flatter.failure() is None
+
+
+@pytest.mark.parametrize(
+    ("name", "tears"), [("torrao_cone_45", False), ("torrao_cone_70", True), ("torrao_cone_dps780", False)]
+)
+def test_published_cones_of_two_sheets(name: str, tears: bool, tmp_path: Path) -> None:
+    """Torrao 2013, 7.1: 45 deg was formed in AA1050, 70 deg tore, and a cone was formed in dual-phase steel.
+
+    On a gantry with the clamp of that machine, whose legs take most of the time.
+    """
+    examples = Path(__file__).resolve().parents[2] / "examples"
+    rig = "name: gantry\nbased_on: ren2018\nclamp: {size: [190 mm, 190 mm], edge: fixed}\n"
+    rig += "limits: {force: [6500 N, 6500 N, 13000 N]}\nload_cell: {force_range: [22 kN, 22 kN, 22 kN]}\n"
+    origins = ("clamp.size", "clamp.edge", "limits.force", "load_cell.force_range")
+    rig += "provenance: {" + ", ".join(f"{key}: 'assumed: test'" for key in origins) + "}\n"
+    (tmp_path / "gantry.yaml").write_text(rig, encoding="utf-8")
+    text = (examples / "jobs" / f"{name}.yaml").read_text(encoding="utf-8")
+    text = text.replace("../parts", str(examples / "parts")).replace("rig: torrao2013", "rig: gantry.yaml")
+    text = text.replace("feed: 40 mm/s", "feed: 80 mm/s") + "control: {rate: 100 Hz}\n"
+    record = form(JobFile(text, tmp_path), RunOptions(correction="none"))
+    if not tears:
+        assert record.failure() is None
+        return
+    torn = torn_at(record)
+    assert torn.value > torn.limit == pytest.approx(1.545)
+    assert -30e-3 < torn.position[2] < -5e-3
 
 
 def test_the_elasto_plastic_sheet_tears_by_its_own_strains(tmp_path: Path) -> None:

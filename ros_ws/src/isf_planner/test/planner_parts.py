@@ -127,12 +127,13 @@ def job_for(path: Path, **changes: str) -> JobFile:
         "engage": "2 mm",
         "squeeze": "1.0",
         "limit": "80 deg",
+        "rig": "ren2018",
     } | changes
     lines = [
         f"name: {values['name']}",
         f"part: {{mesh: '{path.name}', unit: {values['unit']}}}",
         f"process: {values['process']}",
-        "rig: ren2018",
+        f"rig: {values['rig']}",
         "sheet: {material: AA5754-O, thickness: 1.0 mm}",
         f"tool_1: {{radius: {values['radius']}}}",
         f"wall_angle_limit: {values['limit']}",

@@ -182,9 +182,9 @@ def two_pockets(angle: float = np.radians(45), depth: float = 10e-3, second_dept
 def marker(
     radius: float = 60e-3,
     angle: float = np.radians(45),
-    depth: float = 2e-3,
-    entry: float = 3e-3,
-    floor: float = 3e-3,
+    depth: float = 4e-3,
+    entry: float = 6e-3,
+    floor: float = 6e-3,
 ) -> Part:
     """A truncated cone so shallow that a marker draws it on a board as rings, to compare upright and tilted tools."""
     return replace(cone(radius, angle, depth, entry, floor), name="marker")
@@ -193,8 +193,8 @@ def marker(
 def mask(scale: float = 1.0, angle: float = np.radians(50), depth: float = 18e-3, nose: float = 8e-3) -> Part:
     """A face, formed from its back: an oval with a nose that goes ``nose`` deeper, and two eyes that rise again."""
     oval = belt(scale * np.array([[0, -30], [0, 14]]) * 1e-3, scale * np.array([44, 62]) * 1e-3)
-    bridge = belt(scale * np.array([[0, -18], [0, 0]]) * 1e-3, scale * np.array([16, 13]) * 1e-3)
-    eyes = [belt(scale * np.array([[x, 26]]) * 1e-3, [scale * 10e-3]) for x in (-27, 27)]
+    bridge = belt(scale * np.array([[0, -18], [0, 0]]) * 1e-3, scale * np.array([19, 16]) * 1e-3)
+    eyes = [belt(scale * np.array([[x, 24]]) * 1e-3, [scale * 13e-3]) for x in (-25, 25)]
     features = (
         Feature(OffsetLine(oval), straight_wall(angle, depth, 8e-3, 8e-3)),
         Feature(OffsetLine(bridge), straight_wall(np.radians(45), nose, 6e-3, 6e-3)),
