@@ -12,6 +12,8 @@ import yaml
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import EventKind, kind_name
 from isf_core.files import yaml_file
+from isf_core.files.tooling import LIBRARIES, Library, load_named
+from isf_core.files.yaml_file import FileModel
 
 from isf_analysis.figures.shape_figures import REGION_LABELS
 from isf_analysis.measures.deviation import REGIONS
@@ -191,7 +193,8 @@ def job_table(record: PartRecord) -> str:
 
 
 def constants(record: PartRecord) -> str:
-    """Constants of material and rig with where each comes from, by the names in the job; text when they are unknown."""
+    """Constants of material, rig, tools, blank and plate with where each comes from, by the names in the job; text when
+    those of material or rig are unknown."""
     try:
         job = record.job()
         parts = [
@@ -201,7 +204,25 @@ def constants(record: PartRecord) -> str:
     except (IsfError, OSError) as error:
         words = error.message if isinstance(error, IsfError) else str(error)
         return f"<p>The constants of material and rig are not shown: {escape(words)}</p>"
+    titles = {"tool_1": "Upper tool", "tool_2": "Lower tool", "sheet": "Blank", "backing_plate": "Backing plate"}
+    for library in LIBRARIES:
+        for section in library.sections:
+            path = _library_file(library, getattr(job, section))
+            parts += [] if path is None else [_sources(titles[section], path)]
     return "\n".join(parts)
+
+
+def _library_file(library: Library, spec: FileModel | None) -> Path | None:
+    """Shipped file that the section ``spec`` of a job was read from; None for fields of its own, or of another file."""
+    name = getattr(spec, "name", None)
+    if spec is None or name is None:
+        return None
+    try:
+        path = yaml_file.find_shipped(library.folder, name)
+    except IsfError:
+        return None
+    same = load_named(library, str(path)).model_dump(exclude={"provenance"}) == spec.model_dump()
+    return path if same else None
 
 
 def _sources(title: str, path: Path) -> str:
