@@ -16,8 +16,9 @@ from isf_analysis.figures import style
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import summary
 from isf_analysis.report.page import Report, write_report
-from isf_analysis.report.result_tables import number, percent
+from isf_analysis.report.result_tables import constants, number, percent
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from synthetic_part import make_part
 
@@ -139,6 +140,29 @@ def test_constants_come_with_unit_and_source(report: Report) -> None:
     assert "limits.speed 100 mm/s assumed" in text
     assert "incremental_depth: 0.5 mm" in text  # the job file itself
     assert "simulated machine" in text
+
+
+NAMED_JOB = """
+name: named
+part: {mesh: part.stl, unit: mm}
+process: SPIF
+rig: ren2018
+sheet: {material: AA1050, thickness: 1 mm}
+tool_1: spif_a_flat_10
+backing_plate: spif_a_round_90
+path: {incremental_depth: 1 mm, point_spacing: 1 mm, feed: 40 mm/s}
+"""
+
+
+def test_constants_of_library_tools_and_plates_are_shown_while_they_are_those_of_the_job(tmp_path: Path) -> None:
+    text = JobFile(NAMED_JOB, tmp_path).text
+    shown = constants(replace(PART, job_text=text))
+    assert "Upper tool spif_a_flat_10: constants and their sources" in shown
+    assert "Backing plate spif_a_round_90: constants and their sources" in shown
+    assert "published: Torrao 2013, Table 3.8" in shown
+    changed = constants(replace(PART, job_text=text.replace("radius: 5 mm", "radius: 6 mm")))
+    assert "Upper tool" not in changed
+    assert "Backing plate" in changed
 
 
 CASES: dict[str, tuple[PartRecord, set[str], str]] = {
