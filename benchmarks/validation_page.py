@@ -119,16 +119,16 @@ The plant has the soft temper (R_m 80 MPa) and the standard grade (R_m 800 MPa),
 | CalculiX, a clamped disc pressed down by 1 to 5 mm (`calculix_press.py`) | 9.0 to 11.0 |
 | ratio of the flow stresses, plastic strains from 0.05 to 1.2 | 8.6 to 11.1 |
 
-The last row holds for every rigid-plastic model with these curves, one tool, path and friction, and equal strains behind
-both sheets. With the velocities of one sheet the other's power bounds its force from above, and the same the other way
-round, so the ratio of the forces lies between the least and the largest ratio of the flow stresses: bending and
-stretching cannot make 5 of it. Ten times is what these curves give, and no constant of the plant was changed.
+The last row holds for every rigid-plastic model with these curves, one tool, path and friction, and equal strains
+behind both sheets. With the velocities of one sheet the other's power bounds its force from above, and the same the
+other way round, so the ratio of the forces lies between the least and the largest ratio of the flow stresses: bending
+and stretching cannot make 5 of it. Ten times is what these curves give, and no constant of the plant was changed.
 
 So the sheets or the conditions of the two tests were probably others. The aluminium is further off than the steel: the
 plant gives 0.36 kN of 1 kN, and 3.6 kN of 5 (elasto-plastic, with the coarser cells, which make forces too large: 0.57
-and 5.3 kN). By the regression half-hard aluminium (R_m 105 to 145 MPa, EN 485-2) makes the ratio 5.5 to 7.6; and so do,
-with the soft one, steps of 10 mm, which the source used on aluminium: 6.6, or 5.8 with the tool of 15 mm. Which it was,
-if one of these, is not known.
+and 5.3 kN). By the regression half-hard aluminium (R_m 105 to 145 MPa, EN 485-2) makes the ratio 5.5 to 7.6; and so
+do, with the soft one, steps of 10 mm, which the source used on aluminium: 6.6, or 5.8 with the tool of 15 mm. Which it
+was, if one of these, is not known.
 """
 
 _CONSTANTS_HEAD = """## Constants
