@@ -191,14 +191,14 @@ def marker(
 
 
 def mask(scale: float = 1.0, angle: float = np.radians(50), depth: float = 18e-3, nose: float = 8e-3) -> Part:
-    """A face, formed from its back: an oval with a nose that goes ``nose`` deeper, and two eyes that rise again."""
+    """A face, formed from its back: an oval with a nose that goes ``nose`` deeper, and two closed eyes."""
     oval = belt(scale * np.array([[0, -30], [0, 14]]) * 1e-3, scale * np.array([44, 62]) * 1e-3)
     bridge = belt(scale * np.array([[0, -18], [0, 0]]) * 1e-3, scale * np.array([19, 16]) * 1e-3)
     eyes = [belt(scale * np.array([[x, 24]]) * 1e-3, [scale * 13e-3]) for x in (-25, 25)]
     features = (
         Feature(OffsetLine(oval), straight_wall(angle, depth, 8e-3, 8e-3)),
         Feature(OffsetLine(bridge), straight_wall(np.radians(45), nose, 6e-3, 6e-3)),
-        *(Feature(OffsetLine(eye), straight_wall(np.radians(35), 4e-3, 6e-3, 6e-3), up=True) for eye in eyes),
+        *(Feature(OffsetLine(eye), straight_wall(np.radians(35), 4e-3, 6e-3, 6e-3)) for eye in eyes),
     )
     return Part("mask", features, FLANGE).centred()
 

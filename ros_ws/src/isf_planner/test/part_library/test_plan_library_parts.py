@@ -23,7 +23,7 @@ def test_contacts_lie_on_the_exact_surface(name: str, tmp_path: Path) -> None:
     assert np.abs(part.distance(contact)).max() < (12e-6 if name == "bonnet" else 5e-6)
     off = np.degrees(np.arccos(np.clip((normal * part.normal(contact[:, :2])).sum(axis=1), -1.0, 1.0)))
     # the few worst stand where a floor fillet ends beside a corner, and the ball touches both
-    assert np.percentile(off, 99) < (0.31 if name == "mask" else 0.21)  # with the fillets of eyes and nose on its floor
+    assert np.percentile(off, 99) < (0.35 if name == "mask" else 0.21)  # with the fillets of eyes and nose on its floor
     assert off.max() < (0.7 if name == "ribbed_pyramid" else 0.5)  # twelve such places
     assert np.median(off) < 0.12
 

@@ -169,3 +169,17 @@ def test_open_contours_that_go_on_share_the_axis_where_they_join(upright: Plan) 
             halves.append(replace(ring, closed=False, index=len(halves), **part))
     made = with_tool_axis(halves, job_with("strategy: auto"))
     assert float(angle_between(made[0].forming_axis[-1], made[1].forming_axis[0])) < 1e-6
+
+
+def test_the_marker_draws_the_same_rings_upright_and_tilted() -> None:
+    """The marker test of Torrao 2013, 7: the tip's path is that of the upright tool, only the axis leans."""
+    text = (JOBS / "torrao_marker.yaml").read_text(encoding="utf-8")
+    tilted = "tool_axis: {strategy: five_axis, largest_tilt: 25 deg}\n"
+    assert tilted.strip() in text.replace("\n# ", " ")  # as the file advises
+    pairs = list(zip(plan(JobFile(text, JOBS)).contours, plan(JobFile(text + tilted, JOBS)).contours, strict=True))
+    assert len(pairs) == 8
+    for straight, leaning in pairs:
+        assert np.abs(straight.forming_tip - leaning.forming_tip).max() < 1e-12
+        assert len(straight.forming_axis) == 0
+    largest = [math.degrees(math.acos(leaning.forming_axis[:, 2].min())) for _, leaning in pairs]
+    assert largest[1:-1] == pytest.approx([25.0] * 6, abs=0.1)
