@@ -144,9 +144,10 @@ def test_cells_of_several_have_clock_and_frames_of_their_own(launch_file: dict[s
         assert node.keywords["namespace"] == "cell_1"
         remappings = node.keywords["remappings"]
         assert ("/clock", "clock") in remappings
-        assert (("/tf", "tf") in remappings) == (name in ("cell_state_publisher", "recorder", "rviz"))
+        assert (("/tf", "tf") in remappings) == (name in ("cell_state_publisher", "force_ctrl", "recorder", "rviz"))
     shared = started(launch_file, namespace="cell_1", frame_prefix="cell_1/", rviz="true")
-    assert parameters(shared["cell_state_publisher"])["frame_prefix"] == "cell_1/"
+    for name in ("cell_state_publisher", "force_ctrl"):
+        assert parameters(shared[name])["frame_prefix"] == "cell_1/"
     assert all(("/tf", "tf") not in node.keywords["remappings"] for node in shared.values())
     assert shared["rviz"].keywords["arguments"][-2:] == ["-f", "cell_1/sheet"]
     layout = shared["rviz"].keywords["arguments"][1]

@@ -20,9 +20,17 @@ from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import Rig, load_rig
 from isf_msgs.msg import Contour, JobInfo, MachineState
 from isf_ros import process, qos, stamps
-from isf_ros.conversion import FRAME, cloud_points, contour_from_message, path_to_message
+from isf_ros.conversion import (
+    FRAME,
+    cloud_points,
+    contour_from_message,
+    path_to_message,
+    set_wrench,
+    wrench_array,
+)
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
+from isf_ros.wrench_axes import WrenchAxes
 from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
@@ -39,6 +47,9 @@ from isf_description.urdf import to_urdf
 PATH_POSES = 500
 """Largest number of poses of the path that is being formed."""
 
+OLDEST = 0.25
+"""s, largest age of a transform that turns a wrench for the eye."""
+
 
 @dataclass(frozen=True)
 class CellStateParameters:
@@ -47,7 +58,7 @@ class CellStateParameters:
     job: str = parameter("", "job file that says tools and rig, where no executive publishes part/info")
     rig: str = parameter("", "rig (name or path) to describe before a job is known")
     base_folder: str = parameter("", "folder that relative paths of the job in part/info refer to, instead of its own")
-    wrench_frame: str = parameter(FRAME, "frame_id that wrenches must have, as of force_ctrl")
+    wrench_frame: str = parameter(FRAME, "frame with the axes of the sheet, as of force_ctrl; others are turned by tf")
     lockstep: bool = parameter(True, "stamps are taken as they are; false: one left at zero is the time of arrival")
     frame_prefix: str = parameter("", "before the name of every frame, such as cell_1/, where cells share /tf")
     publish_tf: bool = parameter(True, "false: robot_state_publisher makes the frames from joint_states")
@@ -96,6 +107,7 @@ class CellStateNode(CellNode[CellStateParameters]):
         self._tf = self.create_publisher(TFMessage, "/tf", qos.TF) if p.publish_tf else None
         self._tf_static = self.create_publisher(TFMessage, "/tf_static", qos.LATCHED) if p.publish_tf else None
         self._tip_wrenches = [self.create_publisher(WrenchStamped, f"tool_{k}/tip_wrench", qos.SENSOR) for k in (1, 2)]
+        self._axes = WrenchAxes(self, self._frame(p.wrench_frame), OLDEST)
         self._describe()
         for tool in self._tools:
             self.create_subscription(PoseStamped, f"tool_{tool.number}/pose", partial(self._on_pose, tool), qos.SENSOR)
@@ -106,6 +118,7 @@ class CellStateNode(CellNode[CellStateParameters]):
 
     def cleanup(self) -> None:
         self._rig, self._joints, self._positions = None, {}, {}
+        self._axes.close()
         self._drop(self._states)
         self._states = None
         for tool in self._tools:
@@ -275,16 +288,13 @@ class CellStateNode(CellNode[CellStateParameters]):
                 continue
             frame, expected = wrench.header.frame_id, self._settings.wrench_frame
             if frame not in (expected, self._frame(expected)):  # its axes are others: the arrow would point elsewhere
-                self._tell_wrong(
-                    topic,
-                    IsfError(
-                        ErrorCode.WRENCH_FRAME,
-                        f"a wrench is in frame '{frame}', not '{expected}'",
-                        where=topic,
-                        advice="turn it into axes of the sheet, or set wrench_frame where only the name differs",
-                    ),
-                )
-                continue
+                stamp = stamps.to_nanoseconds(wrench.header.stamp)
+                try:
+                    set_wrench(wrench, self._axes.turned(frame, stamp, wrench_array(wrench)))
+                except IsfError as error:
+                    advice = "have its transform published, or set wrench_frame where only the name differs"
+                    self._tell_wrong(topic, IsfError(error.code, error.what, where=topic, advice=advice))
+                    continue
             self._tell_well(topic)
             wrench.header.frame_id = self._frame(tip_frame(rig, tool.number))
             publisher.publish(wrench)

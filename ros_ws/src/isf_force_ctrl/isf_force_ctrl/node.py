@@ -31,6 +31,7 @@ from isf_ros.executive_watch import ExecutiveWatch
 from isf_ros.lifecycle import CellNode
 from isf_ros.thread_priority import RealTimeSettings
 from isf_ros.watchdog import RegularLook
+from isf_ros.wrench_axes import WrenchAxes
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
@@ -81,7 +82,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def configure(self) -> None:
         self._settings = p = self.values()
         self._timeout = p.wrench_timeout or (LOCKSTEP_TIMEOUT if p.lockstep else REAL_TIME_TIMEOUT)
-        self._receiver = WrenchReceiver(p.wrench_frame, math.inf if p.lockstep else p.wrench_delay, self._timeout)
+        self._axes = WrenchAxes(self, p.frame_prefix + p.wrench_frame, p.transform_age)
+        most_delay = math.inf if p.lockstep else p.wrench_delay
+        self._receiver = WrenchReceiver(p.wrench_frame, self._axes.turned, most_delay, self._timeout)
         self._pair = self._receiver.pair
         blind = min(self._timeout, PAUSE_AFTER)
         self._ready = Readiness(self._timeout, blind, self._receiver.frames)
@@ -121,6 +124,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._controller.fail(ErrorCode.STOPPED, "the node was deactivated")
                 self._end()
             self._controller = None
+
+    def cleanup(self) -> None:
+        self._axes.close()
 
     def make_safe(self, error: IsfError) -> None:
         """End the contour and hold; where that was done already or fails, end the stream: the machine lifts then."""
@@ -266,7 +272,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             waiting = self._delayed or time.monotonic() < self._patient_until
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
-                controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost), ticking=True)
+                controller.fail(*self._ready.lost_fault(lost, self._timeout), ticking=True)
             self._pause(controller, None if waiting else self._unknown())
             blind = self._settings.output == "twist" and not waiting and controller.fault is None
             if blind and (text := self._ready.pose_lost_text()):
@@ -282,8 +288,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _unknown(self) -> Fault | None:
         """Why the forces of this moment are not known; None: they are."""
         if silent := self._ready.silent(PAUSE_AFTER):
-            names = " and ".join(f"tool_{k}/wrench" for k in silent)
-            return ErrorCode.WRENCH_LOST, f"nothing on {names} for {PAUSE_AFTER:g} s"
+            return self._ready.lost_fault(silent, PAUSE_AFTER)
         if self._receiver.late_for(self._ready.needed) > PAUSE_AFTER:
             return ErrorCode.WRENCH_LATE, f"the wrenches have come too late for {PAUSE_AFTER:g} s"
         return None
@@ -359,7 +364,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             lost = self._ready.lost() if time.monotonic() > self._patient_until else []
             if lost and (controller.busy or self._awaited is not None):
                 if controller.busy:
-                    controller.fail(ErrorCode.WRENCH_LOST, self._ready.lost_text(lost))
+                    controller.fail(*self._ready.lost_fault(lost, self._timeout))
                     self._publish_state(controller, self.get_clock().now().nanoseconds)
                 self._end()
             if self._output.has_targets and time.monotonic() - self._output.last_publish >= HEARTBEAT:

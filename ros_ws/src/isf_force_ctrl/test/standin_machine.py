@@ -11,7 +11,9 @@ come 50 ms late, after newer ones; real time), ``jump_at``, ``jump`` (tick from 
 publishes poses; real time), ``drift`` (m/s in x that it adds to the twists), ``cell_drift`` (N by which the cell of
 tool_2 is off in z), ``poses_until``, ``states_until`` (ticks after which it publishes no poses, no machine/state),
 ``best_effort`` (wrenches and states are published so), ``last_targets`` (a file: when it is there, targets are
-answered 1 s late, and it is removed before; lockstep). ``silent``, ``saturated_at``, ``late_at``, ``scattered_share``,
+answered 1 s late, and it is removed before; lockstep), ``turned`` (axes of the load cells: x, y, z are y, z, x of the
+sheet), ``spin`` (rad/s with which they turn about z of the sheet besides, told on /tf every 20 ms until tick
+``told_until``, -1 always). ``silent``, ``saturated_at``, ``late_at``, ``scattered_share``,
 ``jump_at``, ``jump`` and ``gap`` may change at run time.
 """
 
@@ -24,7 +26,7 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from contact_sandbox import Sandbox, planned_distance, ring
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped, WrenchStamped
 from isf_msgs.msg import MachineState
 from isf_ros import conversion, process, qos, stamps
 from rcl_interfaces.msg import SetParametersResult
@@ -32,6 +34,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from tf2_msgs.msg import TFMessage
 
 RATE = 500.0
 START = 50_000
@@ -80,6 +83,13 @@ class StandInMachine(Node):
         self.states_until = self.declare_parameter("states_until", -1).value
         self.cell_drift = self.declare_parameter("cell_drift", 0.0).value
         self.last_targets = self.declare_parameter("last_targets", "").value
+        self.turned, self.spin = (
+            self.declare_parameter("turned", False).value,
+            self.declare_parameter("spin", 0.0).value,
+        )
+        self.told_until = self.declare_parameter("told_until", -1).value
+        self.frame = frame
+        self.tf = self.create_publisher(TFMessage, "/tf", 100) if self.spin else None
         self.velocity = [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
         self.poses = [self.create_publisher(PoseStamped, f"tool_{k}/pose", qos.SENSOR) for k in (1, 2)]
         self.sandbox.gap = lambda time, angle: self.gap
@@ -123,9 +133,29 @@ class StandInMachine(Node):
             if not 0 <= self.frozen_at <= tick:
                 values = [self.sign * value for value in wrench]
                 values[2] += self.cell_drift if message is self.wrench[1] else 0.0
-                conversion.set_wrench(message, values)
+                conversion.set_wrench(message, [*self.in_cell(values[:3]), *self.in_cell(values[3:])])
             message.header.stamp = stamps.to_stamp(self.now())
+        self.tell_spin()
         self.send()
+
+    def in_cell(self, vector: list[float]) -> list[float]:
+        """A vector (3,) in axes of the sheet as the load cells read it."""
+        x, y, z = vector
+        if self.spin:
+            angle = self.spin * self.sandbox.tick / RATE
+            x, y = math.cos(angle) * x + math.sin(angle) * y, math.cos(angle) * y - math.sin(angle) * x
+        return [y, z, x] if self.turned else [x, y, z]
+
+    def tell_spin(self) -> None:
+        """How the load cells stand, as a robot tells it: 50 times a second, and between the wrenches."""
+        tick = self.sandbox.tick
+        if self.tf is None or tick % 10 or 0 <= self.told_until < tick:
+            return
+        half = 0.5 * self.spin * tick / RATE
+        transform = TransformStamped(child_frame_id=self.frame)
+        transform.header.frame_id, transform.header.stamp = conversion.FRAME, stamps.to_stamp(self.now())
+        transform.transform.rotation.z, transform.transform.rotation.w = math.sin(half), math.cos(half)
+        self.tf.publish(TFMessage(transforms=[transform]))
 
     def now(self, ahead: int = 0) -> int:
         """ns: time of the tick, or of one ``ahead``, in lockstep, else of the clock."""
@@ -157,6 +187,7 @@ class StandInMachine(Node):
         if not self.twist:
             self.publish_poses()
         if self.lockstep and time.monotonic() - self.last > 0.15:
+            self.tell_spin()
             self.send()
 
     def on_clock(self) -> None:

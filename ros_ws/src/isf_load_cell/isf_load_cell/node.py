@@ -17,6 +17,7 @@ from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped, WrenchS
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import cell_event
 from isf_core.files import quantity
+from isf_core.geometry.frame_tree import FrameTree, Turn
 from isf_core.types import Array
 from isf_msgs.msg import MachineEvent
 from isf_ros import conversion, process, qos, stamps
@@ -29,7 +30,6 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from isf_load_cell.cell_file import load_cell_set_up
-from isf_load_cell.frame_tree import FrameTree, Turn
 from isf_load_cell.stream import CellStream
 from isf_load_cell.three_cells import ThreeCellReading
 

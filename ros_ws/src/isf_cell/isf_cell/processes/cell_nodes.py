@@ -110,7 +110,9 @@ def cell_nodes(choice: CellChoice) -> list[CellNode]:
     nodes += [_load_cell(choice, tool) for tool in choice.load_cells]
     nodes.append(CellNode("planner", "isf_planner", "planner", managed=True, keeps_nothing=True))
     nodes.append(CellNode("springback", "isf_springback", "springback", states, managed=True, keeps_nothing=True))
-    nodes.append(CellNode("force_ctrl", "isf_force_ctrl", "force_ctrl", {**timing, **states}, managed=True))
+    prefix = {"frame_prefix": choice.frame_prefix} if choice.frame_prefix else {}
+    control = {**timing, **states, **prefix}
+    nodes.append(CellNode("force_ctrl", "isf_force_ctrl", "force_ctrl", control, frames, managed=True))
     executive = {**timing, "load_cells": " ".join(str(tool) for tool in choice.load_cells)}
     if choice.checkpoint:
         executive["checkpoint"] = choice.checkpoint

@@ -41,7 +41,20 @@ class ForceCtrlParameters:
         minimum=0.5,
         maximum=3600.0,
     )
-    wrench_frame: str = parameter("sheet", "frame_id that wrenches must have")
+    wrench_frame: str = parameter(
+        "sheet",
+        "frame with the axes of the sheet: wrenches in it are taken as they are, others are turned into it by tf",
+    )
+    frame_prefix: str = parameter(
+        "", "before the names of the cell's own frames on /tf, such as cell_1/, as of cell_state_publisher"
+    )
+    transform_age: float = parameter(
+        0.25,
+        "largest age of a transform on /tf that turns a wrench, by the stamps of the two",
+        unit="s",
+        minimum=1e-3,
+        maximum=10.0,
+    )
     wrench_delay: float = parameter(
         0.03,
         "by the clock: longest delay of wrenches beyond that of the first ones",

@@ -15,7 +15,7 @@ from isf_ros.watchdog import ReceiveWatchdog
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.control_state import Vector
 from isf_force_ctrl.ros.parameters import OF_THE_JOB, ForceCtrlParameters
-from isf_force_ctrl.supervision.wrench_receiver import WrenchFrames
+from isf_force_ctrl.supervision.wrench_receiver import Fault, WrenchFrames
 
 FRESH = 1.0
 """s, age up to which wrenches, poses and the machine's state count as present when arming."""
@@ -56,10 +56,13 @@ class Readiness:
         """Needed tools without a wrench for ``seconds``."""
         return [k for k in self.needed if self._watchdogs[k - 1].age() > seconds]
 
-    def lost_text(self, tools: Sequence[int]) -> str:
-        """What to say of the ``tools`` that are lost."""
+    def lost_fault(self, tools: Sequence[int], seconds: float) -> Fault:
+        """Code and text of the ``tools`` that are silent for ``seconds``: nothing comes, or nothing of use."""
+        for tool in tools:
+            if (fault := self._frames.fault(tool)) and fault[0] is ErrorCode.POSE_LOST:
+                return fault
         names = " and ".join(f"tool_{k}/wrench" for k in tools)
-        return f"nothing on {names} for {self.timeout:g} s (is the machine node alive?)"
+        return ErrorCode.WRENCH_LOST, f"nothing on {names} for {seconds:g} s (is the machine node alive?)"
 
     def pose_lost_text(self) -> str:
         """What to say of needed tools whose pose has stopped coming; empty: none. Twists need the poses."""
@@ -75,12 +78,8 @@ class Readiness:
         What a driver told that is gone or was started anew does not count: its tare ended with it, and its tools may
         stand anywhere.
         """
-        stale = [k for k in self.needed if self._watchdogs[k - 1].age() > FRESH]
-        if stale:
-            names = " and ".join(f"tool_{k}/wrench" for k in stale)
-            raise IsfError(
-                ErrorCode.WRENCH_LOST, f"nothing on {names} in the last {FRESH:g} s", advice="is the machine active?"
-            )
+        if stale := self.silent(FRESH):
+            raise IsfError(*self.lost_fault(stale, FRESH))
         now = time.monotonic()
         stale = [k for k in self.needed if (pose := self._poses[k - 1]) is None or now - pose[0] > FRESH]
         if stale:
@@ -106,10 +105,11 @@ class Readiness:
     def check_forming(self, forming_tool: int) -> None:
         """The forming tool may change from contour to contour; its load cell is needed from here on.
 
-        Raises IsfError WRENCH_LOST.
+        Raises IsfError WRENCH_LOST, WRENCH_FRAME or POSE_LOST.
         """
         if forming_tool in self.needed or forming_tool not in (1, 2):
             return
+        self._frames.check([forming_tool])
         if self._watchdogs[forming_tool - 1].age() > FRESH:
             raise IsfError(ErrorCode.WRENCH_LOST, f"nothing on tool_{forming_tool}/wrench, which forms this contour")
         self.needed = [1, 2]

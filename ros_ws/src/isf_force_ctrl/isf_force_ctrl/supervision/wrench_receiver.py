@@ -1,13 +1,14 @@
 """Receives the wrenches of both tools: their frame, the order and age of their stamps, and the pair that a tick uses.
 
-Forces in other axes than ``sheet`` would be pushed against in the wrong direction, so another frame is refused. s.
+Forces in other axes than ``sheet`` would be pushed against in the wrong direction, so wrenches in another frame are
+turned into them, or refused. s.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from isf_core.errors import ErrorCode, IsfError
 
@@ -17,13 +18,17 @@ Fault = tuple[ErrorCode, str]
 Reading = tuple[int, str, int, Sequence[float]]
 """Tool (1, 2), frame, stamp in ns, and wrench (6,), as :meth:`WrenchReceiver.add` takes them."""
 
+Turned = Callable[[str, int, Sequence[float]], Sequence[float]]
+"""A wrench (6,) in axes of a frame, read at a stamp in ns, as one in axes of the sheet. Raises IsfError WRENCH_FRAME
+where nothing joins the two, POSE_LOST where what joins them is too old."""
+
 
 class WrenchReceiver:
-    """``frame`` is the one that wrenches must come in; ``most_delay`` (lockstep: inf) and ``late_for`` s as for
-    :class:`StampWatch`."""
+    """Wrenches in ``frame`` are taken as they are, others by ``turned``; ``most_delay`` (lockstep: inf) and
+    ``late_for`` s as for :class:`StampWatch`."""
 
-    def __init__(self, frame: str, most_delay: float, late_for: float) -> None:
-        self.frames = WrenchFrames(frame)
+    def __init__(self, frame: str, turned: Turned, most_delay: float, late_for: float) -> None:
+        self.frames = WrenchFrames(frame, turned)
         self.pair = WrenchPair()
         self._watches = tuple(StampWatch(tool, most_delay, late_for) for tool in (1, 2))
         self._by_clock = math.isfinite(most_delay)
@@ -43,11 +48,14 @@ class WrenchReceiver:
     def add(self, tool: int, frame: str, stamp: int, wrench: Sequence[float]) -> tuple[bool, Fault | None]:
         """Take the wrench (6,) of ``tool`` (1, 2) with ``stamp`` ns.
 
-        Returns whether it is a sign of life (an old one is none) and code and text of what is wrong with it. By the
-        clock, a driver that leaves its stamps at zero is taken at its word: now.
+        Returns whether it is a sign of life (an old one is none, nor one whose axes are not known for the moment) and
+        code and text of what is wrong with it. By the clock, a driver that leaves its stamps at zero is taken at its
+        word: now.
         """
-        if not self.frames.right(tool, frame):
-            return True, (ErrorCode.WRENCH_FRAME, self.frames.text(tool))
+        in_sheet = self.frames.in_sheet(tool, frame, stamp, wrench)
+        if in_sheet is None:
+            fault = self.frames.fault(tool)
+            return (True, fault) if fault and fault[0] is ErrorCode.WRENCH_FRAME else (False, None)
         now = time.monotonic()
         if stamp == 0 and self._by_clock:
             stamp = int(now * 1e9)
@@ -57,7 +65,7 @@ class WrenchReceiver:
                 return fault is not None, fault
             if fault:
                 return True, fault
-        self.pair.add(tool, stamp, wrench)
+        self.pair.add(tool, stamp, in_sheet)
         return True, None
 
     def late_for(self, tools: Sequence[int]) -> float:
@@ -199,26 +207,40 @@ class WrenchPair:
 
 
 class WrenchFrames:
-    """Frames of the newest wrenches of both tools; ``frame`` is the one that is right."""
+    """Axes of the newest wrenches of both tools: those in ``frame`` are right, others are ``turned`` into them."""
 
-    def __init__(self, frame: str) -> None:
-        self._frame = frame
-        self._seen = [frame, frame]
+    def __init__(self, frame: str, turned: Turned) -> None:
+        self._frame, self._turned = frame, turned
+        self._faults: list[IsfError | None] = [None, None]
 
-    def right(self, tool: int, frame: str) -> bool:
-        """Take note of the ``frame`` of a wrench of ``tool`` (1, 2)."""
-        self._seen[tool - 1] = frame
-        return frame == self._frame
+    def in_sheet(self, tool: int, frame: str, stamp: int, wrench: Sequence[float]) -> Sequence[float] | None:
+        """The ``wrench`` (6,) of ``tool`` (1, 2), read at ``stamp`` ns in axes of ``frame``, in axes of the sheet; None
+        when they are not known."""
+        self._faults[tool - 1] = None
+        if frame == self._frame:
+            return wrench
+        try:
+            return self._turned(frame, stamp, wrench)
+        except IsfError as error:
+            self._faults[tool - 1] = error
+            return None
 
-    def text(self, tool: int) -> str:
-        """What is wrong with the wrenches of ``tool``."""
-        return (
-            f"tool_{tool}/wrench comes in frame '{self._seen[tool - 1]}', not '{self._frame}' (rotate it into axes of "
-            "the sheet, or set the parameter wrench_frame where only the name differs)"
-        )
+    def fault(self, tool: int) -> Fault | None:
+        """Code and text of what is wrong with the frame of the newest wrench of ``tool`` (1, 2)."""
+        error = self._faults[tool - 1]
+        if error is None:
+            return None
+        text = f"tool_{tool}/wrench cannot be turned into axes of the sheet: {error.what}"
+        if error.code is ErrorCode.WRENCH_FRAME:
+            text += (
+                " (have its transform published, as by robot_state_publisher or static_transform_publisher, or set the "
+                "parameter wrench_frame where only the name differs)"
+            )
+        return error.code, text
 
     def check(self, tools: Sequence[int]) -> None:
-        """Raise IsfError WRENCH_FRAME when the newest wrench of one of ``tools`` came in another frame."""
+        """Raise IsfError WRENCH_FRAME or POSE_LOST when the axes of the newest wrench of one of ``tools`` are not
+        known."""
         for tool in tools:
-            if self._seen[tool - 1] != self._frame:
-                raise IsfError(ErrorCode.WRENCH_FRAME, self.text(tool))
+            if fault := self.fault(tool):
+                raise IsfError(*fault)

@@ -267,17 +267,6 @@ def test_blank_holder_has_targets_in_tpif(cell: Cell) -> None:
     assert max(heights) == pytest.approx(1e-3)  # and down again when parked
 
 
-def test_wrenches_in_another_frame_are_refused(cell: Cell) -> None:
-    cell.start({"frame": "tool0"})
-    response = cell.arm()
-    deadline = time.monotonic() + LIMIT
-    while response.code == ErrorCode.NO_TARE and time.monotonic() < deadline:
-        response = cell.arm()
-    assert response.code == ErrorCode.WRENCH_FRAME
-    assert "'tool0', not 'sheet'" in response.message
-    assert cell.targets == 0
-
-
 def test_a_frozen_wrench_holds_with_its_code(cell: Cell) -> None:
     cell.start({"frozen_at": 600})
     cell.armed()

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from isf_core.errors import ErrorCode
+from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl.ros.control_clock import PATIENCE, PeriodicLoop
 from isf_force_ctrl.supervision.latency import Durations
 from isf_force_ctrl.supervision.wrench_receiver import StampWatch, WrenchReceiver
 from isf_ros.thread_priority import RealTimeSettings
 
 PERIOD = 0.002
+
+
+def not_asked(frame: str, stamp: int, wrench: Sequence[float]) -> Sequence[float]:
+    """Axes of wrenches that are in those of the sheet."""
+    raise IsfError(ErrorCode.WRENCH_FRAME, f"{frame} at {stamp}")
 
 
 class Time:
@@ -201,7 +207,7 @@ def test_before_a_contour_in_lockstep_time_may_go_on_but_not_back(
     times: tuple[int, ...], codes: tuple[ErrorCode | None, ...]
 ) -> None:
     """As a scan takes its time. s."""
-    receiver = WrenchReceiver("sheet", math.inf, 0.1)
+    receiver = WrenchReceiver("sheet", not_asked, math.inf, 0.1)
 
     def code(time: int) -> ErrorCode | None:
         _, fault = receiver.add(1, "sheet", time * 1_000_000_000, [0.0] * 6)
@@ -213,7 +219,7 @@ def test_before_a_contour_in_lockstep_time_may_go_on_but_not_back(
 
 
 def test_unstamped_wrenches_are_taken_as_they_come() -> None:
-    receiver = WrenchReceiver("sheet", 0.03, 0.1)
+    receiver = WrenchReceiver("sheet", not_asked, 0.03, 0.1)
     for value in (1.0, 2.0):
         for tool in (1, 2):
             assert receiver.add(tool, "sheet", 0, [value] * 6) == (True, None)

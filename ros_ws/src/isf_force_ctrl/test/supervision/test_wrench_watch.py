@@ -88,15 +88,27 @@ def test_short_tension_is_no_wrong_sign():
 
 
 def test_frames():
-    frames = WrenchFrames("sheet")
+    """The axes of "cell" are known, those of "flange" no longer, of others never."""
+
+    def turned(frame, stamp, wrench):
+        if frame == "cell":
+            return (*wrench[1:3], wrench[0], *wrench[3:])
+        code = ErrorCode.POSE_LOST if frame == "flange" else ErrorCode.WRENCH_FRAME
+        raise IsfError(code, f"what is said of {frame}")
+
+    frames = WrenchFrames("sheet", turned)
     frames.check([1, 2])
-    assert frames.right(1, "sheet")
-    assert not frames.right(2, "tool0")
-    frames.check([1])
-    with pytest.raises(IsfError, match="tool0") as caught:
-        frames.check([1, 2])
-    assert caught.value.code == ErrorCode.WRENCH_FRAME
-    assert frames.right(2, "sheet")
+    wrench = (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+    assert frames.in_sheet(1, "sheet", 5, wrench) is wrench
+    assert frames.in_sheet(2, "cell", 5, wrench)[:3] == (2.0, 3.0, 1.0)
+    frames.check([1, 2])
+    for frame, code in (("tool0", ErrorCode.WRENCH_FRAME), ("flange", ErrorCode.POSE_LOST)):
+        assert frames.in_sheet(2, frame, 5, wrench) is None
+        frames.check([1])
+        with pytest.raises(IsfError, match=f"tool_2/wrench .* what is said of {frame}") as caught:
+            frames.check([1, 2])
+        assert caught.value.code == code
+    frames.in_sheet(2, "sheet", 5, wrench)
     frames.check([1, 2])
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_core.errors import ErrorCode, IsfError
-from isf_load_cell.frame_tree import FrameTree
-from scipy.spatial.transform import Rotation
+from isf_core.geometry.frame_tree import FrameTree
+from scipy.spatial.transform import Rotation, Slerp
 
 NONE = (0.0, 0.0, 0.0, 1.0)
 ABOUT_Z = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
@@ -102,3 +103,72 @@ def test_what_is_no_rotation_is_not_taken(turn: tuple[float, ...]) -> None:
     tree.add("sheet", "tool", ABOUT_Z)
     assert not tree.add("sheet", "tool", turn)
     np.testing.assert_allclose(tree.rotation("sheet", "tool").matrix @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
+
+
+# -- at the moment of a stamp ------------------------------------------------------------------------
+
+
+def about_z(angle: float) -> tuple[float, float, float, float]:
+    return (0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle))
+
+
+def x_points(tree: FrameTree, stamp: float) -> float:
+    """Angle in rad of x of "flange" in "sheet" about z."""
+    x, y, z = tree.rotation_at("sheet", "flange", stamp).matrix @ [1.0, 0.0, 0.0]
+    assert abs(z) < 1e-12
+    return math.atan2(y, x)
+
+
+def test_between_two_transforms_the_axes_turn_evenly_and_after_the_last_they_stay() -> None:
+    tree = FrameTree(0.5, Clock())
+    tree.add("room", "sheet", about_z(-1.0), fixed=True)
+    for stamp, angle in ((10.0, 0.0), (10.1, 0.2), (10.2, 0.6)):
+        tree.add("room", "flange", about_z(angle), stamp=stamp)
+    for stamp, angle in ((10.0, 0.0), (10.05, 0.1), (10.1, 0.2), (10.175, 0.5), (10.2, 0.6), (10.6, 0.6), (9.6, 0.0)):
+        assert x_points(tree, stamp) == pytest.approx(angle + 1.0, abs=1e-12)
+    for stamp, words in ((10.71, "0.51 s older than"), (9.4, "0.60 s newer than")):
+        with pytest.raises(IsfError) as caught:
+            tree.rotation_at("sheet", "flange", stamp)
+        assert caught.value.code == ErrorCode.POSE_LOST
+        assert f"'flange' stands in 'room' was measured {words} the reading, 0.5 s are allowed" in caught.value.what
+    held = tree.rotation_at("sheet", "flange", 10.3)
+    assert (held.since, held.until) == (10.2, pytest.approx(10.7))
+    between = tree.rotation_at("sheet", "flange", 10.15)
+    assert (between.since, between.until) == (10.15, 10.15)
+    assert tree.rotation_at("room", "sheet", 1e6).until == math.inf
+    # what was measured at the same moment replaces; a clock that is set back begins anew
+    tree.add("room", "flange", about_z(0.8), stamp=10.2)
+    assert x_points(tree, 10.3) == pytest.approx(1.8)
+    tree.add("room", "flange", about_z(0.3), stamp=2.0)
+    assert x_points(tree, 2.1) == pytest.approx(1.3)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_a_chain_of_moving_links_against_slerp(seed: int) -> None:
+    """Each link with stamps of its own, some moving up the tree and some down, against scipy's Slerp and products."""
+    random = np.random.default_rng(seed)
+    names = ["sheet", "a", "room", "b", "flange"]
+    tree, paths = FrameTree(1.0, Clock()), []
+    for below, above in pairwise(names):
+        child, parent = (below, above) if above in ("a", "room") else (above, below)
+        times = np.cumsum(random.uniform(0.01, 0.1, 8))
+        turns = Rotation.from_quat(random.standard_normal((8, 4)))
+        for moment, turn in zip(times, turns, strict=True):
+            tree.add(parent, child, turn.as_quat(), stamp=float(moment))
+        paths.append((times, turns, child == below))
+    stamp = float(random.uniform(0.0, 0.6))
+    whole = Rotation.identity()
+    for times, turns, inverse in paths:
+        turn = Slerp(times, turns)([min(max(stamp, times[0]), times[-1])])[0]
+        whole = whole * (turn.inv() if inverse else turn)
+    found = tree.rotation_at("sheet", "flange", stamp)
+    np.testing.assert_allclose(found.matrix, whole.as_matrix(), atol=1e-9)
+    assert found.since <= stamp <= found.until
+
+
+def test_old_samples_go() -> None:
+    tree = FrameTree(100.0, Clock())
+    for k in range(1000):
+        tree.add("sheet", "flange", about_z(1e-3 * k), stamp=0.01 * k)
+    assert x_points(tree, 0.0) == pytest.approx(1e-3 * 899)  # 1 s before the newest
