@@ -140,10 +140,11 @@ def perform(names: dict[str, Any], **arguments: str) -> tuple[list[Made], dict[s
 
 
 def nodes(actions: Sequence[Made]) -> dict[str, Made]:
-    """The nodes among ``actions``, by name."""
+    """The nodes among ``actions``, by name, or by the executable that names itself."""
     found = [item for item in actions if type(item).__name__ in ("Node", "LifecycleNode")]
-    assert len({item.keywords["name"] for item in found}) == len(found)
-    return {item.keywords["name"]: item for item in found}
+    named = {item.keywords.get("name", item.keywords["executable"]): item for item in found}
+    assert len(named) == len(found)
+    return named
 
 
 def command(node: Made, context: Mapping[str, str], folder: Path) -> list[str]:

@@ -169,12 +169,16 @@ def describe(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="URDF file  [default: NAME.urdf]", metavar="FILE")
     ] = None,
+    ros2_control: Annotated[
+        bool,
+        typer.Option("--ros2-control", help="with the block for ros2_control, and NAME_controllers.yaml beside it"),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Describe a cell as URDF: table, clamp, axes, tools and load cells, with limits and masses."""
     from isf_cell.commands.describe import describe_cell
 
-    describe_cell(name, prefix, output, as_json=json)
+    describe_cell(name, prefix, output, ros2_control=ros2_control, as_json=json)
 
 
 @app.command()

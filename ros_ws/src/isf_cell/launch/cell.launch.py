@@ -86,6 +86,11 @@ ARGUMENTS: dict[str, dict[str, Any]] = {
         "choices": [YES, NO],
         "description": "it makes the frames instead of cell_state_publisher; needs job or rig",
     },
+    "ros2_control": {
+        "default_value": NO,
+        "choices": [YES, NO],
+        "description": "controller_manager drives the axes; needs job or rig, and lockstep:=false",
+    },
     "frame_prefix": {"default_value": "", "description": "before the name of every frame, on the /tf of all cells"},
     "rviz": {"default_value": NO, "choices": [YES, NO], "description": "start RViz with the layout of the cell"},
     "link": {
@@ -143,7 +148,7 @@ def start_nodes(context: LaunchContext) -> list[Action]:
             )
         nodes = [node for node in nodes if node.name in only]
     actions = [make(node, asked) for node in nodes]
-    return [*actions, *viewers(asked, choice, described)]
+    return [*actions, *viewers(asked, choice, described), *drives(asked, described)]
 
 
 def choose(asked: dict[str, str], described: dict[str, Any]) -> cell_nodes.CellChoice:
@@ -167,6 +172,7 @@ def choose(asked: dict[str, str], described: dict[str, Any]) -> cell_nodes.CellC
         frame_prefix=asked["frame_prefix"],
         own_frames=own_frames(asked),
         publish_tf=asked["robot_state_publisher"] == NO,
+        ros2_control=asked["ros2_control"] == YES,
     )
 
 
@@ -179,18 +185,26 @@ def describe(context: LaunchContext, asked: dict[str, str]) -> dict[str, Any]:
     """What ``isf describe`` says of job or rig: path of the rig file, tools with spindle cells, text of the URDF."""
     subject = asked["job"] or asked["rig"]
     if not subject:
-        if asked["robot_state_publisher"] == YES:
-            raise RuntimeError("robot_state_publisher:=true needs job:= or rig:=, to know what to describe")
+        for name in ("robot_state_publisher", "ros2_control"):
+            if asked[name] == YES:
+                raise RuntimeError(f"{name}:=true needs job:= or rig:=, to know what to describe")
         return {}
+    more = ["--ros2-control"] if asked["ros2_control"] == YES else []
     program = PathJoinSubstitution([FindPackagePrefix("isf_cell"), "lib", "isf_cell", "isf"]).perform(context)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "cell.urdf"
         done = subprocess.run(
-            [program, "describe", subject, "-o", str(path), "--json"], capture_output=True, text=True, check=False
+            [program, "describe", subject, "-o", str(path), "--json", *more],
+            capture_output=True,
+            text=True,
+            check=False,
         )
         if done.returncode != 0:
             raise RuntimeError(f"{'job' if asked['job'] else 'rig'}:={subject} cannot be used:\n{done.stderr.strip()}")
-        return {**json.loads(done.stdout), "text": path.read_text(encoding="utf-8")}
+        said = json.loads(done.stdout)
+        if more:
+            said["controllers"] = Path(said["controllers"]).read_text(encoding="utf-8")
+        return {**said, "text": path.read_text(encoding="utf-8")}
 
 
 def make(node: cell_nodes.CellNode, asked: dict[str, str]) -> Action:
@@ -246,6 +260,26 @@ def viewers(asked: dict[str, str], choice: cell_nodes.CellChoice, described: dic
             )
         )
     return actions
+
+
+def drives(asked: dict[str, str], described: dict[str, Any]) -> list[Action]:
+    """controller_manager and its controllers, with the parameter file of the rig; it takes the description from
+    cell_state_publisher. It gets no name: a process gives that to all its nodes, and controllers are some."""
+    if asked["ros2_control"] == NO:
+        return []
+    if asked["lockstep"] == YES or asked["cell_state"] == NO:
+        raise RuntimeError(
+            "ros2_control:=true needs lockstep:=false and cell_state:=true: controllers run by the clock"
+        )
+    file = Path(tempfile.mkdtemp(prefix="isf_ros2_control_")) / "controllers.yaml"
+    file.write_text(described["controllers"], encoding="utf-8")
+    known = yaml.safe_load(described["controllers"])["/**/controller_manager"]["ros__parameters"]
+    names = [name for name, about in known.items() if isinstance(about, dict)]
+    common: dict[str, Any] = {"package": "controller_manager", "namespace": asked["namespace"], "output": "screen"}
+    return [
+        Node(executable="ros2_control_node", parameters=[str(file)], **common),
+        Node(executable="spawner", name="spawner", arguments=[*names, "--param-file", str(file)], **common),
+    ]
 
 
 def request_part(context: LaunchContext) -> list[Action]:

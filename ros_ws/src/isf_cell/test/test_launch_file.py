@@ -110,6 +110,31 @@ def test_who_shows_the_cell_has_its_time_in_lockstep(launch_file: dict[str, Any]
     assert all(parameters(node)["use_sim_time"] for node in started(launch_file, use_sim_time="true").values())
 
 
+def test_axes_driven_by_controller_manager(launch_file: dict[str, Any]) -> None:
+    asked = {"lockstep": "false", "ros2_control": "true"}
+    found = started(launch_file, rig="ren2018", namespace="cell_1", **asked)
+    assert set(found) == {*NODES, "ros2_control_node", "spawner"}
+    assert parameters(found["machine"])["follow"] == "joints"
+    assert parameters(found["force_ctrl"])["output"] == "joint_trajectory"
+    assert parameters(found["force_ctrl"])["described_joints"] is True
+    assert parameters(found["cell_state_publisher"])["ros2_control"] is True
+    file = found["ros2_control_node"].keywords["parameters"][0]
+    assert found["spawner"].keywords["arguments"] == [
+        "joint_state_broadcaster",
+        "tool_1",
+        "tool_2",
+        "--param-file",
+        file,
+    ]
+    assert {node.keywords["namespace"] for node in found.values()} == {"cell_1"}
+    shipped = SOURCES / "isf_description" / "config" / "controllers.yaml"
+    assert Path(file).read_text(encoding="utf-8") == shipped.read_text(encoding="utf-8")
+    with pytest.raises(RuntimeError, match="needs lockstep:=false"):
+        started(launch_file, rig="ren2018", ros2_control="true")
+    with pytest.raises(RuntimeError, match="ros2_control:=true needs job:= or rig:="):
+        started(launch_file, **asked)
+
+
 def test_some_nodes_alone(launch_file: dict[str, Any]) -> None:
     assert set(started(launch_file, nodes="force_ctrl planner")) == {"force_ctrl", "planner"}
     with pytest.raises(RuntimeError, match=r"the cell has no controller; it has machine, planner, "):

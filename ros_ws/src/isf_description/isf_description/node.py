@@ -40,6 +40,7 @@ from visualization_msgs.msg import Marker
 from isf_description.cell import HOLDER, ball_radius, describe, tip_frame
 from isf_description.joints import Positions, tool_positions
 from isf_description.node_messages import blank_marker, sheet_marker, transform_message
+from isf_description.ros2_control import ControlBlock
 from isf_description.surface import surface
 from isf_description.tree import Joint, Quaternion, Vector
 from isf_description.urdf import to_urdf
@@ -61,6 +62,7 @@ class CellStateParameters:
     wrench_frame: str = parameter(FRAME, "frame with the axes of the sheet, as of force_ctrl; others are turned by tf")
     lockstep: bool = parameter(True, "stamps are taken as they are; false: one left at zero is the time of arrival")
     frame_prefix: str = parameter("", "before the name of every frame, such as cell_1/, where cells share /tf")
+    ros2_control: bool = parameter(False, "robot_description has the block of a cell under ros2_control")
     publish_tf: bool = parameter(True, "false: robot_state_publisher makes the frames from joint_states")
     rate: float = parameter(50.0, "frames and joint states per second, at most", unit="Hz", minimum=1.0, maximum=500.0)
     sheet_points: int = parameter(
@@ -170,7 +172,10 @@ class CellStateNode(CellNode[CellStateParameters]):
         elif self._states is None:
             self._positions.setdefault(HOLDER, 0.0)
             self._states = self.create_subscription(MachineState, "machine/state", self._on_state, qos.SENSOR)
-        self._description.publish(String(data=to_urdf(made)))
+        block = None
+        if self._settings.ros2_control:
+            block = ControlBlock.of(rig, made, ball_radius(job_file, 1), self.get_namespace())
+        self._description.publish(String(data=to_urdf(made, block)))
         if self._tf_static is not None:
             stamp, prefix = self.get_clock().now().to_msg(), self._settings.frame_prefix
             self._tf_static.publish(

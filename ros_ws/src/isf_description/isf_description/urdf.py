@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from isf_core.types import Array
 
+from isf_description.ros2_control import ControlBlock
 from isf_description.tree import Body, Description, Joint, Link
 
 STEEL = 7850.0
@@ -32,14 +33,16 @@ LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
 """kg and kg m^2 of a link that moves and has no body: simulators ask for some."""
 
 
-def to_urdf(description: Description) -> str:
-    """The text of the URDF file; ends with a line break."""
+def to_urdf(description: Description, control: ControlBlock | None = None) -> str:
+    """The text of the URDF file, with the block for ros2_control where one is given; ends with a line break."""
     robot = Element("robot", name=description.name)
     moving = {joint.child for joint in description.movable}
     for link in description.links:
         _add_link(robot, link, moves=link.name in moving)
     for joint in description.joints:
         _add_joint(robot, joint)
+    if control is not None:
+        control.add_to(robot, description)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 

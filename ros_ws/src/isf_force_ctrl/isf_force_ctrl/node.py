@@ -98,7 +98,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
         if p.output == "twist" and p.lockstep:
             raise IsfError(ErrorCode.FILE_FIELD, "twists are velocities by the clock, not in lockstep", where="output")
-        self._output = ForceCtrlPublishers(self, twist=p.output == "twist", joints=p.output == "joint_trajectory")
+        joints = p.output == "joint_trajectory"
+        self._output = ForceCtrlPublishers(self, twist=p.output == "twist", joints=joints, described=p.described_joints)
         self.create_subscription(WrenchStamped, "tool_1/wrench", self._on_wrench_1, qos.STREAM)
         self.create_subscription(WrenchStamped, "tool_2/wrench", self._on_wrench_2, qos.STREAM)
         self.create_subscription(PoseStamped, "tool_1/pose", lambda m: self._on_pose(1, m), qos.SENSOR)

@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_sim.machine.state import load_machine, plant_digest, save_machine
 from isf_sim.real_time import PeriodicThread
+from isf_sim.ros.joint_interface import Command, JointInterface, near
 from isf_sim.ros.publishers import MachinePublishers, state_message
 from isf_sim.ros.targets import TargetPair, TargetStream
 from isf_sim.warm_up import warm_up
@@ -72,6 +73,12 @@ class MachineParameters:
     raw_cells: bool = parameter(
         False,
         "of tools whose rig has spindle_cells: voltages on tool_k/raw_cells, and no wrench; a node load_cell makes it",
+    )
+    follow: str = parameter(
+        "poses",
+        "poses: tool_k/target; joints: JointState on machine/joint_commands, as of a hardware component of "
+        "ros2_control, answered on machine/joint_states (not in lockstep)",
+        choices=("poses", "joints"),
     )
     state_folder: str = parameter(
         "machine_states",
@@ -123,6 +130,7 @@ class MachineNode(CellNode[MachineParameters]):
         self._period = 0
         self._sample: MachineSample | None = None
         self._publishing = threading.Lock()
+        self._joints: JointInterface | None = None
         self._holder: Any = None
         self._reported = 0
 
@@ -132,6 +140,15 @@ class MachineNode(CellNode[MachineParameters]):
         self._settings = values = self.values()
         timeout = values.target_timeout or (LOCKSTEP_TIMEOUT if values.lockstep else REAL_TIME_TIMEOUT)
         self._stream, self._look = TargetStream(timeout), RegularLook(0.5 * min(timeout, EXECUTIVE_SILENCE))
+        if values.follow == "joints":
+            if values.lockstep:
+                raise IsfError(
+                    ErrorCode.FILE_FIELD,
+                    "joints are commanded by the clock, not in lockstep",
+                    where="parameter follow",
+                    advice="lockstep:=false, for force_ctrl and executive too",
+                )
+            self._joints = JointInterface(self, self._on_joints)
         if values.job:
             self.clamp(
                 SimulatedMachine(
@@ -142,8 +159,9 @@ class MachineNode(CellNode[MachineParameters]):
                 )
             )
         self._output = MachinePublishers(self, lockstep=values.lockstep, raw_cells=values.raw_cells)
-        self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM)
-        self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM)
+        if self._joints is None:
+            self.create_subscription(PoseStamped, "tool_1/target", lambda m: self._on_target(1, m), qos.STREAM)
+            self.create_subscription(PoseStamped, "tool_2/target", lambda m: self._on_target(2, m), qos.STREAM)
         self._executive = ExecutiveWatch(self, EXECUTIVE_SILENCE)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._executive.on_diagnostics, 50)
         MachineServices(self).create()
@@ -163,7 +181,7 @@ class MachineNode(CellNode[MachineParameters]):
         self.stop_thread()
 
     def cleanup(self) -> None:
-        self._output = None
+        self._output = self._joints = None
         self._listen_to_holder(False)
 
     def make_safe(self, error: IsfError) -> None:
@@ -247,6 +265,8 @@ class MachineNode(CellNode[MachineParameters]):
         self._reported = len(machine.events)
         self._targets.clear()
         self._listen_to_holder(machine.job_file.job.process == "TPIF")
+        if self._joints is not None:
+            self._joints.clamp(machine.job_file)
         name = machine.job_file.job.name
         self.get_logger().info(
             f"{machine.job_file.material.name} for '{name}', sheet {machine.sheet_kind}, "
@@ -303,6 +323,18 @@ class MachineNode(CellNode[MachineParameters]):
         self._targets.add(tool, stamp, tip, conversion.axis_of(message) if tool == 1 else UPRIGHT)
         self._tick_in_lockstep(stamp)
 
+    def _on_joints(self, command: Command) -> None:
+        sample = self._sample
+        if not self.is_active or sample is None:
+            return
+        if not self._stream.following and not near(command, sample):
+            return
+        self._stream.heard()
+        if self._joints is not None and not self._joints.news(command):
+            return  # the axes stand there
+        for tool, tip, axis in ((1, command.tips[0], command.axis), (2, command.tips[1], UPRIGHT)):
+            self._targets.add(tool, command.stamp, tip, axis)
+
     def _on_holder(self, message: PoseStamped) -> None:
         if not self.is_active:
             return
@@ -343,7 +375,7 @@ class MachineNode(CellNode[MachineParameters]):
                         *tips,
                         1 + min(missed, most),
                         self._targets.holder,
-                        waited=min(max(apart - 1, 0), most),
+                        waited=min(max(apart - 1, 0) + (self._joints is not None), most),
                         axis=self._targets.axis,
                     )
                 self._check_stream(machine)
@@ -379,6 +411,8 @@ class MachineNode(CellNode[MachineParameters]):
                 if machine.legs is not None:
                     publishers.legs(machine.legs, self._stamp)
                 publishers.state(self._state_message(machine), self._stamp)
+            if self._joints is not None:
+                self._joints.publish(sample, self._stamp)
             publishers.wrenches(sample, self._stamp)
             for event in machine.events[self._reported :]:
                 publishers.event(event, self._stamp)

@@ -10,7 +10,8 @@ from isf_core.files import yaml_file
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import load_rig, tools_with_spindle_cells
 from isf_core.files.yaml_file import find_named
-from isf_description.cell import describe
+from isf_description.cell import ball_radius, describe
+from isf_description.ros2_control import ControlBlock, controllers
 from isf_description.urdf import to_urdf
 
 from isf_cell.commands import terminal
@@ -18,8 +19,22 @@ from isf_cell.commands import terminal
 PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-def describe_cell(name: str, prefix: str, output: Path | None, *, as_json: bool) -> None:
-    """Write the URDF of ``name``, a rig or a job; raises IsfError of the file, FILE_FIELD, FILE_NOT_WRITABLE."""
+RATE = 500.0
+"""Hz, of controllers where no job tells."""
+
+
+def describe_cell(name: str, prefix: str, output: Path | None, *, as_json: bool, ros2_control: bool = False) -> None:
+    """Write the URDF of ``name``, a rig or a job, for ``ros2_control`` with its block and the file of the controllers.
+
+    Raises IsfError of the file, FILE_FIELD, FILE_NOT_WRITABLE.
+    """
+    if prefix and ros2_control:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "the joints of controllers have the names of the machine's",
+            where="--prefix",
+            advice="leave it out; cells of several have a namespace each",
+        )
     if prefix and not PREFIX.fullmatch(prefix):
         raise IsfError(
             ErrorCode.FILE_FIELD,
@@ -31,15 +46,22 @@ def describe_cell(name: str, prefix: str, output: Path | None, *, as_json: bool)
     rig = load_rig(str(rig_file)) if job_file is None else job_file.rig
     made = describe(rig, job_file).prefixed(prefix)
     path = output or Path(f"{rig.name if job_file is None else job_file.job.name}.urdf")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(to_urdf(made), encoding="utf-8")
-    except OSError as error:
-        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(path)) from error
+    block = ControlBlock.of(rig, made, ball_radius(job_file, 1)) if ros2_control else None
+    files = {path: to_urdf(made, block)}
+    if block is not None:
+        rate = RATE if job_file is None else job_file.job.control.rate
+        files[path.with_name(f"{path.stem}_controllers.yaml")] = controllers(block.tools, rate)
+    for file, text in files.items():
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise IsfError(ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(file)) from error
     movable = [joint.name for joint in made.movable]
     if as_json:
         found = {
             "urdf": str(path),
+            "controllers": str(list(files)[1]) if block is not None else None,
             "robot": made.name,
             "rig": str(rig_file),
             "spindle_cells": tools_with_spindle_cells(rig),
@@ -51,7 +73,8 @@ def describe_cell(name: str, prefix: str, output: Path | None, *, as_json: bool)
         return
     terminal.console.print(f"{made.name}: {len(made.links)} frames, {len(movable)} joints that move")
     terminal.console.print(f"[dim]{', '.join(movable)}[/dim]")
-    terminal.console.print(str(path))
+    for file in files:
+        terminal.console.print(str(file))
 
 
 def _rig_and_job(name: str) -> tuple[Path, JobFile | None]:

@@ -78,6 +78,7 @@ class CellChoice:
     job : job file that viewers describe; "": that of the part
     frame_prefix : before the name of every frame ; own_frames : on topics tf and tf_static of the cell
     publish_tf : false, where robot_state_publisher makes the frames
+    ros2_control : the machine's axes are driven by controller_manager
     """
 
     lockstep: bool = True
@@ -93,6 +94,7 @@ class CellChoice:
     frame_prefix: str = ""
     own_frames: bool = False
     publish_tf: bool = True
+    ros2_control: bool = False
 
 
 def cell_nodes(choice: CellChoice) -> list[CellNode]:
@@ -105,13 +107,16 @@ def cell_nodes(choice: CellChoice) -> list[CellNode]:
         wanted = {"output": choice.bag, "autostart": True}
         nodes.append(CellNode("recorder", "isf_analysis", "recorder", wanted, frames, outlives=True))
     if choice.machine:
-        raw = {"raw_cells": bool(choice.load_cells)}
+        raw: dict[str, Any] = {"raw_cells": bool(choice.load_cells)}
+        if choice.ros2_control:
+            raw["follow"] = "joints"
         nodes.append(CellNode("machine", "isf_sim", "machine", {**timing, **raw, **states}, managed=True))
     nodes += [_load_cell(choice, tool) for tool in choice.load_cells]
     nodes.append(CellNode("planner", "isf_planner", "planner", managed=True, keeps_nothing=True))
     nodes.append(CellNode("springback", "isf_springback", "springback", states, managed=True, keeps_nothing=True))
     prefix = {"frame_prefix": choice.frame_prefix} if choice.frame_prefix else {}
-    control = {**timing, **states, **prefix}
+    output = {"output": "joint_trajectory", "described_joints": True} if choice.ros2_control else {}
+    control = {**timing, **states, **prefix, **output}
     nodes.append(CellNode("force_ctrl", "isf_force_ctrl", "force_ctrl", control, frames, managed=True))
     executive = {**timing, "load_cells": " ".join(str(tool) for tool in choice.load_cells)}
     if choice.checkpoint:
@@ -146,4 +151,6 @@ def _viewer(choice: CellChoice, frames: tuple[tuple[str, str], ...]) -> CellNode
         "frame_prefix": choice.frame_prefix,
         "publish_tf": choice.publish_tf,
     }
+    if choice.ros2_control:
+        parameters["ros2_control"] = True
     return CellNode(name, "isf_description", name, parameters, frames, keeps_nothing=True)

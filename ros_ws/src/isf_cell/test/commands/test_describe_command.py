@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 from isf_cell.commands.describe import describe_cell
 from isf_core.errors import ErrorCode, IsfError
 
@@ -46,3 +47,21 @@ def test_what_cannot_be_described_or_written_is_named(tmp_path: Path) -> None:
         with pytest.raises(IsfError) as caught:
             describe_cell(name, prefix, output, as_json=True)
         assert caught.value.code == code
+
+
+def test_a_cell_for_ros2_control_has_its_controllers_beside_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, rate in (("ren2018", 500), (str(EXAMPLES / "mini_cone.yaml"), 500), ("kr210_pair", 500)):
+        describe_cell(name, "", tmp_path / "cell.urdf", as_json=True, ros2_control=True)
+        found = json.loads(capsys.readouterr().out)
+        assert found["controllers"] == str(tmp_path / "cell_controllers.yaml")
+        known = yaml.safe_load(Path(found["controllers"]).read_text())
+        assert known["/**/controller_manager"]["ros__parameters"]["update_rate"] == rate
+        system = ElementTree.parse(found["urdf"]).getroot().find("ros2_control")
+        assert system is not None
+        joints = [joint.attrib["name"] for joint in system.findall("joint")]
+        commanded = [known[f"/**/tool_{k}"]["ros__parameters"]["joints"] for k in (1, 2)]
+        assert joints == [*commanded[0], *commanded[1]]
+    with pytest.raises(IsfError, match="names of the machine's"):
+        describe_cell("ren2018", "left_", None, as_json=True, ros2_control=True)

@@ -1,18 +1,16 @@
-"""Targets of tools on arms as joint positions, for a joint_trajectory_controller: one point per tick.
+"""Targets as joint positions, for a joint_trajectory_controller per tool: one point per tick.
 
-A trajectory of one point, one period ahead, replaces the one before it; its stamp is zero, which means now. Joints have
-the names of the rig file.
+A trajectory of one point, one period ahead, replaces the one before it; its stamp is zero, which means now.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import IsfError
 from isf_core.files.job import JobFile
-from isf_core.geometry.serial_arm import SerialArm
-from isf_core.geometry.tool_axis import UPRIGHT, point_on_axis, tilt_of
+from isf_core.geometry.tool_axis import UPRIGHT
+from isf_core.geometry.tool_joints import ToolJoints
 from isf_core.types import Array
 from isf_ros import qos
 from isf_ros.lifecycle import CellNode
@@ -23,63 +21,53 @@ from isf_force_ctrl.control_state import Targets, Vector
 
 
 class JointTargets:
-    """Publishers of ``tool_k/joint_trajectory`` for the tools that arms carry."""
+    """Publishers of ``tool_k/joint_trajectory``; joints have the names of the cell's description when ``described``, or
+    else those of the rig file where it has any, as of an arm."""
 
-    def __init__(self, node: CellNode[Any]) -> None:
+    def __init__(self, node: CellNode[Any], *, described: bool) -> None:
+        self._described = described
         self._publishers: list[Publisher] = [
             node.create_publisher(JointTrajectory, f"tool_{k}/joint_trajectory", qos.STREAM_SOURCE) for k in (1, 2)
         ]
-        self._arms: list[SerialArm | None] = [None, None]
+        self._joints: list[ToolJoints] = []
         self._messages = [JointTrajectory(), JointTrajectory()]
         self._last: list[Array | None] = [None, None]
-        self._rate, self._ball = 1.0, 0.0
+        self._rate = 1.0
 
     def start(self, job_file: JobFile, rate: float) -> None:
-        """Targets of a part follow, ``rate`` per second.
-
-        Raises
-        ------
-        IsfError : FILE_FIELD when the rig has no arm
-        """
-        arms = [job_file.rig.arm(1), job_file.rig.arm(2)]
-        if arms == [None, None]:
-            raise IsfError(
-                ErrorCode.FILE_FIELD,
-                f"the rig {job_file.rig.name} has no arm whose joints could be told",
-                where="output",
-                advice="output: pose, or a rig with kinematics: arm",
-            )
-        self._arms, self._rate, self._ball = arms, rate, job_file.job.tool_1.ball_radius
-        self._last = [None, None]
-        for arm, message in zip(arms, self._messages, strict=True):
-            if arm is not None:
-                point = JointTrajectoryPoint()
-                point.time_from_start.nanosec = round(1e9 / rate)
-                message.joint_names, message.points = list(arm.axes), [point]
+        """Targets of a part follow, ``rate`` per second."""
+        specs = (job_file.job.tool_1, job_file.job.tool_2)
+        self._joints = [
+            ToolJoints.of(job_file.rig, k, 0.0 if spec is None else spec.ball_radius)
+            for k, spec in enumerate(specs, start=1)
+        ]
+        self._rate, self._last = rate, [None, None]
+        for k, (joints, message) in enumerate(zip(self._joints, self._messages, strict=True), start=1):
+            point = JointTrajectoryPoint()
+            point.time_from_start.nanosec = round(1e9 / rate)
+            in_rig = not self._described and job_file.rig.arm(k) is not None
+            message.joint_names = list(joints.kinematics.axes if in_rig else joints.names)
+            message.points = [point]
 
     def send(self, targets: Targets) -> None:
         """Joints for both targets; those of a tip out of reach are left out, which the machine reports."""
-        for k, (arm, tip) in enumerate(zip(self._arms, targets[:2], strict=True)):
-            if arm is not None:
-                self._send(k, arm, tip, targets.axis if k == 0 else UPRIGHT)
+        for k, (joints, tip) in enumerate(zip(self._joints, targets[:2], strict=True)):
+            self._send(k, joints, tip, targets.axis if k == 0 else UPRIGHT)
 
     def repeat(self) -> None:
         """The last joints once more, at rest."""
-        for k, joints in enumerate(self._last):
-            if joints is not None:
-                self._messages[k].points[0].velocities = [0.0] * len(joints)
+        for k, positions in enumerate(self._last):
+            if positions is not None:
+                self._messages[k].points[0].velocities = [0.0] * len(positions)
                 self._publishers[k].publish(self._messages[k])
 
-    def _send(self, k: int, arm: SerialArm, tip: Vector, axis: Vector) -> None:
-        place, tilt = np.array(tip), np.zeros(2)
-        if axis != UPRIGHT:
-            leaning = np.array(axis)
-            place, tilt = point_on_axis(place, leaning, self._ball), tilt_of(leaning)
-        joints, margin, _ = arm.held(place, tilt)
-        if not np.isfinite(margin):
+    def _send(self, k: int, joints: ToolJoints, tip: Vector, axis: Vector) -> None:
+        try:
+            positions = joints.positions(tip, axis)
+        except IsfError:
             return
-        last, self._last[k] = self._last[k], joints
+        last, self._last[k] = self._last[k], positions
         point = self._messages[k].points[0]
-        point.positions = joints.tolist()
-        point.velocities = (self._rate * (joints - (joints if last is None else last))).tolist()
+        point.positions = positions.tolist()
+        point.velocities = (self._rate * (positions - (positions if last is None else last))).tolist()
         self._publishers[k].publish(self._messages[k])

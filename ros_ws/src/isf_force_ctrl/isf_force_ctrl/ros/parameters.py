@@ -69,8 +69,12 @@ class ForceCtrlParameters:
     output: str = parameter(
         "pose",
         "pose: PoseStamped on tool_k/target; twist: TwistStamped on tool_k/target_twist (not in lockstep); "
-        "joint_trajectory: poses, and for tools on arms JointTrajectory on tool_k/joint_trajectory",
+        "joint_trajectory: poses, and JointTrajectory on tool_k/joint_trajectory",
         choices=("pose", "twist", "joint_trajectory"),
+    )
+    described_joints: bool = parameter(
+        False,
+        "joints of trajectories have the names of isf describe (tool_1_A1); false: those of an arm in the rig (A1)",
     )
     state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick", minimum=1, maximum=100_000)
     set_point: float = parameter(

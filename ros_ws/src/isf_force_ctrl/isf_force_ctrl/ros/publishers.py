@@ -33,12 +33,14 @@ class ForceCtrlPublishers:
     """The node's publishers and the messages of its streams, which are filled anew for every tick.
 
     ``twist``: targets go out as TwistStamped on ``tool_k/target_twist`` instead of poses on ``tool_k/target``.
-    ``joints``: they go out as joint positions of arms too.
+    ``joints``: they go out as joint positions too, by the names of the description when ``described``.
     """
 
-    def __init__(self, node: CellNode[Any], *, twist: bool = False, joints: bool = False) -> None:
+    def __init__(
+        self, node: CellNode[Any], *, twist: bool = False, joints: bool = False, described: bool = False
+    ) -> None:
         self._node = node
-        self._joints = JointTargets(node) if joints else None
+        self._joints = JointTargets(node, described=described) if joints else None
         kind, topic = (TwistStamped, "target_twist") if twist else (PoseStamped, "target")
         self._targets = [self._publisher(kind, f"tool_{k}/{topic}", qos.STREAM_SOURCE) for k in (1, 2)]
         self._twists: list[TargetTwist] | None = None
@@ -72,7 +74,7 @@ class ForceCtrlPublishers:
         self._armed.publish(message)
 
     def aim(self, job_file: JobFile, rate: float) -> None:
-        """Targets of the part of ``job_file`` follow; raises FILE_FIELD when they cannot be told as is wanted."""
+        """Targets of the part of ``job_file`` follow."""
         if self._joints is not None:
             self._joints.start(job_file, rate)
 

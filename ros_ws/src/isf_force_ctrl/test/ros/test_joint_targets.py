@@ -1,4 +1,4 @@
-"""Targets of arms as joint positions: they lead to the poses that go out beside them; a rig without arms is refused."""
+"""Targets as joint positions: they lead to the poses that go out beside them, of arms and of a gantry."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
-from isf_core.errors import ErrorCode
 from isf_core.files.rig import load_rig
 from isf_ros import conversion, qos
 from node_cell import JOB, RIG, Cell, small_ring, watched
@@ -60,10 +59,21 @@ def test_joints_lead_to_the_targets(cell: Cell, tmp_path: Path) -> None:
 
 
 @pytest.mark.graph
-def test_a_rig_without_arms_is_refused(cell: Cell) -> None:
+def test_joints_of_a_gantry_are_the_coordinates_of_its_tips(cell: Cell) -> None:
+    targets: list[tuple[float, float, float]] = []
+    joints: list[JointTrajectory] = []
+
+    def keep(message: PoseStamped) -> None:
+        at = message.pose.position
+        targets.append((at.x, at.y, at.z))
+
+    cell.node.create_subscription(PoseStamped, "tool_2/target", keep, qos.STREAM_SOURCE)
+    cell.node.create_subscription(JointTrajectory, "tool_2/joint_trajectory", joints.append, qos.STREAM_SOURCE)
     cell.start(output="joint_trajectory")
-    response = cell.arm()
-    while response.code == ErrorCode.NO_TARE:
-        response = cell.arm()
-    assert response.code == ErrorCode.FILE_FIELD
-    assert "no arm" in response.message
+    cell.armed()
+    result = conversion.result_from_message(cell.form(small_ring()))
+    assert (result.completed, result.code) == (True, 0)
+    assert cell.wait(lambda: joints and tuple(joints[-1].points[0].positions) == targets[-1])
+    assert list(joints[0].joint_names) == ["tool_2_x", "tool_2_y", "tool_2_z"]
+    told = {tuple(one.points[0].positions) for one in joints}
+    assert len(told & set(targets)) > 1000
