@@ -62,6 +62,8 @@ CELL = (
     Topic("tool_2/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", "STREAM"),
     Topic("tool_1/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
     Topic("tool_2/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
+    Topic("machine/joint_commands", "sensor_msgs/msg/JointState", "STREAM"),
+    Topic("machine/joint_states", "sensor_msgs/msg/JointState", "STREAM"),
     Topic("machine/legs", "sensor_msgs/msg/JointState", "SENSOR"),
     Topic("tool_1/path", "nav_msgs/msg/Path", "LATCHED"),
     Topic("tool_2/path", "nav_msgs/msg/Path", "LATCHED"),
