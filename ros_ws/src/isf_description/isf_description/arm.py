@@ -6,17 +6,13 @@ Bodies are boxes around the links with the radii of the rig; they are drawn, not
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
-from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.arm import Arm
 from isf_core.files.rig import Rig
 from isf_core.geometry.serial_arm import SerialArm
-from isf_core.geometry.tool_axis import axis_of_quaternion, point_on_axis, tilt_of
-from isf_core.types import Array
 
-from isf_description.tree import Body, Joint, Limits, Link, Quaternion, Vector
+from isf_description.tree import Body, Joint, Limits, Link, Vector
 
 THICK = 1.2
 """Width of a link over the radius of its capsule."""
@@ -64,32 +60,6 @@ def chain(rig: Rig, tool: int, sheet: str) -> tuple[list[Link], list[Joint]]:
     joints.append(Joint(f"{k}_mounted", links[-2].name, f"{k}_mount", place=(x, y, z), turn=(0.0, -lean, 0.0)))
     joints.append(Joint(f"{k}_fixed", f"{k}_mount", k, turn=(0.0, 0.0, -arm.roll)))
     return links, joints
-
-
-def arm_positions(rig: Rig, tool: int, radius: float) -> Callable[[Vector, Quaternion], dict[str, float]]:
-    """Function from tip (m, frame ``sheet``) and orientation to positions (rad) by joint; the ball has ``radius`` m.
-
-    The function raises IsfError TARGET_NOT_FINITE, and TARGET_OUT_OF_WORKSPACE where the links are too short.
-    """
-    _, arm = _of(rig, tool)
-    names = [joint_name(tool, joint.name) for joint in arm.joints]
-
-    def positions(tip: Vector, turn: Quaternion) -> dict[str, float]:
-        axis = axis_of_quaternion(turn)
-        if not all(math.isfinite(value) for value in (*tip, *axis)):
-            raise IsfError(ErrorCode.TARGET_NOT_FINITE, "tip or orientation have what is no number", where="pose")
-        return dict(zip(names, joints_at(arm, np.array(tip), np.array(axis), radius).tolist(), strict=True))
-
-    return positions
-
-
-def joints_at(arm: SerialArm, tip: Array, axis: Array, radius: float) -> Array:
-    """(6,) rad for a tip (3,) m and the axis (3,) of the upright or tilted tool as an upper one's."""
-    point = point_on_axis(tip, arm.side * axis, radius)
-    joints, margin, _ = arm.held(point, tilt_of(axis))
-    if not np.isfinite(margin):
-        raise IsfError(ErrorCode.TARGET_OUT_OF_WORKSPACE, f"{arm.name} is too short for the tip", where="pose")
-    return joints
 
 
 def _of(rig: Rig, tool: int) -> tuple[Arm, SerialArm]:

@@ -9,9 +9,9 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.rig import Rig
 from isf_core.geometry.hexapod import spif_a
-from isf_core.geometry.tool_axis import axis_of_quaternion, tilt_of
+from isf_core.geometry.tool_axis import UPRIGHT, axis_of_quaternion, tilt_of
+from isf_core.geometry.tool_joints import ToolJoints
 
-from isf_description.arm import arm_positions
 from isf_description.hexapod import leg_positions
 from isf_description.tree import Quaternion, Vector
 
@@ -23,19 +23,19 @@ def tool_positions(rig: Rig, number: int, radius: float) -> Callable[[Vector, Qu
 
     The ball of the tool has ``radius`` m. Of an orientation only the axis counts, and on a gantry nothing.
 
-    The function raises IsfError TARGET_NOT_FINITE.
+    The function raises IsfError TARGET_NOT_FINITE, and TARGET_OUT_OF_WORKSPACE where an arm is too short.
     """
     if number == 1 and rig.kinematics == "hexapod_spif_a":
         return _hexapod(radius)
-    if rig.arm(number) is not None:
-        return arm_positions(rig, number, radius)
-    names = [f"tool_{number}_{axis}" for axis in "xyz"]
+    joints = ToolJoints.of(rig, number, radius)
+    tilts = rig.arm(number) is not None
 
-    def gantry(tip: Vector, _: Quaternion) -> Positions:
+    def positions(tip: Vector, turn: Quaternion) -> Positions:
         _check(tip)
-        return dict(zip(names, tip, strict=True))
+        axis = _axis(turn) if tilts else UPRIGHT
+        return dict(zip(joints.names, joints.positions(tip, axis).tolist(), strict=True))
 
-    return gantry
+    return positions
 
 
 def _hexapod(radius: float) -> Callable[[Vector, Quaternion], Positions]:
@@ -43,9 +43,7 @@ def _hexapod(radius: float) -> Callable[[Vector, Quaternion], Positions]:
 
     def positions(tip: Vector, turn: Quaternion) -> Positions:
         _check(tip)
-        axis = axis_of_quaternion(turn)
-        if not all(math.isfinite(value) for value in axis):
-            raise IsfError(ErrorCode.TARGET_NOT_FINITE, "the orientation is none, as of four zeros", where="pose")
+        axis = _axis(turn)
         about_x, about_y = tilt_of(np.array(axis)).tolist()
         tilt = (about_x, about_y)
         own = dict(
@@ -54,6 +52,13 @@ def _hexapod(radius: float) -> Callable[[Vector, Quaternion], Positions]:
         return own | leg_positions(machine, tip, tilt, radius)
 
     return positions
+
+
+def _axis(turn: Quaternion) -> Vector:
+    axis = axis_of_quaternion(turn)
+    if not all(math.isfinite(value) for value in axis):
+        raise IsfError(ErrorCode.TARGET_NOT_FINITE, "the orientation is none, as of four zeros", where="pose")
+    return axis
 
 
 def _check(tip: Vector) -> None:
