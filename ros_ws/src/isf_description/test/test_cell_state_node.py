@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
 from isf_core.geometry.height_map import HeightMap
 from isf_msgs.msg import Contour, JobInfo, MachineState
 from isf_ros import conversion, qos
@@ -189,6 +190,23 @@ def test_a_cell_under_any_driver_is_seen() -> None:
             return "1211 WRENCH_FRAME" in viewer.health["text"] and "'ft_sensor'" in viewer.health["text"]
 
         assert viewer.wait(refused)
+        assert viewer.wrenches == []
+
+        # Until tf tells how the sensor stands: its z is -y of the sheet.
+        told = viewer.node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
+        stands = TransformStamped(child_frame_id="ft_sensor")
+        stands.header.frame_id = "cell_1/sheet"
+        stands.transform.rotation.x = stands.transform.rotation.w = math.sqrt(0.5)
+        told.publish(TFMessage(transforms=[stands]))
+
+        def turned() -> bool:
+            viewer.force.publish(wrench)
+            return bool(viewer.wrenches)
+
+        assert viewer.wait(turned)
+        force = viewer.wrenches[-1].wrench.force
+        np.testing.assert_allclose([force.x, force.y, force.z], [0.0, -1.0, 0.0], atol=1e-12)
+        viewer.wrenches.clear()
         wrench.header.frame_id, wrench.wrench.force.z = "sheet", 2.0
         assert viewer.wait(lambda: heard() and viewer.health["text"] == "ok")
         assert 1.0 not in {message.wrench.force.z for message in viewer.wrenches}
