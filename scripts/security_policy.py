@@ -60,14 +60,20 @@ QUICK = {
 CELLS = "torrao2013"
 """Rig with the spindle cells that both tools get."""
 ELSEWHERE: dict[str, Rights] = {
-    "machine": {"publish": {"tool_1/wrench", "tool_2/wrench", "tool_1/raw", "tool_2/raw"}},
+    "machine": {
+        "publish": {"tool_1/wrench", "tool_2/wrench", "tool_1/raw", "tool_2/raw", "machine/joint_states"},
+        "subscribe": {"machine/joint_commands"},
+    },
     "load_cell_1": {"subscribe": {"tool_1/raw", "tool_1/pose"}},
     "load_cell_2": {"subscribe": {"tool_2/raw"}},
     "force_ctrl": {
         "publish": {f"tool_{k}/{kind}" for k in (1, 2) for kind in ("target_twist", "joint_trajectory")},
+        "subscribe": {"/tf", "/tf_static"},
     },
+    "cell_state_publisher": {"subscribe": {"/tf", "/tf_static"}},
 }
-"""What nodes have in other set-ups: a rig without spindle cells, an output other than poses, a tool that tilts."""
+"""What nodes have in other set-ups: a rig without spindle cells, an output other than poses, a tool that tilts, axes
+under ros2_control, sensors with axes of their own."""
 
 SPACE = "/cell"
 LIMIT = 600.0
