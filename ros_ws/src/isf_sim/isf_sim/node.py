@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_sim.machine.state import load_machine, plant_digest, save_machine
 from isf_sim.real_time import PeriodicThread
-from isf_sim.ros.joint_interface import Command, JointInterface, near
+from isf_sim.ros.joint_interface import CAUGHT_UP, Command, JointInterface, near
 from isf_sim.ros.publishers import MachinePublishers, state_message
 from isf_sim.ros.targets import TargetPair, TargetStream
 from isf_sim.warm_up import warm_up
@@ -328,10 +328,15 @@ class MachineNode(CellNode[MachineParameters]):
         if not self.is_active or sample is None:
             return
         if not self._stream.following and not near(command, sample):
+            machine = self.needed()
+            if self._joints is not None and self._joints.strays(command) and not machine.faulted:
+                with self.lock:
+                    text = (
+                        "joint commands move that did not begin where the tools are (a controller that started late?)"
+                    )
+                    machine.latch(ErrorCode.TARGET_JUMP, text)
             return
         self._stream.heard()
-        if self._joints is not None and not self._joints.news(command):
-            return  # the axes stand there
         for tool, tip, axis in ((1, command.tips[0], command.axis), (2, command.tips[1], UPRIGHT)):
             self._targets.add(tool, command.stamp, tip, axis)
 
@@ -370,12 +375,13 @@ class MachineNode(CellNode[MachineParameters]):
                     sample = machine.hold()
                 else:
                     most = round(LONGEST_CATCH_UP * machine.control_rate)
+                    spare = 0 if self._joints is None else round(CAUGHT_UP * machine.control_rate)
                     apart = round(self._targets.elapsed * machine.control_rate / stamps.NANO)  # messages may be late
                     sample = machine.catch_up(
                         *tips,
                         1 + min(missed, most),
                         self._targets.holder,
-                        waited=min(max(apart - 1, 0) + (self._joints is not None), most),
+                        waited=min(max(apart - 1, 0) + spare, most),
                         axis=self._targets.axis,
                     )
                 self._check_stream(machine)

@@ -27,7 +27,11 @@ from isf_sim.machine.simulated_machine import MachineSample
 COMMANDS, STATES = "machine/joint_commands", "machine/joint_states"
 
 CAUGHT_UP = 0.1
-"""s of targets that a sender which was late sends all at once: force_ctrl leaves out what is older."""
+"""s of motion that may come in one command. A controller passes on the newest of the trajectories that have come: where
+their sender was late, its axes make up for that in one step. force_ctrl leaves out what is older than this."""
+
+MOVES = 1e-6
+"""m between two commands of axes that move."""
 
 NEAR = 1e-3
 """m between the tips commanded and those measured, up to which commands that are not followed yet begin to be."""
@@ -51,7 +55,7 @@ class JointInterface:
         self._parked: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._last: Array | None = None
         self._rate, self._told = 1.0, ""
-        self._command: Command | None = None
+        self._stray: Command | None = None
         self._state = JointState()
         self._states = node.create_publisher(JointState, STATES, qos.STREAM)
         node.create_subscription(JointState, COMMANDS, self._on_command, qos.STREAM)
@@ -62,21 +66,15 @@ class JointInterface:
         balls = (job.tool_1.ball_radius, job.tool_2.ball_radius if job.tool_2 is not None else 0.0)
         self._joints = (ToolJoints.of(rig, 1, balls[0]), ToolJoints.of(rig, 2, balls[1]))
         self._parked = ((0.0, 0.0, rig.park_height), (0.0, 0.0, -rig.park_height))
-        self._rate, self._last = job.control.rate, None
+        self._rate, self._last, self._stray = job.control.rate, None, None
         self._state.name = [name for joints in self._joints for name in joints.names]
 
-    def news(self, command: Command) -> bool:
-        """False of a command of where the last one was, for :data:`CAUGHT_UP` at most.
-
-        A controller passes on the newest of the trajectories that have come. Where their sender was late its axes stand
-        first and make up for it in one step, which is no jump: the stamp of the command before it says how long.
-        """
-        last, late = self._command, round(CAUGHT_UP * stamps.NANO)
-        same = last is not None and (command.tips, command.axis) == (last.tips, last.axis)
-        if same and last is not None and 0 <= command.stamp - last.stamp < late:
+    def strays(self, command: Command) -> bool:
+        """True of a command that is not followed and moves on from the one before: somebody believes the tools go."""
+        last, self._stray = self._stray, command
+        if last is None or not all(math.isfinite(value) for tip in (*last.tips, *command.tips) for value in tip):
             return False
-        self._command = command
-        return True
+        return max(math.dist(a, b) for a, b in zip(last.tips, command.tips, strict=True)) > MOVES
 
     def publish(self, sample: MachineSample, nanoseconds: int) -> None:
         """Positions and velocities of all joints, by the encoders."""
