@@ -204,7 +204,12 @@ def _formed(node: Node, goal: Any, seen: Mapping[str, Rights]) -> Any:
 
 def policy(seen: Mapping[str, Rights]) -> str:
     """The file's text."""
-    everything = {"publish": {"/parameter_events", "/rosout"}, "subscribe": {"*"}, "request": {"*"}, "call": {"*"}}
+    everything = {
+        "publish": {"/parameter_events", "/rosout", "jog", "joy"},
+        "subscribe": {"*"},
+        "request": {"*"},
+        "call": {"*"},
+    }
     root = ElementTree.Element("policy", version="0.2.0")
     enclaves = ElementTree.SubElement(root, "enclaves")
     for name, rights in sorted({**seen, OPERATOR: everything}.items()):

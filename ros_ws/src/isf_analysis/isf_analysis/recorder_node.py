@@ -45,7 +45,7 @@ POLL_PERIOD = 0.02
 DELIVERY_PERIOD = 0.5
 """s between two looks at who publishes what did not come yet."""
 
-QUEUE_DEPTHS = {"STREAM": 4000, "SENSOR": 2000, "LATCHED": 100, "EVENT": 500, "DEFAULT": 500}
+QUEUE_DEPTHS = {"STREAM": 4000, "SENSOR": 2000, "LATCHED": 100, "EVENT": 500, "CHANGES": 500, "DEFAULT": 500}
 """Messages a subscription holds between two looks: 4 s of a stream at 1 kHz, should this process be held up."""
 
 MEGABYTE = 1_000_000

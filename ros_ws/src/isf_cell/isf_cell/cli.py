@@ -13,7 +13,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
 from typer.core import TyperGroup
 
-from isf_cell.commands import bag_cli, springback_cli, terminal
+from isf_cell.commands import bag_cli, hand_cli, springback_cli, terminal
 from isf_cell.commands.arguments import Job, Json, Namespace, Output, Seed, Variant, given, numbers
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import RunOptions
@@ -58,6 +58,7 @@ Compare = Annotated[
 
 app.add_typer(bag_cli.app, name="bag")
 app.add_typer(springback_cli.app, name="springback")
+app.add_typer(hand_cli.app)
 
 
 @app.callback()

@@ -1,4 +1,8 @@
-"""Node ``executive``: forms a part on request (action ``form_part``), with progress, pause and cancel."""
+"""Node ``executive``: forms a part on request (action ``form_part``), with progress, pause and cancel.
+
+Between parts it lets an operator move the tools, set work offsets and check programs, each in its mode
+(:mod:`isf_cell.run.operator_modes`).
+"""
 
 from __future__ import annotations
 
@@ -7,24 +11,39 @@ import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from isf_analysis.measures.events import event_of_message
+from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.simulated_sheet import sheet_kind
+from isf_force_ctrl.hand.hand_space import place
 from isf_msgs.action import FormPart
-from isf_msgs.msg import Contour, ContourCorrection, ContourResult, ForceCtrlState, JobInfo, MachineEvent, MachineState
+from isf_msgs.msg import (
+    Contour,
+    ContourCorrection,
+    ContourResult,
+    ExecutiveState,
+    ForceCtrlState,
+    HandState,
+    JobInfo,
+    MachineEvent,
+    MachineState,
+)
+from isf_msgs.srv import CheckProgram, SetMode, SetZero
 from isf_ros import process, qos
-from isf_ros.background import in_thread
-from isf_ros.conversion import correction_from_message, result_from_message
+from isf_ros.background import Worker, in_thread
+from isf_ros.conversion import correction_from_message, result_from_message, tip_of
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
 from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
 from sensor_msgs.msg import PointCloud2
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import PartGoal
@@ -33,6 +52,7 @@ from isf_cell.run.graph_cell import GraphCell, GraphSettings, managed_nodes
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
 from isf_cell.run.machine_client import MACHINE
+from isf_cell.run.operator_modes import OperatorMode, OperatorModes
 from isf_cell.run.part_keeper import PartKeeper, PartTotals
 from isf_cell.run.part_run import PartRun
 from isf_cell.run.part_step import PartStep
@@ -70,6 +90,14 @@ class ExecutiveParameters:
         "folder of the checkpoint written after every contour, also the state_folder of machine, springback and "
         "force_ctrl; empty: none",
     )
+    job: str = parameter("", "job file whose rig, sheet and tools are meant where no part was formed yet; empty: none")
+    set_up: str = parameter(
+        "", "set-up file that executive/zero writes; empty: that of the rig in $ISF_CELLS or ~/.config/isf/cells"
+    )
+
+
+MODE_PERIOD = 0.25
+"""s of wall time between two looks at what a mode other than automatic needs."""
 
 
 class ExecutiveNode(CellNode[ExecutiveParameters]):
@@ -80,6 +108,11 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self._cell: GraphCell | None = None
         self._handle: ServerGoalHandle | None = None
         self._paused = False
+        self._hand_moves = False
+        self._holds: frozenset[int] = frozenset()
+        self._waits_for = ""
+        self._modes = OperatorModes(self._new_cell)
+        self._leaving = Worker(lambda error: self.fault(error, "leaving a mode"))
 
     def configure(self) -> None:
         values = self.values()
@@ -103,10 +136,21 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self.create_subscription(MachineState, "machine/state", self._on_machine_state, qos.STREAM)
         self.create_subscription(ForceCtrlState, "force_ctrl/state", self._on_force_ctrl, qos.STREAM)
         self.create_subscription(MachineEvent, "machine/event", self._on_event, qos.EVENT)
-        if not values.lockstep:  # a driver may publish nothing else that tells that it lives
-            self.create_subscription(PoseStamped, "tool_1/pose", self._on_pose, qos.SENSOR)
+        for tool in (1, 2):
+            self.create_subscription(PoseStamped, f"tool_{tool}/pose", partial(self._on_pose, tool), qos.SENSOR)
+        self.create_subscription(HandState, "force_ctrl/hand", self._on_hand, qos.CHANGES)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+        self._modes.job_path, self._modes.set_up = values.job, values.set_up
+        self._told_state = ExecutiveState()
+        self._state_out = self.create_publisher(ExecutiveState, "executive/state", qos.CHANGES)
+        self.create_timer(MODE_PERIOD, self._look_at_mode, clock=self.steady_clock)
         self.create_service(SetBool, "executive/pause", self._on_pause)
+        self.create_service(Trigger, "executive/go_on", self._on_go_on)
+        # a group of their own: while they wait for a thread, the node takes the answers that the thread waits for
+        beside: dict[str, Any] = {"callback_group": ReentrantCallbackGroup()}
+        self.create_service(SetMode, "executive/set_mode", self._on_set_mode, **beside)
+        self.create_service(SetZero, "executive/zero", self._on_zero)
+        self.create_service(CheckProgram, "executive/check_program", self._on_check_program, **beside)
         self.create_action_server(
             FormPart, "form_part", self._execute, lambda _: self.is_active and self._handle is None
         )
@@ -115,12 +159,14 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         """Raises IsfError BUSY while a part is formed: what it needs would be gone."""
         if self._handle is not None:
             raise IsfError(ErrorCode.BUSY, "a part is being formed", advice="cancel it first")
+        if self._modes.mode is not OperatorMode.AUTOMATIC:
+            raise IsfError(ErrorCode.BUSY, f"the mode is {self._modes.mode.word}", advice="set it to automatic first")
 
     def cleanup(self) -> None:
         self._client.close()
 
     def health_values(self) -> dict[str, object]:
-        return {"busy": self._handle is not None, "paused": self._paused}
+        return {"busy": self._handle is not None, "paused": self._paused, "mode": self._modes.mode.word}
 
     # -- what the cell publishes -------------------------------------------------------------------
 
@@ -158,6 +204,9 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
                 correction=step.correction,
             )
         )
+        if step.index + 1 in self._holds and step.index + 1 < step.count:
+            self._paused, self._waits_for = True, f"executive/go_on, after {contour_label(step.index)}"
+            self._tell_state()
 
     def cancelled(self) -> bool:
         return self._handle is not None and bool(self._handle.is_cancel_requested)
@@ -172,12 +221,19 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
     # -- callbacks -----------------------------------------------------------------------------------
 
     async def _execute(self, handle: ServerGoalHandle) -> FormPart.Result:
-        self._handle, self._paused = handle, False
-        self._cell = GraphCell(self._client, self._monitor, self, self, self._settings)
+        try:
+            self._modes.require(OperatorMode.AUTOMATIC, what="forming a part")
+        except IsfError as error:
+            handle.abort()
+            return FormPart.Result(code=int(error.code), message=error.message)
+        self._handle, self._paused, self._waits_for = handle, False, ""
+        self._cell = self._new_cell()
+        self._tell_state()
         try:
             result = await in_thread(partial(self._form, self._cell, handle.request), self.executor)
         finally:
-            self._cell, self._handle = None, None
+            self._cell, self._handle, self._waits_for = None, None, ""
+            self._tell_state()
         if result.code == ErrorCode.OK:
             handle.succeed()
         elif result.code == ErrorCode.CANCELLED:
@@ -194,6 +250,10 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             goal = self._goal_of(request)
         except IsfError as error:
             return FormPart.Result(code=int(error.code), message=error.message)
+        self._modes.job_file = goal.job_file
+        self._holds = frozenset(goal.job_file.job.path.hold_after)
+        if goal.first_index == 0:
+            self._modes.formed(0.0, fresh=True)
         keeper = None if self._checkpoint is None else PartKeeper(self._checkpoint, cell, self)
         run = PartRun(cell, goal, self, keeper)
         failed = run.run()
@@ -226,9 +286,20 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         options = RunOptions(request.correction or None, force, request.world, request.seed, sheet_kind(request.sheet))
         return PartGoal(JobFile(request.job_text, Path(request.base_folder), "job"), options, request.first_index)
 
+    @property
+    def _listening(self) -> GraphCell | None:
+        """The cell that is to hear what the nodes tell: of a part, or of a mode."""
+        return self._cell or self._modes.cell
+
+    def _new_cell(self) -> GraphCell:
+        return GraphCell(self._client, self._monitor, self, self, self._settings)
+
     def _on_result(self, message: ContourResult) -> None:
         if self._cell:
-            self._cell.on_result(result_from_message(message))
+            result = result_from_message(message)
+            deepest = np.nanmin(result.forming_target[:, 2], initial=0.0) if len(result.forming_target) else 0.0
+            self._modes.formed(-float(deepest))
+            self._cell.on_result(result)
 
     def _on_correction(self, message: ContourCorrection) -> None:
         if self._cell:
@@ -236,19 +307,24 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
 
     def _on_machine_state(self, message: MachineState) -> None:
         self._monitor.stream(MACHINE)
-        if self._cell:
-            self._cell.on_machine_state(message)
+        if cell := self._listening:
+            cell.on_machine_state(message)
 
     def _on_force_ctrl(self, message: ForceCtrlState) -> None:
-        if self._cell:
-            self._cell.on_force_ctrl(message)
+        if cell := self._listening:
+            cell.on_force_ctrl(message)
 
-    def _on_pose(self, _: PoseStamped) -> None:
-        self._monitor.stream(MACHINE)
+    def _on_pose(self, tool: int, message: PoseStamped) -> None:
+        self._modes.tip(tool, np.array(tip_of(message)))
+        if tool == 1 and not self._settings.lockstep:  # a driver may publish nothing else that tells that it lives
+            self._monitor.stream(MACHINE)
+
+    def _on_hand(self, message: HandState) -> None:
+        self._hand_moves = message.moving
 
     def _on_event(self, message: MachineEvent) -> None:
-        if self._cell:
-            self._cell.on_event(event_of_message(message))
+        if cell := self._listening:
+            cell.on_event(event_of_message(message))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         own = self.get_namespace().rstrip("/") + "/"
@@ -258,17 +334,135 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
                 name = status.name.removeprefix(own)
                 told = (values.get(key, "") for key in ("state", "process", "version"))
                 self._monitor.hear(name, status.message, *told)
-                if name == "recorder" and self._cell:
-                    self._cell.on_recorder(values.get("silent", ""), values.get("output", ""))
+                if name == "recorder" and (cell := self._listening):
+                    cell.on_recorder(values.get("silent", ""), values.get("output", ""))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._paused = request.data
-        response.success = self._cell is not None
+        self._paused, self._waits_for = request.data, ""
+        response.success = self._handle is not None
         response.message = "pausing after this contour" if request.data else "going on"
         if not response.success:
             response.message = "no part is being formed"
             self._paused = False
+        self._tell_state()
         return response
+
+    def _on_go_on(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Go on after a contour of the job's hold_after; an operator's pause ends by executive/pause."""
+        response.success = bool(self._waits_for)
+        response.message = "going on" if response.success else "no part waits for this"
+        if response.success:
+            self._paused, self._waits_for = False, ""
+            self._tell_state()
+        return response
+
+    # -- modes -----------------------------------------------------------------------------------
+
+    async def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
+        modes = self._modes
+        try:
+            wanted, job_file = self._mode_of(request)
+            modes.changing = True
+            self._tell_state()
+            try:
+                change = partial(modes.change, wanted, job_file, new_blank=request.new_blank)
+                await in_thread(change, self.executor)
+            finally:
+                modes.changing = False
+                self._tell_state()
+        except IsfError as error:
+            response.code, response.message = int(error.code), error.message
+            self.get_logger().warning(str(error))
+        else:
+            self.get_logger().info(f"mode: {wanted.word}")
+        return response
+
+    def _mode_of(self, request: SetMode.Request) -> tuple[OperatorMode, JobFile | None]:
+        """Raises IsfError MODE_REFUSED, and of the job."""
+        refusal = ""
+        if request.mode not in set(OperatorMode):
+            refusal = f"there is no mode {request.mode}"
+        elif not self.is_active:
+            refusal = "the executive is not active"
+        elif self._handle is not None:
+            refusal = "a part is being formed"
+        elif self._modes.changing:
+            refusal = "the mode is being changed"
+        elif self._hand_moves:
+            refusal = "a tool is moving"
+        if refusal:
+            raise IsfError(
+                ErrorCode.MODE_REFUSED,
+                refusal,
+                where="executive/set_mode",
+                advice="wait for its end, or end it; modes are 0 automatic, 1 manual, 2 set-up, 3 simulation",
+            )
+        job_file = JobFile(request.job_text, Path(request.base_folder), "job") if request.job_text else None
+        return OperatorMode(request.mode), job_file
+
+    def _on_zero(self, request: SetZero.Request, response: SetZero.Response) -> SetZero.Response:
+        try:
+            if self._hand_moves:
+                raise IsfError(
+                    ErrorCode.MODE_REFUSED, "a tool is moving", where="executive/zero", advice="let it stand"
+                )
+            origin, path = self._modes.zero(request.system, request.tool, request.axes)
+            response.offset.x, response.offset.y, response.offset.z = origin
+            response.file = str(path)
+            self.get_logger().info(f"G{request.system} at {place(np.array(origin))}, in {path}")
+        except IsfError as error:
+            response.code, response.message = int(error.code), error.message
+        return response
+
+    async def _on_check_program(
+        self, request: CheckProgram.Request, response: CheckProgram.Response
+    ) -> CheckProgram.Response:
+        try:
+            check = partial(self._modes.check_program, request.text, request.name)
+            failure, response.report = await in_thread(check, self.executor)
+            if failure is not None:
+                response.code, response.message = int(failure.code), failure.message
+        except IsfError as error:
+            response.code, response.message = int(error.code), error.message
+        return response
+
+    def _look_at_mode(self) -> None:
+        modes = self._modes
+        if modes.cell is not None and not modes.changing:
+            try:
+                modes.check()
+            except IsfError as error:
+                modes.changing = True
+                self.report(error)
+                self._leaving.add(partial(self._leave_mode, error))
+        self._tell_state()
+
+    def _leave_mode(self, error: IsfError) -> None:
+        try:
+            self._modes.leave_for(error)
+        finally:
+            self._modes.changing = False
+
+    def _tell_state(self) -> None:
+        """At every change."""
+        modes = self._modes
+        state = ExecutiveState(
+            mode=int(modes.mode),
+            changing=modes.changing,
+            busy=self._handle is not None,
+            paused=self._paused,
+            waits_for=self._waits_for,
+            job=modes.job_file.job.name if modes.job_file is not None else "",
+            code=int(modes.code),
+            message=modes.message,
+        )
+        state.header = self._told_state.header
+        if state == self._told_state and state.header.frame_id:
+            return
+        state.header.frame_id = "sheet"
+        state.header.stamp = self.get_clock().now().to_msg()
+        self._told_state = state
+        self._state_out.publish(state)
 
 
 def _check_request(request: FormPart.Goal, begun: Checkpoint) -> None:

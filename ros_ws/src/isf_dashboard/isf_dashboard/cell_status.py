@@ -38,9 +38,12 @@ class CellStatus:
     Attributes
     ----------
     phase : what the executive does, "forming" while it forms
+    mode, hand : what the executive permits, and movement by hand, as the page shows them; None: nobody told
     """
 
     phase: str = ""
+    mode: Mapping[str, Any] | None = None
+    hand: Mapping[str, Any] | None = None
     _nodes: dict[str, tuple[float, NodeStatus]] = field(default_factory=dict)
     _machine: dict[str, Any] | None = None
 
@@ -88,5 +91,7 @@ class CellStatus:
             "machine": self._machine,
             "nodes": nodes,
             "rates": {name: round(rate) if rate >= 10.0 else round(rate, 1) for name, rate in rates.items()},
+            "mode": self.mode if alive else None,
+            "hand": self.hand,
             "ready": {"stop": ready["stop"], "pause": ready["pause"] and busy},
         }

@@ -10,7 +10,7 @@ import asyncio
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -28,12 +28,15 @@ from isf_msgs.msg import (
     Contour,
     ContourCorrection,
     ContourResult,
+    ExecutiveState,
     ForceCtrlState,
+    HandState,
     JobInfo,
+    Jog,
     MachineEvent,
     MachineState,
 )
-from isf_msgs.srv import Stop
+from isf_msgs.srv import SetMode, SetZero, Stop
 from isf_ros import process, qos, stamps
 from isf_ros.conversion import (
     contour_from_message,
@@ -55,7 +58,7 @@ from std_srvs.srv import SetBool, Trigger
 from isf_dashboard.cell_status import CellStatus, NodeStatus
 from isf_dashboard.history import COLUMNS, History
 from isf_dashboard.part_feed import MM, Job, PartFeed
-from isf_dashboard.server import DEFAULT_PORT, RATE, TOKEN_VARIABLE, DashboardServer, Site
+from isf_dashboard.server import DEFAULT_PORT, RATE, TOKEN_VARIABLE, Command, DashboardServer, Site
 from isf_dashboard.text_log import LogFile
 
 STATUS_PERIOD = 0.25
@@ -70,6 +73,12 @@ RATE_PERIOD, SILENT_TOPIC = 1.0, 3.0
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of streams."""
+
+MODES = ("automatic", "manual", "set-up", "simulation")
+"""By the constants of ``isf_msgs/ExecutiveState``."""
+
+CHANGE = 120.0
+"""s for an answer to a change of mode, which brings nodes up; asked once."""
 
 EMERGENCY = "press the emergency stop of the machine"
 
@@ -143,11 +152,21 @@ class DashboardNode(CellNode[DashboardParameters]):
         self._stop_machine = self.create_client(Stop, "machine/stop")
         self._stop_force_control = self.create_client(Trigger, "force_ctrl/stop")
         self._pause = self.create_client(SetBool, "executive/pause")
+        self._set_mode = self.create_client(SetMode, "executive/set_mode")
+        self._zero = self.create_client(SetZero, "executive/zero")
+        self._jog = self.create_publisher(Jog, "jog", qos.STREAM)
 
     def activate(self) -> None:
         values = self.values()
-        commands = {"stop": self._on_stop, "pause": self._on_pause, "resume": self._on_resume}
-        server = DashboardServer(Site(self._history, commands), values.port, os.environ.get(TOKEN_VARIABLE, ""))
+        commands: dict[str, Command] = {"stop": self._on_stop, "pause": self._on_pause, "resume": self._on_resume}
+        for number, word in enumerate(MODES):
+            commands[f"mode_{word.replace('-', '_')}"] = partial(self._on_mode, number)
+        for system in (54, 55, 56, 57):
+            for tool in (1, 2):
+                commands[f"zero_{system}_{tool}"] = partial(self._on_zero, system, tool)
+        server = DashboardServer(
+            Site(self._history, commands, self._on_jog), values.port, os.environ.get(TOKEN_VARIABLE, "")
+        )
         try:
             self._log = LogFile(Path(values.log).absolute()) if values.log else None
         except IsfError:
@@ -202,6 +221,8 @@ class DashboardNode(CellNode[DashboardParameters]):
             (WrenchStamped, "tool_2/wrench", NEWEST, partial(self._on_wrench, 2)),
             (PoseStamped, "tool_1/pose", NEWEST, partial(self._on_pose, 1)),
             (PoseStamped, "tool_2/pose", NEWEST, partial(self._on_pose, 2)),
+            (ExecutiveState, "executive/state", _several(qos.CHANGES), self._on_executive),
+            (HandState, "force_ctrl/hand", _several(qos.CHANGES), self._on_hand),
             (DiagnosticArray, "/diagnostics", _several(qos.EVENT), self._on_diagnostics),
             (FormPart.Impl.FeedbackMessage, "form_part/_action/feedback", _several(qos.EVENT), self._on_feedback),
         ]
@@ -336,6 +357,25 @@ class DashboardNode(CellNode[DashboardParameters]):
             else:
                 self._feed.well(name)
 
+    def _on_executive(self, now: float, message: ExecutiveState) -> None:
+        known = 0 <= message.mode < len(MODES)
+        self._status.mode = {
+            "word": MODES[message.mode] if known else f"mode {message.mode}",
+            "changing": message.changing,
+            "job": message.job,
+            "text": message.message,
+        }
+
+    def _on_hand(self, now: float, message: HandState) -> None:
+        self._status.hand = {
+            "armed": message.armed,
+            "moving": message.moving,
+            "client": message.client,
+            "code": message.code,
+            "text": message.message,
+            "tips": [[MM * p.x, MM * p.y, MM * p.z] for p in (message.tip_1, message.tip_2)],
+        }
+
     def _on_feedback(self, now: float, message: Any) -> None:
         self._status.phase = message.feedback.phase
 
@@ -376,6 +416,31 @@ class DashboardNode(CellNode[DashboardParameters]):
             raise IsfError(ErrorCode.NOT_ARMED, answer.message, where="executive", advice="form a part first")
         return str(answer.message)
 
+    async def _on_mode(self, number: int) -> str:
+        await self._done(self._set_mode, SetMode.Request(mode=number), CHANGE)
+        return f"Mode: {MODES[number]}"
+
+    async def _on_zero(self, system: int, tool: int) -> str:
+        found = await self._done(self._zero, SetZero.Request(system=system, tool=tool), ANSWER * TRIES)
+        x, y, z = (MM * value for value in (found.offset.x, found.offset.y, found.offset.z))
+        return f"G{system} at {x:.3f} {y:.3f} {z:.3f} mm, in {found.file}"
+
+    async def _done(self, client: Any, request: Any, patience: float) -> Any:
+        """Answer of a service that is asked once; raises its code, NODE_MISSING, SERVICE_TIMEOUT."""
+        answer = await self._asked(client, request, patience=patience, tries=1)
+        if answer.code:
+            raise failure(answer.code, answer.message)
+        return answer
+
+    def _on_jog(self, page: str, asked: Mapping[str, Any]) -> None:
+        """A button of a page is held, or was let go; raises ValueError, TypeError, KeyError for what is none."""
+        x, y, z = (float(value) for value in asked["way"])
+        message = Jog(client=page, enable=bool(asked["enable"]), tool=int(asked["tool"]) & 3)
+        message.increment = float(asked["increment"]) / MM
+        message.direction.x, message.direction.y, message.direction.z = x, y, z
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._jog.publish(message)
+
     async def _failure_of(self, client: Any, request: Any) -> IsfError | None:
         """Why a service did not do what it was asked for; None: it did."""
         try:
@@ -385,18 +450,18 @@ class DashboardNode(CellNode[DashboardParameters]):
         code = getattr(answer, "code", 0) or int(not getattr(answer, "success", True))
         return failure(code, answer.message) if code else None
 
-    async def _asked(self, client: Any, request: Any) -> Any:
+    async def _asked(self, client: Any, request: Any, *, patience: float = ANSWER, tries: int = TRIES) -> Any:
         """Answer of a service; raises IsfError NODE_MISSING, SERVICE_TIMEOUT."""
         name = client.srv_name
         if not client.service_is_ready():
             raise IsfError(ErrorCode.NODE_MISSING, f"nobody serves {name}", advice="start the node, or bring it up")
         loop, answered = asyncio.get_running_loop(), asyncio.Event()
         asked = []
-        for _ in range(TRIES):
+        for _ in range(tries):
             asked.append(client.call_async(request))
             asked[-1].add_done_callback(lambda _: loop.call_soon_threadsafe(answered.set))
             try:
-                await asyncio.wait_for(answered.wait(), ANSWER)
+                await asyncio.wait_for(answered.wait(), patience)
             except TimeoutError:
                 continue
             break
@@ -404,7 +469,7 @@ class DashboardNode(CellNode[DashboardParameters]):
             if future.done():
                 return future.result()
             future.cancel()
-        raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"no answer of {name} within {ANSWER * TRIES:g} s")
+        raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"no answer of {name} within {patience * tries:g} s")
 
 
 def _several(profile: QoSProfile) -> QoSProfile:

@@ -17,6 +17,7 @@ import secrets
 import socket
 import threading
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from http.client import responses
@@ -59,12 +60,23 @@ Command = Callable[[], Awaitable[str]]
 """Does what it is for and says in a sentence what was done; raises IsfError."""
 
 
+Jog = Callable[[str, Mapping[str, Any]], None]
+"""Told by a page: ``enable``, ``tool``, ``way`` (3 numbers), ``increment`` in mm."""
+
+LONGEST_WORD = 500
+"""Characters of what a page may say at a time."""
+
+
 @dataclass(frozen=True)
 class Site:
-    """What a server shows: the ``history``, and ``commands`` by name; a recorded part has none."""
+    """What a server shows: the ``history``, and ``commands`` by name; a recorded part has none.
+
+    ``jog`` is called with the name of a page and what its button asks for, again and again while it is held.
+    """
 
     history: History
     commands: Mapping[str, Command] = field(default_factory=dict)
+    jog: Jog | None = None
 
 
 def new_token() -> str:
@@ -146,7 +158,7 @@ class DashboardServer:
         application = web.Application(
             [
                 (r"/[^/]*/stream", _Stream, gate),
-                (r"/[^/]*/command/([a-z]+)", _CommandPost, gate),
+                (r"/[^/]*/command/([a-z0-9_]+)", _CommandPost, gate),
                 (r"/[^/]*/log\.txt", _Log, gate),
                 (r"/[^/]*/([a-z_.]*)", _Page, gate),
             ],
@@ -313,7 +325,12 @@ class _Stream(WebSocketHandler):
         self._task = asyncio.ensure_future(self._tell())
 
     def on_message(self, message: str | bytes) -> None:
-        """A page has nothing to say here."""
+        """A jog button is held, or was let go; what is none is left alone."""
+        jog = self.gate.site.jog
+        if jog is None or not isinstance(message, str) or len(message) > LONGEST_WORD:
+            return
+        with suppress(ValueError, TypeError, KeyError):
+            jog(f"page {id(self) % 10_000}", dict(json.loads(message)["jog"]))
 
     def on_close(self) -> None:
         self.gate.open.discard(self)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -63,10 +63,15 @@ class Cell:
 
     def __init__(self, history: History) -> None:
         self.told: list[str] = []
+        self.jogs: list[tuple[str, dict[str, Any]]] = []
         self.history = history
 
     def commands(self) -> dict[str, Any]:
-        return {name: self._doing(name) for name in ("stop", "pause", "resume")}
+        modes = ("mode_automatic", "mode_manual", "mode_set_up", "mode_simulation", "zero_55_2")
+        return {name: self._doing(name) for name in ("stop", "pause", "resume", *modes)}
+
+    def jog(self, page: str, asked: Mapping[str, Any]) -> None:
+        self.jogs.append((page, dict(asked)))
 
     def _doing(self, name: str) -> Any:
         async def do() -> str:
@@ -168,3 +173,81 @@ def test_a_running_cell_is_stopped_by_button_and_key(browser: Browser, part: Par
     browser.until("document.getElementById('alert-text').textContent.includes('emergency stop')")
     browser.value("document.getElementById('seen').click()")
     assert browser.value("document.getElementById('alert').hidden")
+
+
+def place_of(browser: Browser, chosen: str) -> dict[str, float]:
+    """Middle of an element, after it was scrolled into view."""
+    found = browser.value(
+        f"(() => {{ const e = document.querySelector('{chosen}'); e.scrollIntoView({{block: 'center'}});"
+        " const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; })()"
+    )
+    return {"x": found[0], "y": found[1]}
+
+
+def test_an_operator_jogs_as_long_as_the_button_is_held_and_can_always_stop(browser: Browser) -> None:
+    history = History("live")
+    cell = Cell(history)
+    mode = {"word": "automatic", "changing": False, "job": "cone", "text": ""}
+    hand = {"armed": False, "moving": False, "client": "", "code": 0, "text": ""}
+    status = {"heard": True, "busy": False, "paused": False, "phase": "", "ready": {"stop": True, "pause": False}}
+    status |= {"nodes": [], "rates": {}}
+    history.set_status({**status, "mode": mode, "hand": hand})
+    server = DashboardServer(Site(history, cell.commands(), cell.jog), 0)
+    server.start()
+    disabled = "[...document.querySelectorAll('[data-way]')].every((button) => button.disabled)"
+    try:
+        browser.look(390, 844)
+        browser.call("Page.navigate", url=server.url)
+        browser.errors.clear()  # of the page before
+        browser.until("!document.getElementById('hand-section').hidden")
+        browser.until("document.querySelector('[data-mode=automatic]').classList.contains('on')")
+        assert browser.value(disabled)
+        assert browser.value("document.getElementById('zero').disabled")
+        assert browser.value("document.documentElement.scrollWidth") <= 390
+        browser.value("document.querySelector('[data-mode=manual]').click()")
+        browser.until("document.getElementById('answer').textContent === 'mode_manual is done'")
+        browser.value("document.querySelector('[data-mode=set-up]').click()")
+        browser.until("document.getElementById('answer').textContent === 'mode_set_up is done'")
+        manual = {**status, "mode": {**mode, "word": "manual"}, "hand": {**hand, "armed": True}}
+        history.set_status(manual)
+        browser.until(f"!({disabled})")
+        browser.value(
+            "document.getElementById('jog-step').value = '0.1'; document.getElementById('jog-tool').value = '2'"
+        )
+        assert cell.jogs == [], "nothing was pressed"
+        place = place_of(browser, '[data-way="0,0,-1"]')
+        mouse = {**place, "button": "left", "buttons": 1, "clickCount": 1}
+        browser.call("Input.dispatchMouseEvent", type="mousePressed", **mouse)
+        for _ in range(10_000):
+            if len(cell.jogs) >= 4:
+                break
+            browser.value("1")  # the button is held meanwhile
+        browser.call("Input.dispatchMouseEvent", type="mouseReleased", **mouse)
+        browser.until("!document.querySelector('.held')")
+        browser.value("document.getElementById('zero-system').value = 'G55'")
+        browser.value("document.getElementById('zero').click()")
+        browser.until("document.getElementById('answer').textContent === 'zero_55_2 is done'")
+        told = [asked for _, asked in cell.jogs]
+        assert len({page for page, _ in cell.jogs}) == 1
+        assert told[0] == {"enable": True, "tool": 2, "way": [0, 0, -1], "increment": 0.1}
+        assert len(told) >= 3, "the button was held: it is told again and again"
+        assert told[-1]["enable"] is False
+        assert told[-1]["way"] == [0, 0, 0]
+        assert all(asked == told[0] for asked in told[:-1])
+        # a stop ends the jog, by key while the button is held; and it is in sight
+        browser.call("Input.dispatchMouseEvent", type="mousePressed", **{**mouse, **place_of(browser, "[data-way]")})
+        browser.until("!!document.querySelector('.held')")
+        key(browser, "Escape")
+        browser.until("!document.querySelector('.held')")
+        browser.until("document.getElementById('answer').textContent === 'stop is done'")
+        assert cell.jogs[-1][1]["enable"] is False
+        assert browser.value("(() => { const r = document.getElementById('stop').getBoundingClientRect();"
+                             " return r.top >= 0 && r.bottom <= innerHeight && r.width >= 150; })()")  # fmt: skip
+        # what the cell says ends it, too, and why is told
+        browser.call("Input.dispatchMouseEvent", type="mouseReleased", **mouse)
+        history.set_status({**manual, "hand": {**hand, "armed": False, "text": "tool_1 has touched"}})
+        browser.until(disabled)
+        assert text(browser, "hand-text") == "tool_1 has touched"
+        assert browser.errors == []
+    finally:
+        server.stop()

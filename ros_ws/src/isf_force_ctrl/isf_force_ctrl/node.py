@@ -38,8 +38,10 @@ from std_srvs.srv import Trigger
 
 from isf_force_ctrl.control_state import Mode
 from isf_force_ctrl.controller import ForceController
+from isf_force_ctrl.hand.hand_space import HandSpace
 from isf_force_ctrl.kept_state import load_controller, save_controller
 from isf_force_ctrl.ros.control_clock import PeriodicLoop
+from isf_force_ctrl.ros.hand_motion import HandMotion
 from isf_force_ctrl.ros.identify_action import IdentifyAction
 from isf_force_ctrl.ros.measurement_actions import MeasurementActions
 from isf_force_ctrl.ros.parameters import ForceCtrlParameters
@@ -59,6 +61,9 @@ stands still meanwhile; by the clock the tools stand after PAUSE_AFTER and go on
 
 PAUSE_AFTER = 0.25
 """s by the clock without a wrench, or with nothing but late ones, after which the tools are brought to a stand."""
+
+BY_HAND = "by hand"
+"""In place of a plan, where tools are moved by move_to and jog."""
 
 LOOK = 0.02
 """s between two looks at who else is there: tools that form stand within 50 ms of the end of the executive."""
@@ -116,6 +121,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self.create_timer(LOOK, self._on_timer, clock=self.steady_clock)
         MeasurementActions(self, self._lock, lambda: self._controller, self._step_in_lockstep, self._moving)
         IdentifyAction(self, self._lock, self._ready, self._armed_job, self._step_in_lockstep)
+        self._hand = HandMotion(
+            self, self._lock, self._ready, lambda: self._controller, self._step_in_lockstep, self._moving
+        )
 
     def deactivate(self) -> None:
         """End the stream where it is; the machine releases contact if tools are loaded."""
@@ -125,6 +133,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self._controller.fail(ErrorCode.STOPPED, "the node was deactivated")
                 self._end()
             self._controller = None
+            self._hand.disarm()
 
     def cleanup(self) -> None:
         self._axes.close()
@@ -352,6 +361,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self.warn(drifted)
             if late:
                 self._attended.not_served()
+            self._hand.watch()
             if controller is not None:
                 forming = controller.busy and not controller.measuring
                 if alone := self._attended.judge(on_sheet=controller.on_sheet, forming=forming):
@@ -416,6 +426,13 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                     if not self.is_active:
                         what, advice = ("force_ctrl is not active", "activate it, then arm the plan")
                     raise IsfError(ErrorCode.NOT_ARMED, what, where=contour_label(message.index), advice=advice)
+                if self._hand.armed:
+                    raise IsfError(
+                        ErrorCode.NOT_ARMED,
+                        "the tools are moved by hand",
+                        where=contour_label(message.index),
+                        advice="arm the plan first",
+                    )
                 try:
                     contour = conversion.contour_from_message(message)
                 except ValueError as fault:  # of lengths that do not go together, of no process
@@ -452,7 +469,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _on_arm(self, request: Arm.Request, response: Arm.Response) -> Arm.Response:
         try:
-            if request.plan_id:
+            if request.plan_id or request.by_hand:
                 with self._own_delay():
                     self._arm(request)
             else:
@@ -483,17 +500,26 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._awaited = None
         # where no tool is tilted a driver may give out whatever orientation it likes
         axis = self._ready.axis if controller.config.largest_tilt > 0.0 else UPRIGHT
-        controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override, axis)
+        space = None
+        if request.by_hand:
+            space = HandSpace.of_job(job_file, max(0.0, request.sheet_depth), axis)
+            controller.arm(BY_HAND, 0, 1, tip_1, tip_2, override, axis)
+        else:
+            controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override, axis)
         self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
         self._late_ended = 0
         self._receiver.restart()
         self._latency = LatencyMeter()
         self._output.aim(job_file, controller.config.rate)
-        self._output.armed(request, tip_1, tip_2, axis, controller.config)
+        if space is None:
+            self._output.armed(request, tip_1, tip_2, axis, controller.config)
         self._output.start(tip_1, tip_2, controller.config.rate, axis)
         self._output.with_holder = job_file.job.process == "TPIF"
         self._controller, self._job_file = controller, job_file
+        self._hand.disarm()
+        if space is not None:
+            self._hand.arm(space)
         self._attended.begin()
         self._publish_state(controller, self.get_clock().now().nanoseconds)
         if not self._settings.lockstep:
@@ -507,13 +533,15 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 self.get_logger().warning(
                     f"ticks by the clock without the real-time settings that the system refused: {refused}", once=True
                 )
-        self.get_logger().info(f"armed: plan {request.plan_id}, contours {request.first_index + 1} to {request.count}")
+        what = f"plan {request.plan_id}, contours {request.first_index + 1} to {request.count}"
+        self.get_logger().info(f"armed: {BY_HAND if request.by_hand else what}")
 
     def _armed_job(self) -> tuple[ForceController, JobFile] | None:
         return (self._controller, self._job_file) if self._controller is not None else None
 
     def _disarm(self) -> None:
         with self._lock:
+            self._hand.disarm()
             if self._controller is not None:
                 self._receiver.restart()  # whatever the wrenches' time is now, the tools are lifted by it
                 self._controller.disarm()

@@ -25,6 +25,9 @@ SENSOR = _profile(5, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
 LATCHED = _profile(1, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 """The present contour, paths, target, scan: late subscribers get the last one."""
 
+CHANGES = _profile(20, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+"""States told at every change: late subscribers get the last ones, and nobody misses a short one."""
+
 EVENT = _profile(50, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
 """One message per contour that nobody may miss."""
 

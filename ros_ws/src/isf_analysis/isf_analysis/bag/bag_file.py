@@ -87,7 +87,7 @@ _CHECKSUM = 33
 _REFUSALS = (OSError, WriterError, sqlite3.Error)
 """What a disk that refuses shows as."""
 
-_DEPTHS: dict[Delivery, int] = {"STREAM": 10, "SENSOR": 5, "LATCHED": 1, "EVENT": 50, "DEFAULT": 10}
+_DEPTHS: dict[Delivery, int] = {"STREAM": 10, "SENSOR": 5, "LATCHED": 1, "EVENT": 50, "CHANGES": 20, "DEFAULT": 10}
 
 
 def check_free(path: Path) -> None:
@@ -379,7 +379,7 @@ class BagFile:
 
 def _qos(delivery: Delivery) -> Qos:
     """The publisher's profile, so that a replayed topic behaves as the recorded one."""
-    latched, sensor = delivery == "LATCHED", delivery == "SENSOR"
+    latched, sensor = delivery in ("LATCHED", "CHANGES"), delivery == "SENSOR"
     return Qos(
         history=QosHistory.KEEP_LAST,
         depth=_DEPTHS[delivery],

@@ -21,7 +21,7 @@ from isf_analysis.bag.topics import Topic
 FLUSH_PERIOD = 1.0
 """s between two hand-overs to the operating system: what a killed recorder can lose of the streams."""
 
-AT_ONCE = ("LATCHED", "EVENT")
+AT_ONCE = ("LATCHED", "EVENT", "CHANGES")
 """Kinds of delivery that are handed over as they come: contours, their results, scans."""
 
 Message = tuple[int, int, bytes]

@@ -19,7 +19,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-Delivery = Literal["STREAM", "SENSOR", "LATCHED", "EVENT", "DEFAULT"]
+Delivery = Literal["STREAM", "SENSOR", "LATCHED", "EVENT", "CHANGES", "DEFAULT"]
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,10 @@ CELL = (
     RESULT,
     ARMED,
     Topic("force_ctrl/state", "isf_msgs/msg/ForceCtrlState", "STREAM"),
+    Topic("executive/state", "isf_msgs/msg/ExecutiveState", "CHANGES"),
+    Topic("force_ctrl/hand", "isf_msgs/msg/HandState", "CHANGES"),
+    Topic("jog", "isf_msgs/msg/Jog", "STREAM"),
+    Topic("joy", "sensor_msgs/msg/Joy", "SENSOR"),
     Topic("holder/target", "geometry_msgs/msg/PoseStamped", "STREAM"),
     MACHINE_STATE,
     EVENT,

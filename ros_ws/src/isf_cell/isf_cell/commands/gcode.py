@@ -13,18 +13,12 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
 from isf_core.files import quantity
 from isf_core.files.job import JobFile, load_job
+from isf_core.files.rig import load_rig
 from isf_core.files.tooling import ToolSpec
 from isf_planner import Plan
-from isf_planner.gcode.program_plan import (
-    check_program,
-    check_tools,
-    check_work_offsets,
-    forming_points,
-    lines_of,
-    program_plan,
-)
+from isf_planner.gcode.program_plan import forming_points
 from isf_planner.gcode.reader import LARGEST_TEXT, Finding, Program, read_program
-from isf_planner.gcode.set_up import SetUp, load_set_up
+from isf_planner.gcode.set_up import SetUp, cell_set_up, load_set_up
 from isf_planner.view.program_figure import draw_program
 
 from isf_cell import in_process
@@ -36,6 +30,7 @@ from isf_cell.commands.run_folder import run_folder
 from isf_cell.commands.simulate import ctrl_c_stops_between_contours, stopped
 from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.run.part_step import PartStep
+from isf_cell.run.program_check import checked
 
 _PROGRAM_JOB = """\
 # made by isf gcode for a program without a job: sheet and tools as given there
@@ -49,6 +44,9 @@ tool_1: {{{tip}}}
 control: {{support_force: 0 N}}
 springback: {{method: none}}
 """
+
+DEFAULT_RIG = "ren2018"
+"""Where neither a job nor a rig is named."""
 
 SHOWN = 10
 """Findings that are shown at the terminal; all are in the JSON object."""
@@ -87,21 +85,18 @@ def run_program(
             ErrorCode.FILE_FIELD, "a job names its own rig", where="--rig", advice="leave out --rig, or --job"
         )
     text = _text(file)
-    values = load_set_up(set_up) if set_up else SetUp()
     given = load_job(job) if job else None
+    values, source = _set_up(set_up, given.rig.name if given else load_rig(_rig_path(sheet.rig or DEFAULT_RIG)).name)
     with run_folder(output, job_name(file.stem)) as folder:
         with terminal.console.status("reading"):
             program = read_program(text, values, name=file.name, step=1e-3 * step, feed=1e-3 * feed)
             job_file = given or _job_of(program, file, sheet, values, folder, step, feed)
-        program = program.with_ball(job_file.job.tool_1.ball_radius)
-        findings = list(program.findings)
-        offsets = {system: values.offset(system) for system in program.systems}
-        findings += check_work_offsets(program, job_file.rig, offsets) + check_program(program, job_file.rig)
-        tips = {number: tip for number, tool in values.tools.items() if (tip := tool.tip) is not None}
-        findings += check_tools(program, tips, given.job.tool_1 if given else ToolSpec(radius=_radius(sheet)))
-        plan, refused = _plan(program, job_file) if not findings and not program.unknown else (None, None)
-        findings += [refused] if refused else []
-        data = _numbers(program, findings, job_file, plan)
+        other = given.job.tool_1 if given else ToolSpec(radius=_radius(sheet))
+        found = checked(program, job_file, values, other)
+        program, findings, plan = found.program, found.findings, found.plan
+        data = found.numbers() | {"set_up": str(source) if source else ""}
+        if plan is not None:
+            data["tool_axis"] = tool_axis(plan)
         if len(program):
             data["picture"] = str(draw_program(program, findings, job_file.rig, folder / "program.png"))
         if plan is not None and given is None:
@@ -109,7 +104,7 @@ def run_program(
             (folder / "job.yaml").write_text(job_file.text, encoding="utf-8")
         if plan is not None:
             data |= reach(plan, job_file.job, job_file.rig, folder)
-        failure = _failure(program, findings)
+        failure = found.failure
         _show(program, findings, data)
         if plan is None or failure is not None or not simulate:
             if as_json:
@@ -146,6 +141,11 @@ def _simulate(job_file: JobFile, plan: Plan, folder: Path, data: dict[str, Any],
             terminal.print_json(data | formed_too)
 
 
+def _set_up(file: Path | None, rig: str) -> tuple[SetUp, Path | None]:
+    """Work offsets and tools: of ``file``, else those that were stored for the cell of the rig; and where they are."""
+    return (load_set_up(file), file) if file is not None else cell_set_up(rig)
+
+
 def _text(file: Path) -> str:
     try:
         if file.stat().st_size > LARGEST_TEXT:
@@ -169,7 +169,7 @@ def _job_of(
     text = _PROGRAM_JOB.format(
         name=job_name(file.stem),
         process="DSIF" if program.two_tools else "SPIF",
-        rig=json.dumps(_rig_path(sheet.rig or "ren2018")),
+        rig=json.dumps(_rig_path(sheet.rig or DEFAULT_RIG)),
         material=json.dumps(sheet.material),
         thickness=json.dumps(sheet.thickness),
         tip=written,
@@ -199,63 +199,6 @@ def _rig_path(rig: str) -> str:
     return str(path.resolve()) if path.suffix in (".yaml", ".yml") else rig
 
 
-def _plan(program: Program, job_file: JobFile) -> tuple[Plan | None, Finding | None]:
-    """The plan, or why there is none; a fault of the sheet or the rig's limits belongs to the whole program."""
-    try:
-        return program_plan(program, job_file), None
-    except IsfError as error:
-        return None, Finding(0, error)
-
-
-def _failure(program: Program, findings: list[Finding]) -> IsfError | None:
-    if program.unknown:
-        first = program.unknown[0]
-        return IsfError(
-            ErrorCode.PROGRAM_WORD_UNKNOWN,
-            f"{program.unknown_count} word(s) are not understood, the first is {first.word}",
-            where=f"{program.name}:{first.line}",
-            advice="nothing of such a program is formed; see the list of words in the manual",
-        )
-    return findings[0].error if findings else None
-
-
-def _numbers(program: Program, findings: list[Finding], job_file: JobFile, plan: Plan | None) -> dict[str, Any]:
-    rapid = job_file.rig.limits.speed
-    data: dict[str, Any] = {
-        "program": program.name,
-        "feasible": not findings and not program.unknown,
-        "unknown_words": [{"line": one.line, "word": one.word, "text": one.text} for one in program.unknown],
-        "findings": [
-            {
-                "line": one.line,
-                "code": one.error.code.value,
-                "name": one.error.code.name,
-                "message": one.error.message,
-            }
-            for one in findings
-        ],
-        "points": len(program),
-        "path_m": program.path_length,
-        "time_s": program.time(rapid) if len(program) else 0.0,
-        "two_tools": program.two_tools,
-        "work_systems": [f"G{system}" for system in sorted(program.systems)],
-        "remarks": list(program.remarks),
-        "rig": job_file.rig.name,
-        "contours": 0,
-        "warnings": [],
-    }
-    if plan is not None:
-        data |= {
-            "contours": len(plan.contours),
-            "contour_lines": list(lines_of(program, plan).values()),
-            "forming_path_m": plan.path_length,
-            "tool_axis": tool_axis(plan),
-            "depth_mm": -1e3 * min(float(contour.forming_tip[:, 2].min()) for contour in plan.contours),
-            "warnings": list(plan.warnings),
-        }
-    return data
-
-
 def _show(program: Program, findings: list[Finding], data: dict[str, Any]) -> None:
     terminal.say(
         f"{data['points']} points, {data['contours']} contours, path {data['path_m']:.2f} m, "
@@ -270,6 +213,8 @@ def _show(program: Program, findings: list[Finding], data: dict[str, Any]) -> No
         terminal.warn(f"up to {more} more; --json lists them")
     for text in (*data["remarks"], *data["warnings"]):
         terminal.warn(text)
+    if data["set_up"]:
+        terminal.say(f"set-up  {data['set_up']}")
     if "picture" in data:
         terminal.say(f"picture {data['picture']}")
     if "picture" in data.get("machine", {}):

@@ -75,7 +75,7 @@ class CellChoice:
     bag : folder to record to; "": none
     checkpoint : folder that a part is kept in; "": none
     viewers : frames, joint states and sheet for RViz and others are published
-    job : job file that viewers describe; "": that of the part
+    job : job file that viewers describe, and whose rig and tools an operator moves before a part; "": that of the part
     frame_prefix : before the name of every frame ; own_frames : on topics tf and tf_static of the cell
     publish_tf : false, where robot_state_publisher makes the frames
     ros2_control : the machine's axes are driven by controller_manager
@@ -119,6 +119,8 @@ def cell_nodes(choice: CellChoice) -> list[CellNode]:
     control = {**timing, **states, **prefix, **output}
     nodes.append(CellNode("force_ctrl", "isf_force_ctrl", "force_ctrl", control, frames, managed=True))
     executive = {**timing, "load_cells": " ".join(str(tool) for tool in choice.load_cells)}
+    if choice.job:
+        executive["job"] = choice.job
     if choice.checkpoint:
         executive["checkpoint"] = choice.checkpoint
     nodes.append(CellNode("executive", "isf_cell", "executive", executive))

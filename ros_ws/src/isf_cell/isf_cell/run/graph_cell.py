@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -270,7 +270,7 @@ class GraphCell:
         return PlannedPart(result.plan_id, int(result.count))
 
     def arm(self, goal: PartGoal, planned: PlannedPart) -> None:
-        """As in the protocol; the force controller may first have to hear the machine, just activated."""
+        """As in the protocol."""
         base, options = str(goal.job_file.base), goal.options
         self._sensor = goal.options.scans_with_sensor(goal.job_file)
         self._client.set_parameter("springback", "base_folder", base, self.check)
@@ -288,13 +288,46 @@ class GraphCell:
             base_folder=base,
             support_force=options.support_force_field(),
         )
+        self._arm(armed)
+        self._take_up_force_control(goal)
+        self._wait_for_recorder()
+
+    def arm_by_hand(self, goal: PartGoal, *, depth: float, new_blank: bool) -> bool:
+        """Make force control ready to move the tools by hand, on the sheet that is in the clamp, ``depth`` m deep.
+
+        True when a fresh sheet was clamped: a simulated machine does so where there is none, and for ``new_blank``.
+        Faults are cleared, and load cells tared. Raises IsfError.
+        """
+        self._state, self._events = None, []
+        clamped = new_blank
+        timeout = 6 * self._settings.service_timeout
+        try:
+            there = goal if new_blank else replace(goal, first_index=1)
+            self._machine.reset(there, self._watch_nodes, timeout=timeout)
+        except IsfError as error:
+            if error.code is not ErrorCode.NO_BLANK:
+                raise
+            self._machine.reset(goal, self._watch_nodes, timeout=timeout)
+            clamped = True
+        self.tare()
+        job_file = goal.job_file
+        request = Arm.Request(by_hand=True, sheet_depth=0.0 if clamped else depth)
+        request.job_text, request.base_folder = job_file.text, str(job_file.base)
+        request.support_force = goal.options.support_force_field()
+        self._arm(request)
+        return clamped
+
+    def disarm(self) -> None:
+        """Force control moves the tools no more; they stand where they are when they are clear of the sheet."""
+        self._client.checked_call(Arm, "force_ctrl/arm", Arm.Request(plan_id=""), self._watch_nodes)
+
+    def _arm(self, request: Arm.Request) -> None:
+        """Arm force control, which may first have to hear the machine, just activated."""
         deadline = time.monotonic() + self._settings.service_timeout
         pause = threading.Event()
         while True:
-            response = self._client.call(Arm, "force_ctrl/arm", armed, self.check)
+            response = self._client.call(Arm, "force_ctrl/arm", request, self.check)
             if not response.code:
-                self._take_up_force_control(goal)
-                self._wait_for_recorder()
                 return
             error = failure(response.code, response.message)
             if error.code not in NOT_HEARD_YET or time.monotonic() > deadline:

@@ -127,6 +127,9 @@ class PathSpec(FileModel):
     """Speed of the forming tool along the contour."""
     squeeze_factor: float = Field(default=1.0, gt=0.3, le=1.2)
     """Planned tool gap over predicted thickness; 1 = sine-law gap."""
+    hold_after: tuple[int, ...] = ()
+    """Contours, counted from 1, after which a part formed through the node graph waits, tools where they are, until
+    `executive/go_on` is called."""
 
     spacing: Literal["depth", "scallop", "arc"] = "depth"
     """Levels at constant incremental depth, constant scallop height, or constant distance down the wall."""

@@ -371,7 +371,8 @@ function showStatus() {
     chip("no connection", "bad");
   } else {
     chip(status.heard ? "cell heard" : "no cell heard", status.heard ? "good" : "bad");
-    if (status.nodes?.length) chip(status.busy ? "automatic" : "set-up: no part is being formed");
+    if (status.mode) chip(status.mode.changing ? "mode is changing" : status.mode.word, status.mode.word === "automatic" ? "" : "warn");
+    else if (status.nodes?.length) chip(status.busy ? "automatic" : "no part is being formed");
     if (status.machine) chip(`machine: ${status.machine.mode}`, status.machine.faults.length ? "bad" : "");
     if (status.machine && !status.machine.tared) chip("load cells not tared", "warn");
     for (const limit of status.machine?.limits ?? []) chip(`${limit} limit reached`, "warn");
@@ -392,8 +393,76 @@ function showStatus() {
   $("pause").disabled = !(link.open && status.ready?.pause);
   $("operator").hidden = known.mode === "run";
   $("nodes-section").hidden = known.mode === "run";
+  showHand(status);
   showNodes(status);
 }
+
+// -- by hand -------------------------------------------------------------------------------------------------------------
+
+const JOG_PERIOD = 50; // ms; the cell stops a tool of whose button it hears nothing for 150 ms
+const jog = { button: null, timer: 0 };
+
+function showHand(status) {
+  $("hand-section").hidden = known.mode === "run" || !status.mode;
+  if ($("hand-section").hidden) return;
+  const { word, changing, text } = status.mode;
+  const free = link.open && !changing && !status.busy;
+  for (const button of document.querySelectorAll("[data-mode]")) {
+    button.classList.toggle("on", button.dataset.mode === word);
+    button.setAttribute("aria-pressed", button.dataset.mode === word);
+    button.disabled = !free;
+  }
+  const armed = free && word === "manual" && Boolean(status.hand?.armed);
+  for (const button of document.querySelectorAll("[data-way]")) button.disabled = !armed;
+  $("zero").disabled = !(free && (word === "manual" || word === "set-up") && !status.hand?.moving);
+  if (!armed && jog.button) letGo();
+  put("hand-state", changing ? "changing the mode …" : status.hand?.moving ? "a tool is moving" : "");
+  const tip = status.hand?.tips?.[Number($("jog-tool").value) - 1];
+  put("hand-tip", armed && tip ? tip.map((value, k) => `${"xyz"[k]} ${value.toFixed(3)}`).join("   ") + " mm" : "");
+  put("hand-text", text || status.hand?.text || "");
+}
+
+function tellJog(enable) {
+  const way = jog.button && enable ? jog.button.dataset.way.split(",").map(Number) : [0, 0, 0];
+  const asked = { enable, tool: Number($("jog-tool").value), way, increment: Number($("jog-step").value) };
+  const stuck = enable && link.socket?.bufferedAmount > 0; // what waits would move the tool later
+  if (link.socket?.readyState === WebSocket.OPEN && !stuck) link.socket.send(JSON.stringify({ jog: asked }));
+}
+
+function letGo() {
+  clearInterval(jog.timer);
+  jog.button?.classList.remove("held");
+  jog.button = null;
+  tellJog(false);
+}
+
+function hold(button) {
+  if (jog.button) letGo();
+  jog.button = button;
+  button.classList.add("held");
+  tellJog(true);
+  jog.timer = setInterval(() => tellJog(true), JOG_PERIOD);
+}
+
+for (const button of document.querySelectorAll("[data-way]")) {
+  button.addEventListener("pointerdown", (event) => { if (event.button === 0) hold(button); });
+  for (const end of ["pointerup", "pointerleave", "pointercancel", "lostpointercapture", "blur"]) {
+    button.addEventListener(end, () => { if (jog.button === button) letGo(); });
+  }
+  button.addEventListener("keydown", (event) => {
+    if (event.key !== " " && event.key !== "Enter") return;
+    event.preventDefault();
+    if (!event.repeat) hold(button);
+  });
+  button.addEventListener("keyup", () => { if (jog.button === button) letGo(); });
+  button.addEventListener("contextmenu", (event) => event.preventDefault());
+}
+addEventListener("blur", () => { if (jog.button) letGo(); });
+document.addEventListener("visibilitychange", () => { if (jog.button) letGo(); });
+for (const button of document.querySelectorAll("[data-mode]")) {
+  button.addEventListener("click", () => command(`mode_${button.dataset.mode.replace("-", "_")}`));
+}
+$("zero").addEventListener("click", () => command(`zero_${$("zero-system").value.slice(1)}_${$("jog-tool").value}`));
 
 function showNodes(status) {
   const text = JSON.stringify([status.nodes, status.rates]);
@@ -463,6 +532,7 @@ async function command(name) {
 }
 
 function stop() {
+  if (jog.button) letGo();
   answer("Stopping …");
   command("stop");
 }
@@ -567,6 +637,7 @@ function connect() {
   const address = new URL("stream", location.href);
   address.protocol = "ws:";
   const socket = new WebSocket(address);
+  link.socket = socket;
   socket.onopen = () => {
     link.open = true;
     link.since = Date.now();

@@ -282,10 +282,13 @@ _BRAKING = 0.8
 
 
 class Glide:
-    """Position along a way of ``length`` m at no more than ``speed`` m/s; one call per tick of ``rate`` Hz."""
+    """Position along a way of ``length`` m at no more than ``speed`` m/s; one call per tick of ``rate`` Hz.
+
+    :attr:`speed` may be changed on the way.
+    """
 
     def __init__(self, length: float, speed: float, acceleration: float, rate: float) -> None:
-        self._length, self._speed = length, speed
+        self._length, self.speed = length, speed
         self._step, self._period = acceleration / rate, 1.0 / rate
         self._braking = 2.0 * _BRAKING * acceleration
         self._velocity = 0.0
@@ -305,7 +308,7 @@ class Glide:
     def step(self) -> float:
         """m, position after one tick."""
         left = self._length - self.position
-        wanted = 0.0 if self._stopping else min(self._speed, math.sqrt(self._braking * max(left, 0.0)))
+        wanted = 0.0 if self._stopping else min(self.speed, math.sqrt(self._braking * max(left, 0.0)))
         change = min(max(wanted - self._velocity, -self._step), self._step)
         self._velocity = max(0.0, self._velocity + change)
         if not self._stopping and self._velocity <= 0.0:

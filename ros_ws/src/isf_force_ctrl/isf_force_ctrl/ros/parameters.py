@@ -76,6 +76,14 @@ class ForceCtrlParameters:
         False,
         "joints of trajectories have the names of isf describe (tool_1_A1); false: those of an arm in the rig (A1)",
     )
+    hand_force: float = parameter(
+        25.0, "by hand: force on a tool at which its movement stops", unit="N", minimum=1.0, maximum=10_000.0
+    )
+    joy_axes: str = parameter("-1 -0 4", "axes of joy for x, y and z of a tool, - before one that is turned round")
+    joy_enable: int = parameter(4, "dead-man's button of joy", minimum=0, maximum=63)
+    joy_tool: int = parameter(0, "button of joy for the other tool", minimum=0, maximum=63)
+    joy_smaller: int = parameter(2, "button of joy for the smaller increment", minimum=0, maximum=63)
+    joy_larger: int = parameter(1, "button of joy for the larger increment", minimum=0, maximum=63)
     state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick", minimum=1, maximum=100_000)
     set_point: float = parameter(
         OF_THE_JOB,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
+from typing import Any
 
 import yaml
 from isf_core.errors import ErrorCode, IsfError
@@ -93,3 +96,47 @@ def _with_named_tools(text: str, path: Path) -> str:
             lengths = {"length": tool.stick_out, "radius": tool.radius, "corner_radius": tool.corner_radius}
             named[number] = {key: f"{1e3 * value:.9g} mm" for key, value in lengths.items() if value is not None}
     return yaml.safe_dump({**data, "tools": tools | named}, allow_unicode=True) if named else text
+
+
+def cell_set_up_path(rig: str) -> Path:
+    """File of the cell of ``rig`` (its name), which need not exist: in $ISF_CELLS, else in the user's configuration."""
+    chosen = os.environ.get("ISF_CELLS")
+    configuration = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+    folder = Path(chosen) if chosen else configuration / "isf" / "cells"
+    return folder / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', rig)}.yaml"
+
+
+def cell_set_up(rig: str) -> tuple[SetUp, Path | None]:
+    """Set-up that was stored for the cell of ``rig``, and its file; an empty one, and None, where none was.
+
+    Raises IsfError as :func:`load_set_up`.
+    """
+    path = cell_set_up_path(rig)
+    return (load_set_up(path), path) if path.is_file() else (SetUp(), None)
+
+
+def store_work_offset(path: Path, system: int, origin: tuple[float, float, float]) -> None:
+    """Write the ``origin`` (3,) m of work coordinates ``system`` (54 to 57) into the set-up file ``path``, in one step.
+
+    Everything else that stands in the file stays, but its comments. Raises IsfError as :func:`load_set_up`, and
+    FILE_NOT_WRITABLE.
+    """
+    content: dict[str, Any] = {}
+    if path.is_file():
+        load_set_up(path)  # what is not understood is not written over
+        content = yaml.safe_load(yaml_file.read(path)) or {}
+    offsets = content.setdefault("work_offsets", {})
+    offsets[f"G{system}"] = [f"{1e3 * value:.4f} mm" for value in origin]
+    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+    new = path.with_name(f".{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new.write_text(f"# work offsets and tools of a cell; isf zero writes the offsets\n{text}", encoding="utf-8")
+        new.replace(path)
+    except OSError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_WRITABLE,
+            f"the set-up: {error.strerror}",
+            where=str(path),
+            advice="check the folder and its permissions, or set ISF_CELLS to another one",
+        ) from error
