@@ -19,6 +19,7 @@ import numpy as np
 import trimesh
 from isf_core.types import Array
 from isf_planner.part_library.catalogue import (
+    airfoil_ridge,
     asymmetric_cone,
     bonnet,
     cone,
@@ -131,6 +132,7 @@ LIBRARY = {
     "free_form": free_form(0.75, np.radians(40), 6e-3, 5e-3),
     "behera_80_25": two_slopes(75.0, (80.0, 35.0), (25.0, 25.0)),
     "behera_60_30": two_slopes(100.0, (60.0, 60.0), (30.0, 30.0)),
+    "behera_airfoil": airfoil_ridge(),
     "praveen_free_form": first_feature(free_form(1.94, np.radians(45), 40e-3)),
     "torrao_cone_70": cone(60e-3, np.radians(70), 30e-3, 6e-3, 8e-3),
     "torrao_marker": marker(),
@@ -144,6 +146,7 @@ LIBRARY_CHORD = {
     "ren_funnel": 10e-6,
     "behera_80_25": 10e-6,
     "behera_60_30": 10e-6,
+    "behera_airfoil": 10e-6,
     "praveen_cone_150": 10e-6,
     "praveen_cone_250": 10e-6,
     "praveen_cone_610": 20e-6,

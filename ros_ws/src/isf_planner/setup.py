@@ -24,6 +24,7 @@ setup(
         "shapely>=2.0",
         "contourpy>=1.2",
         "matplotlib>=3.6",
+        "scikit-learn>=1.3",
         "isf-core",
     ],
     extras_require={"test": ["pytest"]},

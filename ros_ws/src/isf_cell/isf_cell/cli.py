@@ -489,14 +489,24 @@ def compare(
 
 @app.command()
 def learn(
-    runs: Annotated[list[Path], typer.Argument(help="run or bag folders of one part, oldest first", metavar="RUN...")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="run or bag folders, oldest first; of one part without --surfaces", metavar="RUN..."),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="correction file; added to when it exists")],
     base: Annotated[Path | None, typer.Option(help="folder that paths in the recorded jobs refer to")] = None,
+    surfaces: Annotated[
+        bool,
+        typer.Option("--surfaces", help="from runs of different parts: accuracy surfaces for parts not formed yet"),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Learn the correction of the next part from the shapes of parts formed before."""
-    from isf_cell.commands.learn import learn_runs
+    from isf_cell.commands.learn import learn_runs, learn_surfaces
 
+    if surfaces:
+        learn_surfaces(runs, output, as_json=json)
+        return
     learn_runs(runs, output, base, as_json=json)
 
 

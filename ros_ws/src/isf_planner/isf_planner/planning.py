@@ -17,6 +17,7 @@ from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_planner import replanning
+from isf_planner.accuracy.moved_target import MovedTarget, compensated
 from isf_planner.checks import arm_checks, part_checks
 from isf_planner.checks.shank_checks import ShankClearance, check_shank
 from isf_planner.forming.sides import merged
@@ -61,6 +62,7 @@ class Plan:
     base : what :func:`replan` needs for a change of tool, or None
     shank : where shank and holder of a tilted tool come nearest to anything; None with an upright one
     ball_radius : m, of the upper tool's tip; NaN where a plan file does not hold it
+    moved : the target as the contours form it, where accuracy surfaces move it; ``target`` and ``mesh`` are the part
     """
 
     plan_id: str
@@ -74,6 +76,7 @@ class Plan:
     base: PlanBase | None = field(default=None, repr=False, compare=False)
     shank: ShankClearance | None = field(default=None, repr=False, compare=False)
     ball_radius: float = field(default=float("nan"), compare=False)
+    moved: MovedTarget | None = field(default=None, repr=False, compare=False)
 
     @property
     def smallest_thickness(self) -> float:
@@ -120,9 +123,10 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     loaded, repaired = _load(job_file)
     warnings = list(repaired)
     process = process_of(job)
-    part = process.prepare(loaded, job_file, step)
+    moved = _moved(loaded, job_file, step) if job.part.accuracy_surfaces is not None else None
+    part = process.prepare(moved.moved if moved else loaded, job_file, step)
     planned = list(part.sides)
-    warnings += part.warnings
+    warnings += [*part.warnings, *(moved.warnings if moved else ())]
     if job.path.islands == "swap":
         part_checks.check_islands(planned)
         warnings += part_checks.left_by_springback(planned, job)
@@ -142,15 +146,16 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     last = tuple(contour for contour in contours if contour.stage == len(part.preforms))
     part_checks.check_floors(last, planned, job)
     warnings += part_checks.check_support(last, planned, job)
-    target = target_surface.target_map(part.mesh, rig.clamp.size)
+    nominal = moved.nominal if moved else part.mesh
+    target = target_surface.target_map(nominal, rig.clamp.size)
     shank = check_shank(contours, target, job_file) if job_file.tilts else None
     step("done", 1.0)
     base = PlanBase(job, tuple(planned), part_warnings)
     unique = tuple(dict.fromkeys(warnings))
-    mesh = part.mesh.vertices, part.mesh.faces
+    mesh = nominal.vertices, nominal.faces
     partial = tuple(side.partial for side in (*part.preforms, *planned) if side.partial is not None)
-    ball = job.tool_1.ball_radius
-    return Plan(plan_id, contours, target, mesh, unique, part.stages, partial, merged(planned), base, shank, ball)
+    ball, tree = job.tool_1.ball_radius, merged(planned)
+    return Plan(plan_id, contours, target, mesh, unique, part.stages, partial, tree, base, shank, ball, moved)
 
 
 def replan(before: Plan, job_file: JobFile) -> Plan:
@@ -166,7 +171,9 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     base, job = before.base, job_file.job
     staged = before.stages or job.path.stages or job.path.morph
     partial = before.partial or job.path.partial_paths
-    if base is None or staged or partial or job.strategy or not replanning.same_contacts(base.job, job):
+    if base is None or staged or partial or before.moved or job.strategy:
+        return plan(job_file)
+    if not replanning.same_contacts(base.job, job):
         return plan(job_file)
     mesh = Mesh(*before.mesh)
     part_checks.check_fit(mesh_checks.PlacedPart(mesh, -float(mesh.vertices[:, 2].min()), ()), job, job_file.rig)
@@ -199,8 +206,18 @@ def _load(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:
     return mesh_checks.repair(mesh, 2.0 * tool) if part.repair else (mesh, ())
 
 
+def _moved(loaded: Mesh, job_file: JobFile, step: Steps) -> MovedTarget:
+    """The part ``loaded``, placed, with its target moved by the accuracy surfaces of the job."""
+    step("accuracy surfaces", 0.0)
+    job, clamp = job_file.job, job_file.rig.clamp.size
+    placed = mesh_checks.check_and_place(loaded, clamp, job.tool_1.radius, place=job.part.place)
+    return compensated(placed.mesh, job_file)
+
+
 def _identify(job_file: JobFile) -> str:
-    digest = hashlib.sha256(job_file.text.encode() + job_file.mesh.read_bytes()).hexdigest()
+    surfaces = job_file.job.part.accuracy_surfaces
+    learned = (job_file.base / surfaces).read_bytes() if surfaces is not None else b""
+    digest = hashlib.sha256(job_file.text.encode() + job_file.mesh.read_bytes() + learned).hexdigest()
     return f"{job_file.job.name}-{digest[:8]}"
 
 

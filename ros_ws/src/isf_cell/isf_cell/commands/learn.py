@@ -1,4 +1,4 @@
-"""``isf learn``: corrections for the next part from the records of parts formed before."""
+"""``isf learn``: corrections for the next part, or for other parts, from the records of parts formed before."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_planner.accuracy import formed_parts
+from isf_planner.accuracy.formed_parts import Conditions, FormedPart, FormedParts, formed_part
+from isf_planner.accuracy.surfaces import with_held_out
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import Learned, learn_part
 from isf_springback.loop_path import forming_radius
@@ -48,6 +51,82 @@ def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bo
             }
         )
     terminal.say(f"learned {output}: name it in the job as springback.learning, with method learned")
+
+
+def learn_surfaces(runs: list[Path], output: Path, *, as_json: bool) -> None:
+    """Learn accuracy surfaces from ``runs`` of different parts on top of ``output`` when it exists, and write it.
+
+    Raises
+    ------
+    IsfError : BAG_UNREADABLE, LEARNING_UNUSABLE
+    """
+    known = formed_parts.load(output) if output.exists() else None
+    conditions = known.conditions if known else None
+    parts = list(known.parts) if known else []
+    for run in runs:
+        record = read_bag(run)
+        part, own = _formed_part(record, str(run))
+        if conditions and (other := own.difference(conditions)):
+            raise IsfError(
+                ErrorCode.LEARNING_UNUSABLE,
+                f"was formed under other conditions than the others: {other}",
+                where=str(run),
+                advice="learn from it in a file of its own: -o FILE",
+            )
+        conditions = own
+        parts.append(part)
+        terminal.say(f"{run}: {record.job_name}, deviation {1e3 * part.rms(part.deviation):.2f} mm (rms)")
+    if conditions is None:
+        raise IsfError(ErrorCode.LEARNING_UNUSABLE, "no run was given", advice="isf learn RUN... --surfaces -o FILE")
+    formed = with_held_out(FormedParts(conditions, tuple(parts)))
+    formed_parts.save(formed, output)
+    rows = [
+        {"job": part.name, "thickness_mm": 1e3 * part.thickness, "rms_mm": 1e3 * part.rms(part.deviation)}
+        | {"held_out_rms_mm": 1e3 * part.left}
+        for part in formed.parts
+    ]
+    if as_json:
+        terminal.print_json(
+            {"file": str(output), "parts": rows, "shapes": len(formed.shapes)}
+            | {"held_out_rms_mm": 1e3 * formed.uncertainty}
+        )
+    for row in rows:
+        left = f"{row['rms_mm']:.2f} -> {row['held_out_rms_mm']:.2f} mm (rms)"
+        terminal.say(f"{row['job']}, predicted from the other shapes: {left}")
+    terminal.say(
+        f"learned {output} from {len(parts)} parts of {len(formed.shapes)} shapes, right to "
+        f"{1e3 * formed.uncertainty:.2f} mm (rms) on shapes held out: name it in the job of another part as "
+        "part.accuracy_surfaces"
+    )
+
+
+def _formed_part(record: PartRecord, where: str) -> tuple[FormedPart, Conditions]:
+    """Places and deviation of the part of ``record``; raises IsfError LEARNING_UNUSABLE when it is of no use."""
+    advice = "learn from whole parts with a scan; isf record records scan and part/target"
+    if record.scan is None or record.target is None:
+        what = "holds no scan of the finished part, or no target"
+        raise IsfError(ErrorCode.LEARNING_UNUSABLE, what, where=where, advice=advice)
+    if (failure := record.failure()) is not None:
+        what = f"is no complete part: {failure[1]}"
+        raise IsfError(ErrorCode.LEARNING_UNUSABLE, what, where=where, advice=advice)
+    job = record.job()
+    own = Conditions.of(job, record.correction)
+    if own.process not in ("SPIF", "DSIF") or own.correction not in formed_parts.PLANNED_METHODS:
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE,
+            f"is a part of process {own.process} with springback method {own.correction}",
+            where=where,
+            advice=f"learn from SPIF or DSIF, with method {', '.join(formed_parts.PLANNED_METHODS)}",
+        )
+    if job.part.accuracy_surfaces is not None:
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE,
+            "was itself formed with accuracy surfaces: its deviation is what they left",
+            where=where,
+            advice="learn from parts formed without part.accuracy_surfaces",
+        )
+    radius, thickness = job.tool_1.ball_radius, job.sheet.thickness
+    return formed_part(record.job_name, record.target, record.scan, radius, thickness), own
 
 
 def learn_record(record: PartRecord, base: Path, known: Learned | None = None) -> Learned:

@@ -74,7 +74,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         data |= {"features": found.counts()}
     data |= {"files": [str(path) for path in _write(result, wanted, found, job_file.rig)]}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
-    data |= {"tool_axis": tool_axis(result)}
+    data |= {"tool_axis": tool_axis(result), "accuracy_surfaces": moved_target(result)}
     data |= reach(result, job_file.job, job_file.rig, folder)
     if as_json:
         terminal.print_json(data)
@@ -100,6 +100,12 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         terminal.say(chosen)
     if leaning := tool_axis_text(data["tool_axis"]):
         terminal.say(leaning)
+    if moved := data["accuracy_surfaces"]:
+        terminal.say(
+            f"accuracy surfaces: target moved by {moved['mean_move_mm']:.2f} mm in the mean, up to "
+            f"{moved['largest_move_mm']:.2f} mm, {moved['outside_share']:.0%} of the part outside of what was learned; "
+            f"right to {moved['held_out_rms_mm']:.2f} mm (rms) on shapes held out"
+        )
     for warning in result.warnings:
         terminal.warn(warning)
     terminal.say(f"picture {picture}\ntable   {table}")
@@ -109,6 +115,21 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         terminal.say(f"reach   {data['machine']['picture']}")
     for path in data["files"]:
         terminal.say(f"file    {path}")
+
+
+def moved_target(result: Plan) -> dict[str, Any] | None:
+    """How accuracy surfaces move the target, for ``--json``; None where none do."""
+    moved = result.moved
+    if moved is None:
+        return None
+    size = np.abs(moved.move)
+    return {
+        "mean_move_mm": 1e3 * float(size[size > 0.0].mean()) if (size > 0.0).any() else 0.0,
+        "largest_move_mm": 1e3 * float(size.max()),
+        "outside_share": moved.outside,
+        "smallest_jacobian": moved.smallest_jacobian,
+        "held_out_rms_mm": 1e3 * moved.uncertainty,
+    }
 
 
 def tool_axis(result: Plan) -> dict[str, Any]:

@@ -61,6 +61,9 @@ class PartSpec(FileModel):
     """x and y of the outline's centre on the blank; the centre of the blank when left out."""
     repair: bool = True
     """Repair cracks, double and turned facets and holes narrower than the tool, with a warning. False: refuse them."""
+    accuracy_surfaces: str | None = None
+    """SPIF and DSIF: file made by ``isf learn --surfaces`` from other parts, relative to the job file; the part is
+    planned with its target moved against the deviation that is expected of it."""
 
     @model_validator(mode="after")
     def _unit_declared(self) -> PartSpec:
@@ -677,6 +680,8 @@ class Job(FileModel):
     def _path_of_process(self) -> Job:
         if problem := self.path.without_effect(self.process):
             raise ValueError(problem)
+        if self.part.accuracy_surfaces is not None and self.process not in ("SPIF", "DSIF"):
+            raise ValueError(f"part.accuracy_surfaces needs process SPIF or DSIF: nothing is learned of {self.process}")
         if self.path.support == "on_blank" and self.control.force_controlled:
             raise ValueError("path.support on_blank has no force control: control.support_force must be 0 N")
         return self

@@ -11,11 +11,13 @@ from isf_planner.exports.ampl_csv import write_csv
 from isf_planner.exports.plan_file import save_plan
 from isf_planner.exports.post_processor import load_post, post_names
 from isf_planner.exports.programs import write_programs
+from isf_planner.exports.target_stl import write_target
 from isf_planner.planning import Plan
 
 FORMATS = {
     ".npz": "plan",
     ".csv": "csv",
+    ".stl": "stl",
     ".nc": "iso",
     ".mpf": "iso_two_channels",
     ".pmc": "pmac",
@@ -37,7 +39,8 @@ def export(
     ----------
     plan : to be written
     path : file name; some formats write several files beside it
-    form : "plan", "csv", a post-processor's name or YAML file; None: by the ending of the file name
+    form : "plan", "stl" (the target as it is planned), "csv", a post-processor's name or YAML file; None: by the
+        ending of the file name
     arms : that carry the upper and the lower tool, for programs of robots
 
     Raises
@@ -51,12 +54,14 @@ def export(
             ErrorCode.EXPORT_FORMAT_UNKNOWN,
             f"'{path.suffix}' is not the ending of a known format",
             where=str(path),
-            advice=f"add --format NAME (plan, csv, {', '.join(post_names())}), or use one of the endings {endings}",
+            advice=f"add --format NAME (plan, stl, csv, {', '.join(post_names())}), or one of the endings {endings}",
         )
     if not path.parent.is_dir():
         raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "no such folder", where=str(path.parent), advice="make it first")
     if known == "plan":
         return [save_plan(plan, path)]
+    if known == "stl":
+        return [write_target(plan, path)]
     if known == "csv":
         if any(contour.tilted for contour in plan.contours):
             raise IsfError(

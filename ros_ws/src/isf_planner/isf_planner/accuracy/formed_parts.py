@@ -1,0 +1,243 @@
+"""What accuracy surfaces are learned from: places of formed parts with their deviation, in one file.
+
+The file is numpy's npz without pickled objects. It holds samples and no fitted model: that is fitted when the file is
+used, so a file can be added to, and does not depend on the version of a library.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import Job
+from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
+
+from isf_planner.accuracy.places import PREDICTORS, find_places, nodes_of
+
+FORMAT = 1
+
+MOST_SAMPLES = 800
+"""Places that are kept of a part."""
+
+LEAST_SEEN = 0.5
+"""Share of the part that must have been measured."""
+
+SAME_THICKNESS = 0.02
+"""A blank may be thinner or thicker than those learned by this share: rolling tolerance (assumed)."""
+
+PLANNED_METHODS = ("none", "analytic", "elastic")
+"""Springback methods that do not look at the part while it is formed: one that does would work against a moved
+target."""
+
+_ADVICE = "make it with: isf learn RUN... --surfaces -o FILE"
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What must be the same for parts to be learned from together, and for a part to be planned from them.
+
+    Attributes
+    ----------
+    process : SPIF or DSIF ; material : of the sheet ; tool_radius : m, of the upper tool's tip
+    correction : springback method ; plate : there is a backing plate
+    """
+
+    process: str
+    material: str
+    tool_radius: float
+    correction: str
+    plate: bool
+
+    @staticmethod
+    def of(job: Job, correction: str | None = None) -> Conditions:
+        """Of a job, formed with the springback method ``correction``; None: the job's."""
+        method = job.springback.method if correction is None else correction or "none"
+        material = Path(job.sheet.material).stem
+        return Conditions(job.process, material, job.tool_1.ball_radius, method, job.backing_plate is not None)
+
+    def difference(self, other: Conditions) -> str:
+        """What differs, for people; empty: nothing."""
+        mine, others = self._words(), other._words()
+        return ", ".join(f"{mine[name]} instead of {others[name]}" for name in mine if mine[name] != others[name])
+
+    def _words(self) -> dict[str, str]:
+        return {
+            "process": self.process,
+            "material": self.material,
+            "tool": f"a tool radius of {1e3 * self.tool_radius:.2f} mm",
+            "correction": f"springback method {self.correction}",
+            "plate": "a backing plate" if self.plate else "no backing plate",
+        }
+
+
+@dataclass(frozen=True)
+class FormedPart:
+    """Places of one part that was formed and measured; S of them.
+
+    Attributes
+    ----------
+    name : of its job ; shape : the same for parts of the same target ; thickness : m, of its blank
+    values : (S, P) of :data:`isf_planner.accuracy.places.PREDICTORS`
+    deviation : (S,) m, along the normal of the target, positive too shallow
+    weight : (S,) share of the surface that a place stands for
+    left : m, root mean square of what a prediction from the other shapes leaves of the deviation; NaN: not known
+    """
+
+    name: str
+    shape: str
+    thickness: float
+    values: Array
+    deviation: Array
+    weight: Array
+    left: float = float("nan")
+
+    def rms(self, values: Array) -> float:
+        """Root mean square of ``values`` (S,) by surface."""
+        return float(np.sqrt(self.weight @ values**2))
+
+
+@dataclass(frozen=True)
+class FormedParts:
+    """Parts formed under the same conditions."""
+
+    conditions: Conditions
+    parts: tuple[FormedPart, ...]
+
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """Different targets, in the order of their first part."""
+        return tuple(dict.fromkeys(part.shape for part in self.parts))
+
+    @property
+    def uncertainty(self) -> float:
+        """m, root mean square error of the prediction of held-out parts, every part alike."""
+        return float(np.sqrt(np.mean([part.left**2 for part in self.parts])))
+
+    def check(self, job: Job, where: str) -> None:
+        """Raise IsfError LEARNING_UNUSABLE when ``job`` is of other conditions; ``where`` names the file."""
+        advice = "learn from parts formed as this one is to be, or leave part.accuracy_surfaces out"
+        if other := Conditions.of(job).difference(self.conditions):
+            raise IsfError(
+                ErrorCode.LEARNING_UNUSABLE, f"was learned under other conditions: {other}", where=where, advice=advice
+            )
+        low, high = (limit([part.thickness for part in self.parts]) for limit in (min, max))
+        if not (1.0 - SAME_THICKNESS) * low <= job.sheet.thickness <= (1.0 + SAME_THICKNESS) * high:
+            learned = f"{1e3 * low:g} mm" if low == high else f"{1e3 * low:g} to {1e3 * high:g} mm"
+            raise IsfError(
+                ErrorCode.LEARNING_UNUSABLE,
+                f"was learned on blanks of {learned}, this one is {1e3 * job.sheet.thickness:g} mm thick",
+                where=where,
+                advice=advice,
+            )
+
+
+def formed_part(name: str, target: HeightMap, measured: HeightMap, radius: float, thickness: float) -> FormedPart:
+    """Places and deviation of one part.
+
+    Parameters
+    ----------
+    target, measured : m, in frame ``sheet``, flange at z = 0 ; radius : m, of the tool ; thickness : m, of the blank
+
+    Raises
+    ------
+    IsfError : LEARNING_UNUSABLE, the target forms nothing below its flange or rises above it, too little was measured
+    """
+    places = None if rises(target) else find_places(target, radius, thickness)
+    if places is None:
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE,
+            "the part does not lie below its flange alone",
+            where=name,
+            advice="accuracy surfaces are for parts that the upper tool forms alone",
+        )
+    points, nodes = places.heights.points(), nodes_of(places)
+    error = (measured.at(points[nodes, :2]) - points[nodes, 2]) * places.normal[nodes, 2]
+    seen = np.isfinite(error)
+    if seen.mean() < LEAST_SEEN:
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE,
+            f"{seen.mean():.0%} of the part was measured, {LEAST_SEEN:.0%} are needed",
+            where=name,
+            advice="scan the whole part",
+        )
+    nodes, error = nodes[seen], error[seen]
+    kept = np.random.default_rng(0).permutation(len(nodes))[:MOST_SAMPLES]
+    nodes, error = nodes[kept], error[kept]
+    weight = 1.0 / np.maximum(places.normal[nodes, 2], 0.05)
+    digest = hashlib.sha256(np.round(1e5 * np.nan_to_num(places.heights.z)).astype(np.int64).tobytes()).hexdigest()
+    return FormedPart(name, digest[:16], thickness, places.values[nodes], error, weight / weight.sum())
+
+
+def rises(target: HeightMap) -> bool:
+    """Something of ``target`` (flange at z = 0) stands above its flange."""
+    return bool(np.nanmax(target.z) > 0.05e-3)
+
+
+def save(formed: FormedParts, path: Path) -> None:
+    """Write ``formed``; raises IsfError FILE_NOT_WRITABLE."""
+    parts, conditions = formed.parts, formed.conditions
+    values: dict[str, Any] = {
+        "format": np.asarray(FORMAT),
+        "kind": np.asarray("accuracy surfaces"),
+        "predictors": np.asarray(PREDICTORS),
+        "process": np.asarray(conditions.process),
+        "material": np.asarray(conditions.material),
+        "tool_radius": np.asarray(conditions.tool_radius),
+        "correction": np.asarray(conditions.correction),
+        "plate": np.asarray(conditions.plate),
+        "name": np.asarray([part.name for part in parts]),
+        "shape": np.asarray([part.shape for part in parts]),
+        "thickness": np.asarray([part.thickness for part in parts]),
+        "left": np.asarray([part.left for part in parts]),
+        "count": np.asarray([len(part.deviation) for part in parts]),
+        "values": np.vstack([part.values for part in parts]),
+        "deviation": np.concatenate([part.deviation for part in parts]),
+        "weight": np.concatenate([part.weight for part in parts]),
+    }
+    try:
+        with path.open("wb") as stream:
+            np.savez_compressed(stream, **values)
+    except OSError as error:
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, f"cannot be written: {error}", where=str(path)) from error
+
+
+def load(path: Path) -> FormedParts:
+    """Read a file of :func:`save`; raises IsfError LEARNING_UNUSABLE."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            if "kind" not in data or str(data["kind"]) != "accuracy surfaces":
+                raise ValueError("it holds no accuracy surfaces")
+            if int(data["format"]) != FORMAT or tuple(data["predictors"]) != PREDICTORS:
+                raise ValueError("it is of another version of this software")
+            read = {name: data[name] for name in data.files}
+        conditions = Conditions(
+            str(read["process"]),
+            str(read["material"]),
+            float(read["tool_radius"]),
+            str(read["correction"]),
+            bool(read["plate"]),
+        )
+        ends = np.cumsum(read["count"])
+        if ends[-1] != len(read["values"]) or len(read["deviation"]) != ends[-1] or len(read["weight"]) != ends[-1]:
+            raise ValueError("its arrays do not fit together")
+        if read["values"].shape[1] != len(PREDICTORS) or not all(
+            np.isfinite(read[name]).all() for name in ("values", "deviation", "weight", "thickness")
+        ):
+            raise ValueError("its arrays do not fit together")
+        pieces = [np.split(read[name], ends[:-1]) for name in ("values", "deviation", "weight")]
+        heads = zip(read["name"], read["shape"], read["thickness"], *pieces, read["left"], strict=True)
+        parts = tuple(
+            FormedPart(str(name), str(shape), float(thickness), *arrays, float(left))
+            for name, shape, thickness, *arrays, left in heads
+        )
+    except (OSError, ValueError, KeyError, IndexError, EOFError) as error:
+        text = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be used: {error}"
+        raise IsfError(ErrorCode.LEARNING_UNUSABLE, text, where=str(path), advice=_ADVICE) from error
+    except Exception as error:  # zipfile and zlib raise their own errors for a damaged file
+        raise IsfError(ErrorCode.LEARNING_UNUSABLE, f"is damaged: {error}", where=str(path), advice=_ADVICE) from error
+    return FormedParts(conditions, parts)
