@@ -81,7 +81,7 @@ OTHER_THICKNESS = {
 STEEL = ("AISI-304", 0.5, 0.25)
 """Sheet, mm and depth step, mm, of the airfoil of Behera 2015."""
 
-STEEL_PARTS = ("cone40", "cone30", "pyramid45", "pyramid36", "funnel", "bowl", "oblique", "heart", "fin")
+STEEL_PARTS = ("cone40", "pyramid36", "funnel", "bowl", "heart", "fin")
 """Parts that are formed of it to learn from; walls that it bears."""
 
 SEALED = range(101, 106)

@@ -134,7 +134,10 @@ def move_target(mesh: Mesh, places: Places, expected: Expected, radius: float, u
     ease = np.ones(shape)
     for trial in range(TRIALS + 1):
         move = _on_grid(heights, limited * ease, xy)
-        moved = nominal.with_vertices(nominal.vertices - move[:, None] * normal)
+        vertices = nominal.vertices - move[:, None] * normal
+        # between a node of the part and one of the flange the move is not quite bounded by the depth
+        vertices[:, 2] = np.minimum(vertices[:, 2], np.maximum(nominal.vertices[:, 2], 0.0))
+        moved = nominal.with_vertices(vertices)
         jacobian = jacobians(nominal, moved)
         bad = np.flatnonzero(jacobian < SMALLEST_JACOBIAN)
         if not len(bad):

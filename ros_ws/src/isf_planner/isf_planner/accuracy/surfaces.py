@@ -2,8 +2,8 @@
 
 The published model is MARS, a sum of products of hinge functions (Behera 2015, introduction). Here it is a sum of
 regression trees (gradient boosting, scikit-learn's HistGradientBoostingRegressor), which has the smallest error on
-parts held out of learning among those compared (docs/methods/accuracy_surfaces.md): as MARS it cuts the predictors at knots
-of its own choice, and takes their products where they help.
+parts held out of learning among those compared (docs/methods/accuracy_surfaces.md): as MARS it cuts the predictors at
+knots of its own choice, and takes their products where they help.
 
 Outside of the range of what was learned the expected deviation fades to zero, and with it the correction.
 """
