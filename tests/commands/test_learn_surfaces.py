@@ -12,7 +12,9 @@ from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.measures.record import PartRecord
 from isf_cell import in_process
 from isf_cell.commands.learn import learn_surfaces
+from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_planner import plan
 from isf_planner.surface.target_surface import target_map
@@ -62,7 +64,7 @@ def test_parts_of_several_shapes_plan_another_one(
         assert row["rms_mm"] == pytest.approx(0.25, abs=0.02)
         assert row["held_out_rms_mm"] < 0.05
     job = quick_cone("method: none")
-    moved = plan(type(job)(job.text.replace("unit: mm", f"unit: mm\n  accuracy_surfaces: {file}", 1), job.base))
+    moved = plan(JobFile(job.text.replace("unit: mm", f"unit: mm\n  accuracy_surfaces: {file}", 1), job.base))
     assert moved.moved is not None
     floor = min(contour.forming_tip[:, 2].min() for contour in moved.contours)
     assert floor == pytest.approx(-5e-3 - TOO_SHALLOW, abs=0.05e-3)
@@ -99,3 +101,12 @@ def test_parts_of_two_materials_are_not_mixed(part: PartRecord, tmp_path: Path) 
     with pytest.raises(IsfError, match="DC04 instead of AA5754-O") as refused:
         learn_surfaces(runs, tmp_path / "m.npz", as_json=False)
     assert refused.value.where.endswith("second")
+
+
+def test_a_method_on_the_command_line_does_not_correct_twice() -> None:
+    text = quick_cone("method: analytic").text.replace("unit: mm", "unit: mm\n  accuracy_surfaces: m.npz", 1)
+    job = JobFile(text, quick_cone().base)
+    RunOptions(correction="none").check(job)  # the uncorrected part beside it
+    RunOptions().check(job)
+    with pytest.raises(IsfError, match="corrected twice"):
+        RunOptions(correction="fused").check(job)

@@ -47,10 +47,18 @@ class RunOptions:
             )
 
     def check(self, job_file: JobFile) -> None:
-        """Raise IsfError FILE_FIELD for what the job's process has no place for: a correction, a support force."""
+        """Raise IsfError FILE_FIELD for what the job has no place for: a correction, a support force."""
         job, force = job_file.job, self.support_force
         if refusal := correction_refusal(job.process, self.method(job_file)):
             raise IsfError(ErrorCode.FILE_FIELD, refusal, where="--correction", advice="leave it out, or use none")
+        if job.part.accuracy_surfaces is not None and self.method(job_file) not in (UNCORRECTED, job.springback.method):
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                f"part.accuracy_surfaces was learned with springback method {job.springback.method}: what "
+                f"{self.method(job_file)} corrects would be corrected twice",
+                where="--correction",
+                advice="leave it out, or leave part.accuracy_surfaces out of the job",
+            )
         job.check_set_point(
             force, where="--support-force", advice="leave it out, or use a job of process DSIF with a support tool"
         )

@@ -78,7 +78,8 @@ def learn_surfaces(runs: list[Path], output: Path, *, as_json: bool) -> None:
         terminal.say(f"{run}: {record.job_name}, deviation {1e3 * part.rms(part.deviation):.2f} mm (rms)")
     if conditions is None:
         raise IsfError(ErrorCode.LEARNING_UNUSABLE, "no run was given", advice="isf learn RUN... --surfaces -o FILE")
-    formed = with_held_out(FormedParts(conditions, tuple(parts)))
+    with terminal.console.status("predicting every part from the others"):
+        formed = with_held_out(FormedParts(conditions, tuple(parts)))
     formed_parts.save(formed, output)
     rows = [
         {"job": part.name, "thickness_mm": 1e3 * part.thickness, "rms_mm": 1e3 * part.rms(part.deviation)}

@@ -232,8 +232,8 @@ def load(path: Path) -> FormedParts:
         pieces = [np.split(read[name], ends[:-1]) for name in ("values", "deviation", "weight")]
         heads = zip(read["name"], read["shape"], read["thickness"], *pieces, read["left"], strict=True)
         parts = tuple(
-            FormedPart(str(name), str(shape), float(thickness), *arrays, float(left))
-            for name, shape, thickness, *arrays, left in heads
+            FormedPart(str(name), str(shape), float(thickness), values, deviation, weight, float(left))
+            for name, shape, thickness, values, deviation, weight, left in heads
         )
     except (OSError, ValueError, KeyError, IndexError, EOFError) as error:
         text = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be used: {error}"

@@ -15,7 +15,7 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
-from isf_core.types import Array, Indices
+from isf_core.types import Array, Indices, Mask
 from scipy import ndimage
 
 from isf_planner.accuracy import formed_parts
@@ -239,7 +239,7 @@ def _smooth_step(x: Array) -> Array:
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
-def _smoothed(values: Array, inside: Array, sigma: float) -> Array:
+def _smoothed(values: Array, inside: Mask, sigma: float) -> Array:
     """``values`` smoothed over ``sigma`` cells among themselves; 0 outside."""
     weight = ndimage.gaussian_filter(inside.astype(float), sigma)
     smooth = ndimage.gaussian_filter(np.where(inside, values, 0.0), sigma) / np.maximum(weight, 1e-9)
