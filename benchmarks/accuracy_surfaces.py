@@ -81,7 +81,7 @@ OTHER_THICKNESS = {
 STEEL = ("AISI-304", 0.5, 0.25)
 """Sheet, mm and depth step, mm, of the airfoil of Behera 2015."""
 
-STEEL_PARTS = ("cone40", "pyramid36", "funnel", "bowl", "heart", "fin")
+STEEL_PARTS = ("cone40", "pyramid36", "funnel", "bowl", "heart")
 """Parts that are formed of it to learn from; walls that it bears."""
 
 SEALED = range(101, 106)

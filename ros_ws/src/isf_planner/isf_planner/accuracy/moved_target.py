@@ -19,8 +19,9 @@ from isf_core.types import Array, Indices, Mask
 from scipy import ndimage
 
 from isf_planner.accuracy import formed_parts
-from isf_planner.accuracy.places import Places, find_places
+from isf_planner.accuracy.places import PREDICTORS, Places, find_places
 from isf_planner.accuracy.surfaces import Expected, fit
+from isf_planner.features.surface_features import Kind
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.part.meshes import Mesh
 from isf_planner.surface import height_grid, target_surface
@@ -120,6 +121,7 @@ def move_target(mesh: Mesh, places: Places, expected: Expected, radius: float, u
     formed = places.formed
     rim = ndimage.distance_transform_edt(formed, sampling=pitch) / (RIM * radius)
     wanted = (expected.deviation * expected.trust).reshape(shape) * _smooth_step(rim)
+    wanted = _level_floors(wanted, places)
     wanted = _smoothed(np.where(formed, wanted, 0.0), formed, SMOOTHING * radius / pitch)
     most = np.minimum(LARGEST_MOVE, DEPTH_SHARE * np.maximum(-heights.z, 0.0))
     limited = np.clip(wanted, -most, most)
@@ -215,6 +217,16 @@ def _split(faces: Indices, middle: Indices, vertices: Array) -> Indices:
     pieces += [np.column_stack(corners)[two & ~first] for corners in ((a, p, c), (p, q, c))]
     pieces += [np.column_stack(corners)[three] for corners in ((a, p, r), (p, b, q), (r, q, c), (p, q, r))]
     return np.vstack(pieces)
+
+
+def _level_floors(wanted: Array, places: Places) -> Array:
+    """``wanted`` (ny, nx) m with its mean on every floor: contours at levels cannot form a floor that is not level."""
+    on = places.values[:, PREDICTORS.index(Kind.FLOOR.value)].reshape(wanted.shape) > 0.5
+    pieces, count = ndimage.label(on & places.formed)
+    if not count:
+        return wanted
+    mean = np.concatenate([[0.0], ndimage.mean(wanted, pieces, np.arange(1, count + 1))])
+    return np.where(pieces > 0, mean[pieces], wanted)
 
 
 def _across(mesh: Mesh) -> Array:
