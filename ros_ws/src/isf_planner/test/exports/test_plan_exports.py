@@ -273,7 +273,7 @@ def test_unknown_formats(made: Plan, one_tool: Plan, tmp_path: Path) -> None:
 
 
 def test_every_ending_has_a_format() -> None:
-    assert set(FORMATS.values()) | FOR_ROBOTS == {"plan", "csv", *post_names()}
+    assert set(FORMATS.values()) | FOR_ROBOTS == {"plan", "csv", "stl", *post_names()}
 
 
 def test_damaged_plan_files(made: Plan, tmp_path: Path) -> None:
