@@ -119,6 +119,10 @@ class RecorderNode(CellNode[RecorderParameters]):
         """What first kept it from recording all that came."""
         self.create_service(Trigger, "recorder/snapshot", self._snapshot)
 
+    @property
+    def exit_code(self) -> int:
+        return EXIT_INCOMPLETE if self.failure else process.EXIT_OK
+
     def report(self, error: IsfError) -> None:
         """As every node; the exit code tells it too."""
         super().report(error)
@@ -395,14 +399,7 @@ def _received_at(message: Message) -> int:
 
 def main() -> int:
     """Entry point of ``ros2 run isf_analysis recorder``."""
-    nodes: list[RecorderNode] = []
-
-    def make() -> RecorderNode:
-        nodes.append(RecorderNode())
-        return nodes[0]
-
-    code = process.run(make)
-    return EXIT_INCOMPLETE if any(node.failure for node in nodes) else code
+    return process.run(RecorderNode)
 
 
 if __name__ == "__main__":

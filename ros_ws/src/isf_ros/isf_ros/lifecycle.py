@@ -127,6 +127,11 @@ class CellNode(LifecycleNode, Generic[P]):
     def close(self) -> None:
         """Called once before the process ends, in any state: write what must not be lost."""
 
+    @property
+    def exit_code(self) -> int:
+        """Of the process, once the node is closed."""
+        return 0
+
     def make_safe(self, error: IsfError) -> None:
         """Called after a fault in a callback that answers nobody: see to it that no tool stays pressed."""
 

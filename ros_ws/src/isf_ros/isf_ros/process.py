@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import gc
 import os
 import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import rclpy
@@ -24,6 +28,11 @@ EXIT_OK, EXIT_ERROR = 0, 2
 
 HAND_OVER = 2.0
 """s, longest time for which a node that ends waits for its subscribers: launch ends it by force after 5 s."""
+
+LEAVING = 2.0
+"""s, longest time that the middleware may take to take a process out of the graph. Fast DDS 2.14 may wait without end:
+where another participant leaves at that moment, DomainParticipant::set_listener waits for its callback until a time
+that is out of range, and keeps the lock that the callback needs."""
 
 LARGEST_DOMAIN = 232
 """Of DDS: its ports would be above 65,535 else."""
@@ -109,31 +118,126 @@ def ended_by_signal() -> Callable[[], bool]:
     return lambda: bool(signals)
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """A node that is to run: what makes it, and ``streams`` of :func:`spin`."""
+
+    make: Callable[[], CellNode[Any]]
+    streams: bool
+
+
+_wanted: list[Wanted] | None = None
+
+
 def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *, streams: bool = False) -> int:
     """Run one node in this process; returns the exit code. ``streams``: see :func:`spin`.
 
     SIGINT and SIGTERM end the loop between two callbacks, so that a node closes while it can still communicate.
     """
+    wanted = Wanted(make_node, streams)
+    if _wanted is None:
+        return run_together([wanted], args)
+    _wanted.append(wanted)
+    return EXIT_OK
+
+
+def wanted_by(main: Callable[[], Any]) -> list[Wanted]:
+    """The nodes that ``main``, an entry point that ends in :func:`run`, would run; what it does before is done."""
+    global _wanted
+    _wanted = []
+    try:
+        main()
+    except SystemExit:
+        pass
+    finally:
+        found, _wanted = _wanted, None
+    return found
+
+
+def run_together(wanted: Sequence[Wanted], args: list[str] | None = None) -> int:
+    """Run nodes in this process, each by a thread and an executor of its own but for the first; as :func:`run`."""
     atexit.register(gc.freeze)  # else the interpreter looks through all that was imported before it ends: a second
-    ended = ended_by_signal()
-    node: CellNode[Any] | None = None
+    told = ended_by_signal()
+    failures: list[BaseException] = []
+    nodes: list[CellNode[Any]] = []
+    threads: list[threading.Thread] = []
+    code = EXIT_OK
+
+    def ended() -> bool:
+        return told() or bool(failures)
+
+    def serve(node: CellNode[Any], streams: bool) -> None:
+        try:
+            spin(node, ended, streams=streams)
+        except ExternalShutdownException:
+            pass
+        except Exception as error:  # raised where it is waited for
+            failures.append(error)
+
     try:
         join_graph(args)
-        node = make_node()
-        spin(node, ended, streams=streams)
-    except ExternalShutdownException:
-        pass
+        for one in wanted:
+            nodes.append(one.make())
+        for node, one in zip(nodes[1:], wanted[1:], strict=True):
+            threads.append(threading.Thread(target=serve, args=(node, one.streams), name=node.get_name(), daemon=True))
+            threads[-1].start()
+        serve(nodes[0], wanted[0].streams)
+        if failures:
+            raise failures[0]
     except IsfError as error:
         print(error, file=sys.stderr)
-        return EXIT_ERROR
+        code = EXIT_ERROR
     finally:
-        if node is not None:
+        for thread in threads:
+            thread.join()
+        for node in nodes:
             node.tell_end()
             node.close()
+        for node in nodes:
             hand_over(node)
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return EXIT_OK
+        code = code or max((node.exit_code for node in nodes), default=EXIT_OK)
+        with ended_after(LEAVING, 1 if failures else code):
+            for node in nodes:
+                node.destroy_node()
+            rclpy.try_shutdown()
+    return code
+
+
+_SIGEV_THREAD = 2
+
+
+class _Event(ctypes.Structure):
+    """``struct sigevent`` of glibc: 64 bytes."""
+
+    _fields_ = (
+        ("value", ctypes.c_long),
+        ("signal", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("function", ctypes.c_void_p),
+        ("attributes", ctypes.c_void_p),
+        ("rest", ctypes.c_char * 32),
+    )
+
+
+@contextmanager
+def ended_after(seconds: float, code: int) -> Iterator[None]:
+    """What takes longer than ``seconds`` ends the process with the exit ``code``, also in a call that does not return
+    and keeps the interpreter: by a timer of the system (timer_create, SIGEV_THREAD, Linux with glibc)."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    libc = ctypes.CDLL(None, use_errno=True)
+    event = _Event(value=code, notify=_SIGEV_THREAD, function=ctypes.cast(libc._exit, ctypes.c_void_p))
+    timer = ctypes.c_void_p()
+    made = libc.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)) == 0
+    if made:
+        whole = int(seconds)
+        wanted = (ctypes.c_long * 4)(0, 0, whole, int(1e9 * (seconds - whole)))  # once, after that time
+        libc.timer_settime(timer, 0, ctypes.byref(wanted), None)
+    try:
+        yield
+    finally:
+        if made:
+            libc.timer_delete(timer)
 
 
 def hand_over(node: Node) -> None:

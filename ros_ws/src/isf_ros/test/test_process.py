@@ -42,3 +42,14 @@ def test_what_ros_does_not_take_is_told(arguments: list[str], environment: dict[
     assert "[1512 ROS_NOT_STARTED]" in ended.stderr
     assert said in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("then", "code"),
+    [("ctypes.PyDLL(None).sleep(100)", 6), ("pass", 0)],  # that call keeps the interpreter locked
+    ids=["held up", "in time"],
+)
+def test_a_process_that_leaves_is_not_held_up_without_end(then: str, code: int) -> None:
+    program = f"import ctypes, time\nfrom isf_ros import process\nwith process.ended_after(0.2, 6):\n    {then}\n"
+    ended = subprocess.run([sys.executable, "-c", f"{program}time.sleep(0.5)\n"], timeout=60, check=False)
+    assert ended.returncode == code
