@@ -151,7 +151,7 @@ def command(node: Made, context: Mapping[str, str], folder: Path) -> list[str]:
     """Command line of a node of this workspace; parameters that are given by name go into a file in ``folder``."""
     said = node.keywords
     line = [str(executables.find(said["package"], said["executable"])), *said.get("arguments", []), "--ros-args"]
-    line += ["-r", f"__node:={said['name']}"]
+    line += ["-r", f"__node:={said['name']}"] if "name" in said else []
     if said["namespace"]:
         line += ["-r", f"__ns:=/{said['namespace'].strip('/')}"]
     for number, parameters in enumerate(said["parameters"]):

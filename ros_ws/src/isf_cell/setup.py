@@ -44,6 +44,7 @@ setup(
     entry_points={
         "console_scripts": [
             "executive = isf_cell.executive_node:main",
+            "together = isf_cell.together:main",
             "isf = isf_cell.cli:main",
         ],
     },

@@ -50,6 +50,11 @@ ARGUMENTS: dict[str, dict[str, Any]] = {
         "description": "machine and force control step together, as fast as they can; false: by the clock",
     },
     "nodes": {"default_value": "", "description": "start only these, with spaces between; empty: all"},
+    "together": {
+        "default_value": "",
+        "description": "these, with spaces between, in one process: of planner, springback, executive, "
+        "cell_state_publisher",
+    },
     "params_file": {
         "default_value": PathJoinSubstitution([FindPackageShare("isf_cell"), "config", "cell.yaml"]),
         "description": "parameters of all nodes",
@@ -147,7 +152,9 @@ def start_nodes(context: LaunchContext) -> list[Action]:
                 f"it has {', '.join(node.name for node in nodes)}"
             )
         nodes = [node for node in nodes if node.name in only]
-    actions = [make(node, asked) for node in nodes]
+    together = [node for node in nodes if node.name in asked["together"].split()]
+    actions = [make(node, asked) for node in nodes if node not in together]
+    actions += make_together(together, asked)
     return [*actions, *viewers(asked, choice, described), *drives(asked, described)]
 
 
@@ -224,6 +231,36 @@ def make(node: cell_nodes.CellNode, asked: dict[str, str]) -> Action:
     }
     # Lifecycle nodes stay unconfigured here: the executive takes them through their transitions in order.
     return LifecycleNode(**common) if node.managed else Node(**common)
+
+
+def make_together(nodes: list[cell_nodes.CellNode], asked: dict[str, str]) -> list[Action]:
+    """Those ``nodes`` in one process."""
+    apart = sorted(set(asked["together"].split()) - {node.name for node in nodes})
+    if apart:
+        raise RuntimeError(f"together:={asked['together']}: nothing starts {', '.join(apart)}")
+    if not nodes:
+        return []
+    if cell_nodes.enclave_arguments(nodes[0].name):
+        raise RuntimeError("together: one process has one security enclave, and the policy has one for each node")
+    own: list[str] = []
+    for node in nodes:
+        simulated = sim_time(asked, shows=node.name == "cell_state_publisher")
+        for name, value in {**node.parameters, "use_sim_time": simulated}.items():
+            own += ["-p", f"{node.name}:{name}:={json.dumps(value)}"]
+        for before, after in node.remap:
+            own += ["-r", f"{node.name}:{before}:={after}"]
+    return [
+        Node(
+            package="isf_cell",
+            executable="together",
+            arguments=[node.name for node in nodes],
+            namespace=asked["namespace"],
+            remappings=[cell_nodes.OWN_CLOCK],
+            parameters=[asked["params_file"]],
+            ros_arguments=["--log-level", asked["log_level"], *own],
+            output="screen",
+        )
+    ]
 
 
 def sim_time(asked: dict[str, str], *, shows: bool) -> bool:
