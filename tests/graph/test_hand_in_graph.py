@@ -284,10 +284,10 @@ def test_two_clients_at_once(operator: Operator) -> None:
 
 
 def test_a_killed_client_leaves_the_tool_standing(operator: Operator, tmp_path: Path) -> None:
-    """The command isf move_to, as a process, in the middle of its movement."""
+    """The command isf move-to, as a process, in the middle of its movement."""
     operator.manual()
     assert operator.move_to(1, (60.0, 0.0, 95.0)).code == 0
-    command = [sys.executable, "-m", "isf_cell.cli", "move_to", "-60", "0", "95", "--speed", "10"]
+    command = [sys.executable, "-m", "isf_cell.cli", "move-to", "-60", "0", "95", "--speed", "10"]
     client = forked_process.start(command, cwd=tmp_path, env=dict(os.environ))
     assert operator.wait(lambda: operator.tip()[0] < 58.0)
     client.send_signal(signal.SIGKILL)

@@ -12,6 +12,7 @@ MESSAGES = sorted((Path(__file__).resolve().parents[2] / "isf_msgs" / "msg").glo
 NAMED = {
     "Contour": {"process": 4},
     "ForceCtrlState": {"mode": 9, "flags": 8},
+    "ExecutiveState": {"mode": 4},
     "MachineEvent": {"kind": 8},
     "MachineState": {"mode": 4, "limits": 3},
 }

@@ -1,4 +1,4 @@
-"""``isf mode``, ``isf move_to``, ``isf jog`` and ``isf zero``: an operator at a running cell."""
+"""``isf mode``, ``isf move-to``, ``isf jog`` and ``isf zero``: an operator at a running cell."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def mode(
     change_mode(name, job, new_blank=new_blank, as_json=json)
 
 
-@app.command("move_to", context_settings=NEGATIVE)
+@app.command("move-to", context_settings=NEGATIVE)
 def move_to(
     x: Annotated[float, typer.Argument(help="mm", metavar="X")],
     y: Annotated[float, typer.Argument(help="mm", metavar="Y")],
