@@ -28,7 +28,7 @@ class WrenchAxes:
         self._node, self._frame = node, _plain(frame)
         self._tree = FrameTree(oldest)
         self._turns: dict[str, Turn] = {}
-        self._subscriptions: list[Any] = []
+        self._heard: list[Any] = []
 
     def turned(self, frame: str, stamp: int, wrench: Wrench) -> tuple[float, ...]:
         """``wrench`` (6,) in axes of ``frame``, read at ``stamp`` ns, as (6,) in axes of the sheet. Its moment is still
@@ -40,9 +40,9 @@ class WrenchAxes:
         """
         if _plain(frame) == self._frame:
             return tuple(wrench)
-        if not self._subscriptions:
+        if not self._heard:
             listen = self._node.create_subscription
-            self._subscriptions = [
+            self._heard = [
                 listen(TFMessage, "/tf_static", self._on_tf_static, qos.TF_STATIC),
                 listen(TFMessage, "/tf", self._on_tf, qos.TF),
             ]
@@ -55,9 +55,9 @@ class WrenchAxes:
 
     def close(self) -> None:
         """Listen no longer."""
-        for subscription in self._subscriptions:
+        for subscription in self._heard:
             self._node.destroy_subscription(subscription)
-        self._subscriptions = []
+        self._heard = []
 
     def _turn(self, frame: str, seconds: float) -> Turn:
         try:
