@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.whole_file import replacing
 
 
 def write_archive(
@@ -21,17 +20,5 @@ def write_archive(
     ------
     IsfError : FILE_NOT_WRITABLE
     """
-    partial = path.with_name(path.name + ".partial")
-    try:
-        if make_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        partial.unlink(missing_ok=True)  # a link of that name is not followed
-        with partial.open("wb") as file:
-            (np.savez_compressed if compressed else np.savez)(file, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except OSError as error:
-        raise IsfError(
-            ErrorCode.FILE_NOT_WRITABLE, f"cannot be written: {error}", where=str(path), advice="choose another folder"
-        ) from error
+    with replacing(path, make_folder=make_folder) as file:
+        (np.savez_compressed if compressed else np.savez)(file, **arrays)

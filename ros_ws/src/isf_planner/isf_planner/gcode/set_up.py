@@ -12,6 +12,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.quantity import Length
 from isf_core.files.tooling import TOOLS, ToolSpec, load_named
+from isf_core.files.whole_file import replacing
 from isf_core.files.yaml_file import FileModel
 from pydantic import Field, field_validator, model_validator
 
@@ -128,15 +129,6 @@ def store_work_offset(path: Path, system: int, origin: tuple[float, float, float
     offsets = content.setdefault("work_offsets", {})
     offsets[f"G{system}"] = [f"{1e3 * value:.4f} mm" for value in origin]
     text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-    new = path.with_name(f".{path.name}.new")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new.write_text(f"# work offsets and tools of a cell; isf zero writes the offsets\n{text}", encoding="utf-8")
-        new.replace(path)
-    except OSError as error:
-        raise IsfError(
-            ErrorCode.FILE_NOT_WRITABLE,
-            f"the set-up: {error.strerror}",
-            where=str(path),
-            advice="check the folder and its permissions, or set ISF_CELLS to another one",
-        ) from error
+    advice = "check the folder and its permissions, or set ISF_CELLS to another one"
+    with replacing(path, make_folder=True, advice=advice) as file:
+        file.write(f"# work offsets and tools of a cell; isf zero writes the offsets\n{text}".encode())

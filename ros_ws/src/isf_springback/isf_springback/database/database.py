@@ -18,6 +18,7 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.files.whole_file import replacing
 from isf_core.types import Array
 from numpy.typing import NDArray
 
@@ -208,15 +209,5 @@ def database_of(job_file: JobFile) -> Database | None:
 
 def write_json(path: Path, data: dict[str, Any]) -> None:
     """Write ``data`` so that a reader sees the whole file or none; raises IsfError FILE_NOT_WRITABLE."""
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(json.dumps(data), encoding="utf-8")
-        part.replace(path)
-    except OSError as error:
-        raise IsfError(
-            ErrorCode.FILE_NOT_WRITABLE,
-            f"cannot be written: {error.strerror or error}",
-            where=str(path),
-            advice="choose another folder, or set ISF_CACHE_DIR",
-        ) from error
+    with replacing(path, make_folder=True, advice="choose another folder, or set ISF_CACHE_DIR") as file:
+        file.write(json.dumps(data).encode())
