@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,9 @@ ENABLE = 4
 
 class Operator:
     """The test's own node: calls by the interfaces of ROS alone, and what the cell tells."""
+
+    group: ProcessGroup
+    """The nodes of the cell."""
 
     def __init__(self, job: JobFile) -> None:
         self.job = job
@@ -127,9 +131,12 @@ class Operator:
         return self.result(self.send(tool, place, speed))
 
     def result(self, handle: Any) -> Any:
+        """As soon as the state tells the same place: it comes by a topic of its own."""
         found = handle.get_result_async()
         assert self.wait(found.done)
-        return found.result().result
+        result = found.result().result
+        assert result.code or self.wait(lambda: result.position in (self.hand[-1].tip_1, self.hand[-1].tip_2))
+        return result
 
     def tip(self) -> np.ndarray:
         """(3,) mm, of tool 1 by the state of movement by hand."""
@@ -172,6 +179,7 @@ def operator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Operator]:
         group.start("isf_dashboard", "dashboard", {"port": port}, outlives=True)
         rclpy.init()
         one = Operator(job)
+        one.group = group
         one.page = f"127.0.0.1:{port}/{token}/"
         try:
             names = {node.name for node in group.nodes}  # on a busy computer they take a while to come up
@@ -296,6 +304,23 @@ def test_a_killed_client_leaves_the_tool_standing(operator: Operator, tmp_path: 
     assert -60.0 < stood[0] < 58.0
     assert "isf_" in operator.hand[-1].message
     assert operator.move_to(1, (0.0, 0.0, 95.0)).code == 0
+
+
+def test_a_force_ctrl_that_stood_still_itself_does_not_take_its_client_for_gone(
+    operator: Operator, tmp_path: Path
+) -> None:
+    """The computer kept it waiting for 0.5 s, more than three times the silence that lets go."""
+    operator.manual()
+    assert operator.move_to(1, (40.0, 0.0, 95.0)).code == 0
+    command = [sys.executable, "-m", "isf_cell.cli", "move-to", "0", "0", "95", "--speed", "10"]
+    client = forked_process.start(command, cwd=tmp_path, env=dict(os.environ))
+    assert operator.wait(lambda: operator.tip()[0] < 38.0)
+    process = operator.group["force_ctrl"].popen
+    os.killpg(process.pid, signal.SIGSTOP)
+    time.sleep(0.5)  # the fault itself
+    os.killpg(process.pid, signal.SIGCONT)
+    assert client.wait(LIMIT) == 0
+    assert operator.wait(lambda: np.allclose(operator.tip(), [0.0, 0.0, 95.0], atol=1e-6))
 
 
 class Page:

@@ -82,6 +82,10 @@ class JogDesk:
         """True when who has the tools was not heard for :data:`SILENCE`."""
         return bool(self.owner) and self._watched and self._clock() - self._heard > SILENCE
 
+    def not_served(self) -> None:
+        """Nobody could be heard until now, for the receiver stood still itself: the silence counts anew."""
+        self._heard = self._clock()
+
     def begun(self) -> None:
         """The movement that was wished for has begun, or was refused: the key has to be pressed anew for another."""
         self._begun = True

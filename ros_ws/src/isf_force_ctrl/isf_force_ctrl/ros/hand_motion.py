@@ -19,6 +19,7 @@ from isf_msgs.msg import HandState, Jog
 from isf_ros import qos
 from isf_ros.background import in_thread
 from isf_ros.lifecycle import CellNode
+from isf_ros.watchdog import RegularLook
 from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import Joy
 
@@ -63,6 +64,7 @@ class HandMotion:
         self._node, self._lock, self._ready = node, lock, ready
         self._controller, self._begun, self._moving = controller, begun, moving
         self._desk = JogDesk()
+        self._look = RegularLook(0.5 * SILENCE)
         self._space: HandSpace | None = None
         self._move: HandMove | None = None
         self._tool, self._told = 1, (ErrorCode.OK, "")
@@ -94,9 +96,12 @@ class HandMotion:
 
     def watch(self) -> None:
         """To be called often, with the lock held: a client that is not heard any more has let go of its button."""
+        late = self._look.late()
         if self._space is None:
             return
         move = self._move
+        if late:
+            self._desk.not_served()
         if self._desk.lost():
             owner = self._desk.owner
             if move is not None and not move.ended:

@@ -147,3 +147,14 @@ def test_axes_that_are_none_are_refused(text: str) -> None:
     with pytest.raises(IsfError) as refused:
         JoyKeys.of(text, 4, 0, 2, 1)
     assert refused.value.code == ErrorCode.FILE_FIELD
+
+
+def test_a_receiver_that_stood_still_counts_the_silence_anew(desk: JogDesk, clock: Clock) -> None:
+    desk.hear(GO)
+    clock.now += 0.4
+    desk.not_served()
+    assert not desk.lost()
+    clock.now += 0.14
+    assert not desk.lost()
+    clock.now += 0.02
+    assert desk.lost()
