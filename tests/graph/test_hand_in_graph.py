@@ -225,7 +225,8 @@ def test_a_tool_goes_to_a_position_and_is_refused_where_it_must_not(operator: Op
 def test_a_cancelled_move_stops_on_the_way(operator: Operator) -> None:
     operator.manual()
     begin = operator.stands()
-    handle = operator.send(1, (begin[0] - 60.0, begin[1], 95.0))
+    # slow: in lockstep an idle computer does a way of 2 s before the cancel has come
+    handle = operator.send(1, (begin[0] - 60.0, begin[1], 95.0), 2e-3)
     assert operator.wait(lambda: operator.hand[-1].moving and operator.tip()[0] < begin[0] - 2.0)
     assert operator.wait(handle.cancel_goal_async().done)
     found = operator.result(handle)
