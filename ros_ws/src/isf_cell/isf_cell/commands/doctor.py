@@ -29,6 +29,7 @@ EXECUTABLES = (
     ("isf_description", "cell_state_publisher"),
     ("isf_cell", "executive"),
     ("isf_cell", "isf"),
+    ("isf_cell", "together"),
     ("isf_analysis", "recorder"),
     ("isf_dashboard", "dashboard"),
 )

@@ -201,7 +201,7 @@ class GraphCell:
         self._client.prepare((*COMMANDS, HARMLESS))
         self._client.prepare((ChangeState, f"{name}/change_state") for name in self._all)
         self._client.prepare((Trigger, f"{name}/tare") for name in self._settings.load_cells)
-        managed = self._machine.find(self._watch_operator)
+        managed = self._machine.find(self._watch_operator, lambda: self._monitor.heard(MACHINE))
         self._managed = self._all if managed else self._all[1:]
         for name in self._managed:
             # a node may compile or load for long and be silent meanwhile; its answer is a sign of life

@@ -29,9 +29,6 @@ process offers as soon as it knows the process, which it announces every 3 s."""
 HARMLESS = (GetParameters, f"{MACHINE}/get_parameters")
 """What every node offers, as a rule; its client is to be made after those of the commands."""
 
-STREAMS = ("tool_1/wrench", "tool_1/pose", "machine/state")
-"""By any of these a running driver is recognised."""
-
 
 @dataclass(frozen=True)
 class MachineOffer:
@@ -87,19 +84,19 @@ class MachineClient:
         self.offer = MachineOffer()
         """As far as it was looked for: before, all of it."""
 
-    def find(self, watch: Watch) -> bool:
+    def find(self, watch: Watch, heard: Callable[[], bool]) -> bool:
         """Wait until the machine is there: True when it is to be brought up, False for one that is always active.
 
-        Raises IsfError NODE_MISSING.
+        ``heard``: true when a message of the machine has come. That somebody publishes is not enough: the middleware
+        goes on to name a process that was killed for up to 20 s. Raises IsfError NODE_MISSING.
         """
         if self._lockstep:
             return True
         client = self._client
         client.wait_until(
-            lambda: self._is_managed() or any(client.publishers(topic) for topic in STREAMS),
+            lambda: self._is_managed() or heard(),
             watch,
-            "there is no machine: neither the service machine/get_state nor anybody who publishes "
-            + ", ".join(STREAMS),
+            "there is no machine: neither the service machine/get_state nor a message on tool_1/pose or machine/state",
             ErrorCode.NODE_MISSING,
             advice="start the driver; where its names differ, the executive needs the same remappings as force_ctrl",
         )
