@@ -57,10 +57,14 @@ HEARTBEAT = 0.2
 
 LOCKSTEP_TIMEOUT, REAL_TIME_TIMEOUT = 20.0, 3.0
 """s without a wrench after which a contour ends, unless the parameter wrench_timeout says otherwise. In lockstep time
-stands still meanwhile; by the clock the tools stand after PAUSE_AFTER and go on when the wrenches do."""
+stands still meanwhile; by the clock the tools stand after the parameter wrench_pause and go on when the wrenches do."""
 
-PAUSE_AFTER = 0.25
-"""s by the clock without a wrench, or with nothing but late ones, after which the tools are brought to a stand."""
+BLIND = 0.25
+"""s by the clock without a wrench, or with nothing but late ones, after which a measurement ends, and without a pose,
+after which twists do."""
+
+STEADY = 0.25
+"""s by the clock that the tools stand after the wrenches are back, so that they are where they should be."""
 
 BY_HAND = "by hand"
 """In place of a plan, where tools are moved by move_to and jog."""
@@ -91,13 +95,14 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         most_delay = math.inf if p.lockstep else p.wrench_delay
         self._receiver = WrenchReceiver(p.wrench_frame, self._axes.turned, most_delay, self._timeout)
         self._pair = self._receiver.pair
-        blind = min(self._timeout, PAUSE_AFTER)
+        blind = min(self._timeout, BLIND)
         self._ready = Readiness(self._timeout, blind, self._receiver.frames)
         self._grace = self._timeout if p.lockstep else blind
         self._delayed, self._patient_until = False, 0.0
         self._look = RegularLook(0.5 * min(self._timeout, EXECUTIVE_SILENCE))
         self._ticks = self._late_before = self._pauses = 0
         self._paused_until = 0.0
+        self._ticked = RegularLook(0.5 * p.wrench_pause)
         self._awaited: int | None = None
         self._last_mode = Mode.IDLE
 
@@ -279,11 +284,13 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if controller is None or controller.mode is Mode.IDLE:
                 self._output.rest()
                 return
+            if self._ticked.late():  # the wrenches of that time are still to be taken
+                self._patient_until = max(self._patient_until, time.monotonic() + self._settings.wrench_pause)
             waiting = self._delayed or time.monotonic() < self._patient_until
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
                 controller.fail(*self._ready.lost_fault(lost, self._timeout), ticking=True)
-            self._pause(controller, None if waiting else self._unknown())
+            self._pause(controller, waiting=waiting)
             blind = self._settings.output == "twist" and not waiting and controller.fault is None
             if blind and (text := self._ready.pose_lost_text()):
                 controller.fail(ErrorCode.POSE_LOST, text, ticking=True)
@@ -295,22 +302,24 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         finally:
             self._lock.release()
 
-    def _unknown(self) -> Fault | None:
-        """Why the forces of this moment are not known; None: they are."""
-        if silent := self._ready.silent(PAUSE_AFTER):
-            return self._ready.lost_fault(silent, PAUSE_AFTER)
-        if self._receiver.late_for(self._ready.needed) > PAUSE_AFTER:
-            return ErrorCode.WRENCH_LATE, f"the wrenches have come too late for {PAUSE_AFTER:g} s"
+    def _unknown(self, seconds: float) -> Fault | None:
+        """Why the forces have not been known for ``seconds``; None: they were."""
+        if missing := self._ready.missing(seconds):
+            return self._ready.lost_fault(missing, seconds)
+        if self._receiver.late_for(self._ready.needed) > seconds:
+            return ErrorCode.WRENCH_LATE, f"the wrenches have come too late for {seconds:g} s"
         return None
 
-    def _pause(self, controller: ForceController, unknown: Fault | None) -> None:
+    def _pause(self, controller: ForceController, *, waiting: bool) -> None:
         """A driver that is slow, on a busy computer, is waited for: the tools stand while nothing is known, and for
-        PAUSE_AFTER more, so that they are where they should be. A measurement, which moves by the force, ends. After a
-        fault nothing is waited for: what lifts the tools then goes on."""
+        STEADY more. A measurement, which moves by the force, ends. After a fault nothing is waited for: what lifts the
+        tools then goes on. ``waiting``: this node itself was kept waiting, what came meanwhile has to be taken."""
         now = time.monotonic()
+        measuring = controller.measuring and controller.fault is None
+        unknown = None if waiting else self._unknown(BLIND if measuring else self._settings.wrench_pause)
         if unknown:
-            self._paused_until = now + PAUSE_AFTER
-        if unknown and controller.measuring and controller.fault is None:
+            self._paused_until = now + STEADY
+        if unknown and measuring:
             controller.fail(*unknown, ticking=True)
         paused = now < self._paused_until and controller.fault is None
         if paused == controller.paused:

@@ -51,3 +51,19 @@ def test_a_look_is_late_once_after_the_process_stood_still() -> None:
     now = 3.0
     assert look.late()
     assert not look.late()
+
+
+def test_usual_distance_follows_the_mean_and_hardly_a_single_gap():
+    now = 0.0
+    watchdog = ReceiveWatchdog(0.1, clock=lambda: now)
+    watchdog.feed()
+    assert watchdog.distance == 0.0
+    for k in range(1, 401):  # 100 a second, coming in pairs
+        now = 0.01 * k - 0.005 * (k % 2)
+        watchdog.feed()
+    assert abs(watchdog.distance - 0.01) < 2e-4
+    now += 0.1
+    watchdog.feed()
+    assert watchdog.distance < 0.0125
+    watchdog.clear()
+    assert watchdog.distance == 0.0

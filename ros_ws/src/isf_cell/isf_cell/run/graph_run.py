@@ -39,6 +39,9 @@ LISTENING = 4.0
 """s for which a client listens at least before its cell forms: participants announce themselves every 3 s (what is said
 once, at the start, may be missed), and an executive tells its process 2 times a second. Nodes take as long to start."""
 
+PATIENCE = 0.02
+"""s for which a client waits for a message before it looks whether Ctrl-C came: that has to stop tools within 50 ms."""
+
 Feedback = Callable[[FormPart.Feedback], None]
 
 
@@ -188,7 +191,7 @@ class CellClient:
                 if deadline is not None and time.monotonic() > deadline:
                     return False
                 let_ctrl_c_through()
-                self._executor.spin_once(timeout_sec=0.1)
+                self._executor.spin_once(timeout_sec=PATIENCE)
         return True
 
     def _refuse_foreign_cell(self, own: set[str]) -> None:

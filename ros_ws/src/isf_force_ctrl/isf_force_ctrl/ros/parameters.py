@@ -26,6 +26,14 @@ class ForceCtrlParameters:
         minimum=0.0,
         maximum=60.0,
     )
+    wrench_pause: float = parameter(
+        0.035,
+        "by the clock: time without a wrench, or with nothing but late ones, after which the tools stand until they "
+        "come again; at least three of their usual distances",
+        unit="s",
+        minimum=5e-3,
+        maximum=1.0,
+    )
     wrenches_tared: bool = parameter(
         False, "the wrenches come tared: machine/tare and machine/state are not needed to arm", read_only=False
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
 from isf_core.errors import ErrorCode, IsfError
@@ -20,6 +20,9 @@ from isf_force_ctrl.supervision.wrench_receiver import Fault, WrenchFrames
 FRESH = 1.0
 """s, age up to which wrenches, poses and the machine's state count as present when arming."""
 
+USUAL = 3.0
+"""Usual distances of two wrenches within which one is not missing yet, whatever the rate of the load cells."""
+
 
 class Readiness:
     """Ages of wrenches and poses, state of the machine, and whose wrench is ``needed`` (1, 2).
@@ -27,12 +30,14 @@ class Readiness:
     ``axis``: (3,) of tool 1 by its last pose.
     """
 
-    def __init__(self, timeout: float, pose_timeout: float, frames: WrenchFrames) -> None:
-        """``timeout``, ``pose_timeout`` s without a wrench, a pose after which they count as lost."""
-        self.timeout, self.pose_timeout, self._frames = timeout, pose_timeout, frames
+    def __init__(
+        self, timeout: float, pose_timeout: float, frames: WrenchFrames, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """``timeout``, ``pose_timeout`` s of ``clock`` without a wrench, a pose after which they count as lost."""
+        self.timeout, self.pose_timeout, self._frames, self._clock = timeout, pose_timeout, frames, clock
         self.needed: list[int] = [1, 2]
         self._machine: tuple[float, isf.MachineState] | None = None
-        self._watchdogs = (ReceiveWatchdog(timeout), ReceiveWatchdog(timeout))
+        self._watchdogs = (ReceiveWatchdog(timeout, clock), ReceiveWatchdog(timeout, clock))
         self._poses: list[tuple[float, Vector] | None] = [None, None]
         self.axis: Vector = UPRIGHT
 
@@ -42,11 +47,11 @@ class Readiness:
 
     def machine(self, state: isf.MachineState) -> None:
         """The machine has told its ``state``."""
-        self._machine = (time.monotonic(), state)
+        self._machine = (self._clock(), state)
 
     def pose(self, tool: int, tip: Vector) -> None:
         """A pose of ``tool`` has come."""
-        self._poses[tool - 1] = (time.monotonic(), tip)
+        self._poses[tool - 1] = (self._clock(), tip)
 
     def lost(self) -> list[int]:
         """Needed tools whose wrench has stopped coming."""
@@ -55,6 +60,11 @@ class Readiness:
     def silent(self, seconds: float) -> list[int]:
         """Needed tools without a wrench for ``seconds``."""
         return [k for k in self.needed if self._watchdogs[k - 1].age() > seconds]
+
+    def missing(self, seconds: float) -> list[int]:
+        """Needed tools without a wrench for ``seconds``, or for longer where theirs usually come slower than that."""
+        dogs = self._watchdogs
+        return [k for k in self.needed if dogs[k - 1].age() > max(seconds, USUAL * dogs[k - 1].distance)]
 
     def lost_fault(self, tools: Sequence[int], seconds: float) -> Fault:
         """Code and text of the ``tools`` that are silent for ``seconds``: nothing comes, or nothing of use."""
@@ -66,7 +76,7 @@ class Readiness:
 
     def pose_lost_text(self) -> str:
         """What to say of needed tools whose pose has stopped coming; empty: none. Twists need the poses."""
-        now, poses = time.monotonic(), self._poses
+        now, poses = self._clock(), self._poses
         lost = [k for k in self.needed if (pose := poses[k - 1]) is None or now - pose[0] > self.pose_timeout]
         names = " and ".join(f"tool_{k}/pose" for k in lost)
         return f"nothing on {names} for {self.pose_timeout:g} s: twists would drift away from the path" if lost else ""
@@ -80,7 +90,7 @@ class Readiness:
         """
         if stale := self.silent(FRESH):
             raise IsfError(*self.lost_fault(stale, FRESH))
-        now = time.monotonic()
+        now = self._clock()
         stale = [k for k in self.needed if (pose := self._poses[k - 1]) is None or now - pose[0] > FRESH]
         if stale:
             names = " and ".join(f"tool_{k}/pose" for k in stale)
@@ -118,7 +128,7 @@ class Readiness:
         """Where a tool is by its fresh pose; None: not known. To be asked together with :meth:`check`: what is fresh
         there is so here."""
         pose = self._poses[tool - 1]
-        return pose[1] if pose is not None and time.monotonic() - pose[0] <= FRESH else None
+        return pose[1] if pose is not None and self._clock() - pose[0] <= FRESH else None
 
 
 def tools_with_load_cell(job: Job) -> list[int]:
