@@ -18,6 +18,7 @@ import forked_process
 import numpy as np
 import pytest
 import rclpy
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, PoseStamped, Vector3
 from isf_cell.processes.process_group import ProcessGroup
@@ -28,6 +29,7 @@ from isf_dashboard.server import TOKEN_VARIABLE, free_port, new_token
 from isf_msgs.action import FormPart, MoveTo
 from isf_msgs.msg import ContourResult, ExecutiveState, HandState, Jog
 from isf_msgs.srv import CheckProgram, SetMode, SetZero
+from isf_planner import exports, plan
 from isf_planner.gcode.set_up import load_set_up
 from isf_ros import qos
 from quick_cone import quick_cone
@@ -421,12 +423,25 @@ def test_simulation_checks_a_program_with_the_stored_offsets(operator: Operator)
     assert operator.call(CheckProgram.Request(text="G99 X1\n", name="x.nc")).code == ErrorCode.PROGRAM_WORD_UNKNOWN
 
 
-def test_a_part_waits_at_a_marked_contour_until_it_is_let_go_on(operator: Operator) -> None:
+@pytest.mark.parametrize("marked", ["in the job", "by M0 in its program"])
+def test_a_part_waits_at_a_marked_contour_until_it_is_let_go_on(
+    operator: Operator, marked: str, tmp_path: Path
+) -> None:
     assert operator.set_mode(AUTOMATIC) == 0
     assert operator.wait(lambda: not operator.states[-1].changing)
-    depth = "incremental_depth: 1.7 mm"
-    assert depth in operator.job.text
-    text = operator.job.text.replace(depth, f"{depth}\n  hold_after: [1]")
+    data = yaml.safe_load(operator.job.text)
+    base = str(operator.job.base)
+    if marked == "in the job":
+        data["path"]["hold_after"] = [1]
+    else:
+        exports.export(plan(operator.job), tmp_path / "cone.nc")
+        written = (tmp_path / "cone.nc").read_text()
+        assert "(contour 2 of 3)" in written
+        (tmp_path / "cone.nc").write_text(written.replace("(contour 2 of 3)", "M0 (measure)"))
+        del data["part"]
+        data["path"] = {"program": "cone.nc"}
+        data["control"]["support_force"] = "0 N"
+        base = str(tmp_path)
     client = operator.node.create_client(Trigger, "executive/go_on")
 
     def go_on() -> bool:
@@ -437,7 +452,7 @@ def test_a_part_waits_at_a_marked_contour_until_it_is_let_go_on(operator: Operat
     assert operator.wait(client.service_is_ready)
     assert not go_on(), "nothing waits"
     operator.results.clear()
-    goal = FormPart.Goal(job_text=text, base_folder=str(operator.job.base), support_force=math.nan)
+    goal = FormPart.Goal(job_text=yaml.safe_dump(data), base_folder=base, support_force=math.nan)
     sent = operator.part.send_goal_async(goal)
     assert operator.wait(sent.done)
     assert operator.wait(lambda: operator.states[-1].waits_for, 3 * LIMIT)

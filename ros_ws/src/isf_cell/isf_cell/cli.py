@@ -117,15 +117,18 @@ def gcode(
     ] = None,
     step: Annotated[float, typer.Option(help="largest distance between points, mm", min=0.051, max=4.999)] = 1.0,
     feed: Annotated[float, typer.Option(help="mm/s until the program gives F", min=0.101, max=999.9)] = 30.0,
-    simulate: Annotated[bool, typer.Option("--simulate", help="form it on the simulated machine")] = False,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="form it on the simulated machine in this process")
+    ] = False,
+    form: Annotated[bool, typer.Option("--form", help="form it through the node graph, as isf form does")] = False,
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Read a program: what is not understood or out of reach, by line; picture; optionally form it in simulation."""
+    """Read a program: what is not understood or out of reach, by line; picture; optionally form it."""
     from isf_cell.commands.gcode import Sheet, run_program
 
     sheet = Sheet(rig, material, thickness, radius)
-    run_program(file, job, sheet, set_up, output, step=step, feed=feed, simulate=simulate, as_json=json)
+    run_program(file, job, sheet, set_up, output, step=step, feed=feed, simulate=simulate, form=form, as_json=json)
 
 
 @app.command()

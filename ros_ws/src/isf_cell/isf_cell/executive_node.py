@@ -109,7 +109,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self._handle: ServerGoalHandle | None = None
         self._paused = False
         self._hand_moves = False
-        self._holds: frozenset[int] = frozenset()
+        self._run: PartRun | None = None
         self._waits_for = ""
         self._modes = OperatorModes(self._new_cell)
         self._leaving = Worker(lambda error: self.fault(error, "leaving a mode"))
@@ -204,7 +204,8 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
                 correction=step.correction,
             )
         )
-        if step.index + 1 in self._holds and step.index + 1 < step.count:
+        planned = self._run.planned if self._run else None
+        if planned and step.index + 1 in planned.hold_after and step.index + 1 < step.count:
             self._paused, self._waits_for = True, f"executive/go_on, after {contour_label(step.index)}"
             self._tell_state()
 
@@ -251,11 +252,10 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         except IsfError as error:
             return FormPart.Result(code=int(error.code), message=error.message)
         self._modes.job_file = goal.job_file
-        self._holds = frozenset(goal.job_file.job.path.hold_after)
         if goal.first_index == 0:
             self._modes.formed(0.0, fresh=True)
         keeper = None if self._checkpoint is None else PartKeeper(self._checkpoint, cell, self)
-        run = PartRun(cell, goal, self, keeper)
+        self._run = run = PartRun(cell, goal, self, keeper)
         failed = run.run()
         totals = PartTotals.of(run.results, cell.counts, goal.resume)
         return FormPart.Result(
@@ -348,7 +348,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         return response
 
     def _on_go_on(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Go on after a contour of the job's hold_after; an operator's pause ends by executive/pause."""
+        """Go on after a contour of the plan's hold_after; an operator's pause ends by executive/pause."""
         response.success = bool(self._waits_for)
         response.message = "going on" if response.success else "no part waits for this"
         if response.success:

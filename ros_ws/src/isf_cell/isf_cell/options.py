@@ -51,7 +51,7 @@ class RunOptions:
         job, force = job_file.job, self.support_force
         if refusal := correction_refusal(job.process, self.method(job_file)):
             raise IsfError(ErrorCode.FILE_FIELD, refusal, where="--correction", advice="leave it out, or use none")
-        if job.part.accuracy_surfaces is not None and self.method(job_file) not in (UNCORRECTED, job.springback.method):
+        if job.accuracy_surfaces is not None and self.method(job_file) not in (UNCORRECTED, job.springback.method):
             raise IsfError(
                 ErrorCode.FILE_FIELD,
                 f"part.accuracy_surfaces was learned with springback method {job.springback.method}: what "

@@ -25,7 +25,8 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from isf_planner.node_markers import plan_markers
-from isf_planner.planning import Plan, plan
+from isf_planner.part_plan import Plan
+from isf_planner.planning import plan
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,12 @@ class PlannerNode(CellNode[PlannerParameters]):
         self._keep(made)
         self._publish(made)
         handle.succeed()
-        return PlanPart.Result(plan_id=made.plan_id, count=len(made.contours), warnings=list(made.warnings))
+        return PlanPart.Result(
+            plan_id=made.plan_id,
+            count=len(made.contours),
+            warnings=list(made.warnings),
+            hold_after=list(made.hold_after),
+        )
 
     def _plan(self, handle: ServerGoalHandle) -> Plan:
         request = handle.request

@@ -15,7 +15,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from isf_planner.part.warning_places import warning_places
-from isf_planner.planning import Plan
+from isf_planner.part_plan import Plan
 
 MARKER_POINTS = 200
 """Points of a contour in the view for people."""

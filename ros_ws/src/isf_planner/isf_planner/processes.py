@@ -198,7 +198,7 @@ def _plan_view(
 ) -> tuple[Side, Array, list[str]]:
     job, rig = swapped(job_file.job, half.forming_tool), job_file.rig
     radius = job.tool_1.ball_radius
-    part = mesh_checks.check_and_place(half.mesh, rig.clamp.size, job.tool_1.radius, place=job.part.place)
+    part = mesh_checks.check_and_place(half.mesh, rig.clamp.size, job.tool_1.radius, place=job.place)
     part_checks.check_fit(part, job, rig)
     if job.process == "ADSIF":
         adsif_path.check_reachable(part.mesh, adsif_path.surface_for(job_file))

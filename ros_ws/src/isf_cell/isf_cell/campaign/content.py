@@ -54,7 +54,7 @@ def job_content(job_file: JobFile) -> str:
     text.update(job.model_dump_json().encode())
     text.update(job_file.rig.model_dump_json().encode() + job_file.material.model_dump_json().encode())
     own = job.springback
-    named = [str(job_file.mesh), job.path.machine_error, own.learning, own.elastic.database]
+    named = [*map(str, job_file.sources), job.path.set_up, job.path.machine_error, own.learning, own.elastic.database]
     named.append(job.die.mesh if job.die else None)
     for name in named:
         if name is not None and (path := job_file.base / name).is_file():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
@@ -33,11 +34,43 @@ def form_part(
     """Form ``job`` with a cell of its own; raises IsfError when the part does not complete."""
     job_file = load_job(job)
     options.check(job_file)
-    with run_folder(output, job_file.job.name) as folder, resume.alone(folder):
+    with run_folder(output, job_file.job.name) as folder:
+        form_in(
+            folder, job, job_file, options, compare=compare, lockstep=lockstep, dashboard=dashboard, as_json=as_json
+        )
+
+
+def form_in(
+    folder: Path,
+    job: Path,
+    job_file: JobFile,
+    options: RunOptions,
+    *,
+    compare: bool,
+    lockstep: bool,
+    dashboard: bool,
+    as_json: bool,
+    told: Mapping[str, Any] | None = None,
+) -> None:
+    """Form ``job``, read as ``job_file``, with its results in ``folder``; ``told``: goes into the JSON object, too.
+
+    Raises IsfError as :func:`form_part`.
+    """
+    with resume.alone(folder):
         resume.Request(job, lockstep).write(folder)
         port = address_beside() if dashboard else None
         shown = job if compare else None
-        _form(job_file, options, folder, shown, lockstep=lockstep, port=port, as_json=as_json, goes_on=False)
+        _form(
+            job_file,
+            options,
+            folder,
+            shown,
+            lockstep=lockstep,
+            port=port,
+            as_json=as_json,
+            goes_on=False,
+            told=told or {},
+        )
 
 
 def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, dashboard: bool = False, as_json: bool) -> None:
@@ -70,6 +103,7 @@ def _form(
     port: int | None,
     as_json: bool,
     goes_on: bool,
+    told: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
     """``compared``: job file of the uncorrected part that is simulated, None: none."""
     method = options.method(job_file)
@@ -118,4 +152,5 @@ def _form(
     }
     if not result.wall_time:  # of an executive that is gone: the bag knows them
         counts = {}
+    counts = {**told, **counts}
     finish(folder, reference.bag if reference else None, failure=failure, as_json=as_json, counts=counts)

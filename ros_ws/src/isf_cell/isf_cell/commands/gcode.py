@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import trimesh
+import yaml
 from isf_analysis.bag.bag_writer import write_bag
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
@@ -16,21 +17,22 @@ from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import load_rig
 from isf_core.files.tooling import ToolSpec
 from isf_planner import Plan
+from isf_planner.gcode.program_check import checked
 from isf_planner.gcode.program_plan import forming_points
-from isf_planner.gcode.reader import LARGEST_TEXT, Finding, Program, read_program
+from isf_planner.gcode.reader import Finding, Program, program_text, read_program
 from isf_planner.gcode.set_up import SetUp, cell_set_up, load_set_up
 from isf_planner.view.program_figure import draw_program
 
 from isf_cell import in_process
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import ReportedError
+from isf_cell.commands.form import form_in
 from isf_cell.commands.plan import job_name, reach, tool_axis
 from isf_cell.commands.report import finish, first_failure
 from isf_cell.commands.run_folder import run_folder
 from isf_cell.commands.simulate import ctrl_c_stops_between_contours, stopped
 from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.run.part_step import PartStep
-from isf_cell.run.program_check import checked
 
 _PROGRAM_JOB = """\
 # made by isf gcode for a program without a job: sheet and tools as given there
@@ -47,6 +49,9 @@ springback: {{method: none}}
 
 DEFAULT_RIG = "ren2018"
 """Where neither a job nor a rig is named."""
+
+_OF_SUPPORT = {"support_force", "force_rules", "components", "vertical_force", "tangential_force"}
+"""Fields of control that a program has no place for."""
 
 SHOWN = 10
 """Findings that are shown at the terminal; all are in the JSON object."""
@@ -72,6 +77,7 @@ def run_program(
     step: float,
     feed: float,
     simulate: bool,
+    form: bool,
     as_json: bool,
 ) -> None:
     """Read, check and draw the program in ``file``; ``step`` mm and ``feed`` mm/s. Nothing but files is written to.
@@ -80,11 +86,18 @@ def run_program(
     ------
     IsfError : the first finding, after all are reported; what reading and forming raise
     """
+    if simulate and form:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "forms it in this process, or through the graph",
+            where="--simulate, --form",
+            advice="leave one out",
+        )
     if job is not None and sheet.rig is not None:
         raise IsfError(
             ErrorCode.FILE_FIELD, "a job names its own rig", where="--rig", advice="leave out --rig, or --job"
         )
-    text = _text(file)
+    text = program_text(file)
     given = load_job(job) if job else None
     values, source = _set_up(set_up, given.rig.name if given else load_rig(_rig_path(sheet.rig or DEFAULT_RIG)).name)
     with run_folder(output, job_name(file.stem)) as folder:
@@ -102,10 +115,27 @@ def run_program(
         if plan is not None and given is None:
             trimesh.Trimesh(*plan.mesh, process=False).export(folder / "part.stl")
             (folder / "job.yaml").write_text(job_file.text, encoding="utf-8")
+        to_form = folder / "program.yaml"
+        if plan is not None and found.failure is None:
+            to_form.write_text(_job_with_program(job_file, program, file, source, step, feed), encoding="utf-8")
+            data["job"] = str(to_form)
         if plan is not None:
             data |= reach(plan, job_file.job, job_file.rig, folder)
         failure = found.failure
         _show(program, findings, data)
+        if form and failure is None:
+            form_in(
+                folder,
+                to_form,
+                load_job(to_form),
+                RunOptions(),
+                compare=False,
+                lockstep=True,
+                dashboard=False,
+                as_json=as_json,
+                told=data,
+            )
+            return
         if plan is None or failure is not None or not simulate:
             if as_json:
                 terminal.print_json(data)
@@ -146,17 +176,6 @@ def _set_up(file: Path | None, rig: str) -> tuple[SetUp, Path | None]:
     return (load_set_up(file), file) if file is not None else cell_set_up(rig)
 
 
-def _text(file: Path) -> str:
-    try:
-        if file.stat().st_size > LARGEST_TEXT:
-            raise IsfError(ErrorCode.PROGRAM_UNREADABLE, "is too long", where=str(file), advice="split the program")
-        return file.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise IsfError(
-            ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(file), advice="check the path"
-        ) from error
-
-
 def _job_of(
     program: Program, file: Path, sheet: Sheet, set_up: SetUp, folder: Path, step: float, feed: float
 ) -> JobFile:
@@ -178,6 +197,36 @@ def _job_of(
         feed=f"{feed:.6g} mm/s",
     )
     return JobFile(text, folder, str(file))
+
+
+def _job_with_program(
+    job_file: JobFile, program: Program, file: Path, set_up: Path | None, step: float, feed: float
+) -> str:
+    """Job that forms the program in ``file`` with sheet, tools and rig of ``job_file``, without correction.
+
+    Its paths are absolute. A program holds no support forces, and says itself where the tool goes and how it leans.
+    """
+    data = yaml.safe_load(job_file.text)
+    for section in ("part", "adsif", "die", "tool_axis", "springback"):
+        data.pop(section, None)
+    data["name"] = job_name(file.stem)
+    data["process"] = "DSIF" if program.two_tools else "SPIF"
+    if not program.two_tools:
+        data.pop("tool_2", None)
+    control = {key: value for key, value in data.get("control", {}).items() if key not in _OF_SUPPORT}
+    data["control"] = {**control, "support_force": "0 N"}
+    data["rig"] = _absolute(data["rig"], job_file.base)
+    data["sheet"]["material"] = _absolute(data["sheet"]["material"], job_file.base)
+    path = {"program": str(file.resolve()), "point_spacing": f"{step:.6g} mm", "feed": f"{feed:.6g} mm/s"}
+    if set_up is not None:
+        path["set_up"] = str(set_up.resolve())
+    told = yaml.safe_dump({**data, "path": path}, sort_keys=False, allow_unicode=True)
+    return f"# made by isf gcode: forms the program; isf form and isf simulate take it\n{told}"
+
+
+def _absolute(named: str, base: Path) -> str:
+    """The path of a file made absolute; a name of the library as it is."""
+    return str((base / named).resolve()) if named.endswith((".yaml", ".yml")) else named
 
 
 def _millimetres(length: float) -> str:
@@ -213,6 +262,8 @@ def _show(program: Program, findings: list[Finding], data: dict[str, Any]) -> No
         terminal.warn(f"up to {more} more; --json lists them")
     for text in (*data["remarks"], *data["warnings"]):
         terminal.warn(text)
+    if "job" in data:
+        terminal.say(f"job     {data['job']}, for isf form and isf simulate")
     if data["set_up"]:
         terminal.say(f"set-up  {data['set_up']}")
     if "picture" in data:

@@ -119,7 +119,7 @@ def _formed_part(record: PartRecord, where: str) -> tuple[FormedPart, Conditions
             where=where,
             advice=f"learn from SPIF or DSIF, with method {', '.join(formed_parts.PLANNED_METHODS)}",
         )
-    if job.part.accuracy_surfaces is not None:
+    if job.accuracy_surfaces is not None:
         raise IsfError(
             ErrorCode.LEARNING_UNUSABLE,
             "was itself formed with accuracy surfaces: its deviation is what they left",

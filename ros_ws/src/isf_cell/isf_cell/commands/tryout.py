@@ -348,10 +348,10 @@ def _folder(wanted: Tryout, job_file: JobFile, output: Path | None) -> Path:
     """Of this try-out, new or begun earlier."""
     folder = make_folder(output or Path("runs") / f"tryout-{job_file.job.name}")
     rig, material = job_file.rig.model_dump_json(), job_file.material.model_dump_json()
-    mesh = job_file.mesh.read_bytes() if job_file.mesh.is_file() else b""
+    sources = b"".join(path.read_bytes() for path in job_file.sources if path.is_file())
     choices = wanted.sheet, wanted.variants, wanted.seed, wanted.correction
     said = json.dumps([__version__, job_file.text, rig, material, *choices])
-    key = hashlib.sha256(said.encode() + mesh).hexdigest()
+    key = hashlib.sha256(said.encode() + sources).hexdigest()
     state = folder / STATE
     others = [item for item in folder.iterdir() if item != state]  # a refused try-out leaves none
     if others and not state.exists():

@@ -46,10 +46,11 @@ class PartGoal:
 
 @dataclass(frozen=True)
 class PlannedPart:
-    """A plan and how many contours it has."""
+    """A plan, how many contours it has, and after which of them (from 1) the part waits for ``executive/go_on``."""
 
     plan_id: str
     count: int
+    hold_after: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

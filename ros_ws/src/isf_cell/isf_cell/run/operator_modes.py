@@ -16,12 +16,12 @@ from pathlib import Path
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.types import Array
+from isf_planner.gcode.program_check import check_program_text
 from isf_planner.gcode.set_up import WORK_SYSTEMS, cell_set_up_path, load_set_up, store_work_offset
 
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import PartGoal
 from isf_cell.run.graph_cell import GraphCell
-from isf_cell.run.program_check import check_program_text
 
 FRESH = 1.0
 """s, age up to which a pose says where a tool is."""

@@ -119,9 +119,21 @@ class MorphSpec(FileModel):
         return self
 
 
-class PathSpec(FileModel):
-    """How the surface is turned into contours."""
+BESIDE_PROGRAM = {"program", "set_up", "incremental_depth", "point_spacing", "feed", "hold_after"}
+"""Fields of ``path`` that have an effect beside a program."""
 
+
+class PathSpec(FileModel):
+    """How the surface is turned into contours, or the program that says where the tools go."""
+
+    program: str | None = None
+    """SPIF and DSIF: program (G-code), relative to the job file, that is formed as it stands in place of a planned
+    path. Beside it `incremental_depth` (0.5 mm) is the step that springback and sheet models count with,
+    `point_spacing` (1 mm) the largest distance of points on lines and arcs, `feed` (30 mm/s) what holds until the
+    program gives F."""
+    set_up: str | None = None
+    """Work offsets and tools of the program, relative to the job file; None: those that `isf zero` stored for the rig,
+    else none."""
     incremental_depth: Length = Field(gt=0.01e-3, lt=5e-3)
     """Depth from contour to contour; with spacing scallop or arc the largest step unless ``largest_step`` is given."""
     point_spacing: Length = Field(gt=0.05e-3, lt=5e-3)
@@ -187,6 +199,22 @@ class PathSpec(FileModel):
     machine_error_tool: Literal["support", "tool_1", "tool_2"] = "support"
     """Tool that is moved for it. A gauge between the tips does not tell which tool is off: support keeps the distance
     of the tools right and leaves the part where the forming tool is; else the tool that is known to be off."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _program_has_its_own(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("program") is None:
+            return data
+        return {"incremental_depth": "0.5 mm", "point_spacing": "1 mm", "feed": "30 mm/s", **data}
+
+    @model_validator(mode="after")
+    def _beside_a_program(self) -> PathSpec:
+        if self.program is None and self.set_up is not None:
+            raise ValueError("set_up has no effect without program, whose work offsets and tools it holds")
+        unused = sorted(self.model_fields_set - BESIDE_PROGRAM)
+        if self.program is not None and unused:
+            raise ValueError(f"{unused[0]} has no effect beside program, which says where the tools go: leave it out")
+        return self
 
     @model_validator(mode="after")
     def _compensation(self) -> PathSpec:
@@ -628,8 +656,9 @@ class Job(FileModel):
 
     name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.-]+$")
     """Name of the part: letters, digits, dot, dash and underscore; runs and reports carry it."""
-    part: PartSpec
-    """The CAD surface."""
+    part: PartSpec | None = None
+    """The CAD surface; only beside `path.program` it may be left out, and is else what the formed part is held
+    against."""
     process: Annotated[Literal["SPIF", "TPIF", "DSIF", "ADSIF"], BeforeValidator(_installed)]
     """How it is formed, or the name of a process of another package."""
     rig: str
@@ -680,10 +709,44 @@ class Job(FileModel):
     def _path_of_process(self) -> Job:
         if problem := self.path.without_effect(self.process):
             raise ValueError(problem)
-        if self.part.accuracy_surfaces is not None and self.process not in ("SPIF", "DSIF"):
+        if self.accuracy_surfaces is not None and self.process not in ("SPIF", "DSIF"):
             raise ValueError(f"part.accuracy_surfaces needs process SPIF or DSIF: nothing is learned of {self.process}")
         if self.path.support == "on_blank" and self.control.force_controlled:
             raise ValueError("path.support on_blank has no force control: control.support_force must be 0 N")
+        return self
+
+    @model_validator(mode="after")
+    def _part_or_program(self) -> Job:
+        if self.path.program is None:
+            if self.part is None:
+                raise FieldError(
+                    "part is missing",
+                    field="part",
+                    advice="write part: {mesh: FILE, unit: mm}, or path: {program: FILE} for a program that is formed",
+                )
+            return self
+        if self.strategy or self.process not in ("SPIF", "DSIF"):
+            raise FieldError(
+                f"a program is formed by process SPIF or DSIF, not {self.strategy or self.process}",
+                field="path.program",
+                advice="write process: SPIF for one tool, DSIF for two",
+            )
+        if self.control.force_controlled:
+            raise FieldError(
+                "a program holds no support forces: the lower tool is under position control",
+                field="control.support_force",
+                advice="leave it out or write 0 N",
+            )
+        if self.accuracy_surfaces is not None:
+            raise FieldError(
+                "a program is formed as it stands: nothing moves its target",
+                field="part.accuracy_surfaces",
+                advice="leave it out",
+            )
+        if self.tool_axis.model_fields_set:
+            raise FieldError(
+                "a program says itself how the tool is tilted", field="tool_axis", advice="leave the section out"
+            )
         return self
 
     @model_validator(mode="after")
@@ -747,8 +810,8 @@ class Job(FileModel):
         if not isinstance(data, dict) or data.get("process") != "DSIF":
             return data
         control, path = data.get("control", {}), data.get("path", {})
-        on_blank = isinstance(path, dict) and path.get("support") == "on_blank"
-        if on_blank or not isinstance(control, dict) or "support_force" in control:
+        no_force = isinstance(path, dict) and (path.get("support") == "on_blank" or path.get("program") is not None)
+        if no_force or not isinstance(control, dict) or "support_force" in control:
             return data
         return {**data, "control": {**control, "support_force": "auto"}}
 
@@ -782,6 +845,16 @@ class Job(FileModel):
             raise IsfError(ErrorCode.FILE_FIELD, f"{refusal}: {force:g} N cannot be held", where=where, advice=advice)
 
     @property
+    def accuracy_surfaces(self) -> str | None:
+        """File of accuracy surfaces that move the target, None without."""
+        return None if self.part is None else self.part.accuracy_surfaces
+
+    @property
+    def place(self) -> tuple[float, float] | None:
+        """m, x and y of the outline's centre on the blank; None: the centre of the blank."""
+        return None if self.part is None else self.part.place
+
+    @property
     def support_window(self) -> SupportWindow | None:
         """Limits that ``control.support_force: auto`` is chosen between; None with a given force."""
         return self._support_window
@@ -805,7 +878,8 @@ class JobFile:
     Attributes
     ----------
     job : Job ; material : Material ; rig : Rig
-    mesh : absolute path of the mesh
+    mesh : absolute path of the mesh, None for a program without a part
+    program : absolute path of the program that is formed, None where the path is planned
     text : the YAML text as read, with the fields of tools, blank and plate where it names their files
     base : folder that relative paths refer to
     """
@@ -818,7 +892,14 @@ class JobFile:
         self.rig: Rig = load_rig(self.job.rig, base)
         _check_blank(self, text, name)
         self.job._support_window = _support_window(self)
-        self.mesh: Path = (base / self.job.part.mesh).resolve()
+        part, program = self.job.part, self.job.path.program
+        self.mesh: Path | None = None if part is None else (base / part.mesh).resolve()
+        self.program: Path | None = None if program is None else (base / program).resolve()
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        """What the path comes from: mesh and program, as far as there are."""
+        return tuple(path for path in (self.mesh, self.program) if path is not None)
 
     @property
     def tilts(self) -> bool:

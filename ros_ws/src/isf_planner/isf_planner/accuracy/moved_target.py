@@ -89,8 +89,8 @@ def compensated(mesh: Mesh, job_file: JobFile) -> MovedTarget:
         flange), TARGET_FOLDS
     """
     job = job_file.job
-    assert job.part.accuracy_surfaces is not None  # the job asks for it
-    path = job_file.base / job.part.accuracy_surfaces
+    assert job.accuracy_surfaces is not None  # the job asks for it
+    path = job_file.base / job.accuracy_surfaces
     formed = formed_parts.load(path)
     formed.check(job, str(path))
     radius, thickness = job.tool_1.ball_radius, job.sheet.thickness

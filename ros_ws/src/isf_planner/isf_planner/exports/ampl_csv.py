@@ -15,7 +15,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
 from scipy.spatial import KDTree
 
-from isf_planner.planning import Plan
+from isf_planner.part_plan import Plan
 
 COLUMNS = (
     "contactPntX,contactPntY,contactPntZ,normalX,normalY,normalZ,"

@@ -20,7 +20,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Points
 
-from isf_planner.planning import Plan
+from isf_planner.part_plan import Plan
 
 VERSIONS = (1, 2)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import trimesh
 from isf_core.errors import ErrorCode, IsfError
 
-from isf_planner.planning import Plan
+from isf_planner.part_plan import Plan
 
 
 def write_target(plan: Plan, path: Path) -> Path:

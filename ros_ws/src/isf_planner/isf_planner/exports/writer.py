@@ -12,7 +12,7 @@ from isf_planner.exports.plan_file import save_plan
 from isf_planner.exports.post_processor import load_post, post_names
 from isf_planner.exports.programs import write_programs
 from isf_planner.exports.target_stl import write_target
-from isf_planner.planning import Plan
+from isf_planner.part_plan import Plan
 
 FORMATS = {
     ".npz": "plan",

@@ -34,7 +34,7 @@ from isf_planner.checks import arm_checks, part_checks
 from isf_planner.checks.shank_checks import check_shank
 from isf_planner.gcode.reader import RAPID, Finding, Program
 from isf_planner.part.mesh_checks import place_text
-from isf_planner.planning import Plan
+from isf_planner.part_plan import Plan
 from isf_planner.predict.predictions import with_predictions
 from isf_planner.surface import height_grid
 
@@ -131,12 +131,29 @@ def check_tools(program: Program, tips: Mapping[int, ToolSpec], other: ToolSpec)
     findings = []
     for at, number in in_turn[1:]:
         before, here = tips.get(in_turn[0][1], other), tips.get(number, other)
-        same = math.isclose(before.radius, here.radius, rel_tol=1e-6)
-        if not (same and math.isclose(before.ball_radius, here.ball_radius, rel_tol=1e-6)):
+        if not _same_tip(before, here):
             what = f"tool {number} ({_tip_text(here)}) forms after one of {_tip_text(before)}"
             advice = "one program for each tip: contacts, forces and the simulated tool are of one"
             findings.append(_finding(program, int(index[at]), what, program.tips[index[at], :3], advice))
     return tuple(findings)
+
+
+def check_job_tool(program: Program, tips: Mapping[int, ToolSpec], own: ToolSpec) -> tuple[Finding, ...]:
+    """The first line at which a tool forms whose tip, of those ``tips`` by number, is not that of the job, ``own``."""
+    for k in np.flatnonzero(forming_points(program))[:1]:
+        here = tips.get(int(program.tool[k]), own)
+        if not _same_tip(here, own):
+            what = (
+                f"tool {program.tool[k]} of the set-up ({_tip_text(here)}) is not tool_1 of the job ({_tip_text(own)})"
+            )
+            advice = "correct the job, or the tools of the set-up: contacts and forces are those of the job's tip"
+            return (_finding(program, int(k), what, program.tips[k, :3], advice),)
+    return ()
+
+
+def _same_tip(one: ToolSpec, other: ToolSpec) -> bool:
+    same = math.isclose(one.radius, other.radius, rel_tol=1e-6)
+    return same and math.isclose(one.ball_radius, other.ball_radius, rel_tol=1e-6)
 
 
 def _tip_text(tool: ToolSpec) -> str:
@@ -270,7 +287,27 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         left = f"left out: {len(short)} move(s) into the sheet of fewer than three points, from line {first}"
         warnings = (left, *warnings)
     told = tuple(dict.fromkeys(warnings))
-    return Plan(f"{job.name}-{digest}", filled, target, surface, told, shank=shank, ball_radius=job.tool_1.ball_radius)
+    return Plan(
+        f"{job.name}-{digest}",
+        filled,
+        target,
+        surface,
+        told,
+        shank=shank,
+        ball_radius=job.tool_1.ball_radius,
+        hold_after=tuple(sorted({*job.path.hold_after, *holds_of(program)})),
+    )
+
+
+def holds_of(program: Program) -> dict[int, int]:
+    """Contours, counted from 1, after which a program stop (M0) waits, to the line of the stop.
+
+    A stop before the first contour and one after the last are left out: nothing is formed before, or after.
+    """
+    pieces = _pieces(program)[0]
+    first = np.array([piece.index[0] for piece in pieces])
+    after = {int((first <= point).sum()): line for point, line in program.stops}
+    return {number: line for number, line in sorted(after.items()) if 0 < number < len(pieces)}
 
 
 def lines_of(program: Program, plan: Plan) -> dict[str, tuple[int, int]]:
@@ -309,21 +346,35 @@ def _pieces(program: Program) -> tuple[list[_Piece], list[int]]:
         if begin > 0 and rapid[begin - 1] and down[begin - 1]:
             run = np.concatenate([[begin - 1], run])
         kept = np.concatenate([[True], np.linalg.norm(np.diff(tips[run], axis=0), axis=1) > 1e-9])
-        cuts = _cut(run[kept], program, lifted)
-        if not cuts:
-            short.append(int(program.line[begin]))
-        for piece in cuts:
-            pieces.append(piece)
-            lifted = False
+        ends: Indices = run[:0]
+        for part in _until_stops(run[kept], program):
+            cuts = _cut(part, program, lifted, ends)
+            ends = cuts[-1].index[:MOST_STARTS] if cuts and not cuts[-1].closed else run[:0]
+            if not cuts:
+                short.append(int(program.line[part[0]]))
+            for piece in cuts:
+                pieces.append(piece)
+                lifted = False
     return pieces, short
 
 
-def _cut(run: Indices, program: Program, lifted: bool) -> list[_Piece]:
+def _until_stops(run: Indices, program: Program) -> list[Indices]:
+    """``run`` cut after the points at which the program stops, where three points or more are left on both sides."""
+    ends = sorted({int(np.searchsorted(run, point, side="right")) for point, _ in program.stops})
+    parts, start = [], 0
+    for end in ends:
+        if end - start >= 3 and len(run) - end >= 3:
+            parts.append(run[start:end])
+            start = end
+    return [*parts, run[start:]]
+
+
+def _cut(run: Indices, program: Program, lifted: bool, ends: Indices) -> list[_Piece]:
     """The contours of one run without lifting, each of three points or more, cut where a loop closes or a turn ends.
 
     A loop that closes on the first point given is a closed contour, and points on the way to it from the loop before
     are left out: that way is the controller's. One that closes on a later point (the loop before ran on past its seam)
-    stays open and keeps all its points.
+    stays open and keeps all its points. ``ends``: points at which the rest of a loop that a stop has cut ends.
     """
     both = program.tips[run].tolist()
     given = program.given[run].tolist()
@@ -336,10 +387,15 @@ def _cut(run: Indices, program: Program, lifted: bool) -> list[_Piece]:
     start, turned, heading = 0, 0.0, None
     starts: list[int] = []  # points at which the loop may close
     closes = -1  # point at which it is known to close
+    seams = program.tips[ends].tolist()
     for k, here in enumerate(both):
+        if k - start >= 2 and any(math.dist(here, seam) <= CLOSED for seam in seams):
+            cut(run[start : k + 1], closed=False)
+            start, starts, turned, heading, seams = k + 1, [], 0.0, None, []
+            continue
         closing = next((one for one in starts if k - one >= 3 and math.dist(here, both[one]) <= CLOSED), None)
         if closing is not None:
-            first = closing == starts[0]
+            first, seams = closing == starts[0], []
             cut(run[closing:k] if first else run[start : k + 1], closed=first)
             start, starts, turned, heading = k + 1, [], 0.0, None
             continue
@@ -358,6 +414,7 @@ def _cut(run: Indices, program: Program, lifted: bool) -> list[_Piece]:
             closes = next((j for j in ahead if any(math.dist(both[j], both[one]) <= CLOSED for one in starts)), -1)
             if closes < 0:
                 cut(run[start:k], closed=False)
+                seams = []
                 start, starts = k, [k]
             turned = 0.0
     left = run[start:]

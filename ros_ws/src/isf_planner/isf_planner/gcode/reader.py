@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
@@ -104,6 +105,7 @@ class Program:
     lower_from : index of the first point at which the program has named the whole place of the lower tool
     unknown, findings : the first MOST_REPORTED of each ; unknown_count : of all
     remarks : what was assumed
+    stops : index of the point at which each program stop (M0) waits, and its line; a stop before every point has -1
     """
 
     name: str
@@ -122,6 +124,7 @@ class Program:
     remarks: tuple[str, ...]
     axis: Array = field(default_factory=lambda: np.empty((0, 3)))
     ball: float = 0.0
+    stops: tuple[tuple[int, int], ...] = ()
 
     @property
     def tilted(self) -> bool:
@@ -150,6 +153,18 @@ class Program:
         lower = np.linalg.norm(np.diff(self.tips[:, 3:], axis=0), axis=1)
         alone = np.where(steps > 0.0, steps, lower)
         return float((alone / np.minimum(self.speed[1:], rapid)).sum()) + self.dwell
+
+
+def program_text(file: Path, advice: str = "check the path") -> str:
+    """Text of a program; raises IsfError PROGRAM_UNREADABLE of one that is too long, FILE_NOT_FOUND with ``advice``."""
+    try:
+        if file.stat().st_size > LARGEST_TEXT:
+            raise IsfError(ErrorCode.PROGRAM_UNREADABLE, "is too long", where=str(file), advice="split the program")
+        return file.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(file), advice=advice
+        ) from error
 
 
 def read_program(
@@ -215,6 +230,7 @@ class _Reader:
     lower_from: int | None = None
     systems: dict[int, int] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
+    stops: list[tuple[int, int]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.tool = self.set_up.mounted
@@ -231,6 +247,8 @@ class _Reader:
             self._dwell(words)
         else:
             self._move(codes["G"], words)
+        if "0" in codes["M"]:
+            self.stops.append((len(self.rows), number))
         self.ended = self.ended or end
         return end
 
@@ -273,6 +291,7 @@ class _Reader:
             self.unknown_count,
             tuple(self.remarks),
             axis_of(poses[:, 6:]) if rows[:, 6:8].any() else np.empty((0, 3)),
+            stops=tuple((int(last[rows_before - 1]) if rows_before else -1, line) for rows_before, line in self.stops),
         )
 
     def _words(self, line: str) -> list[tuple[str, str]]:

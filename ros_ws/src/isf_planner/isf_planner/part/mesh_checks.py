@@ -16,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
 from isf_core.types import Array, Indices
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from isf_planner.part import mesh_kernels
+from isf_planner.part import mesh_kernels, meshes
 from isf_planner.part.meshes import Mesh, Topology, topology
 
 LEVEL_TOLERANCE = 0.05e-3
@@ -57,6 +58,19 @@ class PlacedPart:
 def place_text(point: Array) -> str:
     """A place for people, mm."""
     return ", ".join(f"{axis} = {value * 1e3:.1f}" for axis, value in zip("xyz", point, strict=False)) + " mm"
+
+
+def load_part(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:
+    """The mesh of a job with a part, upright and repaired, not placed yet; and what was repaired.
+
+    Raises IsfError as :func:`isf_planner.part.meshes.load_mesh`, MESH_UNIT_SUSPECT, and as :func:`repair`.
+    """
+    part, tool = job_file.job.part, job_file.job.tool_1.radius
+    assert part is not None
+    assert job_file.mesh is not None
+    mesh = oriented(meshes.load_mesh(job_file.mesh, part.unit), part.up, part.turn, part.scale)
+    check_size(mesh, job_file.rig.clamp.size, tool)  # distances of repairs mean nothing in a wrong unit
+    return repair(mesh, 2.0 * tool) if part.repair else (mesh, ())
 
 
 def check_and_place(

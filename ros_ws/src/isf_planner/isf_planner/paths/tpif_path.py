@@ -65,7 +65,7 @@ def plan_part(loaded: Mesh, job_file: JobFile, step: Callable[[str, float], None
     job, rig = job_file.job, job_file.rig
     below = turned_over(loaded)
     try:
-        part = mesh_checks.check_and_place(below, rig.clamp.size, job.tool_1.radius, place=job.part.place)
+        part = mesh_checks.check_and_place(below, rig.clamp.size, job.tool_1.radius, place=job.place)
     except IsfError as error:
         if error.code is not ErrorCode.MESH_INVERTED:
             raise

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.transforms import ScaledTranslation
 
-from isf_planner.planning import Plan
+from isf_planner.part_plan import Plan
 from isf_planner.view.picture_files import save_png
 from isf_planner.view.plan_view import flange_rise, part_size
 

@@ -19,7 +19,7 @@ from isf_core.view.coloured import add_plain, beside_formed, broken, colour_bar,
 from matplotlib.figure import Figure
 
 from isf_planner.part.warning_places import warning_places
-from isf_planner.planning import Plan
+from isf_planner.part_plan import Plan
 from isf_planner.view.picture_files import write_view
 
 MM = 1e3

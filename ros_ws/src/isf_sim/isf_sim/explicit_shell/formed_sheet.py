@@ -297,12 +297,14 @@ def sheet_of(material: Material, thickness: float, variant: Variant) -> Sheet:
 
 def _part_region(job_file: JobFile, radius: float) -> Array:
     """(2, 2) m, x and y from and to, of the part's mesh with room for the tool; the middle half of the free sheet for
-    files that cannot be read here."""
+    programs and for files that cannot be read here."""
     part, clamp = job_file.job.part, np.array(job_file.rig.clamp.size)
     half = 0.25 * clamp
     try:
         import trimesh  # late: only this sheet needs it
 
+        if part is None:
+            raise ValueError("a program")
         mesh = trimesh.load(job_file.base / part.mesh, force="mesh")
         size = np.ptp(mesh.bounds, axis=0) * (METRES[part.unit] if part.unit else 1e-3) * part.scale
         if "x" in part.up or "y" in part.up or any(part.turn):
@@ -310,7 +312,7 @@ def _part_region(job_file: JobFile, radius: float) -> Array:
         half = 0.5 * size[:2] + 2.0 * radius
     except Exception:  # whatever a loader raises: the planner says what is wrong with a part
         pass
-    place = np.array(part.place) if part.place is not None else np.zeros(2)
+    place = np.array(job_file.job.place) if job_file.job.place is not None else np.zeros(2)
     return np.stack([place - half, place + half], axis=1)
 
 

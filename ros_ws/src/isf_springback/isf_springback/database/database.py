@@ -181,15 +181,15 @@ def cached_path(job_file: JobFile) -> Path:
     job = job_file.job
     parts: list[Any] = [ENGINE_VERSION, job_file.material.young_modulus, job_file.material.poisson_ratio]
     path = job.path.model_dump(exclude={"floor_step", "floor_rounds"})  # no numbers are computed on the floor
-    parts += [*(part.model_dump() for part in (job.part, job.sheet)), path]
+    parts += [*(part.model_dump() for part in (job.part, job.sheet) if part), path]
     parts += [part.model_dump() for part in (job.tool_1, job_file.rig.clamp)]
     parts += [job.process, None if job.tool_2 is None else job.tool_2.model_dump()]
     parts += [] if job.backing_plate is None else [job.backing_plate.model_dump()]
     elastic = job.springback.elastic.model_dump(exclude={"database", "forecast", "block", "engine"})
     parts += [] if job.springback.elastic.engine == "compact" else [job.springback.elastic.engine]
     digest = hashlib.sha256(repr([*parts, elastic]).encode())
-    if job_file.mesh.is_file():
-        digest.update(job_file.mesh.read_bytes())
+    for source in filter(Path.is_file, job_file.sources):
+        digest.update(source.read_bytes())
     return cache_folder() / f"{job.name}-{digest.hexdigest()[:16]}.json"
 
 

@@ -8,10 +8,19 @@ from typing import Any
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.files.tooling import ToolSpec
-from isf_planner import Plan
-from isf_planner.gcode.program_plan import check_program, check_tools, check_work_offsets, lines_of, program_plan
+
+from isf_planner.gcode.program_plan import (
+    check_job_tool,
+    check_program,
+    check_tools,
+    check_work_offsets,
+    holds_of,
+    lines_of,
+    program_plan,
+)
 from isf_planner.gcode.reader import Finding, Program, read_program
 from isf_planner.gcode.set_up import SetUp
+from isf_planner.part_plan import Plan
 
 
 @dataclass(frozen=True)
@@ -73,6 +82,7 @@ class CheckedProgram:
             data |= {
                 "contours": len(plan.contours),
                 "contour_lines": list(lines_of(program, plan).values()),
+                "stops": [{"line": line, "after_contour": number} for number, line in holds_of(program).items()],
                 "forming_path_m": plan.path_length,
                 "depth_mm": -1e3 * min(float(contour.forming_tip[:, 2].min()) for contour in plan.contours),
                 "warnings": list(plan.warnings),
@@ -88,7 +98,8 @@ def checked(program: Program, job_file: JobFile, set_up: SetUp, other: ToolSpec)
     offsets = {system: set_up.offset(system) for system in program.systems}
     findings += check_work_offsets(program, job_file.rig, offsets) + check_program(program, job_file.rig)
     tips = {number: tip for number, tool in set_up.tools.items() if (tip := tool.tip) is not None}
-    findings += check_tools(program, tips, other)
+    findings += check_tools(program, tips, other) + check_job_tool(program, tips, job_file.job.tool_1)
+    findings.sort(key=lambda finding: finding.line)
     plan = None
     if not findings and not program.unknown:
         try:
