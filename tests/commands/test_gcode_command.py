@@ -108,3 +108,18 @@ def test_files_that_are_no_programs(tmp_path: Path) -> None:
         done = isf("gcode", *arguments, cwd=tmp_path)
         assert done.returncode == Exit.INPUT, done.stderr
         assert code in done.stderr
+
+
+def test_the_job_that_is_made_plans_the_program_again(tmp_path: Path) -> None:
+    cone(tmp_path)
+    (tmp_path / "cell.yaml").write_text(SET_UP)
+    done = isf("gcode", "cone.nc", "--set-up", "cell.yaml", "--json", "-o", "run", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    job = json.loads(done.stdout)["job"]
+    (tmp_path / "elsewhere").mkdir()
+    planned = isf("plan", job, "--json", "-o", "plan", cwd=tmp_path / "elsewhere")
+    assert planned.returncode == Exit.OK, planned.stderr
+    assert json.loads(planned.stdout)["contours"] == 4
+    both = isf("gcode", "cone.nc", "--simulate", "--form", cwd=tmp_path)
+    assert both.returncode == Exit.INPUT
+    assert "--simulate, --form" in both.stderr
