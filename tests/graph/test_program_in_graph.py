@@ -52,3 +52,14 @@ def test_a_program_forms_what_the_job_does_that_it_was_written_from(tmp_path: Pa
     # contacts come from the tips alone: the compensation of the machine's compliance takes their forecast
     np.testing.assert_allclose(there.scan.z, here.scan.z, atol=20e-6)
     assert here.scan.z.min() < -1e-3
+
+    log = np.loadtxt(tmp_path / "run" / "operator_log.txt")  # written while it was formed, without being asked for
+    assert log.shape[1] == 12
+    step = np.diff(log[:, 0])
+    assert 0.0499 < step.min() <= step.max() < 0.0561  # the 20 Hz of the log in ticks of 4 ms
+    assert log[-1, 0] == pytest.approx(result.sim_time, abs=2.0)
+    deepest = 1e3 * min(float(contour.forming_tip[:, 2].min()) for contour in planned.contours)
+    assert log[:, 3].min() == pytest.approx(deepest, abs=0.3)  # legs and tool give way
+    np.testing.assert_allclose(log[:, 4:7], 0.0, atol=0.01)  # upright
+    measured = max(float(np.linalg.norm(one.forming_force, axis=1).max()) for one in there.results)
+    assert np.linalg.norm(log[:, 7:10], axis=1).max() == pytest.approx(measured, rel=0.2)

@@ -11,15 +11,20 @@ With a ring it keeps the last seconds in memory and writes a bag of them when a 
 from __future__ import annotations
 
 import importlib
+import math
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from struct import unpack_from
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.errors import ErrorCode, IsfError
 from isf_ros import process, qos
 from isf_ros.lifecycle import CellNode
@@ -34,6 +39,7 @@ from std_srvs.srv import Trigger
 from isf_analysis.bag.bag_file import COMPRESSIONS, NANO, STORAGES, Storage, check_free
 from isf_analysis.bag.recording import Message, Recording
 from isf_analysis.bag.ring import Ring
+from isf_analysis.bag.text_log import LogFile, pose_angles
 from isf_analysis.bag.topics import CELL, TRANSFORMS, Topic
 
 EXIT_INCOMPLETE = 6
@@ -84,6 +90,9 @@ class RecorderParameters:
     queue_size: float = parameter(
         256.0, "what may wait for a slow disk before messages of streams are left out", unit="MB", minimum=1.0
     )
+    text_log: str = parameter(
+        "", "also a text file of 12 columns, 20 rows per second of the machine's time; must not exist; empty: none"
+    )
     ring: float = parameter(
         0.0,
         "keep the last time in memory, and write it when a node reports a fault or snapshot is called; 0: write all",
@@ -115,6 +124,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         self._sequence: dict[str, int] = {}
         self._not_delivered: set[str] = set()
         self._not_installed: list[str] = []
+        self._log: TextSamples | None = None
         self.failure: IsfError | None = None
         """What first kept it from recording all that came."""
         self.create_service(Trigger, "recorder/snapshot", self._snapshot)
@@ -163,6 +173,12 @@ class RecorderNode(CellNode[RecorderParameters]):
             self._faulty = set()
         else:
             self._recording = self._begin()
+        if values.text_log:
+            numbers = {topic.name: number for number, topic in enumerate(self._topics)}
+            path = Path(values.text_log).absolute()
+            if self._recordings > 1:  # activated once more, as the bag
+                path = path.with_stem(f"{path.stem}-{self._recordings}")
+            self._log = TextSamples(LogFile(path), [numbers.get(name) for name in LOGGED_TOPICS])
         self._group = Polled()
         self._subscriptions_polled = [self._subscribe(topic, _profile(topic)) for topic in self._topics]
         self._delivery = self.create_timer(DELIVERY_PERIOD, self._check_delivery, clock=self.steady_clock)
@@ -254,6 +270,7 @@ class RecorderNode(CellNode[RecorderParameters]):
         if self._recording is None and self._ring is None:
             return
         batch = self._take()
+        self._write_log(batch)
         if self._ring is not None:
             self._ring.add(batch)
             self._look_for_faults(batch)
@@ -291,6 +308,17 @@ class RecorderNode(CellNode[RecorderParameters]):
                     self._count_gap(topic.name, info["publication_sequence_number"])
         batch.sort(key=_received_at)
         return batch
+
+    def _write_log(self, batch: list[Message]) -> None:
+        """Where the disk is full the bag is what counts: it goes on without the log."""
+        if self._log is None:
+            return
+        try:
+            for number, _, data in batch:
+                self._log.take(number, data)
+        except IsfError as error:
+            self._log = None
+            self.warn(error)
 
     def _look_for_faults(self, batch: list[Message]) -> None:
         """A node that begins to report an error makes the ring a bag; not one of another cell, nor this one."""
@@ -339,7 +367,17 @@ class RecorderNode(CellNode[RecorderParameters]):
             self._timer = None
             self._poll()
         self._ring = None
+        self._close_log()
         self._close_recording()
+
+    def _close_log(self) -> None:
+        log, self._log = self._log, None
+        if log is None:
+            return
+        try:
+            log.close()
+        except IsfError as error:
+            self.warn(error)
 
     def _close_recording(self) -> None:
         recording, self._recording = self._recording, None
@@ -359,6 +397,63 @@ class RecorderNode(CellNode[RecorderParameters]):
         if last is not None and number > last + 1:
             self._lost[topic] = self._lost.get(topic, 0) + number - last - 1
         self._sequence[topic] = number
+
+
+LOGGED_TOPICS = ("tool_1/pose", "tool_1/wrench", "tool_2/wrench")
+LOG_PERIOD = round(0.05 * NANO)
+"""ns between two rows of the text log, by the stamps of the wrenches of tool 1."""
+
+
+class TextSamples:
+    """Rows of the text log from messages as they come; only those that a row is made of are looked into.
+
+    ``numbers`` of LOGGED_TOPICS in the recording, None for one that is not recorded. Time begins with the first row.
+    """
+
+    def __init__(self, file: LogFile, numbers: Sequence[int | None]) -> None:
+        self._file = file
+        self._pose, self._wrench, self._lower = numbers
+        self._newest: dict[int, bytes] = {}
+        self._first: int | None = None
+        self._due = 0
+
+    def take(self, number: int, data: bytes) -> None:
+        """Take the message ``data`` of topic ``number``; raises IsfError FILE_NOT_WRITABLE."""
+        if number not in (self._pose, self._wrench, self._lower):
+            return
+        self._newest[number] = data
+        if number != self._wrench:
+            return
+        seconds, fraction = unpack_from("<iI", data, 4)  # the stamp is what a message with a header begins with
+        stamp = seconds * NANO + fraction
+        if stamp < self._due:
+            return
+        self._first = stamp if self._first is None else self._first
+        self._due = stamp + LOG_PERIOD
+        self._file.add(np.array([(stamp - self._first) / NANO, *self._tip(), *self._force(number)[:3], *self._below()]))
+
+    def close(self) -> None:
+        """End the file; raises IsfError FILE_NOT_WRITABLE."""
+        self._file.close()
+
+    def _tip(self) -> list[float]:
+        """mm and deg."""
+        data = None if self._pose is None else self._newest.get(self._pose)
+        if data is None:
+            return [math.nan] * 6
+        pose = deserialize_message(data, PoseStamped).pose
+        place, turned = pose.position, pose.orientation
+        angles = pose_angles(turned.x, turned.y, turned.z, turned.w).tolist()
+        return [1e3 * place.x, 1e3 * place.y, 1e3 * place.z, *angles]
+
+    def _below(self) -> list[float]:
+        if self._lower is None or self._lower not in self._newest:
+            return [math.nan] * 2
+        return self._force(self._lower)[:2]
+
+    def _force(self, number: int) -> list[float]:
+        force = deserialize_message(self._newest[number], WrenchStamped).wrench.force
+        return [force.x, force.y, force.z]
 
 
 def _topic(name: str) -> Topic:

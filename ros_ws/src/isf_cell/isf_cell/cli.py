@@ -275,6 +275,9 @@ def record(
     compression: Annotated[str, typer.Option(help="none or zstd, of mcap")] = "none",
     split_size: Annotated[float, typer.Option(help="MB after which the next file begins  [default: one file]")] = 0.0,
     split_time: Annotated[float, typer.Option(help="s after which the next file begins  [default: one file]")] = 0.0,
+    log: Annotated[
+        Path | None, typer.Option("--log", help="also pose and forces as text of 12 columns, 20 rows/s", metavar="FILE")
+    ] = None,
     ring: Annotated[
         float, typer.Option(help="s to keep in memory, written when a node reports a fault  [default: write all]")
     ] = 0.0,
@@ -292,6 +295,8 @@ def record(
         "split_time": split_time,
         "ring": ring,
     }
+    if log is not None:
+        values["text_log"] = log.absolute()
     arguments = ["--ros-args"]
     for name, value in values.items():
         arguments += ["-p", f"{name}:={value}"]

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_analysis.bag.text_log import LogFile, pose_angles
 from isf_analysis.measures import scan_cloud
 from isf_analysis.measures.events import HARMLESS, event_of_message
 from isf_core.errors import ErrorCode, IsfError
@@ -51,15 +52,13 @@ from isf_ros.parameters import parameter
 from isf_ros.polled import Polled, polled_subscription, taken
 from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 
 from isf_dashboard.cell_status import CellStatus, NodeStatus
-from isf_dashboard.history import COLUMNS, History
+from isf_dashboard.history import COLUMNS, LOGGED, History
 from isf_dashboard.part_feed import MM, Job, PartFeed
 from isf_dashboard.server import DEFAULT_PORT, RATE, TOKEN_VARIABLE, Command, DashboardServer, Site
-from isf_dashboard.text_log import LogFile
 
 STATUS_PERIOD = 0.25
 """s between two looks at what holds now."""
@@ -254,7 +253,7 @@ class DashboardNode(CellNode[DashboardParameters]):
         if self._log is None:
             return
         try:
-            self._log.add(row)
+            self._log.add(row[LOGGED])
         except IsfError as error:
             self._log = None
             self.report(error)
@@ -340,8 +339,8 @@ class DashboardNode(CellNode[DashboardParameters]):
         self._newest.heard = now
         first = COLUMNS.index(f"x{tool}")
         self._newest.row[first : first + 3] = MM * np.array(tip_of(message))
-        first = COLUMNS.index(f"phi{tool}")
-        self._newest.row[first : first + 3] = _angles(message.pose.orientation)
+        first, turned = COLUMNS.index(f"phi{tool}"), message.pose.orientation
+        self._newest.row[first : first + 3] = pose_angles(turned.x, turned.y, turned.z, turned.w)
 
     def _on_diagnostics(self, now: float, message: DiagnosticArray) -> None:
         own = self.get_namespace().rstrip("/") + "/"
@@ -475,16 +474,6 @@ class DashboardNode(CellNode[DashboardParameters]):
 def _several(profile: QoSProfile) -> QoSProfile:
     """``profile`` for more messages than one between two looks."""
     return QoSProfile(depth=100, reliability=profile.reliability, durability=profile.durability)
-
-
-def _angles(turned: Any) -> Array:
-    """(3,) deg about x, y and z (Rz Ry Rx, Torrao 2013, eq. 4.22) of a quaternion; NaN for one of no length."""
-    try:
-        return np.asarray(Rotation.from_quat([turned.x, turned.y, turned.z, turned.w]).as_euler("ZYX", degrees=True))[
-            ::-1
-        ]
-    except ValueError:
-        return np.full(3, np.nan)
 
 
 def main(args: list[str] | None = None) -> None:

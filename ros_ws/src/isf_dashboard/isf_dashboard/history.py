@@ -27,6 +27,11 @@ COLUMNS = (
 """Of a sample: time since the beginning (s), tips (mm), angles about x, y, z (deg) and forces (N) of both tools, normal
 force and its set-point (N), feed (mm/s), contour, mode and flags of force control. NaN: not known."""
 
+LOGGED = [
+    COLUMNS.index(name) for name in ("t", "x1", "y1", "z1", "phi1", "theta1", "psi1", "fx1", "fy1", "fz1", "fx2", "fy2")
+]
+"""Columns of a sample that the text log has (:mod:`isf_analysis.bag.text_log`)."""
+
 KEPT = 36_000
 """Samples kept: half an hour at 20 per second; of a longer part every second one of the older half is let go."""
 

@@ -24,14 +24,14 @@ from http.client import responses
 from importlib import resources
 from typing import Any
 
+from isf_analysis.bag.text_log import HEADER, lines
 from isf_core.errors import ErrorCode, IsfError, coded
 from tornado import web
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from isf_dashboard.history import Cursor, History
-from isf_dashboard.text_log import HEADER, lines
+from isf_dashboard.history import LOGGED, Cursor, History
 
 ADDRESS = "127.0.0.1"
 DEFAULT_PORT = 8750
@@ -274,7 +274,7 @@ class _Log(_Handler):
         self.write(f"{HEADER}\n")
         table = self.gate.site.history.table()
         for begin in range(0, len(table), 2000):
-            self.write("".join(lines(table[begin : begin + 2000])))
+            self.write("".join(lines(table[begin : begin + 2000, LOGGED])))
             await self.flush()
 
 

@@ -9,7 +9,9 @@ import threading
 from pathlib import Path
 
 from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.bag.text_log import LogFile
 from isf_core.errors import ErrorCode, IsfError
+from isf_dashboard.history import LOGGED
 from isf_dashboard.run_source import history_of
 from isf_dashboard.server import (
     ADDRESS,
@@ -21,7 +23,6 @@ from isf_dashboard.server import (
     free_port,
     new_token,
 )
-from isf_dashboard.text_log import LogFile
 
 from isf_cell.commands import terminal
 from isf_cell.processes import executables
@@ -69,7 +70,7 @@ def show_run(run: Path, port: int, token: str, log: Path | None, *, namespace: s
         if log is not None:
             file = LogFile(log)
             for row in history.table():
-                file.add(row)
+                file.add(row[LOGGED])
             file.close()
         server = DashboardServer(Site(history), port, token)
         server.start()

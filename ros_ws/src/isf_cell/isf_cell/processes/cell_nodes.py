@@ -72,7 +72,7 @@ class CellChoice:
     load_cells : tools whose wrench a node load_cell makes from raw readings
     tilts : tool 1 is tilted, and its cells with it
     cell_files : tool to the file of its cell ; rig : rig file, for cells without a file of their own, and for viewers
-    bag : folder to record to; "": none
+    bag : folder to record to; "": none ; text_log : file of 12 columns that is written beside it; "": none
     checkpoint : folder that a part is kept in; "": none
     viewers : frames, joint states and sheet for RViz and others are published
     job : job file that viewers describe, and whose rig and tools an operator moves before a part; "": that of the part
@@ -88,6 +88,7 @@ class CellChoice:
     cell_files: dict[int, str] = field(default_factory=dict)
     rig: str = ""
     bag: str = ""
+    text_log: str = ""
     checkpoint: str = ""
     viewers: bool = False
     job: str = ""
@@ -104,7 +105,9 @@ def cell_nodes(choice: CellChoice) -> list[CellNode]:
     frames = OWN_FRAMES if choice.own_frames else ()
     nodes = []
     if choice.bag:
-        wanted = {"output": choice.bag, "autostart": True}
+        wanted: dict[str, Any] = {"output": choice.bag, "autostart": True}
+        if choice.text_log:
+            wanted["text_log"] = choice.text_log
         nodes.append(CellNode("recorder", "isf_analysis", "recorder", wanted, frames, outlives=True))
     if choice.machine:
         raw: dict[str, Any] = {"raw_cells": bool(choice.load_cells)}

@@ -56,7 +56,8 @@ def start_cell(
 ) -> None:
     """Start the five nodes; with a ``bag`` folder the recorder too, and the node that makes frames and scene.
 
-    These go into the bag: a viewer that opens it later shows the machine and the sheet, without ROS.
+    These go into the bag: a viewer that opens it later shows the machine and the sheet, without ROS. Beside the bag the
+    recorder writes the text log (:func:`text_log_beside`).
 
     Where the rig of ``job_file`` has spindle cells the machine gives out their voltages, and a node ``load_cell_k`` of
     each such tool makes the wrench. ``checkpoint``: folder of the part's. ``relayed``:
@@ -73,6 +74,7 @@ def start_cell(
         tilts=job_file is not None and job_file.tilts,
         rig=rig,
         bag="" if bag is None else str(bag),
+        text_log="" if bag is None else str(text_log_beside(bag)),
         checkpoint="" if checkpoint is None else str(checkpoint),
         viewers=bag is not None,
     )
@@ -81,6 +83,11 @@ def start_cell(
         remap = [f"{own}:={other}" for own, other in node.remap]
         remap += relayed if node.name == "force_ctrl" else ()
         group.start(node.package, node.executable, node.parameters, name=name, remap=remap, outlives=node.outlives)
+
+
+def text_log_beside(bag: Path) -> Path:
+    """``operator_log.txt`` beside ``bag``; of the bags of a part that went on, bag-2 and so on, operator_log-2.txt."""
+    return bag.with_name(bag.name.replace("bag", "operator_log", 1) + ".txt")
 
 
 class CellClient:

@@ -13,22 +13,25 @@ from typing import TextIO
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
-
-from isf_dashboard.history import COLUMNS
-
-LOGGED = ("t", "x1", "y1", "z1", "phi1", "theta1", "psi1", "fx1", "fy1", "fz1", "fx2", "fy2")
-"""Columns of a sample: s, mm, deg, N."""
+from scipy.spatial.transform import Rotation
 
 HEADER = "# time_s x_mm y_mm z_mm phi_deg theta_deg psi_deg fx_N fy_N fz_N fx2_N fy2_N"
 
-_CHOSEN = [COLUMNS.index(name) for name in LOGGED]
 _FORMAT = " ".join(["%.3f"] * 4 + ["%.4f"] * 3 + ["%.2f"] * 5)
 
 
 def lines(rows: Iterable[Array]) -> Iterator[str]:
-    """The rows (C,) of a table of samples as lines of the log; what is not known is ``nan``."""
+    """Rows (12,) in s, mm, deg and N as lines of the log; what is not known is ``nan``."""
     for row in rows:
-        yield f"{_FORMAT % tuple(np.asarray(row)[_CHOSEN])}\n"
+        yield f"{_FORMAT % tuple(row)}\n"
+
+
+def pose_angles(x: float, y: float, z: float, w: float) -> Array:
+    """(3,) deg about x, y and z (Rz Ry Rx, Torrao 2013, eq. 4.22) of a quaternion; NaN for one of no length."""
+    try:
+        return np.asarray(Rotation.from_quat([x, y, z, w]).as_euler("ZYX", degrees=True))[::-1]
+    except ValueError:
+        return np.full(3, np.nan)
 
 
 class LogFile:
@@ -44,7 +47,7 @@ class LogFile:
             raise _not_writable(path, error) from error
 
     def add(self, row: Array) -> None:
-        """Append a sample; raises IsfError FILE_NOT_WRITABLE."""
+        """Append a sample (12,); raises IsfError FILE_NOT_WRITABLE."""
         if not row[0] > self._last:
             return
         self._last = float(row[0])
