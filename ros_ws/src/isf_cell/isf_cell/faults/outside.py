@@ -117,8 +117,10 @@ class Outside:
         """Disturb nothing any more."""
         self._alter.clear()
         self.altered = None
-        for stop in self._foreign:
-            stop()
+        for stop in self._foreign:  # in the thread that serves them: they may be publishing at this moment
+            stopped = threading.Event()
+            self._executor.create_task(stop).add_done_callback(lambda _, stopped=stopped: stopped.set())
+            stopped.wait(ANSWER)
         self._foreign.clear()
 
     # -- what it saw -----------------------------------------------------------------------------
