@@ -23,11 +23,16 @@ from isf_analysis.measures.deviation import BANDS
 CHUNK = 20_000
 """Points at a time."""
 
+NEAREST = (8, 32)
+"""Facets with the nearest centres that are tried first, all at once; of points for which others may be nearer all those
+that may be are looked up, one list for each."""
+
 HELD = 500_000
 """Pairs of a point and a facet that may be near it, at a time; 0.5 kB each."""
 
-LARGE = 0.97
-"""Share of the facets, smallest first, that are looked up by their centres; the others are tried one by one."""
+LARGE, ALIKE = 0.97, 3.0
+"""Share of the facets, smallest first, that are looked up by their centres, and besides those up to so many times as
+large as the one in the middle; the others are tried one by one."""
 
 TOUCH = 1e-6
 """Of a facet, from an edge or a corner of it, in shares of its size; and m off the border's normal plane."""
@@ -81,9 +86,10 @@ class Surface:
         self.height_field = bool((self.normals[:, 2] > 0.0).all())
         self.centres = self.corners.mean(axis=1)
         radius = np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1)
-        limit = float(np.quantile(radius, LARGE)) * (1 + 1e-9)
+        middle, most = np.quantile(radius, [0.5, LARGE])
+        limit = max(float(most), ALIKE * float(middle)) * (1 + 1e-9)
         self._small, self._large = np.flatnonzero(radius <= limit), np.flatnonzero(radius > limit)
-        self._radius, self._limit = radius, limit
+        self._radius, self._limit = radius, float(radius[self._small].max())
         self._tree = cKDTree(self.centres[self._small])
         self._open_edge, self._open_corner = _border(self.faces)
 
@@ -123,12 +129,17 @@ class Surface:
         guess = self._small[self._tree.query(points)[1]]
         closest = _on_facets(self.corners[guess], points)
         best, facet = np.linalg.norm(points - closest, axis=1), guess.copy()
+        open_ends = np.arange(len(points))
+        for count in NEAREST:
+            open_ends = self._try_nearest(points, open_ends, min(count, len(self._small)), best, facet, closest)
         # of points far above a sheet almost every facet may be the nearest: they are tried in parts that fit in memory
-        reach = best + self._limit
-        counts = np.asarray(self._tree.query_ball_point(points, reach, return_length=True))
-        for part in np.split(np.arange(len(points)), _begins(counts)):
-            near = self._tree.query_ball_point(points[part], reach[part], return_sorted=False)
-            owner = np.repeat(part, counts[part])
+        reach = best[open_ends] + self._limit
+        counts = np.asarray(self._tree.query_ball_point(points[open_ends], reach, return_length=True))
+        for part in np.split(np.arange(len(open_ends)), _begins(counts)):
+            if not len(part):
+                continue
+            near = self._tree.query_ball_point(points[open_ends[part]], reach[part], return_sorted=False)
+            owner = np.repeat(open_ends[part], counts[part])
             candidate = self._small[np.concatenate([np.asarray(item, dtype=np.int64) for item in near])]
             apart = np.linalg.norm(points[owner] - self.centres[candidate], axis=1)
             may = apart - self._radius[candidate] < best[owner]
@@ -140,17 +151,31 @@ class Surface:
             self._improve(points, owner, np.full(len(owner), number), best, facet, closest)
         return facet, closest
 
+    def _try_nearest(
+        self, points: Array, numbers: Indices, count: int, best: Array, facet: Indices, closest: Array
+    ) -> Indices:
+        """Take for the points ``numbers`` the nearest of the ``count`` facets with the nearest centres; returns those
+        for which others may be nearer."""
+        if not len(numbers):
+            return numbers
+        apart, order = (found.reshape(len(numbers), -1) for found in self._tree.query(points[numbers], k=count))
+        candidate = self._small[order]
+        row, column = np.nonzero(apart - self._radius[candidate] < best[numbers, None])
+        self._improve(points, numbers[row], candidate[row, column], best, facet, closest)
+        return np.asarray(numbers[apart[:, -1] - self._limit < best[numbers]])
+
     def _improve(
         self, points: Array, owner: Indices, candidate: Indices, best: Array, facet: Indices, closest: Array
     ) -> None:
-        """Take for points ``owner`` the facets ``candidate`` that are nearer than the ``best`` known."""
+        """Take for points ``owner``, in order, the facets ``candidate`` that are nearer than the ``best`` known."""
         if not len(owner):
             return
         place = _on_facets(self.corners[candidate], points[owner])
         distance = np.linalg.norm(points[owner] - place, axis=1)
-        order = np.lexsort((distance, owner))
-        _, first = np.unique(owner[order], return_index=True)
-        chosen = order[first]
+        begins = np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]])
+        least = np.minimum.reduceat(distance, begins)
+        among = np.flatnonzero(distance == np.repeat(least, np.diff(np.r_[begins, len(owner)])))
+        chosen = among[np.r_[True, owner[among[1:]] != owner[among[:-1]]]]
         chosen = chosen[distance[chosen] < best[owner[chosen]]]
         winner = owner[chosen]
         best[winner], facet[winner], closest[winner] = distance[chosen], candidate[chosen], place[chosen]
