@@ -227,11 +227,15 @@ def form(
     dashboard: Annotated[
         bool, typer.Option("--dashboard", help="serve a page for the browser while the part is formed")
     ] = False,
+    attach: Annotated[bool, typer.Option("--attach", help="form it in the cell that isf cell has started")] = False,
     json: Json = False,
 ) -> None:
     """Form a part through the ROS 2 node graph: five nodes, recorder and frames, each a process of its own."""
     from isf_cell.commands.form import form_part, resume_part
 
+    if attach and (real_time or dashboard or resume is not None):
+        named = "--real-time" if real_time else "--dashboard" if dashboard else "--resume"
+        raise typer.BadParameter(f"{named} is for a cell of its own", ctx=context, param_hint="--attach")
     if resume is not None:
         asked = {
             "JOB": job,
@@ -248,7 +252,42 @@ def form(
     if job is None:
         raise typer.BadParameter("name a job file, or --resume RUN", ctx=context, param_hint="JOB")
     options = RunOptions(correction, support_force, variant, seed, sheet_kind(sheet, "--sheet"))
-    form_part(job, options, output, compare=compare, lockstep=not real_time, dashboard=dashboard, as_json=json)
+    form_part(
+        job,
+        options,
+        output,
+        compare=compare,
+        lockstep=not real_time,
+        dashboard=dashboard,
+        attach=attach,
+        as_json=json,
+    )
+
+
+@app.command()
+def cell(
+    job: Annotated[
+        Path | None, typer.Argument(help="job whose rig, sheet and tools are meant", metavar="JOB", show_default=False)
+    ] = None,
+    rig: Annotated[str | None, typer.Option(help="rig (name or file) without a job", metavar="NAME")] = None,
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="run by the wall clock instead of in lockstep with the simulation")
+    ] = False,
+    driver: Annotated[
+        bool, typer.Option("--driver", help="the cell's own driver is started elsewhere: no simulated machine")
+    ] = False,
+    page: Annotated[bool, typer.Option("--page", help="serve a page for the browser, too")] = False,
+    record: Annotated[bool, typer.Option("--record", help="record all of it, with a text log")] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="folder for logs and bag  [default: runs/cell-TIME]", metavar="DIR"),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Start a cell that stays up until Ctrl-C, for isf form --attach, isf mode, isf jog, isf dashboard and others."""
+    from isf_cell.commands.cell import stand
+
+    stand(job, rig, output, lockstep=not real_time, machine=not driver, page=page, record=record, as_json=json)
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})

@@ -45,16 +45,17 @@ def show_cell(port: int, token: str, log: Path | None, *, namespace: str | None,
     os.execv(path, [str(path), *arguments])
 
 
-def address_beside() -> int:
-    """Port of a page beside a run, told with its address: the usual port where it is free, else another. The token is
-    put into the environment of the node."""
+def address_beside() -> tuple[int, str]:
+    """Port and address of a page beside a run, told: the usual port where it is free, else another. The token is put
+    into the environment of the node."""
     try:
         port = free_port(DEFAULT_PORT)
     except IsfError:
         port = free_port(0)
     token = os.environ[TOKEN_VARIABLE] = new_token()
-    terminal.say(f"dashboard  http://{ADDRESS}:{port}/{token}/")
-    return port
+    url = f"http://{ADDRESS}:{port}/{token}/"
+    terminal.say(f"dashboard  {url}")
+    return port, url
 
 
 def show_run(run: Path, port: int, token: str, log: Path | None, *, namespace: str | None, as_json: bool) -> None:

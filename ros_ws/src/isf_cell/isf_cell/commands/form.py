@@ -29,12 +29,17 @@ def form_part(
     compare: bool,
     lockstep: bool,
     dashboard: bool = False,
+    attach: bool = False,
     as_json: bool,
 ) -> None:
-    """Form ``job`` with a cell of its own; raises IsfError when the part does not complete."""
+    """Form ``job`` with a cell of its own, or ``attach`` to the one that is up; raises IsfError when the part does not
+    complete."""
     job_file = load_job(job)
     options.check(job_file)
     with run_folder(output, job_file.job.name) as folder:
+        if attach:
+            _form(job_file, options, folder, job if compare else None, None, attach=True, as_json=as_json)
+            return
         form_in(
             folder, job, job_file, options, compare=compare, lockstep=lockstep, dashboard=dashboard, as_json=as_json
         )
@@ -58,19 +63,9 @@ def form_in(
     """
     with resume.alone(folder):
         resume.Request(job, lockstep).write(folder)
-        port = address_beside() if dashboard else None
+        port = address_beside()[0] if dashboard else None
         shown = job if compare else None
-        _form(
-            job_file,
-            options,
-            folder,
-            shown,
-            lockstep=lockstep,
-            port=port,
-            as_json=as_json,
-            goes_on=False,
-            told=told or {},
-        )
+        _form(job_file, options, folder, shown, port, lockstep=lockstep, as_json=as_json, told=told or {})
 
 
 def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, dashboard: bool = False, as_json: bool) -> None:
@@ -89,8 +84,8 @@ def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, dashboard
         if compare and job is None and checkpoint.correction != UNCORRECTED:
             terminal.say("the job file is gone or another one by now: the uncorrected part is left out")
         job_file, options = checkpoint.job_file, checkpoint.options
-        port = address_beside() if dashboard else None
-        _form(job_file, options, folder, job, lockstep=found.lockstep, port=port, as_json=as_json, goes_on=True)
+        port = address_beside()[0] if dashboard else None
+        _form(job_file, options, folder, job, port, lockstep=found.lockstep, as_json=as_json, goes_on=True)
 
 
 def _form(
@@ -98,19 +93,20 @@ def _form(
     options: RunOptions,
     folder: Path,
     compared: Path | None,
-    *,
-    lockstep: bool,
     port: int | None,
+    *,
+    lockstep: bool = True,
     as_json: bool,
-    goes_on: bool,
+    goes_on: bool = False,
+    attach: bool = False,
     told: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
-    """``compared``: job file of the uncorrected part that is simulated, None: none."""
+    """``compared``: job file of the uncorrected part that is simulated, None: none; ``port`` of a page, None: none."""
     method = options.method(job_file)
-    mode = "lockstep" if lockstep else "real time"
+    mode = "the cell that is up" if attach else "lockstep" if lockstep else "real time"
     with ExitStack() as stack:
         progress = stack.enter_context(terminal.part_progress(f"{job_file.job.name} ({method}, ROS 2, {mode})"))
-        progress.phase("starting the nodes")
+        progress.phase("looking for the cell" if attach else "starting the nodes")
 
         def show(message: FormPart.Feedback) -> None:
             if message.phase != "forming":
@@ -128,9 +124,12 @@ def _form(
             )
 
         try:
-            result, failure = graph_run.form(
-                job_file, options, folder, show, lockstep=lockstep, resume=goes_on, dashboard_port=port
-            )
+            if attach:
+                result, failure = graph_run.form_attached(job_file, options, folder, show)
+            else:
+                result, failure = graph_run.form(
+                    job_file, options, folder, show, lockstep=lockstep, resume=goes_on, dashboard_port=port
+                )
         except IsfError as error:
             raise resume.with_advice(error, folder) from error
         if failure is not None:

@@ -56,5 +56,6 @@ def busy(domain: str, who: str = "") -> IsfError:
     return IsfError(
         ErrorCode.BUSY,
         f"another cell is running in ROS domain {domain}{who}",
-        advice="end it, or choose another domain: ROS_DOMAIN_ID=7 ./isf form ...",
+        advice="form in it (isf form --attach, where isf cell started it), end it, or choose another domain: "
+        "ROS_DOMAIN_ID=7 ./isf form ...",
     )

@@ -11,6 +11,7 @@ from typing import Any
 
 import rclpy
 from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
 from diagnostic_msgs.msg import DiagnosticArray
 from isf_analysis.bag.open_bag import next_bag
 from isf_core.errors import ErrorCode, IsfError
@@ -18,6 +19,9 @@ from isf_core.files.job import JobFile
 from isf_core.files.rig import tools_with_spindle_cells
 from isf_core.files.yaml_file import find_named
 from isf_msgs.action import FormPart
+from isf_msgs.msg import ExecutiveState
+from isf_msgs.srv import Stop
+from isf_ros import qos
 from isf_ros.lifecycle import failure
 from isf_ros.process import join_graph
 from rclpy.action import ActionClient
@@ -41,6 +45,15 @@ once, at the start, may be missed), and an executive tells its process 2 times a
 
 PATIENCE = 0.02
 """s for which a client waits for a message before it looks whether Ctrl-C came: that has to stop tools within 50 ms."""
+
+FIND_TIMEOUT = 30.0
+"""s to find a cell that is up, with the start of the recorder beside it."""
+
+GONE = 5.0
+"""s without a server of form_part after which an executive that another command started counts as gone."""
+
+CANCEL_TIME, STOP_TIME = 3.0, 0.5
+"""s for a part to be left along its path, and for the machine to confirm that it holds: a cell ends within 5 s."""
 
 Feedback = Callable[[FormPart.Feedback], None]
 
@@ -78,6 +91,11 @@ def start_cell(
         checkpoint="" if checkpoint is None else str(checkpoint),
         viewers=bag is not None,
     )
+    start_nodes(group, choice, relayed)
+
+
+def start_nodes(group: ProcessGroup, choice: CellChoice, relayed: Sequence[str] = ()) -> None:
+    """Start the nodes of a cell; ``relayed`` as of :func:`start_cell`."""
     for node in cell_nodes(choice):
         name = "" if node.name == node.executable else node.name
         remap = [f"{own}:={other}" for own, other in node.remap]
@@ -103,6 +121,8 @@ class CellClient:
         self._executives: set[str] = set()
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
         self._action = ActionClient(self._node, FormPart, "form_part")
+        self._busy = False
+        self._node.create_subscription(ExecutiveState, "executive/state", self._on_executive, qos.CHANGES)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -144,6 +164,61 @@ class CellClient:
                 advice=f"see the logs in {group.log_folder}; ./isf doctor checks the installation",
             )
 
+    def find_cell(self, group: ProcessGroup) -> None:
+        """Wait for the executive of a cell that is up, and for the nodes of ``group``, which are beside it.
+
+        Raises IsfError NODE_MISSING without a cell, NODE_DIED.
+        """
+
+        def ready() -> bool:
+            self._check_own(group)
+            return self._action.server_is_ready() and all(
+                self._states.get(node.name) == "active" for node in group.nodes
+            )
+
+        if self._spin_until(ready, FIND_TIMEOUT):
+            return
+        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        raise IsfError(
+            ErrorCode.NODE_MISSING,
+            f"no cell that forms parts answers in ROS domain {domain}",
+            advice="start one: isf cell JOB; without --attach isf form starts its own",
+        )
+
+    def stay(self, group: ProcessGroup) -> None:
+        """Until Ctrl-C (KeyboardInterrupt); raises IsfError NODE_DIED when a process of ``group`` ends before."""
+
+        def died() -> bool:
+            self._check_own(group)
+            return False
+
+        self._spin_until(died, None)
+
+    def end_cell(self) -> None:
+        """Cancel the part that is formed, and have the machine release the tools where that takes long; never raises.
+
+        A cancelled part is left along its path, tools lifted clear.
+        """
+        cancel = self._node.create_client(CancelGoal, "form_part/_action/cancel_goal")
+        stop = self._node.create_client(Stop, "machine/stop")
+        try:
+            if self._busy and cancel.service_is_ready():
+                cancel.call_async(CancelGoal.Request())  # a request without an id is for all goals
+                self._spin_until(lambda: not self._busy, CANCEL_TIME)
+            if stop.service_is_ready():
+                told = stop.call_async(Stop.Request(reason="the cell ends"))
+                self._spin_until(told.done, STOP_TIME)
+        finally:
+            self._node.destroy_client(cancel)
+            self._node.destroy_client(stop)
+
+    def _check_own(self, group: ProcessGroup) -> None:
+        for node in group.dead():
+            raise IsfError(ErrorCode.NODE_DIED, f"node '{node.name}' {node.end}", advice=f"its output is in {node.log}")
+
+    def _on_executive(self, message: ExecutiveState) -> None:
+        self._busy = message.busy
+
     def form(
         self, job_file: JobFile, options: RunOptions, feedback: Feedback, group: ProcessGroup, *, resume: bool = False
     ) -> Any:
@@ -177,14 +252,21 @@ class CellClient:
         return response.result
 
     def _wait(self, future: Future, group: ProcessGroup, timeout: float | None = None) -> Any:
+        executive = next((node for node in group.nodes if node.name == "executive"), None)
+        served = time.monotonic()
+
         def done() -> bool:
-            if not group["executive"].alive:
-                node = group["executive"]
+            nonlocal served
+            if executive is not None and not executive.alive:
                 raise IsfError(
                     ErrorCode.NODE_DIED,
-                    f"node 'executive' {node.end}",
-                    advice=f"its output is in {node.log}",
+                    f"node 'executive' {executive.end}",
+                    advice=f"its output is in {executive.log}",
                 )
+            if executive is None:  # of a cell that is up
+                served = time.monotonic() if self._action.server_is_ready() else served
+                if time.monotonic() > served + GONE:
+                    raise IsfError(ErrorCode.NODE_DIED, "the executive is gone", advice="start the cell again")
             return future.done()
 
         if not self._spin_until(done, timeout):
@@ -245,6 +327,29 @@ def form(
             start_cell(group, bag, lockstep=lockstep, job_file=job_file, checkpoint=folder / CHECKPOINT)
             client.wait_ready(group)
             result = _result_of(client, job_file, options, feedback, group, resume=resume)
+            recorder = group["recorder"]
+            ended_early = not recorder.alive
+    if result.code:
+        return result, failure(result.code, result.message)
+    return result, incomplete_record(bag, recorder, ended_early=ended_early)
+
+
+def form_attached(
+    job_file: JobFile, options: RunOptions, folder: Path, feedback: Feedback
+) -> tuple[Any, IsfError | None]:
+    """Form one part with the cell that is up in this ROS domain; as :func:`form`, without a checkpoint of its own.
+
+    The recorder alone is started here, and ended.
+    """
+    bag = folder / "bag"
+    with ExitStack() as stack:
+        client = CellClient()
+        stack.callback(client.close)
+        with ProcessGroup(folder / "logs") as group:
+            wanted = {"output": str(bag), "autostart": True, "text_log": str(text_log_beside(bag))}
+            group.start("isf_analysis", "recorder", wanted)
+            client.find_cell(group)
+            result = _result_of(client, job_file, options, feedback, group, resume=False)
             recorder = group["recorder"]
             ended_early = not recorder.alive
     if result.code:

@@ -189,5 +189,5 @@ def _missing(what: str) -> IsfError:
     return IsfError(
         ErrorCode.NODE_MISSING,
         what,
-        advice="start a cell in this ROS domain (ros2 launch isf_cell cell.launch.py), then: isf mode manual",
+        advice="start a cell in this ROS domain (isf cell JOB), then: isf mode manual",
     )

@@ -1,0 +1,146 @@
+"""``isf cell``: real processes that stay up for other commands, and end with tools lifted or when a node dies."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import forked_process
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from isf_cell.commands.exit_codes import Exit
+from isf_msgs.msg import ContourResult
+from isf_ros import qos
+from quick_cone import CONTOURS, quick_cone_file
+from waiting import LIMIT, Waiting
+
+pytestmark = pytest.mark.graph
+
+
+@contextmanager
+def standing(folder: Path, *options: str) -> Iterator[tuple[forked_process.ForkedProcess, dict[str, Any]]]:
+    """The command, and what it tells when its cell is up."""
+    with (folder / "stderr.txt").open("w") as errors:
+        process = forked_process.start(
+            [sys.executable, "-m", "isf_cell.cli", "cell", *options, "-o", "cell", "--json"],
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            cwd=folder,
+            env=dict(os.environ),
+            text=True,
+        )
+    try:
+        assert process.stdout is not None
+        told = ""
+        while not told.endswith("\n}\n"):
+            line = process.stdout.readline()
+            assert line, (folder / "stderr.txt").read_text()
+            told += line
+        yield process, json.loads(told)
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            process.wait(LIMIT)
+
+
+def isf(folder: Path, *arguments: str) -> Any:
+    """The JSON object of a command that succeeds."""
+    done = forked_process.run([sys.executable, "-m", "isf_cell.cli", *arguments, "--json"], cwd=folder)
+    assert done.returncode == Exit.OK, done.stderr
+    return json.loads(done.stdout)
+
+
+def alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_a_cell_stays_for_other_commands_and_ends_with_tools_lifted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ISF_CELLS", str(tmp_path / "cells"))
+    job = str(quick_cone_file(tmp_path))
+    with standing(tmp_path, job) as (cell, told):
+        names = {"machine", "planner", "springback", "force_ctrl", "executive", "cell_state_publisher"}
+        assert set(told["nodes"]) == names
+        assert isf(tmp_path, "mode") == {"mode": "automatic"}
+        isf(tmp_path, "mode", "manual")  # the job is that of the cell
+        isf(tmp_path, "move-to", "5", "-5", "95", "--speed", "60")
+        assert isf(tmp_path, "jog", "-z")["position_mm"] == pytest.approx([5.0, -5.0, 94.0], abs=1e-3)
+        assert isf(tmp_path, "zero", "G55")["origin_mm"] == pytest.approx([5.0, -5.0, 94.0], abs=0.1)
+        isf(tmp_path, "mode", "automatic")
+        second = forked_process.run([sys.executable, "-m", "isf_cell.cli", "form", job], cwd=tmp_path)
+        assert second.returncode == Exit.CELL
+        assert "--attach" in second.stderr
+
+        formed = isf(tmp_path, "form", job, "--attach", "--no-compare", "-o", "part")
+        assert formed["complete"]
+        assert formed["contours"] == CONTOURS
+        assert np.loadtxt(tmp_path / "part" / "operator_log.txt").shape[1] == 12
+
+        rclpy.init()
+        node = rclpy.create_node("looker")
+        waiting = Waiting(node)
+        heights: list[float] = []
+        results: list[ContourResult] = []
+        node.create_subscription(
+            PoseStamped, "tool_1/pose", lambda message: heights.append(message.pose.position.z), qos.SENSOR
+        )
+        node.create_subscription(ContourResult, "contour/result", results.append, qos.EVENT)
+        try:
+            another = forked_process.start(
+                [sys.executable, "-m", "isf_cell.cli", "form", job, "--attach", "--no-compare", "-o", "second"],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                cwd=tmp_path,
+                env=dict(os.environ),
+                text=True,
+            )
+            assert waiting.until(lambda: results and heights and heights[-1] < -1e-3, 3 * LIMIT)
+            cell.send_signal(signal.SIGINT)
+            assert waiting.until(lambda: cell.poll() is not None)
+        finally:
+            waiting.close()
+            node.destroy_node()
+            rclpy.try_shutdown()
+        _, words = another.communicate(timeout=LIMIT)
+    assert cell.poll() == Exit.OK, (tmp_path / "stderr.txt").read_text()
+    assert heights[-1] > 0.0, "off the sheet"
+    assert not [name for name, process in told["nodes"].items() if alive(process)]
+    # a busy computer does not tell the part's end before the executive's
+    assert another.poll() in (Exit.CANCELLED, Exit.CELL), words
+
+
+def test_a_cell_whose_node_dies_ends_and_says_which(tmp_path: Path) -> None:
+    with standing(tmp_path, "--rig", "ren2018", "--real-time") as (cell, told):
+        os.kill(told["nodes"]["planner"], signal.SIGKILL)
+        assert cell.wait(LIMIT) == Exit.CELL
+    words = (tmp_path / "stderr.txt").read_text()
+    assert "1502 NODE_DIED" in words
+    assert "'planner' was ended by SIGKILL" in words
+    assert not [name for name, process in told["nodes"].items() if alive(process)]
+
+
+def test_what_no_cell_can_be_made_of_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    job = str(quick_cone_file(tmp_path))
+    for arguments, code in (
+        (("cell", "nothing.yaml"), Exit.INPUT),
+        (("cell", "--rig", "nothing"), Exit.INPUT),
+        (("cell", job, "--rig", "ren2018"), Exit.INPUT),
+        (("form", job, "--attach", "--real-time"), Exit.USAGE),
+    ):
+        done = forked_process.run([sys.executable, "-m", "isf_cell.cli", *arguments], cwd=tmp_path)
+        assert done.returncode == code, done.stderr
+    assert not (tmp_path / "runs").exists()
