@@ -18,12 +18,17 @@ import pytest
 import rclpy
 from geometry_msgs.msg import PoseStamped
 from isf_cell.commands.exit_codes import Exit
-from isf_msgs.msg import ContourResult
+from isf_cell.run.hand_client import HandClient
+from isf_cell.run.operator_modes import OperatorMode
+from isf_core.errors import ErrorCode, IsfError
+from isf_msgs.msg import ContourResult, HandState
 from isf_ros import qos
 from quick_cone import CONTOURS, quick_cone_file
 from waiting import LIMIT, Waiting
 
 pytestmark = pytest.mark.graph
+
+MANUAL = int(OperatorMode.MANUAL)
 
 
 @contextmanager
@@ -121,6 +126,42 @@ def test_a_cell_stays_for_other_commands_and_ends_with_tools_lifted(
     assert not [name for name, process in told["nodes"].items() if alive(process)]
     # a busy computer does not tell the part's end before the executive's
     assert another.poll() in (Exit.CANCELLED, Exit.CELL), words
+
+
+@pytest.mark.clock
+def test_tools_are_moved_by_hand_by_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISF_CELLS", str(tmp_path / "cells"))
+    job = quick_cone_file(tmp_path)
+    with standing(tmp_path, str(job), "--real-time"):
+        with HandClient() as client:
+            client.set_mode(MANUAL)
+            there = client.move_to(1, (20e-3, -10e-3, 95e-3), 60e-3, lambda _: None)
+            assert there == pytest.approx((20e-3, -10e-3, 95e-3), abs=1e-9)
+            with pytest.raises(IsfError) as refused:
+                client.move_to(1, (0.0, 0.0, -5e-3), 60e-3, lambda _: None)
+            assert refused.value.code == ErrorCode.MOVE_INTO_SHEET
+            for way in ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)):  # what was refused is not told of these
+                client.step(1, way, 1e-3, 10e-3)
+            assert client.hand is not None
+            tip = client.hand.tip_1
+            assert (tip.x, tip.y, tip.z) == pytest.approx((22e-3, -10e-3, 94e-3), abs=1e-9)
+
+        rclpy.init()
+        node = rclpy.create_node("looker")
+        waiting = Waiting(node)
+        hand: list[HandState] = []
+        node.create_subscription(HandState, "force_ctrl/hand", hand.append, qos.CHANGES)
+        command = [sys.executable, "-m", "isf_cell.cli", "move-to", "-90", "-10", "94", "--speed", "10"]
+        moved = forked_process.start(command, cwd=tmp_path, env=dict(os.environ))
+        try:
+            assert waiting.until(lambda: hand and hand[-1].moving and hand[-1].tip_1.x < 20e-3)
+            moved.send_signal(signal.SIGKILL)
+            assert waiting.until(lambda: hand[-1].code == ErrorCode.HAND_LOST and not hand[-1].moving)
+        finally:
+            waiting.close()
+            node.destroy_node()
+            rclpy.try_shutdown()
+        assert -90e-3 < hand[-1].tip_1.x < 20e-3
 
 
 def test_a_cell_whose_node_dies_ends_and_says_which(tmp_path: Path) -> None:

@@ -27,6 +27,9 @@ from isf_cell.processes.held_interrupt import ctrl_c_held_back
 START, CHANGE, STOPPED = 10.0, 300.0, 5.0
 """s: what is asked must be there; a mode brings up nodes; a movement that was cancelled has ended."""
 
+AT_REST = 1.0
+"""s for force_ctrl to tell that nothing is pressed; somebody else may have the tools."""
+
 PERIOD = 0.04
 """s between two jog messages, of the 0.15 s after which a button counts as let go."""
 
@@ -103,7 +106,11 @@ class HandClient:
         return found.position.x, found.position.y, found.position.z
 
     def step(self, tool: int, direction: Sequence[float], increment: float, speed: float) -> None:
-        """One step of ``increment`` m along ``direction`` (3,); returns when the tool stands; raises IsfError."""
+        """One step of ``increment`` m along ``direction`` (3,); returns when the tool stands; raises IsfError.
+
+        On a busy computer a message may come so late that the key counts as let go, before anything moved. Then it is
+        pressed again: what was pressed until then moves nothing.
+        """
         if not self._wait(lambda: self.hand is not None and self._jog.get_subscription_count() > 0, START):
             raise _missing("nothing on force_ctrl/hand")
         if self.hand is None or not self.hand.armed:
@@ -115,18 +122,31 @@ class HandClient:
         message.direction = Vector3(**dict(zip("xyz", map(float, direction), strict=True)))
         seen: list[HandState] = []
         self._watch = seen.append
+        deadline = time.monotonic() + START + increment / max(speed, 1e-4)
+
+        def ended() -> bool:
+            mine = [state for state in seen if state.client == self.name and (state.moving or state.code)]
+            taken = [state for state in seen if state.code == ErrorCode.HAND_TAKEN]
+            return bool(mine or taken) and not seen[-1].moving
+
+        def at_rest() -> bool:
+            """The tools are this client's, who presses nothing, and nothing is told of what was before."""
+            return bool(seen) and seen[-1].client == self.name and not (seen[-1].moving or seen[-1].code)
+
         try:
-            self._wait(lambda: bool(seen) and not seen[-1].moving, 0.2, self._sender(rest))  # keys are let go before
-            began: list[HandState] = []
-
-            def ended() -> bool:
-                mine = [state for state in seen if state.client == self.name and (state.moving or state.code)]
-                taken = [state for state in seen if state.code == ErrorCode.HAND_TAKEN]
-                began[:] = mine or taken
-                return bool(began) and not seen[-1].moving
-
-            if not self._wait(ended, START + increment / max(speed, 1e-4), self._sender(message)):
-                raise IsfError(ErrorCode.SERVICE_TIMEOUT, "the step was not made", where="jog", advice="see the log")
+            while True:
+                seen.clear()
+                self._jog.publish(Jog(client=self.name, enable=False, tool=tool))
+                self._wait(at_rest, AT_REST, self._sender(rest))
+                before = self.hand
+                seen.clear()
+                if not self._wait(ended, deadline - time.monotonic(), self._sender(message)):
+                    what = "the step was not made"
+                    raise IsfError(ErrorCode.SERVICE_TIMEOUT, what, where="jog", advice="see the log of force_ctrl")
+                last = seen[-1]
+                stood = (last.tip_1, last.tip_2) == (before.tip_1, before.tip_2)
+                if last.code != ErrorCode.HAND_LOST or not stood:
+                    break
         finally:
             self._watch = None
             self._jog.publish(Jog(client=self.name, enable=False, tool=tool))

@@ -50,6 +50,8 @@ class Wish(Enum):
     STOP = 2
     TAKEN = 3
     """Somebody else moves a tool."""
+    LET_GO = 4
+    """The client was lost with its key pressed, and still presses it: it has to be let go first."""
 
 
 class JogDesk:
@@ -110,4 +112,6 @@ class JogDesk:
         if before is not None and sum(a * b for a, b in zip(before, key, strict=True)) < SAME:
             self._begun = False
             return Wish.STOP
-        return Wish.NOTHING if self._begun or self._to_let_go == demand.client else Wish.START
+        if self._to_let_go == demand.client:
+            return Wish.LET_GO
+        return Wish.NOTHING if self._begun else Wish.START

@@ -137,10 +137,20 @@ class HandMotion:
         with self._lock:
             if self._space is None:
                 return
+            before = self._desk.owner
             wish = self._desk.hear(demand)
+            if self._move is None and self._desk.owner == demand.client != before:
+                self._told = (ErrorCode.OK, "")  # what another one was refused, or this one before, is over
             try:
                 if wish is Wish.TAKEN:
                     raise self._taken(demand.client)
+                if wish is Wish.LET_GO:
+                    raise IsfError(
+                        ErrorCode.HAND_LOST,
+                        f"nothing on jog from '{demand.client}' for {SILENCE:g} s while it pressed its key",
+                        where="jog",
+                        advice="let go of it, and press it again",
+                    )
                 if wish is Wish.STOP and self._move is not None:
                     self._move.stop()
                 if wish is Wish.START and self._move is None:

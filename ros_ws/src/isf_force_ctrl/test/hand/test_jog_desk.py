@@ -83,7 +83,7 @@ def test_who_is_silent_has_let_go_and_begins_anew_with_the_keys_up(desk: JogDesk
     clock.now += 0.002
     assert desk.lost()
     desk.release(lost=True)
-    assert desk.hear(STEP) is Wish.NOTHING  # the messages are back, with the key still down
+    assert desk.hear(STEP) is Wish.LET_GO  # the messages are back, with the key still down
     assert desk.hear(REST) is Wish.NOTHING
     assert desk.hear(STEP) is Wish.START
 
