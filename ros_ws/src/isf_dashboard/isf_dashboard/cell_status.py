@@ -21,6 +21,20 @@ SHOWN = 6
 NOT_SHOWN = ("pid", "process", "output", "silent")
 
 
+MACHINE = "machine"
+"""Node whose values in /diagnostics may tell of pump, oil and encoders; a driver may use the same keys."""
+
+SUPPLY = {
+    "pump": ("pump {}", "on"),
+    "supply_bar": ("{} bar", ""),
+    "oil_deg_c": ("oil {} °C", ""),
+    "oil": ("oil {}", "ok"),
+    "encoders": ("encoders {}", "ok"),
+    "cables": ("sensor cables {}", "ok"),
+}
+"""Keys, what the page says of them, and the value that is right; none: there is no wrong one."""
+
+
 @dataclass(frozen=True)
 class NodeStatus:
     """Of one node, as in /diagnostics: ``level`` 0 ok, 1 warning, 2 error."""
@@ -93,5 +107,19 @@ class CellStatus:
             "rates": {name: round(rate) if rate >= 10.0 else round(rate, 1) for name, rate in rates.items()},
             "mode": self.mode if alive else None,
             "hand": self.hand,
+            "supply": self._supply(time),
             "ready": {"stop": ready["stop"], "pause": ready["pause"] and busy},
         }
+
+    def _supply(self, time: float) -> list[dict[str, Any]]:
+        """Pump, oil and encoders as far as the machine tells of them; nothing of one that is silent."""
+        since, machine = self._nodes.get(MACHINE, (0.0, None))
+        if machine is None or time - since > SILENT:
+            return []
+        values = machine.values
+        shown = []
+        for key, (text, right) in SUPPLY.items():
+            if not (value := values.get(key, "")) or (key == "oil" and value == right):
+                continue
+            shown.append({"text": text.format(value), "wrong": bool(right) and value != right})
+        return shown

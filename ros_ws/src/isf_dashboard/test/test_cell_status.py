@@ -35,3 +35,23 @@ def test_faults_and_limits_of_a_machine_are_told_and_a_mode_of_a_later_version_i
     }
     status.machine(9, [], tared=True, limits=0)
     assert status.told(0.0, {"stop": False, "pause": False}, {}, heard=True)["machine"]["mode"] == "mode 9"
+
+
+def test_pump_oil_and_encoders_are_told_as_long_as_the_machine_tells_of_them() -> None:
+    def supply(time: float, status: CellStatus) -> list[tuple[str, bool]]:
+        told = status.told(time, {"stop": False, "pause": False}, {}, heard=True)
+        return [(one["text"], one["wrong"]) for one in told["supply"]]
+
+    status = CellStatus()
+    assert supply(0.0, status) == []
+    status.node(1.0, "machine", NodeStatus(0, "active", "ok", {"tick": "9"}))
+    assert supply(1.0, status) == [], "a machine without legs"
+    well = {"pump": "on", "supply_bar": "98.2", "oil_deg_c": "31.0", "oil": "ok", "encoders": "ok", "cables": "ok"}
+    status.node(2.0, "machine", NodeStatus(0, "active", "ok", well))
+    right = ["pump on", "98.2 bar", "oil 31.0 °C", "encoders ok", "sensor cables ok"]
+    assert supply(2.0, status) == [(text, False) for text in right]
+    ill = {"pump": "off", "supply_bar": "3.0", "oil_deg_c": "61.0", "oil": "warm", "encoders": "L3 out of range"}
+    status.node(3.0, "machine", NodeStatus(2, "active", "a fault", ill))
+    wrong = {"pump off", "oil warm", "encoders L3 out of range"}
+    assert {text for text, is_wrong in supply(3.0, status) if is_wrong} == wrong
+    assert supply(9.0, status) == [], "silent"

@@ -412,6 +412,9 @@ function showHand(status) {
     button.setAttribute("aria-pressed", button.dataset.mode === word);
     button.disabled = !free;
   }
+  const supply = (status.supply ?? []).map((one) => element("span", one.text, one.wrong ? "bad" : ""));
+  $("supply").hidden = !supply.length;
+  $("supply").replaceChildren(...supply);
   const armed = free && word === "manual" && Boolean(status.hand?.armed);
   for (const button of document.querySelectorAll("[data-way]")) button.disabled = !armed;
   $("zero").disabled = !(free && (word === "manual" || word === "set-up") && !status.hand?.moving);

@@ -240,15 +240,21 @@ class Legs:
         return state.readings, state.motion[:, 1], state.pressures @ (self.constants.hydraulics.areas * [1.0, -1.0])
 
     def values(self) -> dict[str, object]:
-        """State of the hydraulics for people: controller, pressure, oil."""
+        """State of the hydraulics for people: controller, pressure, oil, transducers."""
         pressure, temperature = self.state.supply.tolist()
-        legs = self._legs
+        legs, constants = self._legs, self.constants
+        strokes = self.state.motion[:, 0] + self.state.offsets
+        within = (strokes >= -ENCODER_MARGIN) & (strokes <= constants.platform.stroke + ENCODER_MARGIN)
+        beyond = ", ".join(name for name, ok in zip(self.names, within, strict=True) if not ok)
+        cables = {"cables": "disagree" if self.state.overdue[2] else "ok"} if constants.cables else {}
         return {
             "leg_controller": legs.controller,
             "supply_bar": round(1e-5 * pressure, 1),
             "oil_deg_c": round(temperature, 1),
             "oil": "warm" if temperature > legs.supply.warm else "ok",
             "pump": "on" if self.state.switches[PUMP] else "off",
+            "encoders": f"{beyond} out of range" if beyond else "ok",
+            **cables,
         }
 
     def following(self) -> tuple[float, float]:
