@@ -43,10 +43,13 @@ def choice_of(job: Path | None, rig: str | None) -> CellChoice:
         job_file = load_job(job)
         path = str(find_named("rigs", job_file.job.rig, job_file.base))
         cells = tools_with_spindle_cells(job_file.rig)
-        return replace(choice, job=str(job.resolve()), rig=path, load_cells=cells, tilts=job_file.tilts)
+        turns = job_file.rig.largest_tilt > 0.0  # whatever this job does: others are formed in this cell, too
+        return replace(choice, job=str(job.resolve()), rig=path, load_cells=cells, tilts=turns)
     if rig is not None:
         path = str(find_named("rigs", rig, Path.cwd()))
-        return replace(choice, rig=path, load_cells=tools_with_spindle_cells(load_rig(rig, Path.cwd())))
+        machine = load_rig(rig, Path.cwd())
+        cells = tools_with_spindle_cells(machine)
+        return replace(choice, rig=path, load_cells=cells, tilts=machine.largest_tilt > 0.0)
     return choice
 
 

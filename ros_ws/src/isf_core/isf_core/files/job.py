@@ -903,7 +903,10 @@ class JobFile:
 
     @property
     def tilts(self) -> bool:
-        """True when the upper tool is tilted along the path: asked for, and not left out on a rig that cannot."""
+        """True when the upper tool is tilted along the path: asked for, and not left out on a rig that cannot. Of a
+        program it is not known before it is read: True where the rig can."""
+        if self.program is not None:
+            return self.rig.largest_tilt > 0.0
         strategy = self.job.tool_axis.strategy
         fits = self.job.tool_1.flat_radius == 0.0 and self.job.process in ("SPIF", "DSIF")
         return strategy == "five_axis" or (strategy == "auto" and fits and self.rig.largest_tilt > 0.0)
