@@ -11,13 +11,14 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "nodes.md"
 
 
 def named_topics() -> dict[str, tuple[str, str]]:
-    """Name to type and words on delivery, from the table of topics."""
+    """Name to type and words on delivery, from the table of topics; without those that it says are not recorded."""
     text = PAGE.read_text(encoding="utf-8")
     found = {}
     for line in re.findall(r"^\| (`.*) \|$", text[text.index("| topic | type |") :].split("\n\n")[0], re.MULTILINE):
         names, kind, delivery = line.split(" | ")[:3]
         for name in re.findall(r"`([^`]+)`", names):
-            found[name] = (kind, delivery)
+            if not kind.endswith("not recorded"):
+                found[name] = (kind, delivery)
     return found
 
 

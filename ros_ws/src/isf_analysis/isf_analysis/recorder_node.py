@@ -351,12 +351,15 @@ class RecorderNode(CellNode[RecorderParameters]):
     def _snapshot(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """The ring as a bag now, because somebody wants it."""
         if self._ring is None or self._timer is None:
-            response.message = "no ring: set parameter ring to the seconds to keep, then configure and activate"
+            advice = "set parameter ring to the seconds to keep, then configure and activate"
+            refused = IsfError(ErrorCode.FILE_FIELD, "there is no ring", where="recorder/snapshot", advice=advice)
+            response.message = str(refused)
             return response
         self._poll()
         self._keep("asked for")
         response.success = self._recording is not None
-        response.message = str(self._output) if response.success else "the bag cannot be written"
+        refused = IsfError(ErrorCode.BAG_NOT_WRITABLE, "the bag cannot be written", where=str(self._output))
+        response.message = str(self._output) if response.success else str(refused)
         return response
 
     def _finish(self) -> None:

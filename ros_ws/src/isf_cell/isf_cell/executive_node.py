@@ -342,7 +342,8 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         response.success = self._handle is not None
         response.message = "pausing after this contour" if request.data else "going on"
         if not response.success:
-            response.message = "no part is being formed"
+            refused = IsfError(ErrorCode.MODE_REFUSED, "no part is being formed", where="executive/pause")
+            response.message = str(refused)
             self._paused = False
         self._tell_state()
         return response
@@ -350,7 +351,8 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
     def _on_go_on(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Go on after a contour of the plan's hold_after; an operator's pause ends by executive/pause."""
         response.success = bool(self._waits_for)
-        response.message = "going on" if response.success else "no part waits for this"
+        refused = IsfError(ErrorCode.MODE_REFUSED, "no part waits for this", where="executive/go_on")
+        response.message = "going on" if response.success else str(refused)
         if response.success:
             self._paused, self._waits_for = False, ""
             self._tell_state()

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -80,6 +80,9 @@ CHANGE = 120.0
 """s for an answer to a change of mode, which brings nodes up; asked once."""
 
 EMERGENCY = "press the emergency stop of the machine"
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -288,13 +291,23 @@ class DashboardNode(CellNode[DashboardParameters]):
         self._feed.path(now, tool, tips)
 
     def _on_nominal(self, now: float, message: Contour) -> None:
-        self._feed.nominal(now, contour_from_message(message))
+        self._convert(now, contour_from_message, message, self._feed.nominal)
 
     def _on_correction(self, now: float, message: ContourCorrection) -> None:
-        self._feed.correction(now, correction_from_message(message))
+        self._convert(now, correction_from_message, message, self._feed.correction)
 
     def _on_result(self, now: float, message: ContourResult) -> None:
-        self._feed.result(now, result_from_message(message))
+        self._convert(now, result_from_message, message, self._feed.result)
+
+    def _convert(self, now: float, convert: Callable[[Any], T], message: Any, show: Callable[[float, T], None]) -> None:
+        """Show what a message says; a malformed one is told as a fault."""
+        try:
+            found = convert(message)
+        except ValueError as error:
+            what = f"{type(message).__name__} {message.index} of {message.plan_id or '(no plan)'} is malformed: {error}"
+            self._feed.fault(now, "contour", int(ErrorCode.CONTOUR_REJECTED), what)
+        else:
+            show(now, found)
 
     def _on_scan(self, now: float, message: PointCloud2) -> None:
         try:

@@ -322,7 +322,12 @@ class CellStateNode(CellNode[CellStateParameters]):
         self._sheet.publish(sheet_marker(vertices, triangles, frame, message.header.stamp))
 
     def _on_contour(self, message: Contour) -> None:
-        path = path_to_message(contour_from_message(message).forming_tip, message.header.stamp, PATH_POSES)
+        try:
+            tips = contour_from_message(message).forming_tip
+        except ValueError as error:
+            self.warn(IsfError(ErrorCode.CONTOUR_REJECTED, f"malformed: {error}", where="contour/corrected"))
+            return
+        path = path_to_message(tips, message.header.stamp, PATH_POSES)
         path.header.frame_id = self._frame(FRAME)
         self._path.publish(path)
 

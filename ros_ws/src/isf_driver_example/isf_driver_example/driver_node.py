@@ -11,6 +11,8 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -228,10 +230,20 @@ class ManagedDriver(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__("machine")
+        for service in self.services:
+            service.callback = partial(self._answer, service.callback)
         self._driver: Driver | None = None
         self._label = "unconfigured"
         self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_timer(HEALTH_PERIOD, self._publish_health, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _answer(self, serve: Callable[..., Any], request: Any, response: Any) -> Any:
+        """rclpy raises an exception for a transition that the present state has not: it is refused, no more."""
+        try:
+            return serve(request, response)
+        except Exception as error:
+            self.get_logger().error(f"{type(request).__name__}: {error}")
+            return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._driver = self._driver or Driver(self, MANAGED)

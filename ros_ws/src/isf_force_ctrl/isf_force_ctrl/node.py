@@ -66,6 +66,10 @@ after which twists do."""
 STEADY = 0.25
 """s by the clock that the tools stand after the wrenches are back, so that they are where they should be."""
 
+STOPPED_FOR = 2.0
+"""s of wall time that the machine is in a protective stop, after which what is done in lockstep ends with its fault: no
+tick comes any more. An executive has ended the part long before."""
+
 BY_HAND = "by hand"
 """In place of a plan, where tools are moved by move_to and jog."""
 
@@ -382,9 +386,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if late:
                 self._patient_until = time.monotonic() + self._timeout
             lost = self._ready.lost() if time.monotonic() > self._patient_until else []
-            if lost and (controller.busy or self._awaited is not None):
+            ends = self._ready.lost_fault(lost, self._timeout) if lost else self._ready.machine_fault(STOPPED_FOR)
+            if ends and (controller.busy or self._awaited is not None):
                 if controller.busy:
-                    controller.fail(*self._ready.lost_fault(lost, self._timeout))
+                    controller.fail(*ends)
                     self._publish_state(controller, self.get_clock().now().nanoseconds)
                 self._end()
             if self._output.has_targets and time.monotonic() - self._output.last_publish >= HEARTBEAT:

@@ -23,6 +23,7 @@ from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError, coded
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.clock import Clock, ClockType
@@ -86,7 +87,10 @@ class CellNode(LifecycleNode, Generic[P]):
         self._apart: set[str] = set()
         super().__init__(name, **options)
         for service in self.services:  # those of the lifecycle are not made by create_service
-            service.callback = guarded(service.callback, partial(self._service_failed, service.srv_name))
+            serve = service.callback
+            if service.srv_type is ChangeState:
+                serve = partial(self._change_state, serve)
+            service.callback = guarded(serve, partial(self._service_failed, service.srv_name))
             keep_answers(self, service)
         self._parameters_type = parameters_type
         parameters.declare(self, parameters_type)
@@ -340,6 +344,20 @@ class CellNode(LifecycleNode, Generic[P]):
         self.publish_health()
         return TransitionCallbackReturn.SUCCESS
 
+    def _change_state(self, change: Callable[..., Any], request: Any, response: Any) -> Any:
+        """As rclpy's, which raises an exception for the number of a transition that the present state has not."""
+        possible = {number: label for number, label, *_ in self._state_machine.available_transitions}
+        if request.transition.label or request.transition.id in possible:
+            return change(request, response)
+        what = f"no transition {request.transition.id} from state {self._state_machine.current_state[1]}"
+        advice = ", ".join(f"{number} {label}" for number, label in possible.items())
+        error = IsfError(
+            ErrorCode.TRANSITION_FAILED, what, where="change_state", advice=f"there are {advice or 'none'}"
+        )
+        self.get_logger().warning(str(error))
+        response.success = False
+        return response
+
     def _transition(self, action: Callable[[], None], label: str) -> TransitionCallbackReturn:
         self._in_transition = True
         try:
@@ -377,7 +395,8 @@ class CellNode(LifecycleNode, Generic[P]):
 
     def _service_failed(self, name: str, error: Exception, _: Any, response: Any) -> Any:
         found = self.fault(error, f"service {name}")
-        return refuse(response, int(found.code), found.message)
+        text = found.message if hasattr(response, "code") else str(found)
+        return refuse(response, int(found.code), text)
 
     def _goal_failed(self, where: str, answer: GoalResponse, error: Exception, _: Any) -> GoalResponse:
         self.fault(error, where)

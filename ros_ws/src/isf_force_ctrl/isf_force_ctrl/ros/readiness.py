@@ -37,6 +37,7 @@ class Readiness:
         self.timeout, self.pose_timeout, self._frames, self._clock = timeout, pose_timeout, frames, clock
         self.needed: list[int] = [1, 2]
         self._machine: tuple[float, isf.MachineState] | None = None
+        self._stopped: float | None = None  # s of the clock since when the machine is in a protective stop
         self._watchdogs = (ReceiveWatchdog(timeout, clock), ReceiveWatchdog(timeout, clock))
         self._poses: list[tuple[float, Vector] | None] = [None, None]
         self.axis: Vector = UPRIGHT
@@ -47,7 +48,21 @@ class Readiness:
 
     def machine(self, state: isf.MachineState) -> None:
         """The machine has told its ``state``."""
-        self._machine = (self._clock(), state)
+        now = self._clock()
+        self._machine = (now, state)
+        if state.mode != isf.MachineState.PROTECTIVE_STOP:
+            self._stopped = None
+        elif self._stopped is None:
+            self._stopped = now
+
+    def machine_fault(self, seconds: float) -> Fault | None:
+        """Code and text of the fault for which the machine has been in a protective stop for ``seconds``."""
+        if self._machine is None or self._stopped is None or self._clock() - self._stopped < seconds:
+            return None
+        state = self._machine[1]
+        code, text = (*state.fault_codes[:1], 0)[0], (*state.fault_messages[:1], "a fault is latched")[0]
+        known = ErrorCode(code) if code in set(ErrorCode) and code else ErrorCode.MACHINE_FAULTED
+        return known, f"the machine is in a protective stop: {text}"
 
     def pose(self, tool: int, tip: Vector) -> None:
         """A pose of ``tool`` has come."""

@@ -14,7 +14,7 @@ from isf_core.files.job import JobFile, load_job
 from isf_force_ctrl import ControlConfig
 from isf_msgs.action import LiftTool, MoveAside
 from isf_msgs.msg import ForceCtrlState
-from isf_msgs.srv import Tare
+from isf_msgs.srv import Stop, Tare
 from isf_planner import plan
 from isf_ros import qos
 from node_cell import LIMIT, QUICK, RIG, Cell, call_action, small_ring, watched
@@ -98,6 +98,18 @@ def test_lift_tool_measures_and_forming_goes_on(measured: Measured) -> None:
     assert np.isnan(short.springback)
     assert measured.cell.arm(plan_id="").code == 0
     assert measured.cell.rests_in(ForceCtrlState.IDLE)
+
+
+def test_a_move_ends_with_the_fault_of_a_machine_that_stands_still(measured: Measured) -> None:
+    """Nobody but force_ctrl is there to see that no tick comes any more."""
+    measured.form(1)
+    stop = measured.cell.node.create_client(Stop, "machine/stop")
+    assert stop.wait_for_service(LIMIT)
+    stopped = stop.call_async(Stop.Request(reason="a test"))
+    assert measured.cell.wait(stopped.done)
+    moved, _ = call_action(measured.cell, MoveAside, "move_aside", MoveAside.Goal())
+    assert moved.code == ErrorCode.STOP_REQUESTED
+    assert "protective stop: a test" in moved.message
 
 
 @pytest.mark.clock
