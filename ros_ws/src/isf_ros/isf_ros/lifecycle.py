@@ -16,6 +16,7 @@ import os
 import time
 import traceback
 from collections.abc import Callable
+from contextvars import ContextVar
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -72,6 +73,9 @@ OVERRIDES = (
 ENDS = "finalized"
 """State of a node whose process has been told to end."""
 
+OWN_ARGUMENTS: ContextVar[tuple[str, ...]] = ContextVar("OWN_ARGUMENTS", default=())
+"""ROS arguments for the next node that is made, where several are made in one process."""
+
 P = TypeVar("P")
 
 
@@ -85,7 +89,7 @@ class CellNode(LifecycleNode, Generic[P]):
         self._fault_count = 0
         self._successors: dict[int, Any] = {}
         self._apart: set[str] = set()
-        super().__init__(name, **options)
+        super().__init__(name, **{"cli_args": list(OWN_ARGUMENTS.get()), **options})
         for service in self.services:  # those of the lifecycle are not made by create_service
             serve = service.callback
             if service.srv_type is ChangeState:

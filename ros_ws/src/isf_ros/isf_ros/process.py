@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import rclpy
@@ -22,7 +22,7 @@ from rclpy.executors import Executor, ExternalShutdownException, ShutdownExcepti
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from isf_ros.lifecycle import CellNode
+from isf_ros.lifecycle import OWN_ARGUMENTS, CellNode
 
 EXIT_OK, EXIT_ERROR = 0, 2
 
@@ -120,10 +120,11 @@ def ended_by_signal() -> Callable[[], bool]:
 
 @dataclass(frozen=True)
 class Wanted:
-    """A node that is to run: what makes it, and ``streams`` of :func:`spin`."""
+    """A node that is to run: what makes it, ``streams`` of :func:`spin`, and ROS arguments for it alone."""
 
     make: Callable[[], CellNode[Any]]
     streams: bool
+    arguments: tuple[str, ...] = ()
 
 
 _wanted: list[Wanted] | None = None
@@ -141,8 +142,11 @@ def run(make_node: Callable[[], CellNode[Any]], args: list[str] | None = None, *
     return EXIT_OK
 
 
-def wanted_by(main: Callable[[], Any]) -> list[Wanted]:
-    """The nodes that ``main``, an entry point that ends in :func:`run`, would run; what it does before is done."""
+def wanted_by(main: Callable[[], Any], arguments: Sequence[str] = ()) -> list[Wanted]:
+    """The nodes that ``main``, an entry point that ends in :func:`run`, would run; what it does before is done.
+
+    ``arguments``: ROS arguments for them alone, which come before those of the process.
+    """
     global _wanted
     _wanted = []
     try:
@@ -151,11 +155,19 @@ def wanted_by(main: Callable[[], Any]) -> list[Wanted]:
         pass
     finally:
         found, _wanted = _wanted, None
-    return found
+    return [replace(one, arguments=tuple(arguments)) for one in found]
 
 
-def run_together(wanted: Sequence[Wanted], args: list[str] | None = None) -> int:
-    """Run nodes in this process, each by a thread and an executor of its own but for the first; as :func:`run`."""
+def run_together(
+    wanted: Sequence[Wanted],
+    args: list[str] | None = None,
+    *,
+    check: Callable[[Sequence[CellNode[Any]]], None] = lambda _: None,
+) -> int:
+    """Run nodes in this process, each by a thread and an executor of its own but for the first; as :func:`run`.
+
+    ``check`` may raise IsfError of the nodes that were made, before any of them is served.
+    """
     atexit.register(gc.freeze)  # else the interpreter looks through all that was imported before it ends: a second
     told = ended_by_signal()
     failures: list[BaseException] = []
@@ -177,7 +189,9 @@ def run_together(wanted: Sequence[Wanted], args: list[str] | None = None) -> int
     try:
         join_graph(args)
         for one in wanted:
+            OWN_ARGUMENTS.set(one.arguments)
             nodes.append(one.make())
+        check(nodes)
         for node, one in zip(nodes[1:], wanted[1:], strict=True):
             threads.append(threading.Thread(target=serve, args=(node, one.streams), name=node.get_name(), daemon=True))
             threads[-1].start()
