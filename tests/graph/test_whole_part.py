@@ -320,7 +320,9 @@ def test_real_time_forms_the_part_and_counts_late_ticks(tmp_path: Path) -> None:
     record = read_bag(folder / "bag")
     assert record.formed == record.planned
     assert not record.lockstep
-    assert record.late_ticks <= result.late_ticks <= result.ticks
+    assert 0 <= result.late_ticks <= result.ticks
+    # the machine tells its count ten times a second: the bag and the executive end with different ones
+    assert record.late_ticks == pytest.approx(result.late_ticks, abs=0.05 * result.ticks)
 
 
 def test_a_computer_that_paused_forms_the_part_to_its_end(tmp_path: Path) -> None:
