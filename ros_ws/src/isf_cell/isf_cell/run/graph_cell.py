@@ -591,7 +591,10 @@ class GraphCell:
             raise IsfError(ErrorCode.NODE_DIED, f"node '{MACHINE}' no longer responds")
 
     def _watch_states(self) -> None:
-        for name, state in self._monitor.deactivated().items():
+        left = self._monitor.deactivated()
+        if left:
+            self._name_intruder()  # a second process of the name tells the state of its own
+        for name, state in left.items():
             raise IsfError(
                 ErrorCode.NODE_INACTIVE,
                 f"node '{name}' is {state} in the middle of the part",
