@@ -17,6 +17,7 @@ case ${1:-} in
 esac
 
 "$root/scripts/setup.sh" || exit
+unset ROS_AUTOMATIC_DISCOVERY_RANGE FASTRTPS_DEFAULT_PROFILES_FILE # tests are as closed as a cell is by default
 # shellcheck source=/dev/null
 source "$root/.isf/env.sh"
 
@@ -24,7 +25,7 @@ source "$root/.isf/env.sh"
 read -ra domains < <(python scripts/free_domain.py 8)
 ROS_DOMAIN_ID=${domains[0]}
 ISF_TEST_RUN=$(date +%s).$$ # marks every process this run starts
-export ROS_DOMAIN_ID ISF_TEST_RUN ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
+export ROS_DOMAIN_ID ISF_TEST_RUN
 export PYTHONFAULTHANDLER=1 # a process that crashes says where
 export ISF_SHELL_THREADS=1 # several tests share the processors
 

@@ -63,13 +63,18 @@ if [ -n "${RMW_IMPLEMENTATION:-}" ] && [ "$RMW_IMPLEMENTATION" != rmw_fastrtps_c
   fi
   unset isf_found isf_rest
 fi
-# A cell stays on its own computer unless it is told otherwise.
-export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
+# A cell stays on its own computer unless it is told otherwise: with Fast DDS by the profile below, as LOCALHOST would add
+# shared memory to it; with a profile of the user's own, or another middleware, by LOCALHOST.
+isf_range=LOCALHOST
+case ${FASTRTPS_DEFAULT_PROFILES_FILE:-}${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp} in
+  rmw_fastrtps*) isf_range=SYSTEM_DEFAULT ;;
+esac
+export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-$isf_range}"
 # Nodes end at once, a lost message is soon sent again, nobody else is heard: see the files.
 isf_local=_local
-[ "$ROS_AUTOMATIC_DISCOVERY_RANGE" = LOCALHOST ] || isf_local=""
+[ "$ROS_AUTOMATIC_DISCOVERY_RANGE" != SUBNET ] || isf_local=""
 export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$ISF_ROOT/ros_ws/src/isf_cell/config/fastdds$isf_local.xml}"
-unset isf_local
+unset isf_local isf_range
 export ROS_LOG_DIR="${ROS_LOG_DIR:-$ISF_ROOT/.isf/log/ros}"
 
 # Matrices of the cell are small: more BLAS threads only take time from the control loop.

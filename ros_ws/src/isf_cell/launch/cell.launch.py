@@ -30,7 +30,8 @@ from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
 PROFILES, RANGE = "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 LOCAL_FILE, OPEN_FILE, LINK_FILE = (("config", f"fastdds{which}.xml") for which in ("_local", "", "_link"))
-LOCAL = "LOCALHOST"
+OPEN, BY_PROFILE, LOCAL = "SUBNET", "SYSTEM_DEFAULT", "LOCALHOST"
+FAST_DDS = "rmw_fastrtps"
 RVIZ_FILE = ("layouts", "cell.rviz")
 RESPAWN_DELAY = 2.0  # s, so that a node which cannot start does not fill the log
 
@@ -130,10 +131,12 @@ def middleware(context: LaunchContext) -> list[Action]:
     A profile of the user's own stands, but for LINK_FILE."""
     share = FindPackageShare("isf_cell")
     if LaunchConfiguration("link").perform(context) == YES:
-        wanted = {PROFILES: PathJoinSubstitution([share, *LINK_FILE]), RANGE: "SUBNET"}
+        wanted = {PROFILES: PathJoinSubstitution([share, *LINK_FILE]), RANGE: OPEN}
         return [SetEnvironmentVariable(name, value) for name, value in wanted.items()]
-    reach = os.environ.get(RANGE, LOCAL)
-    file = LOCAL_FILE if reach == LOCAL else OPEN_FILE
+    # LOCALHOST would add shared memory to LOCAL_FILE, which says why not; other middleware, and other profiles, need it
+    by_profile = PROFILES not in os.environ and os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps").startswith(FAST_DDS)
+    reach = os.environ.get(RANGE, BY_PROFILE if by_profile else LOCAL)
+    file = OPEN_FILE if reach == OPEN else LOCAL_FILE
     wanted = {PROFILES: PathJoinSubstitution([share, *file]), RANGE: reach}
     return [SetEnvironmentVariable(name, value) for name, value in wanted.items() if name not in os.environ]
 

@@ -223,19 +223,32 @@ def test_a_cell_stays_on_its_computer_unless_the_user_says_otherwise(
     launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch, reach: str | None, whitelisted: bool
 ) -> None:
     profiles, scope = "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
-    monkeypatch.delenv(profiles, raising=False)
-    monkeypatch.delenv(scope, raising=False)
+    for name in (profiles, scope, "RMW_IMPLEMENTATION"):
+        monkeypatch.delenv(name, raising=False)
     if reach:
         monkeypatch.setenv(scope, reach)
     wanted = dict(action.args for action in launch_file["middleware"]({"link": "false"}))
     assert ("<address>127.0.0.1<" in Path(wanted.pop(profiles).perform({})).read_text(encoding="utf-8")) == whitelisted
-    assert wanted == ({} if reach else {scope: "LOCALHOST"})
+    assert wanted == ({} if reach else {scope: "SYSTEM_DEFAULT"})
 
 
 def test_a_profile_of_the_users_own_stands(launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     assert launch_file["middleware"]({"link": "false"}) == []
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    (closed,) = launch_file["middleware"]({"link": "false"})
+    assert closed.args == ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+def test_another_middleware_is_kept_on_the_computer_too(
+    launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    wanted = dict(action.args for action in launch_file["middleware"]({"link": "false"}))
+    assert wanted["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
 
 def test_nodes_on_other_computers_are_found_and_sent_small_datagrams(

@@ -35,6 +35,9 @@ EXECUTABLES = (
 )
 """Everything that the packages install, by package; a test compares it with their set-up files."""
 
+LOCAL_PROFILE = "fastdds_local.xml"
+"""Profile of Fast DDS with which a cell hears its own computer alone."""
+
 LIBRARIES = (
     "numpy",
     "scipy",
@@ -136,12 +139,14 @@ def _middleware() -> list[Check]:
     implementation = os.environ.get("RMW_IMPLEMENTATION", "default")
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     scope = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    profile = Path(os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", "")).name
+    closed = scope == "LOCALHOST" or (scope == "SYSTEM_DEFAULT" and profile == LOCAL_PROFILE)
     checks = [
         Check(
             "discovery",
-            "ok" if scope == "LOCALHOST" else "warning",
-            f"domain {domain}, range {scope}, RMW {implementation}",
-            "" if scope == "LOCALHOST" else "other machines can see and disturb this cell",
+            "ok" if closed else "warning",
+            f"domain {domain}, range {scope}{f' ({profile})' if profile else ''}, RMW {implementation}",
+            "" if closed else "other machines can see and disturb this cell",
         )
     ]
     try:
