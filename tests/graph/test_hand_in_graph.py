@@ -148,10 +148,17 @@ class Operator:
     def press(
         self, until: Callable[[], Any], way: tuple[float, float, float], increment: float, client: str = "test"
     ) -> bool:
-        """Hold a key (``way``, increment mm) until something holds."""
+        """Hold a key (``way``, increment mm) until something holds; press it again when a busy computer lost it."""
         message = Jog(client=client, enable=True, tool=1, increment=1e-3 * increment)
         message.direction = Vector3(**dict(zip("xyz", map(float, way), strict=True)))
-        return self.wait(lambda: self.jog.publish(message) or until())
+
+        def pressed() -> Any:
+            if self.hand and self.hand[-1].code == ErrorCode.HAND_LOST:
+                self.jog.publish(Jog(client=client, enable=False, tool=1))
+            self.jog.publish(message)
+            return until()
+
+        return self.wait(pressed)
 
     def let_go(self, client: str = "test") -> None:
         self.jog.publish(Jog(client=client, enable=False, tool=1))

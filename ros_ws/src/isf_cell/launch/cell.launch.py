@@ -134,8 +134,8 @@ def middleware(context: LaunchContext) -> list[Action]:
         wanted = {PROFILES: PathJoinSubstitution([share, *LINK_FILE]), RANGE: OPEN}
         return [SetEnvironmentVariable(name, value) for name, value in wanted.items()]
     # LOCALHOST would add shared memory to LOCAL_FILE, which says why not; other middleware, and other profiles, need it
-    by_profile = PROFILES not in os.environ and os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps").startswith(FAST_DDS)
-    reach = os.environ.get(RANGE, BY_PROFILE if by_profile else LOCAL)
+    fast_dds = os.environ.get("RMW_IMPLEMENTATION", FAST_DDS).startswith(FAST_DDS)
+    reach = os.environ.get(RANGE, BY_PROFILE if fast_dds and PROFILES not in os.environ else LOCAL)
     file = OPEN_FILE if reach == OPEN else LOCAL_FILE
     wanted = {PROFILES: PathJoinSubstitution([share, *file]), RANGE: reach}
     return [SetEnvironmentVariable(name, value) for name, value in wanted.items() if name not in os.environ]
