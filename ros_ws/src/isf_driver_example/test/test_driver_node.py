@@ -167,7 +167,7 @@ def test_readings_of_cycles_that_came_late_are_not_left_out(sender: Sender) -> N
     with driver(SERVICES) as process:
         assert sender.wait(lambda: len(heard) > 20)
         process.send_signal(signal.SIGSTOP)
-        time.sleep(0.06)  # the fault itself
+        time.sleep(0.06)  # the fault itself: the timer misses cycles, which the driver makes up for
         process.send_signal(signal.SIGCONT)
         before = len(heard)
         assert sender.wait(lambda: len(heard) > before + 40)

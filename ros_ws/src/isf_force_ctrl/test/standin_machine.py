@@ -228,7 +228,7 @@ class StandInMachine(Node):
         due = self.now(1)
         if self.lockstep and self.stamp == [due, due]:
             if self.last_targets and Path(self.last_targets).exists():
-                time.sleep(1.0)  # the fault itself: the last targets are done a second late
+                time.sleep(1.0)  # the fault itself: a machine that does the last targets a second late
                 Path(self.last_targets).unlink()
             self.sandbox.advance(*self.targets)
             self.measure()

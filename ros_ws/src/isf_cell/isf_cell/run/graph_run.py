@@ -146,12 +146,7 @@ class CellClient:
 
         def ready() -> bool:
             self._refuse_foreign_cell(own)
-            for node in group.dead():
-                raise IsfError(
-                    ErrorCode.NODE_DIED,
-                    f"node '{node.name}' {node.end}, while starting",
-                    advice=f"its output is in {node.log}",
-                )
+            self._check_own(group, ", while starting")
             active = all(self._states.get(name) == "active" for name in ("executive", "recorder") if name in names)
             heard = all(name in self._states for name in names) and self._action.server_is_ready()
             return active and heard and time.monotonic() > self._listens_since + LISTENING
@@ -212,9 +207,10 @@ class CellClient:
             self._node.destroy_client(cancel)
             self._node.destroy_client(stop)
 
-    def _check_own(self, group: ProcessGroup) -> None:
+    @staticmethod
+    def _check_own(group: ProcessGroup, when: str = "") -> None:
         for node in group.dead():
-            raise IsfError(ErrorCode.NODE_DIED, f"node '{node.name}' {node.end}", advice=f"its output is in {node.log}")
+            raise _died(node, when)
 
     def _on_executive(self, message: ExecutiveState) -> None:
         self._busy = message.busy
@@ -258,11 +254,7 @@ class CellClient:
         def done() -> bool:
             nonlocal served
             if executive is not None and not executive.alive:
-                raise IsfError(
-                    ErrorCode.NODE_DIED,
-                    f"node 'executive' {executive.end}",
-                    advice=f"its output is in {executive.log}",
-                )
+                raise _died(executive)
             if executive is None:  # of a cell that is up
                 served = time.monotonic() if self._action.server_is_ready() else served
                 if time.monotonic() > served + GONE:
@@ -329,9 +321,7 @@ def form(
             result = _result_of(client, job_file, options, feedback, group, resume=resume)
             recorder = group["recorder"]
             ended_early = not recorder.alive
-    if result.code:
-        return result, failure(result.code, result.message)
-    return result, incomplete_record(bag, recorder, ended_early=ended_early)
+    return result, _failure(result, bag, recorder, ended_early=ended_early)
 
 
 def form_attached(
@@ -352,9 +342,7 @@ def form_attached(
             result = _result_of(client, job_file, options, feedback, group, resume=False)
             recorder = group["recorder"]
             ended_early = not recorder.alive
-    if result.code:
-        return result, failure(result.code, result.message)
-    return result, incomplete_record(bag, recorder, ended_early=ended_early)
+    return result, _failure(result, bag, recorder, ended_early=ended_early)
 
 
 def _result_of(client: CellClient, *asked: Any, resume: bool) -> Any:
@@ -363,6 +351,17 @@ def _result_of(client: CellClient, *asked: Any, resume: bool) -> Any:
         return client.form(*asked, resume=resume)
     except IsfError as error:
         return FormPart.Result(code=int(error.code), message=error.message)
+
+
+def _failure(result: Any, bag: Path, recorder: NodeProcess, *, ended_early: bool) -> IsfError | None:
+    """That of the action, else that of its record, as of :func:`incomplete_record`."""
+    if result.code:
+        return failure(result.code, result.message)
+    return incomplete_record(bag, recorder, ended_early=ended_early)
+
+
+def _died(node: NodeProcess, when: str = "") -> IsfError:
+    return IsfError(ErrorCode.NODE_DIED, f"node '{node.name}' {node.end}{when}", advice=f"its output is in {node.log}")
 
 
 def incomplete_record(bag: Path, recorder: NodeProcess, *, ended_early: bool) -> IsfError | None:
