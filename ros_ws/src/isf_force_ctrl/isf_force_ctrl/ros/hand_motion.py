@@ -108,12 +108,18 @@ class HandMotion:
                 text = f"nothing on jog from '{owner}' for {SILENCE:g} s: the tool stands (press its key again)"
                 move.give_up(ErrorCode.HAND_LOST, text, stay=True)
             self._desk.release(lost=True)
-        if move is not None and move.ended:
-            self._move = None
-            self._told = (move.code, move.message)
-            if move.code is not ErrorCode.OK:
-                self._node.get_logger().warning(f"[{move.code} {move.code.name}] {move.message}")
+        self._settle()
         self._publish()
+
+    def _settle(self) -> None:
+        """Forget a movement that has ended, as soon as anybody asks: its client may come with the next at once."""
+        move = self._move
+        if move is None or not move.ended:
+            return
+        self._move = None
+        self._told = (move.code, move.message)
+        if move.code is not ErrorCode.OK:
+            self._node.get_logger().warning(f"[{move.code} {move.code.name}] {move.message}")
 
     # -- messages --------------------------------------------------------------------------------
 
@@ -137,6 +143,7 @@ class HandMotion:
         with self._lock:
             if self._space is None:
                 return
+            self._settle()
             before = self._desk.owner
             wish = self._desk.hear(demand)
             if self._move is None and self._desk.owner == demand.client != before:
@@ -229,6 +236,7 @@ class HandMotion:
         try:
             with self._lock:
                 controller, _ = self._armed()
+                self._settle()
                 if self._move is not None or not self._desk.take(client, watched=bool(goal.client)):
                     raise self._taken(client)
                 try:
