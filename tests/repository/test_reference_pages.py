@@ -24,6 +24,13 @@ def test_tables_of_fields_are_in_step(path: Path) -> None:
     assert TABLES["filled"](text) == text, "run ./isf python scripts/field_tables.py"
 
 
+@pytest.mark.parametrize("path", sorted(DOCS.rglob("*.md")), ids=lambda path: str(path.relative_to(DOCS)))
+def test_no_page_says_a_thing_twice(path: Path) -> None:
+    prose = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    said = [part for part in re.split(r"\n\s*\n", prose) if len(part) > 80 or part.startswith("#")]
+    assert not {part for part in said if said.count(part) > 1}
+
+
 def test_parameter_files_are_in_step() -> None:
     files = TABLES["parameter_files"]()
     assert len(files) == 9
