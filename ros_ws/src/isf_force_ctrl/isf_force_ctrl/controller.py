@@ -349,9 +349,9 @@ class ForceController:
         self._ticks += 1
         forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
         # one cell may be silent and the other one tell of an overload; no sign is judged by a force that is not known
-        judged = Mode.HOLD if self.paused else self._mode
+        judged = Mode.HOLD if self._blind else self._mode
         found = self._watch.check(wrench_1, wrench_2, self._tools.forming, judged, self._laws.normal_force)
-        if self.paused:
+        if self._blind:
             self.drift.restart()
         else:
             fresh = (wrench_1 is not self._used[0], wrench_2 is not self._used[1])
@@ -359,7 +359,7 @@ class ForceController:
         if found and self.fault is None:
             self._stop(*found)
         self._used = (wrench_1, wrench_2)
-        blind = self.paused or self.fault is not None
+        blind = self._blind or self.fault is not None
         laws, row = self._laws, self._playback.row
         if not blind:
             laws.sense(row, forces)
@@ -399,7 +399,7 @@ class ForceController:
         if playback.segment.waits:
             if stopping:
                 self._hold()
-            elif not self.paused and self._engagement.over(
+            elif not self._blind and self._engagement.over(
                 self._laws.wanted(self._mode, playback.segment.rows[0]), self._laws.set_point, self._laws.filtered
             ):
                 self._leave()
@@ -415,10 +415,20 @@ class ForceController:
             self._leave()
 
     @property
+    def repeating(self) -> int:
+        """Tool whose readings repeat exactly, for which the tools stand before that is a fault; 0: none."""
+        return self._watch.repeating if self.fault is None else 0
+
+    @property
+    def _blind(self) -> bool:
+        """The forces are not known."""
+        return self.paused or self._watch.repeating > 0
+
+    @property
     def _standing(self) -> bool:
         """Waits for the wrenches. Disarmed, the tools leave the sheet without them: who does that may have nothing else
         left, and away from the sheet no force is needed."""
-        return self.paused and not self._idle_after
+        return self._blind and not self._idle_after
 
     def _wanted_pace(self) -> float:
         if self._stopping is not None:

@@ -104,7 +104,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._grace = self._timeout if p.lockstep else blind
         self._delayed, self._patient_until = False, 0.0
         self._look = RegularLook(0.5 * min(self._timeout, EXECUTIVE_SILENCE))
-        self._ticks = self._late_before = self._pauses = 0
+        self._ticks = self._late_before = self._pauses = self._repeating = 0
         self._paused_until = 0.0
         self._ticked = RegularLook(0.5 * p.wrench_pause)
         self._awaited: int | None = None
@@ -337,6 +337,11 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _after_tick(self, controller: ForceController, stamp: int) -> None:
         self._latency.targets()
+        if controller.repeating != self._repeating:
+            self._repeating = controller.repeating
+            if self._repeating:
+                self._pauses += 1
+                self.get_logger().warning(f"tool_{self._repeating}/wrench repeats itself under load: the tools stand")
         self._ticks += 1
         if self._ticks % self._settings.state_decimation == 0 or controller.mode is not self._last_mode:
             self._publish_state(controller, stamp)

@@ -24,10 +24,20 @@ Vector = tuple[float, float, float]
 _PRESSING = (Mode.ENGAGE, Mode.CONTROL, Mode.POSITION)
 """Modes in which the forming tool is on the sheet."""
 
+_ALONG = (Mode.CONTROL, Mode.POSITION)
+"""Modes in which the tools move along the sheet: even a cell without any noise reads something new."""
+
 _SQUEEZING = (Mode.ENGAGE, Mode.CONTROL)
 """Modes in which the support tool is held in contact."""
 
 _NOTHING = (0.0, 0.0, 0.0)
+
+
+REPEATING = 0.03
+"""s after which readings that repeat exactly are doubted: tools shall stand 0.05 s after a signal has frozen."""
+
+FORGETTING = 0.999
+"""By which the usual number of repetitions shrinks with every reading that is a new one: it takes 1,000 of them."""
 
 
 class WrenchWatch:
@@ -35,7 +45,8 @@ class WrenchWatch:
 
     A load cell that works is never still: its noise alone changes a loaded reading from tick to tick, so readings that
     repeat exactly for ``frozen_time`` come from a signal that has frozen; the same reading used again, because no new
-    one has come (by the clock), is none. Contacts only push: a forming tool on the
+    one has come (by the clock), is none. Until that is certain, readings that repeat for longer than this cell does
+    usually are told as :attr:`repeating`. Contacts only push: a forming tool on the
     sheet reads an axial force away from the sheet, and a squeezed support tool a positive normal force. The opposite,
     by more than ``sign_force`` for ``sign_time``, is a cell with a wrong sign; a force loop would push ever harder.
     """
@@ -47,6 +58,11 @@ class WrenchWatch:
         self._last: list[Vector] = [_NOTHING, _NOTHING]
         self._used: list[Sequence[float]] = [_NOTHING, _NOTHING]
         self._same, self._against = [0, 0], [0, 0]
+        self._usual = [0.0, 0.0]
+        """Repetitions in a row that a cell of coarse steps, or one slower than its driver, shows lately."""
+        self._doubtful = max(3.0, REPEATING * config.rate) if math.isfinite(config.frozen_time) else math.inf
+        self.repeating = 0
+        """Tool of whose force nothing new is told, most likely; 0: none."""
 
     def retune(self, config: ControlConfig) -> None:
         """Another threshold of what counts as loaded."""
@@ -67,9 +83,14 @@ class WrenchWatch:
             self._used[index] = wrench
             force = (wrench[0], wrench[1], wrench[2])
             if force != self._last[index] or max(map(abs, force)) < self._loaded:
+                self._usual[index] = max(float(self._same[index]), FORGETTING * self._usual[index])
                 self._last[index], self._same[index] = force, 0
+                if self.repeating == index + 1:
+                    self.repeating = 0
                 continue
             self._same[index] += 1
+            if mode in _ALONG and self._same[index] >= max(self._doubtful, 3.0 * self._usual[index]):
+                self.repeating = index + 1
             if self._same[index] >= self._frozen_after:
                 return ErrorCode.WRENCH_FROZEN, (
                     f"tool_{index + 1}/wrench has been the same {self._same[index]} times under load: frozen signal "

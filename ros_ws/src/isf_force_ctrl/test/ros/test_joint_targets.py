@@ -51,7 +51,9 @@ def test_joints_lead_to_the_targets(cell: Cell, tmp_path: Path) -> None:
         some = joints[k][:: len(joints[k]) // 50]
         tips, turned = arm.forward(np.array([one.points[0].positions for one in some]))
         last = np.array(joints[k][-1].points[0].positions)
-        assert cell.wait(lambda k=k, arm=arm, last=last: np.linalg.norm(arm.forward(last[None])[0] - poses[k][-1]) < 1e-6)
+        assert cell.wait(
+            lambda k=k, arm=arm, last=last: np.linalg.norm(arm.forward(last[None])[0] - poses[k][-1]) < 1e-6
+        )
         known = np.array(poses[k])
         away = np.array([np.linalg.norm(known - tip, axis=1).min() for tip in tips])
         # a test that is kept waiting misses some poses: the joints beside these lie between their neighbours

@@ -11,6 +11,41 @@ from isf_force_ctrl.supervision.wrench_receiver import WrenchFrames
 from isf_force_ctrl.supervision.wrench_watch import WrenchWatch
 
 
+def test_tools_brake_50_ms_after_a_wrench_has_frozen_and_go_on_when_it_is_back():
+    kept, tips, doubted, stood = {}, [], [], []
+
+    def freeze(tick, controller, wrench_1, wrench_2):
+        tips.append(np.array(controller.targets.tip_1))
+        if controller.mode is Mode.CONTROL:
+            kept.setdefault("tick", tick + 200)  # well under way
+        since = tick - kept.get("tick", np.inf)
+        if 0 <= since < 100:  # 0.2 s: too short for a fault
+            kept.setdefault("wrench", list(wrench_2))
+            if controller.repeating:
+                doubted.append(since)
+            if np.linalg.norm(tips[-1] - tips[-2]) == 0.0:
+                stood.append(since)
+            return wrench_1, list(kept["wrench"])
+        return wrench_1, wrench_2
+
+    outcome = run([ring(0, 1, radius=25e-3)], make_config(), on_tick=freeze)
+    result = outcome.results[-1]
+    assert (result.completed, result.code) == (True, 0)
+    assert doubted[0] <= 25, "0.05 s at 500 Hz"
+    assert stood[0] < 100
+    assert outcome.controller.repeating == 0
+
+
+@pytest.mark.parametrize("each", [1, 5])
+def test_a_cell_of_coarse_steps_or_slower_than_its_driver_makes_no_tool_stand(each):
+    watch, random, still = WrenchWatch(make_config()), np.random.default_rng(1), [0.0] * 6
+    for reading in range(4000 // each):
+        value = [*(4.0 * np.round(30.0 + 0.3 * random.standard_normal(3))), 0.0, 0.0, 0.0]
+        for _ in range(each):
+            assert watch.check(list(value), still, 1, Mode.CONTROL, 120.0) is None
+            assert watch.repeating == 0 or reading < 100, "what is usual for it is learned"
+
+
 @pytest.mark.parametrize("tool", [1, 2])
 def test_a_frozen_wrench_holds(tool):
     kept = {}
