@@ -31,6 +31,18 @@ domains = os.environ.get("ISF_TEST_DOMAINS", "").split()
 if worker and domains:
     os.environ["ROS_DOMAIN_ID"] = domains[int(worker) % len(domains)]
 
+# colcon test runs packages side by side, in whatever domain its shell has, which may be that of a running cell.
+of_colcon = "COLCON" in os.environ
+if of_colcon:
+    free = [sys.executable, str(Path(__file__).parent / "scripts" / "free_domain.py")]
+    os.environ["ROS_DOMAIN_ID"] = subprocess.check_output(free, text=True).strip()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Tests that take minutes are left out by colcon test too, as long as it is not given marks."""
+    if of_colcon and not config.option.markexpr:
+        config.option.markexpr = "not slow"
+
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """A file without a test of the marks that ./test.sh asks for is not imported: ten processes would do it in vain.

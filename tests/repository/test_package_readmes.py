@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ROOT / "ros_ws" / "src"
 PACKAGES = sorted(path.parent for path in SOURCES.glob("*/package.xml"))
-UNNAMED = {"test", "resource", "__pycache__"}
+UNNAMED = {"test", "resource", "__pycache__", ".hypothesis"}
 
 
 def _folders(package: Path) -> list[str]:

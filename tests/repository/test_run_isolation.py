@@ -40,6 +40,32 @@ def test_domain_with_a_bound_port_is_not_chosen() -> None:
             item.close()
 
 
+def test_colcon_gives_every_package_a_domain_and_leaves_slow_tests_out() -> None:
+    """As colcon calls pytest in the folder of a package, in a shell that is in the domain of a cell."""
+    asked = """
+import sys, os, pytest
+class Seen:
+    def pytest_collection_finish(self, session):
+        print("\\n", os.environ["ROS_DOMAIN_ID"], sorted(item.name for item in session.items))
+sys.exit(pytest.main(["--collect-only", "-q", "test_controllers_in_graph.py"], plugins=[Seen()]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", asked],
+        cwd=SCRIPTS.parent / "tests" / "graph",
+        env={**os.environ, "COLCON": "1", "ROS_DOMAIN_ID": "0"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    (line,) = (line for line in done.stdout.splitlines() if "a_part_is_formed" in line and line.startswith(" "))
+    domain, names = line.strip().split(" ", 1)
+    assert 1 <= int(domain) <= 101
+    assert "test_a_part_is_formed_through_the_controllers[ren2018]" in names
+    assert "kr210_pair" not in names  # marked slow
+
+
 def _end_processes(mark: str, patience: float) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(SCRIPTS / "end_processes.py"), mark, str(patience)]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
