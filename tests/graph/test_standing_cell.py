@@ -16,6 +16,7 @@ import forked_process
 import numpy as np
 import pytest
 import rclpy
+import yaml
 from geometry_msgs.msg import PoseStamped
 from isf_cell.commands.exit_codes import Exit
 from isf_cell.run.hand_client import HandClient
@@ -90,7 +91,31 @@ def test_a_cell_stays_for_other_commands_and_ends_with_tools_lifted(
         assert second.returncode == Exit.CELL
         assert "--attach" in second.stderr
 
-        formed = isf(tmp_path, "form", job, "--attach", "--no-compare", "-o", "part")
+        marked = yaml.safe_load(Path(job).read_text())
+        marked["path"]["hold_after"] = [1]
+        (tmp_path / "marked.yaml").write_text(yaml.safe_dump(marked))
+        command = [
+            sys.executable,
+            "-m",
+            "isf_cell.cli",
+            "form",
+            "marked.yaml",
+            "--attach",
+            "--no-compare",
+            "-o",
+            "part",
+        ]
+        forming = forked_process.start(
+            [*command, "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path, text=True
+        )
+        assert forming.stderr is not None
+        for line in forming.stderr:
+            if "isf go-on" in line:
+                break
+        assert "waits after contour 1" in line
+        assert isf(tmp_path, "go-on") == {"paused": False, "message": "going on"}
+        words, _ = forming.communicate(timeout=LIMIT)
+        formed = json.loads(words)
         assert formed["complete"]
         assert formed["contours"] == CONTOURS
         assert np.loadtxt(tmp_path / "part" / "operator_log.txt").shape[1] == 12

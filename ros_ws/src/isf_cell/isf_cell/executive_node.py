@@ -338,9 +338,10 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
                     cell.on_recorder(values.get("silent", ""), values.get("output", ""))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._paused, self._waits_for = request.data, ""
+        waiting, self._paused, self._waits_for = self._paused, request.data, ""
         response.success = self._handle is not None
-        response.message = "pausing after this contour" if request.data else "going on"
+        going_on = "going on" if waiting else "going on: nothing waited"
+        response.message = "pausing after this contour" if request.data else going_on
         if not response.success:
             refused = IsfError(ErrorCode.MODE_REFUSED, "no part is being formed", where="executive/pause")
             response.message = str(refused)

@@ -41,6 +41,7 @@ def run_faults(
     wanted = campaign.chosen(kinds, short=short)
     goes_on = output is not None and (output / campaign.CASES_FILE).exists()
     folder = make_folder(output) if goes_on and output is not None else make_run_folder(output, "faults")
+    (folder / campaign.CASES_FILE).touch()  # ended before the first case, it goes on as well
     resumed = frozenset(RESUMED_IN_SHORT if short else ())
     plan = Plan(folder, wanted, 1 if short else faults, seed, None if resume and not short else resumed)
     total = len(wanted) * plan.faults

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_msgs.action import FormPart
@@ -109,6 +110,9 @@ def _form(
         progress.phase("looking for the cell" if attach else "starting the nodes")
 
         def show(message: FormPart.Feedback) -> None:
+            if message.phase == "paused":
+                progress.phase(f"waits after {contour_label(message.index - 1)}; in another terminal: isf go-on")
+                return
             if message.phase != "forming":
                 progress.phase(message.phase)
                 return

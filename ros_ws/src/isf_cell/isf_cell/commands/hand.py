@@ -1,4 +1,4 @@
-"""``isf mode``, ``isf move-to``, ``isf jog`` and ``isf zero``: an operator at a running cell."""
+"""``isf mode``, ``pause``, ``go-on``, ``move-to``, ``jog`` and ``zero``: an operator at a running cell."""
 
 from __future__ import annotations
 
@@ -56,6 +56,16 @@ def change_mode(name: str | None, job: Path | None, *, new_blank: bool, as_json:
         terminal.print_json({"mode": mode})
     else:
         print(mode)
+
+
+def pause_part(paused: bool, *, as_json: bool) -> None:
+    """Let the part that is being formed wait after its present contour, or one that waits go on; raises IsfError."""
+    with HandClient() as client:
+        answer = client.pause(paused)
+    if as_json:
+        terminal.print_json({"paused": paused, "message": answer})
+    else:
+        print(answer)
 
 
 def move_tool(

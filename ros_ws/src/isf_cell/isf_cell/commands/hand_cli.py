@@ -1,4 +1,4 @@
-"""Arguments of the commands for an operator at a running cell: mode, move_to, jog, zero."""
+"""Arguments of the commands for an operator at a running cell: mode, pause, go_on, move_to, jog, zero."""
 
 from __future__ import annotations
 
@@ -36,6 +36,22 @@ def mode(
     from isf_cell.commands.hand import change_mode
 
     change_mode(name, job, new_blank=new_blank, as_json=json)
+
+
+@app.command()
+def pause(json: Json = False) -> None:
+    """Let the part that the running cell forms wait after the present contour."""
+    from isf_cell.commands.hand import pause_part
+
+    pause_part(True, as_json=json)
+
+
+@app.command("go-on")
+def go_on(json: Json = False) -> None:
+    """Let a part go on that waits: after `isf pause`, M0 of a program or hold_after of a job."""
+    from isf_cell.commands.hand import pause_part
+
+    pause_part(False, as_json=json)
 
 
 @app.command("move-to", context_settings=NEGATIVE)

@@ -1,4 +1,4 @@
-"""A client of a running cell for an operator: mode, movement by hand, work offsets."""
+"""A client of a running cell for an operator: mode, pause, movement by hand, work offsets."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import Point, Vector3
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import ErrorCode, IsfError, told
 from isf_msgs.action import MoveTo
 from isf_msgs.msg import ExecutiveState, HandState, Jog
 from isf_msgs.srv import SetMode, SetZero
@@ -21,6 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from std_srvs.srv import SetBool
 
 from isf_cell.processes.held_interrupt import ctrl_c_held_back
 
@@ -29,6 +30,9 @@ START, CHANGE, STOPPED = 10.0, 300.0, 5.0
 
 AT_REST = 1.0
 """s for force_ctrl to tell that nothing is pressed; somebody else may have the tools."""
+
+HISTORY = 0.2
+"""s, longest pause between the states that a subscriber is told of the time before it."""
 
 PERIOD = 0.04
 """s between two jog messages, of the 0.15 s after which a button counts as let go."""
@@ -71,7 +75,15 @@ class HandClient:
         """What the executive tells; raises IsfError NODE_MISSING."""
         if not self._wait(lambda: self.executive is not None, START) or self.executive is None:
             raise _missing("nothing on executive/state")
-        return self.executive
+        states = [self.executive]
+        while self._wait(lambda: self.executive is not states[-1], HISTORY):  # the newest comes after those before it
+            states.append(self.executive)
+        return states[-1]
+
+    def pause(self, paused: bool) -> str:
+        """Let the part wait after its present contour, or go on, whatever it waits for; returns what the executive
+        says. Raises IsfError MODE_REFUSED (no part is formed), NODE_MISSING."""
+        return str(self._call(SetBool, "executive/pause", SetBool.Request(data=paused), START).message)
 
     def zero(self, system: int, tool: int, axes: str) -> Any:
         """Response of ``executive/zero``; raises IsfError of the executive, NODE_MISSING."""
@@ -190,7 +202,9 @@ class HandClient:
             response = asked.result()
         finally:
             self._node.destroy_client(client)
-        if response.code:
+        if not getattr(response, "success", True):  # of std_srvs
+            raise told(response.message) or IsfError(ErrorCode.MODE_REFUSED, response.message, where=name)
+        if getattr(response, "code", 0):
             raise failure(response.code, response.message)
         return response
 
