@@ -28,6 +28,9 @@ ISF_TEST_RUN=$(date +%s).$$ # marks every process this run starts
 export ROS_DOMAIN_ID ISF_TEST_RUN
 export PYTHONFAULTHANDLER=1 # a process that crashes says where
 export ISF_SHELL_THREADS=1 # several tests share the processors
+ISF_CACHE_DIR=$(mktemp -d) # nothing that was computed before takes part
+export ISF_CACHE_DIR
+trap 'rm -rf "$ISF_CACHE_DIR"' EXIT
 
 end_all() {
   python scripts/end_processes.py "$ISF_TEST_RUN"

@@ -18,17 +18,16 @@ from isf_analysis.measures.campaign_row import CampaignRow, columns_of, row_from
 from isf_analysis.report.campaign_page import Formed, campaign_page, grouped, picture_of
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.campaign import CampaignFile
-from isf_planner import plan
-from isf_springback.database.database import cached_path, database_of
+from isf_springback.database.database import cached_path
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from isf_cell.campaign.cases import Case, cases_of, form_case
 from isf_cell.campaign.content import sources
 from isf_cell.campaign.rows_file import append_row, read_rows, sole_writer
 from isf_cell.commands import terminal
+from isf_cell.commands.elastic_database import prepare_database
 from isf_cell.commands.exit_codes import ReportedError
 from isf_cell.commands.run_folder import make_folder
-from isf_cell.commands.springback import built
 from isf_cell.processes.part_pool import formed_beside
 
 ROWS, TABLE, PAGE, PICTURE = "rows.jsonl", "campaign", "campaign.html", "errors.png"
@@ -131,24 +130,10 @@ def _say_beginning(found: Found, digest: str, folder: Path) -> None:
 
 
 def _databases(missing: Sequence[Case]) -> None:
-    """Databases of the elastic shell, one per job, so that parts that stand side by side do not compute each its own.
-
-    What prevents one is told by the part itself.
-    """
-    seen: set[Path] = set()
-    for case in missing:
-        job_file = case.job_file
-        asked = job_file.job.springback
-        elastic = asked.method == "elastic" or (asked.method == "fused" and asked.fused.model == "elastic")
-        if not elastic or asked.elastic.database is not None or (path := cached_path(job_file)) in seen:
-            continue
-        seen.add(path)
-        try:
-            if database_of(job_file) is None:
-                terminal.say(f"  {case.row.job}, {case.row.method}: database of the elastic shell")
-                built(job_file, plan(job_file).contours).save(path)
-        except IsfError as error:
-            terminal.warn(f"{case.row.job}, {case.row.method}: no database, {error.message}")
+    """Databases of the elastic shell, so that parts that stand side by side do not compute each its own."""
+    with terminal.part_progress("databases") as progress:
+        for job_file in {cached_path(case.job_file): case.job_file for case in missing}.values():
+            prepare_database(job_file, job_file.job.springback.method, progress.phase)
 
 
 def _form_missing(found: Found, rows_file: Path, processes: int) -> None:

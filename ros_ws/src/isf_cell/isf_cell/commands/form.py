@@ -15,6 +15,7 @@ from isf_msgs.action import FormPart
 
 from isf_cell.commands import resume, terminal
 from isf_cell.commands.dashboard import address_beside
+from isf_cell.commands.elastic_database import prepare_database
 from isf_cell.commands.run_folder import make_folder, run_folder
 from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.processes.reference_run import ReferenceRun
@@ -107,6 +108,7 @@ def _form(
     mode = "the cell that is up" if attach else "lockstep" if lockstep else "real time"
     with ExitStack() as stack:
         progress = stack.enter_context(terminal.part_progress(f"{job_file.job.name} ({method}, ROS 2, {mode})"))
+        prepare_database(job_file, method, progress.phase)
         progress.phase("looking for the cell" if attach else "starting the nodes")
 
         def show(message: FormPart.Feedback) -> None:

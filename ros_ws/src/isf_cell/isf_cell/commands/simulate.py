@@ -17,6 +17,7 @@ from isf_core.files.job import JobFile, load_job
 
 from isf_cell import in_process
 from isf_cell.commands import terminal
+from isf_cell.commands.elastic_database import prepare_database
 from isf_cell.commands.report import finish, first_failure
 from isf_cell.commands.run_folder import run_folder
 from isf_cell.options import UNCORRECTED, RunOptions
@@ -40,6 +41,7 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
                     reference = stack.enter_context(ReferenceRun(job, options, folder / "uncorrected"))
                 title = f"{job_file.job.name} ({options.method(job_file)}, in process)"
                 progress = stack.enter_context(terminal.part_progress(title))
+                prepare_database(job_file, options.method(job_file), progress.phase)
                 record = _form(job_file, options, progress)
                 write_bag(record, bag)
                 counts = {"sheet": dict(record.sheet)}

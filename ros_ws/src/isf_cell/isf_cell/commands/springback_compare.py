@@ -19,6 +19,7 @@ from rich.table import Table
 
 from isf_cell import in_process
 from isf_cell.commands import terminal
+from isf_cell.commands.elastic_database import prepare_database
 from isf_cell.commands.run_folder import make_run_folder
 from isf_cell.commands.springback import built
 from isf_cell.commands.springback_figures import draw_comparison
@@ -49,6 +50,7 @@ def compare_methods(
     for name in methods:
         options = RunOptions(correction=name, variant=variant, seed=seed)
         with terminal.part_progress(f"{job_file.job.name} ({name})") as progress:
+            prepare_database(job_file, name, progress.phase)
             records[name] = in_process.form(job_file, options, part_plan=part_plan, progress=progress.contour)
     deviations = {name: _deviation(record) for name, record in records.items()}
     rows = [_row(name, records[name], deviations[name]) for name in methods]

@@ -65,6 +65,29 @@ def test_database_is_stored_where_the_method_looks(tmp_path):
     assert len(Database.load(Path(again["database"])).levels) == found["levels"]
 
 
+def test_the_database_of_a_part_is_made_once_before_it_and_not_for_methods_without(tmp_path, monkeypatch, capsys):
+    from isf_cell.commands.elastic_database import prepare_database
+    from isf_core.files.job import load_job
+    from isf_springback.database.database import database_of
+
+    job_file, said = load_job(JOB), []
+    prepare_database(job_file, "analytic", said.append)
+    prepare_database(job_file, "fused", said.append)  # with the analytic model
+    assert (said, database_of(job_file)) == ([], None)
+    prepare_database(job_file, "elastic", said.append)
+    assert "depths" in said[-1]
+    made = database_of(job_file)
+    assert made is not None
+    assert len(made.levels) == isf("database", JOB, "--workers", 0)["levels"]
+    said.clear()
+    prepare_database(job_file, "elastic", said.append)
+    assert said == []
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("ISF_CACHE_DIR", str(tmp_path / "file"))  # no folder
+    prepare_database(job_file, "elastic", said.append)  # the part can be formed all the same
+    assert "no springback database" in capsys.readouterr().err
+
+
 def test_calibrate_answers_with_fields_of_the_job(tmp_path):
     curve = tmp_path / "push.csv"
     curve.write_text("force_N,displacement_mm\n60,1.90\n240,3.91\n400,5.00\n")

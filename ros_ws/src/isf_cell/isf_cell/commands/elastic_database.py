@@ -1,0 +1,39 @@
+"""The database of the elastic shell that a part takes its laws from, computed before the part where it is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from isf_core.errors import IsfError
+from isf_core.files.job import JobFile
+
+from isf_cell.commands import terminal
+
+
+def prepare_database(job_file: JobFile, method: str, phase: Callable[[str], None]) -> None:
+    """Put the database that ``method`` takes its laws from into the user's cache, unless it is there or the job names
+    one: a part is corrected the same however often it is formed. ``phase`` is told what is done.
+
+    What prevents it is told as a warning; the laws are then computed while forming, on a coarse mesh.
+    """
+    asked = job_file.job.springback
+    elastic = method == "elastic" or (method == "fused" and asked.fused.model == "elastic")
+    if not elastic or asked.elastic.database is not None:
+        return
+    # late: the shell and its solver take a second to load, which other methods need not wait for
+    from isf_planner import plan
+    from isf_springback.database.build import build_database
+    from isf_springback.database.database import cached_path, database_of
+
+    try:
+        if database_of(job_file) is not None:
+            return
+        phase("springback database: planning")
+        database = build_database(
+            plan(job_file).contours,
+            job_file,
+            progress=lambda done, total: phase(f"springback database: {done} of {total} depths"),
+        )
+        database.save(cached_path(job_file))
+    except IsfError as error:
+        terminal.warn(f"{job_file.job.name}: no springback database, {error.message}")
