@@ -93,6 +93,10 @@ def speed(pose: Trace, *, stamp: int) -> float:
     return float(way / time)
 
 
+ON_ITS_WAY = 0.5
+"""s of the wall clock; what comes no later than that was told before the fault, on a busy computer."""
+
+
 def released(forces: list[Trace], *, wall: int) -> float:
     """s of the wall clock after which no tool carried a force any more; infinite: never, NaN: nothing was measured.
 
@@ -101,7 +105,7 @@ def released(forces: list[Trace], *, wall: int) -> float:
     latest = math.nan
     for force in forces:
         after = force.received > wall
-        if not after.any():
+        if not after.any() or 1e-9 * (force.received[-1] - wall) < ON_ITS_WAY:
             continue
         size = force.size
         loaded = np.flatnonzero(after & (size > UNLOADED))

@@ -67,6 +67,8 @@ def test_released_is_the_last_force_of_either_tool() -> None:
     assert judge.released([one, other], wall=FAULT) == pytest.approx(1.2)
     assert judge.released([one, LOADED], wall=FAULT) == math.inf
     assert math.isnan(judge.released([LOADED], wall=5000 * MS))
+    late = trace([(0.0, 0.0, 700.0) for _ in range(0, 1200, 10)], period=10)
+    assert math.isnan(judge.released([late], wall=FAULT)), "a reading on its way when its machine was killed"
 
 
 def test_the_worst_force_is_that_of_the_nearest_limit() -> None:
