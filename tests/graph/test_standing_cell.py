@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import forked_process
@@ -25,11 +26,15 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.msg import ContourResult, HandState
 from isf_ros import qos
 from quick_cone import CONTOURS, quick_cone_file
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import Joy
 from waiting import LIMIT, Waiting
 
 pytestmark = pytest.mark.graph
 
 MANUAL = int(OperatorMode.MANUAL)
+ENABLE, LARGER = 4, 1
+"""Buttons of a gamepad, by the parameters of force_ctrl."""
 
 
 @contextmanager
@@ -187,6 +192,86 @@ def test_tools_are_moved_by_hand_by_the_clock(tmp_path: Path, monkeypatch: pytes
             node.destroy_node()
             rclpy.try_shutdown()
         assert -90e-3 < hand[-1].tip_1.x < 20e-3
+
+
+class Gamepad:
+    """A publisher of ``sensor_msgs/Joy`` in a thread of its own: 25 messages per second, as of ``joy_node``."""
+
+    def __init__(self) -> None:
+        self._node = rclpy.create_node("gamepad")
+        self._joy = self._node.create_publisher(Joy, "joy", 10)
+        self._timer = self._node.create_timer(0.04, self._repeat)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._thread = Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+        self.axes, self.buttons, self.silent = (0.0, 0.0), frozenset[int](), False
+        self.sent = 0
+
+    def _repeat(self) -> None:
+        if not self.silent:
+            self._joy.publish(Joy(axes=list(self.axes), buttons=[int(k in self.buttons) for k in range(8)]))
+            self.sent += 1
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._thread.join()
+        self._node.destroy_node()
+
+
+@pytest.mark.clock
+def test_a_gamepad_moves_a_tool_by_the_clock_while_its_dead_mans_button_is_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 10 mm/s a tool that went on for a second after the button is let go would be 10 mm farther."""
+    monkeypatch.setenv("ISF_CELLS", str(tmp_path / "cells"))
+    with standing(tmp_path, str(quick_cone_file(tmp_path)), "--real-time"):
+        isf(tmp_path, "mode", "manual")
+        rclpy.init()
+        node = rclpy.create_node("looker")
+        waiting = Waiting(node)
+        hand: list[HandState] = []
+        node.create_subscription(HandState, "force_ctrl/hand", hand.append, qos.CHANGES)
+        pad = Gamepad()
+
+        def goes() -> bool:
+            return hand[-1].moving and hand[-1].client == "joy"
+
+        def heard(count: int) -> bool:
+            wanted = pad.sent + count
+            return waiting.until(lambda: pad.sent > wanted)
+
+        try:
+            assert waiting.until(lambda: hand and hand[-1].armed)
+            begin = hand[-1].tip_1.x
+            pad.axes = (0.0, 1.0)
+            assert heard(25)
+            assert not any(one.moving for one in hand), "without the button"
+            pad.axes, pad.buttons = (0.0, 0.0), frozenset({ENABLE})
+            assert heard(5)
+            for buttons in ({ENABLE, LARGER}, {ENABLE}) * 2:  # 10 mm, then as long as the stick is pushed
+                pad.buttons = frozenset(buttons)
+                assert heard(5)
+            pad.axes = (0.0, 1.0)
+            assert waiting.until(lambda: goes() and hand[-1].tip_1.x < begin - 2e-3)
+            pad.buttons = frozenset()  # the stick is pushed still
+            let_go = hand[-1].tip_1.x
+            assert waiting.until(lambda: not hand[-1].moving)
+            assert hand[-1].code == ErrorCode.OK
+            assert let_go - 10e-3 < hand[-1].tip_1.x < begin - 2e-3
+
+            pad.axes, pad.buttons = (0.0, 0.0), frozenset({ENABLE})
+            assert heard(5)
+            pad.axes, begin = (0.0, 1.0), hand[-1].tip_1.x
+            assert waiting.until(lambda: goes() and hand[-1].tip_1.x < begin - 2e-3)
+            pad.silent, lost = True, hand[-1].tip_1.x
+            assert waiting.until(lambda: hand[-1].code == ErrorCode.HAND_LOST and not hand[-1].moving)
+            assert hand[-1].tip_1.x > lost - 10e-3
+        finally:
+            pad.close()
+            waiting.close()
+            node.destroy_node()
+            rclpy.try_shutdown()
 
 
 def test_a_cell_whose_node_dies_ends_and_says_which(tmp_path: Path) -> None:
