@@ -134,7 +134,7 @@ def _stand(rig: Rig, job: Job | None, job_file: JobFile | None, tools: list[Tool
         ]
     for tool in tools:
         if tool.number == 1 and rig.kinematics == "hexapod_spif_a":
-            table += hexapod.columns(floor)
+            table += hexapod.columns(rig, floor)
         elif rig.arm(tool.number) is None:
             table += _rails(rig, tool, floor)
     upper = rig.clamp.height

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 from isf_core.files.rig import Rig
-from isf_core.geometry.hexapod import Hexapod, spif_a
+from isf_core.geometry.hexapod import Hexapod
 from isf_core.geometry.tool_axis import axis_of, point_on_axis
 from isf_core.types import Array
 
@@ -28,7 +28,7 @@ TUBE, ROD = 0.65, 0.80
 
 def chain(rig: Rig, sheet: str, radius: float) -> tuple[list[Link], list[Joint]]:
     """From frame ``sheet`` to the end of the tool, whose ball has ``radius`` m, with platform, base plate and legs."""
-    machine = spif_a()
+    machine = rig.hexapod.kinematics()
     links = [Link(f"{TOOL}_{name}") for name in ("moved_x", "moved_y", "moved_z", "tilted_y", "tilted_x")]
     parents = [sheet, *(link.name for link in links)]
     joints = [linear_axis(rig, TOOL, axis, parents[axis], parents[axis + 1]) for axis in range(3)]
@@ -56,9 +56,9 @@ def chain(rig: Rig, sheet: str, radius: float) -> tuple[list[Link], list[Joint]]
     )
 
 
-def columns(floor: float) -> list[Body]:
+def columns(rig: Rig, floor: float) -> list[Body]:
     """Four columns from the table, ``floor`` m below the sheet, to the base plate."""
-    machine = spif_a()
+    machine = rig.hexapod.kinematics()
     height = floor - machine.sheet[2]
     side = 0.8 * _radius(machine.base)
     return [
@@ -75,7 +75,10 @@ def _leg(machine: Hexapod, rig: Rig, number: int) -> tuple[list[Link], list[Join
     rod = Body("cylinder", (22e-3, ROD), "tool", (0.0, 0.0, 0.5 * ROD))
     links = [Link(f"{k}_cross"), Link(f"{k}_tube", (tube,)), Link(f"{k}_rod", (rod,))]
     effort, speed = rig.limits.force[2], rig.limits.speed
-    bend = Limits(-machine.joint_limit, machine.joint_limit, speed / machine.shortest, effort)
+    most = machine.joint_limit + float(
+        np.arccos(-machine.straight[:, 2]).max()
+    )  # from the normal, about which they turn
+    bend = Limits(-most, most, speed / machine.shortest, effort)
     stroke, ends = Limits(0.0, machine.stroke, speed, effort), (0.0, 0.0, -machine.shortest)
     cross, tube_end, rod_end = (link.name for link in links)
     return links, [

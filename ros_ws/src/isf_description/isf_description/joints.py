@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.rig import Rig
-from isf_core.geometry.hexapod import spif_a
+from isf_core.geometry.hexapod import Hexapod
 from isf_core.geometry.tool_axis import UPRIGHT, axis_of_quaternion, tilt_of
 from isf_core.geometry.tool_joints import ToolJoints
 
@@ -26,7 +26,7 @@ def tool_positions(rig: Rig, number: int, radius: float) -> Callable[[Vector, Qu
     The function raises IsfError TARGET_NOT_FINITE, and TARGET_OUT_OF_WORKSPACE where an arm is too short.
     """
     if number == 1 and rig.kinematics == "hexapod_spif_a":
-        return _hexapod(radius)
+        return _hexapod(rig.hexapod.kinematics(), radius)
     joints = ToolJoints.of(rig, number, radius)
     tilts = rig.arm(number) is not None
 
@@ -38,9 +38,7 @@ def tool_positions(rig: Rig, number: int, radius: float) -> Callable[[Vector, Qu
     return positions
 
 
-def _hexapod(radius: float) -> Callable[[Vector, Quaternion], Positions]:
-    machine = spif_a()
-
+def _hexapod(machine: Hexapod, radius: float) -> Callable[[Vector, Quaternion], Positions]:
     def positions(tip: Vector, turn: Quaternion) -> Positions:
         _check(tip)
         axis = _axis(turn)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
 from isf_core.files.rig import Rig, load_rig
-from isf_core.geometry.hexapod import rotation, spif_a
+from isf_core.geometry.hexapod import rotation
 from isf_description.cell import HOLDER, describe, tip_frame
 from isf_description.joints import tool_positions
 from isf_description.surface import height_colours, surface
@@ -114,7 +114,7 @@ HEXAPOD = read(load_rig("torrao2013"))
 @settings(max_examples=15)
 @given(tip=st.tuples(*[st.floats(-0.1, 0.1)] * 3), tilt=st.tuples(*[st.floats(-0.5, 0.5)] * 2))
 def test_legs_of_the_hexapod_end_at_the_platform(tip: tuple[float, float, float], tilt: tuple[float, float]) -> None:
-    machine = spif_a()
+    machine = load_rig("torrao2013").hexapod.kinematics()
     turn = rotation(np.array(tilt))
     x, y, z, w = Rotation.from_matrix(turn).as_quat().tolist()
     positions = tool_positions(load_rig("torrao2013"), 1, 5e-3)(tip, (x, y, z, w))

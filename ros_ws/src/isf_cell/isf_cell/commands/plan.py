@@ -16,6 +16,7 @@ from isf_core.files.job import Job, JobFile, load_job
 from isf_core.files.rig import Rig
 from isf_planner import Plan, exports, plan
 from isf_planner.checks.arm_checks import ArmClearance, ArmPath, arm_paths, clearances
+from isf_planner.checks.leg_checks import leg_path
 from isf_planner.features.segmentation import find_features
 from isf_planner.features.surface_features import FeatureMap
 from isf_planner.part import meshes
@@ -174,6 +175,11 @@ def machine_use(rig: Rig, contours: Sequence[Contour], ball_radius: float) -> di
             "largest_joint_angle_deg": float(np.degrees(use.joint_angle)),
             "largest_cylinder_force_N": use.force,
         }
+        if (path := leg_path(contours, rig, ball_radius)) is not None and rig.legs is not None:
+            data |= {
+                "largest_leg_speed_mm_s": 1e3 * float(np.abs(path.speed).max()),
+                "largest_pump_flow_share": float(path.flow.max()) / rig.legs.spare_flow,
+            }
     return data
 
 

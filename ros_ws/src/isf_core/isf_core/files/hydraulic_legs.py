@@ -6,6 +6,7 @@ machine of the source; which of them it publishes and which are assumed, the rig
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -28,6 +29,7 @@ from isf_core.files.quantity import (
     Volume,
 )
 from isf_core.files.yaml_file import FileModel
+from isf_core.process.cylinder_speed import free_speeds
 
 Six = tuple[Length, Length, Length, Length, Length, Length]
 Controller = Literal["fuzzy", "feedforward"]
@@ -236,3 +238,20 @@ class HydraulicLegs(FileModel):
     """Radius of gyration of that plate about the axis of the tool."""
     faults: tuple[LegFault, ...] = ()
     """What happens to the simulated machine, to try it."""
+
+    @property
+    def areas(self) -> tuple[float, float]:
+        """m^2, of the piston and of the rod's side of a cylinder."""
+        bore, rod = self.cylinder.bore, self.cylinder.rod
+        return 0.25 * math.pi * bore**2, 0.25 * math.pi * (bore**2 - rod**2)
+
+    @property
+    def free_speeds(self) -> tuple[float, float]:
+        """m/s, of one unloaded leg outwards and inwards, with its valve fully open."""
+        rated = self.valve.flow / math.sqrt(self.valve.pressure_drop)
+        return free_speeds(self.areas, (rated, self.valve.edge_ratio * rated), self.supply.pressure)
+
+    @property
+    def spare_flow(self) -> float:
+        """m^3/s, of the pump beyond what all valves leak."""
+        return self.supply.flow - 6.0 * self.valve.leakage

@@ -318,7 +318,7 @@ class ToolAxisSpec(FileModel):
     """Between tool axis and vertical (published: 30 deg)."""
     largest_rate: AngularSpeed = Field(default=math.radians(10.0), gt=0.0, le=10.0)
     """Of the turning axis, for which the feed is lowered. Assumed: the platform of the SPIF-A, which turns about a tip
-    438 mm below, then moves at 76 mm/s; its cylinders can do 100 mm/s."""
+    438 mm below it (a tool of 100 mm), then moves at 76 mm/s; its cylinders can do 100 mm/s."""
     smoothing: Length = Field(default=10e-3, ge=1e-3, lt=0.2)
     """Length of path over which the axis is averaged: a corner of the wall is no jump of the axis (assumed)."""
 
@@ -877,7 +877,7 @@ class JobFile:
 
     Attributes
     ----------
-    job : Job ; material : Material ; rig : Rig
+    job : Job ; material : Material ; rig : Rig, with the job's upper tool in its chuck
     mesh : absolute path of the mesh, None for a program without a part
     program : absolute path of the program that is formed, None where the path is planned
     text : the YAML text as read, with the fields of tools, blank and plate where it names their files
@@ -889,7 +889,7 @@ class JobFile:
         self.base = base
         self.job: Job = yaml_file.parse(self.text, Job, name, [(name, text)])
         self.material: Material = load_material(self.job.sheet.material, base)
-        self.rig: Rig = load_rig(self.job.rig, base)
+        self.rig: Rig = load_rig(self.job.rig, base).with_tool(self.job.tool_1.stick_out)
         _check_blank(self, text, name)
         self.job._support_window = _support_window(self)
         part, program = self.job.part, self.job.path.program

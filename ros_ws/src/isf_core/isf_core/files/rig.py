@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.arm import Arm
+from isf_core.files.hexapod import HexapodSetUp
 from isf_core.files.hydraulic_legs import HydraulicLegs
 from isf_core.files.quantity import (
     Compliance,
@@ -257,6 +258,8 @@ class Rig(FileModel):
     """Overall horizontal contact stiffness K_c (Ren 2018 eq. 2-8)."""
     kinematics: Literal["gantry_xyz_uvw", "hexapod_spif_a", "arm"] = "gantry_xyz_uvw"
     """How the axes make a pose of the tips: see isf_core.geometry.kinematics."""
+    hexapod: HexapodSetUp = HexapodSetUp()
+    """Of `hexapod_spif_a`: table, tool and joints."""
     legs: HydraulicLegs | None = None
     """Of `hexapod_spif_a`: legs that move in the simulated machine, in place of `servo` for the upper tool."""
     servo: Servo
@@ -277,6 +280,8 @@ class Rig(FileModel):
     def _legs_of_a_hexapod(self) -> Rig:
         if self.legs is not None and self.kinematics != "hexapod_spif_a":
             raise FieldError("a gantry has no legs", field="legs", advice="write kinematics: hexapod_spif_a")
+        if self.hexapod != HexapodSetUp() and self.kinematics != "hexapod_spif_a":
+            raise FieldError("is no hexapod", field="hexapod", advice="write kinematics: hexapod_spif_a")
         return self
 
     @model_validator(mode="after")
@@ -315,7 +320,14 @@ class Rig(FileModel):
 
     def make_kinematics(self) -> tuple[Kinematics, Kinematics]:
         """Kinematics of the upper and the lower tool."""
-        return make_kinematics(self.kinematics, self.arm(1), self.arm(2))
+        hexapod = self.hexapod.kinematics() if self.kinematics == "hexapod_spif_a" else None
+        return make_kinematics(hexapod or self.arm(1), self.arm(2))
+
+    def with_tool(self, stick_out: float | None) -> Rig:
+        """This rig with an upper tool of that length, m, in its chuck; None: with the one that its file has."""
+        if stick_out is None or self.kinematics != "hexapod_spif_a":
+            return self
+        return self.model_copy(update={"hexapod": self.hexapod.model_copy(update={"stick_out": stick_out})})
 
     def arm(self, tool: int) -> SerialArm | None:
         """The arm that carries ``tool`` (1, 2), None where none does."""

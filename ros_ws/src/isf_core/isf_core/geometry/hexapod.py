@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -64,11 +66,13 @@ class Hexapod:
     ----------
     base, platform : (6, 2) m, joints in their plates' planes (published: edges 600/200 and 300/150 mm)
     shortest, stroke : m, cylinder between joints when retracted, and its stroke (published: 942, 400 mm)
-    tool_length : m, platform plane to tip (published: 338 mm + tool; the tool of 100 mm)
+    tool_length : m, platform plane to tip (published: 338 mm + tool; here the tool of 100 mm)
     sheet : (3,) m, origin of frame ``sheet`` in the base's frame (assumed: the table's height is a set-up value)
     tilt_limit : rad (published: 30 deg about x and y) ; reach : m, of the platform in x and y (published: 500 mm)
-    joint_limit : rad, between a cylinder and the normals of both plates (published: universal joints of 45 deg; that
-        their zero is the plates' normal is assumed)
+    joint_limit : rad, between a cylinder and the way in which its joints are straight (published: universal joints of
+        45 deg)
+    along_normals : they are straight along the normals of both plates; else along the cylinders of the upright
+        platform in mid-stroke (assumed: where they are is not published)
     """
 
     base: Array
@@ -76,15 +80,24 @@ class Hexapod:
     shortest: float = 0.942
     stroke: float = 0.400
     tool_length: float = 0.438
-    sheet: tuple[float, float, float] = (0.0, 0.0, -1.555)
+    sheet: tuple[float, float, float] = (0.0, 0.0, -1.475)
     tilt_limit: float = float(np.radians(30.0))
     reach: float = 0.5
     joint_limit: float = float(np.radians(45.0))
+    along_normals: bool = False
 
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of the cylinders."""
         return tuple(f"L{k}" for k in range(1, 7))
+
+    @cached_property
+    def straight(self) -> Array:
+        """(6, 3), unit: along which the cylinders' joints are straight, the same in the frames of both plates."""
+        if self.along_normals:
+            return np.tile([0.0, 0.0, -1.0], (6, 1))
+        middle = self.shortest + 0.5 * self.stroke
+        return self.legs(np.array([0.0, 0.0, -np.sqrt(middle**2 - self._offset_squared())]), np.zeros(2)) / middle
 
     def legs(self, place: Array, angles: Array) -> Array:
         """(..., 6, 3) m, from the joints of the base to those of the platform (Torrao 2013, eq. 4.17)."""
@@ -123,11 +136,11 @@ class Hexapod:
         return self.lengths(self.place_of(tip, tilt), tilt) - self.shortest
 
     def joint_angles(self, place: Array, tilt: Array) -> Array:
-        """(..., 12) rad, between the cylinders and the normal of the base (six), then that of the platform."""
+        """(..., 12) rad, by which the joints of the cylinders at the base bend (six), then those at the platform."""
         legs = self.legs(place, tilt)
         along = legs / _norm(legs)[..., None]
-        at_platform = -(along * rotation(tilt)[..., None, :, 2]).sum(axis=-1)
-        cosines = np.concatenate([-along[..., 2], at_platform], axis=-1)
+        at_platform = (along * (self.straight @ np.swapaxes(rotation(tilt), -1, -2))).sum(axis=-1)
+        cosines = np.concatenate([(along * self.straight).sum(axis=-1), at_platform], axis=-1)
         return np.asarray(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
     def reachable(self, tips: Array, tilts: Array = np.zeros(2)) -> Mask:  # noqa: B008 - never written to
@@ -139,9 +152,9 @@ class Hexapod:
         strokes = lengths - self.shortest
         fits = (strokes >= -_STEPS).all(axis=-1) & (strokes <= self.stroke + _STEPS).all(axis=-1)
         fits &= (np.abs(place[..., :2]) <= self.reach).all(axis=-1) & (np.abs(tilts) <= self.tilt_limit).all(axis=-1)
-        at_platform = (legs * rotation(tilts)[..., None, :, 2]).sum(axis=-1)
+        at_platform = (legs * (self.straight @ np.swapaxes(rotation(tilts), -1, -2))).sum(axis=-1)
         least = np.cos(self.joint_limit) * lengths
-        return np.asarray(fits & (np.maximum(legs[..., 2], at_platform) <= -least).all(axis=-1))
+        return np.asarray(fits & (np.minimum((legs * self.straight).sum(axis=-1), at_platform) >= least).all(axis=-1))
 
     def positions(self, tip: Array, tilt: Array = np.zeros(2)) -> Array:  # noqa: B008 - never written to
         """(6,) m, strokes of the cylinders (0 retracted) for one tip (3,) m and tilt (2,) rad.
@@ -171,8 +184,10 @@ class Hexapod:
                 where="kinematics",
                 advice="move the part or the table",
             )
-        bent_by = np.maximum(legs[:, 2], legs @ turned[:, 2]) + math.cos(self.joint_limit) * lengths
-        if max(bent_by.tolist()) > 0.0:
+        straighter = np.minimum(
+            np.einsum("ij,ij->i", legs, self.straight), np.einsum("ij,ij->i", legs @ turned, self.straight)
+        )
+        if min((straighter - math.cos(self.joint_limit) * lengths).tolist()) < 0.0:
             bent = self.joint_angles(place, tilt)
             worst = int(np.argmax(bent))
             raise IsfError(
@@ -346,9 +361,10 @@ def _cross(a: Array, b: Array) -> Array:
     return result
 
 
-def spif_a() -> Hexapod:
-    """The hexapod of the SPIF-A machine."""
+def spif_a(**set_up: Any) -> Hexapod:
+    """The hexapod of the SPIF-A machine; ``set_up``: what is not the default of :class:`Hexapod`."""
     return Hexapod(
         base=_semi_regular_hexagon(0.6, 0.2, short_first=True),
         platform=_semi_regular_hexagon(0.3, 0.15, short_first=False),
+        **set_up,
     )

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.geometry.hexapod import spif_a
+from isf_core.geometry.hexapod import Hexapod
 from isf_core.geometry.serial_arm import SerialArm
 from isf_core.types import Array, Mask
 
@@ -81,10 +81,7 @@ class Gantry:
 
 
 def make_kinematics(
-    name: str, upper: SerialArm | None = None, lower: SerialArm | None = None
+    upper: Hexapod | SerialArm | None = None, lower: SerialArm | None = None
 ) -> tuple[Kinematics, Kinematics]:
-    """Kinematics of the upper and the lower tool by the name in the rig file; arms where the rig has them."""
-    other: Kinematics = lower or Gantry(("U", "V", "W"))
-    if name == "arm" and upper is not None:
-        return upper, other
-    return (spif_a(), other) if name == "hexapod_spif_a" else (Gantry(), other)
+    """Kinematics of the upper and the lower tool: gantries, where nothing else carries them."""
+    return upper or Gantry(), lower or Gantry(("U", "V", "W"))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import JobFile
 from isf_core.files.material import load_material
 from isf_core.files.rig import Rig, ToolAxis, load_rig
 
@@ -168,3 +169,20 @@ def test_spindle_cells_that_cannot_be_are_refused(tmp_path: Path, cells: str, co
     with pytest.raises(IsfError, match=said) as caught:
         load_rig(str(path))
     assert caught.value.code is code
+
+
+def test_the_tool_of_the_job_is_in_the_chuck_of_the_hexapod() -> None:
+    """338 mm from the platform to the chuck (Torrao 2013, 4.2) and the tool; 70 mm where the job does not tell."""
+    rig = load_rig("torrao2013")
+    lengths = [rig.with_tool(stick_out).hexapod.kinematics().tool_length for stick_out in (None, 0.043, 0.1)]
+    assert lengths == pytest.approx([0.408, 0.381, 0.438])
+    jobs = Path(__file__).parents[5] / "examples" / "jobs"
+    text = (jobs / "torrao_cone_45.yaml").read_text(encoding="utf-8")
+    job_file = JobFile(text.replace("  radius: 5 mm\n", "  radius: 5 mm\n  stick_out: 43 mm\n"), jobs)
+    assert job_file.rig.make_kinematics()[0].tool_length == pytest.approx(0.381)  # type: ignore[attr-defined]
+
+
+def test_a_gantry_has_no_table_of_a_hexapod() -> None:
+    rig = load_rig("ren2018")
+    with pytest.raises(ValueError, match="hexapod"):
+        Rig.model_validate(rig.model_dump() | {"hexapod": {"table": "1.4 m"}})

@@ -12,6 +12,7 @@ from isf_core.types import Array
 from scipy.spatial.transform import Rotation
 
 HEXAPOD = spif_a()
+NORMALS = spif_a(along_normals=True)
 HOME = np.array([0.0, 0.0, -1.1172872])
 
 DERIVED = {
@@ -34,6 +35,10 @@ DERIVED = {
 }
 """mm and deg to mm: derived from the plates of Torrao 2013, 4.2, by another implementation; none is printed there."""
 
+BASE = np.array([(-404.145, -100), (-404.145, 100), (115.470, 400), (288.675, 300), (288.675, -300), (115.470, -400)])
+PLATFORM = np.array([(-173.205, -150), (-173.205, 150), (-43.301, 225), (216.506, 75), (216.506, -75), (-43.301, -225)])
+"""(6, 2) mm, joints by the formulas of Torrao 2013, 4.2."""
+
 
 def poses(count: int, seed: int = 3) -> tuple[Array, Array]:
     """``count`` reachable platform places and tilts."""
@@ -47,13 +52,13 @@ def poses(count: int, seed: int = 3) -> tuple[Array, Array]:
 
 def test_plates_are_the_hexagons_of_the_source() -> None:
     """Joints to 1e-3 mm, with the order of rows reconstructed, and edges 600/200 and 300/150 mm."""
-    assert 1e3 * HEXAPOD.base[2] == pytest.approx([115.470, 400.0], abs=1e-3)
-    assert 1e3 * HEXAPOD.base[0] == pytest.approx([-404.145, -100.0], abs=1e-3)
-    assert 1e3 * HEXAPOD.platform[3] == pytest.approx([216.506, 75.0], abs=1e-3)
+    assert 1e3 * HEXAPOD.base == pytest.approx(BASE, abs=1e-3)
+    assert 1e3 * HEXAPOD.platform == pytest.approx(PLATFORM, abs=1e-3)
     for corners, edges in ((HEXAPOD.base, (200, 600)), (HEXAPOD.platform, (150, 300))):
         found = 1e3 * np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
         assert sorted(found) == pytest.approx(sorted([*edges] * 3), abs=1e-3)
     assert 1e3 * np.linalg.norm(HEXAPOD.base, axis=1) == pytest.approx([416.333] * 6, abs=1e-3)
+    assert 1e3 * np.linalg.norm(HEXAPOD.platform, axis=1) == pytest.approx([229.129] * 6, abs=1e-3)
 
 
 def test_all_derived_poses_at_once() -> None:
@@ -81,6 +86,13 @@ def test_rotation_is_that_of_another_library() -> None:
     """scipy's extrinsic x, y, z, and the element of eq. 4.22 that a wrong order would change."""
     angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
     assert rotation(angles) == pytest.approx(Rotation.from_euler("xyz", angles).as_matrix(), abs=1e-12)
+    (sx, sy, sz), (cx, cy, cz) = np.sin(angles).T, np.cos(angles).T  # printed: eq. 4.22
+    printed = [
+        [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
+        [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
+        [-sy, cy * sx, cy * cx],
+    ]
+    assert rotation(angles) == pytest.approx(np.moveaxis(np.array(printed), -1, 0), abs=1e-12)
     assert rotation(angles[:, :2]) == pytest.approx(rotation(angles * [1, 1, 0]), abs=1e-15)
     assert np.abs(np.linalg.det(rotation(angles)) - 1.0).max() < 1e-12
 
@@ -92,6 +104,34 @@ def test_jacobian_at_home_is_the_derived_row() -> None:
     assert jacobian[0] * scale == pytest.approx([0.2022, -0.0438, -0.9784, 146.754, -169.457, 37.917], abs=1e-3)
     assert np.linalg.det(jacobian) * 1e9 == pytest.approx(-2.757e6, rel=1e-3)
     assert np.abs(jacobian).max(axis=0)[:3] == pytest.approx([0.2022, 0.1970, 0.9784], abs=1e-4)
+    aside = HEXAPOD.jacobian(np.array([0.5, 0.0, -1.0]), np.zeros(2))
+    assert np.abs(aside[:, 0]).max() == pytest.approx(0.5896, abs=1e-4)
+
+
+def test_condition_over_the_stroke_and_what_errors_of_legs_move_the_tip() -> None:
+    """Derived: 6.91 retracted, 8.43 in the middle, 9.94 extended, scaled by the radius of the platform; 2.87 mm across
+    and 0.42 mm along per mm of independent leg errors, at 438 mm."""
+    for z, condition in ((-911.883, 6.91), (-1117.287, 8.43), (-1321.034, 9.94)):
+        jacobian = HEXAPOD.jacobian(np.array([0.0, 0.0, 1e-3 * z]), np.zeros(2))
+        assert np.linalg.cond(jacobian / [1, 1, 1, 0.229129, 0.229129, 0.229129]) == pytest.approx(condition, abs=0.01)
+    twist = np.linalg.inv(HEXAPOD.jacobian(HOME, np.zeros(2)))
+    tip = twist[:3] + np.cross(twist[3:], np.array([0.0, 0.0, -0.438]), axisa=0, axisc=0)
+    assert np.sqrt((tip**2).sum(axis=1)) == pytest.approx([2.87, 2.87, 0.42], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("z", "half"), [(-950, 500), (-1000, 460), (-1060, 410), (-1100, 370), (-1150, 320), (-1200, 250), (-1250, 170)]
+)
+def test_square_that_the_upright_platform_reaches(z: float, half: float) -> None:
+    """Half its side, mm, derived in steps of 10 mm from the strokes alone."""
+    for side, inside in ((half, True), (half + 10.0, False)):
+        line = np.linspace(-side, side, 41)
+        edge = np.concatenate(
+            [np.column_stack([line, np.full(41, y)]) for y in (-side, side)]
+            + [np.column_stack([np.full(41, x), line]) for x in (-side, side)]
+        )
+        lengths = 1e3 * HEXAPOD.lengths(1e-3 * np.column_stack([edge, np.full(len(edge), z)]), np.zeros(2))
+        assert bool(((lengths >= 942.0) & (lengths <= 1342.0)).all()) is inside, side
 
 
 def test_pose_jacobian_against_differences() -> None:
@@ -214,13 +254,62 @@ def test_no_tip_out_of_reach() -> None:
 
 
 def test_a_joint_that_bends_too_far_is_told() -> None:
-    """A tool tilted about its tip in the middle: strokes allow 30 deg, the joints do not at every height."""
+    """A tool tilted about its tip in the middle: strokes allow 30 deg, joints straight along the normals do not."""
     tilt = np.array([np.radians(29.0), 0.0])
-    assert HEXAPOD.joint_angles(HEXAPOD.place_of(np.zeros(3), tilt), tilt).max() > np.radians(45.0)
+    assert NORMALS.joint_angles(NORMALS.place_of(np.zeros(3), tilt), tilt).max() > np.radians(45.0)
     with pytest.raises(IsfError, match=r"joint of cylinder .* would bend by") as caught:
-        HEXAPOD.positions(np.zeros(3), tilt)
+        NORMALS.positions(np.zeros(3), tilt)
     assert caught.value.code == ErrorCode.TARGET_OUT_OF_WORKSPACE
-    assert not HEXAPOD.reachable(np.zeros((1, 3)), tilt)[0]
+    assert not NORMALS.reachable(np.zeros((1, 3)), tilt)[0]
+    assert HEXAPOD.reachable(np.zeros((1, 3)), tilt)[0]
+
+
+def bends_by_hand(tips: Array, azimuths: Array, tilt: float, lever: float, table: float) -> tuple[Array, Array, Array]:
+    """Bends (N, 12) deg of joints straight along the legs in mid-stroke, and of those along the normals, and lengths
+    (N, 6) mm, from the printed plates with scipy's rotations; tips (N, 2) mm on the table's plane."""
+    base = np.array([(-404.145, -100), (-404.145, 100), (115.47, 400), (288.675, 300), (288.675, -300), (115.47, -400)])
+    plate = np.array(
+        [(-173.205, -150), (-173.205, 150), (-43.301, 225), (216.506, 75), (216.506, -75), (-43.301, -225)]
+    )
+    middle = np.column_stack([plate - base, np.full(6, -1117.287)]) / 1142.0
+    bends, from_normals, lengths = [], [], []
+    for (x, y), azimuth in zip(tips, azimuths, strict=True):
+        axis = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
+        turn = Rotation.from_euler("xyz", [-np.arcsin(axis[1]), np.arctan2(axis[0], axis[2]), 0.0])
+        joints = np.array([x, y, -table]) + lever * axis + turn.apply(np.column_stack([plate, np.zeros(6)]))
+        legs = joints - np.column_stack([base, np.zeros(6)])
+        length = np.linalg.norm(legs, axis=1)
+        along = legs / length[:, None]
+        in_plate = turn.inv().apply(along)
+        lengths.append(length)
+        bends.append(np.degrees(np.arccos([*(along * middle).sum(axis=1), *(in_plate * middle).sum(axis=1)])))
+        from_normals.append(np.degrees(np.arccos([*-along[:, 2], *-in_plate[:, 2]])))
+    return np.array(bends), np.array(from_normals), np.array(lengths)
+
+
+@pytest.mark.parametrize("tool", [43, 70, 100])
+@pytest.mark.parametrize("depth", [0, 60])
+def test_every_tool_can_be_tilted_by_30_deg_inwards_in_the_whole_opening(tool: int, depth: int) -> None:
+    """Torrao 2013, 6.2.3, with its joints of 45 deg, where they are straight along the legs; along the normals nowhere
+    all around. The table's height is that of the rig."""
+    hexapod = spif_a(tool_length=0.338 + 1e-3 * tool)
+    along_normals = spif_a(tool_length=0.338 + 1e-3 * tool, along_normals=True)
+    around, radius = (grid.ravel() for grid in np.meshgrid(np.radians(np.arange(0, 360, 10)), [0.0, 30.0, 60.0, 85.0]))
+    tips = -radius[:, None] * np.column_stack([np.cos(around), np.sin(around)])
+    bends, from_normals, lengths = bends_by_hand(tips, around, np.radians(30.0), 338.0 + tool, 1475.0 + depth)
+    assert bends.max() < 45.0
+    assert lengths.min() > 942.0
+    assert lengths.max() < 1342.0
+    axis = np.column_stack([0.5 * np.cos(around), 0.5 * np.sin(around), np.full(len(around), np.cos(np.radians(30.0)))])
+    tilts = np.column_stack([-np.arcsin(axis[:, 1]), np.arctan2(axis[:, 0], axis[:, 2])])
+    places = 1e-3 * np.column_stack([tips, np.full(len(tips), -float(depth))])
+    assert hexapod.reachable(places, tilts * (1.0 - 1e-12)).all()
+    bent = np.degrees(hexapod.joint_angles(hexapod.place_of(places, tilts), tilts))
+    assert bent == pytest.approx(bends, abs=2e-3)
+    bent = np.degrees(along_normals.joint_angles(along_normals.place_of(places, tilts), tilts))
+    assert bent == pytest.approx(from_normals, abs=2e-3)
+    for height in range(1300, 1750, 10):  # of the table
+        assert bends_by_hand(tips[:36], around[:36], np.radians(30.0), 338.0 + tool, height)[1].max() > 48.0
 
 
 def test_reachable_agrees_with_the_gate_of_single_poses() -> None:

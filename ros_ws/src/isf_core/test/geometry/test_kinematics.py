@@ -66,10 +66,10 @@ def test_lengths_that_fit_no_pose_are_refused() -> None:
 
 
 def test_gantry_is_its_own_pose_and_does_not_tilt() -> None:
-    upper, lower = make_kinematics("gantry_xyz_uvw")
+    upper, lower = make_kinematics()
     assert (upper.axes, lower.axes) == (("X", "Y", "Z"), ("U", "V", "W"))
     tip = np.array([0.01, 0.02, -0.03])
     assert lower.tip(upper.positions(tip))[0] == pytest.approx(tip)
     with pytest.raises(IsfError):
         Gantry().positions(tip, np.array([0.1, 0.0]))
-    assert len(make_kinematics("hexapod_spif_a")[0].axes) == 6
+    assert len(make_kinematics(spif_a())[0].axes) == 6

@@ -28,6 +28,11 @@ def test_developed_wall_follows_the_sine_law(degrees: float, tolerance: float) -
     np.testing.assert_allclose(formed[deep], sine_law(T0, np.radians(degrees)), rtol=tolerance)
 
 
+def test_sine_law_of_the_published_cones() -> None:
+    """Torrao 2013, eq. 7.1: 1 mm at 70 deg becomes 0.342 mm; at 45 deg 0.707 mm."""
+    assert 1e3 * sine_law(1e-3, np.radians([70.0, 45.0])) == pytest.approx([0.342, 0.707], abs=5e-4)
+
+
 def test_near_the_opening_of_a_steep_wall_the_sheet_stays_thick() -> None:
     """60 deg, 2 mm deep: half as thick again as the sine law says; the excess fades with the depth."""
     x, z, angle = wall(60)

@@ -344,9 +344,9 @@ def test_cylinders_of_a_part_before_it_is_formed(tmp_path: Path) -> None:
 
 
 def test_a_plan_is_refused_where_the_cylinders_end() -> None:
-    """A table 200 mm lower than it is: before only the machine told, in mid-part."""
+    """A table 300 mm lower than it is: before only the machine told, in mid-part."""
     made = program_plan(read_program(rings(3)), sheet_job())
-    deep = [contour.shifted(np.tile([0.0, 0.0, -0.2], (len(contour), 1))) for contour in made.contours]
+    deep = [contour.shifted(np.tile([0.0, 0.0, -0.3], (len(contour), 1))) for contour in made.contours]
     with pytest.raises(IsfError, match=r"cylinder \d would have a stroke of") as caught:
         part_checks.check_axes(deep, load_rig("torrao2013"), 5e-3)
     assert caught.value.code == ErrorCode.PART_DOES_NOT_FIT

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from isf_core.files.hydraulic_legs import HydraulicLegs
+from isf_core.process import cylinder_speed
 from isf_core.types import Array
 from numpy.typing import NDArray
 
@@ -208,11 +209,5 @@ def balanced_pressures(push: float, c: Hydraulics, pressures: Array) -> None:
 
 
 def free_speeds(c: Hydraulics) -> tuple[float, float]:
-    """m/s, of an unloaded leg with its valve fully open outwards and inwards, at the relief pressure.
-
-    From the flow through both edges and the balance of the piston: with areas A of the piston and a = r A of the rod's
-    side, coefficients q and e q of their edges, outwards A v = q sqrt(p / (1 + r^3 / e^2)), inwards sqrt(r) of that.
-    """
-    ratio = c.areas[1] / c.areas[0]
-    out = c.rated / c.areas[0] * math.sqrt(c.relief / (1.0 + ratio**3 * (c.rated / c.rod_side) ** 2))
-    return out, out * math.sqrt(ratio)
+    """m/s, of an unloaded leg with its valve fully open outwards and inwards, at the relief pressure."""
+    return cylinder_speed.free_speeds((c.areas[0], c.areas[1]), (c.rated, c.rod_side), c.relief)

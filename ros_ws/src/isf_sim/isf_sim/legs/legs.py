@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from isf_core.files.hydraulic_legs import LegFault
 from isf_core.files.rig import Rig
-from isf_core.geometry.hexapod import spif_a
 from isf_core.geometry.kinematics import UPRIGHT
 from isf_core.types import Array
 from numpy.typing import NDArray
@@ -154,7 +153,8 @@ class Legs:
         legs = rig.legs
         assert legs is not None  # the rig has them
         self._legs, self._rate, self._seeds = legs, rate, seeds
-        hexapod = spif_a()
+        hexapod = rig.hexapod.kinematics()
+        self._names = hexapod.axes
         platform = platform_of(
             hexapod,
             ball,
@@ -232,7 +232,7 @@ class Legs:
     @property
     def names(self) -> tuple[str, ...]:
         """Of the legs."""
-        return spif_a().axes
+        return self._names
 
     def motion(self) -> tuple[Array, Array, Array]:
         """(6,) m strokes by the transducers, (6,) m/s speeds, (6,) N with which the oil pushes the rods out."""

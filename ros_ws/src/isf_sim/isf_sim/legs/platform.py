@@ -29,7 +29,7 @@ class Platform(NamedTuple):
     ----------
     base, joints : (6, 2) m, joints in the planes of base and platform ; shortest, stroke : m ; sheet : (3,) m
     tool_length : m, platform to the centre of the tool's ball ; ball : m, its radius; the tip is its lowest point
-    reach : m ; tilt : rad ; bend : cosine of the largest angle of a joint
+    reach : m ; tilt : rad ; bend : cosine of the largest angle of a joint ; straight : (6, 3) unit, where it is none
     mass : kg of the plate, its radius of gyration ``gyration`` m
     spindle : kg, spindle and tool, their centre ``hanging`` m below the plate, gyration ``spindle_gyration`` m
     rod : kg of each piston with its rod
@@ -45,6 +45,7 @@ class Platform(NamedTuple):
     reach: float
     tilt: float
     bend: float
+    straight: Array
     mass: float
     gyration: float
     spindle: float
@@ -67,6 +68,7 @@ def platform_of(hexapod: Hexapod, ball: float, *, mass: float, gyration: float, 
         reach=hexapod.reach,
         tilt=hexapod.tilt_limit,
         bend=math.cos(hexapod.joint_limit),
+        straight=np.ascontiguousarray(hexapod.straight, dtype=np.float64),
         mass=mass,
         gyration=gyration,
         spindle=spindle,
@@ -196,8 +198,12 @@ def strokes_for(tip: Array, tilt: Array, platform: Platform, strokes: Array) -> 
     for k in range(6):
         strokes[k] = lengths[k] - platform.shortest
         fits = fits and 0.0 <= strokes[k] <= platform.stroke
-        at_platform = rates[k, 0] * turned[0, 2] + rates[k, 1] * turned[1, 2] + rates[k, 2] * turned[2, 2]
-        fits = fits and max(rates[k, 2], at_platform) <= -platform.bend
+        at_base, at_platform = 0.0, 0.0
+        for i in range(3):
+            at_base += rates[k, i] * platform.straight[k, i]
+            for j in range(3):
+                at_platform += rates[k, i] * turned[i, j] * platform.straight[k, j]
+        fits = fits and min(at_base, at_platform) >= platform.bend
     return fits
 
 

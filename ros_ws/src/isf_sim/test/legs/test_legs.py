@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from isf_core.files.hydraulic_legs import OF_ONE_LEG, LegFault
 from isf_core.files.rig import Rig, load_rig
-from isf_core.geometry.hexapod import spif_a
 from isf_core.geometry.kinematics import UPRIGHT
 from isf_sim.legs import legs as lg
 from isf_sim.legs import tuning
@@ -91,7 +90,7 @@ def test_forces_deflect_the_tip_and_the_transducers_do_not_see_it() -> None:
     before = legs.tip()
     assert rest(legs, 1500, np.array([500.0, 0.0, 0.0]), 1500) == 0
     moved = legs.tip() - before
-    pushes = spif_a().leg_forces(np.array([500.0, 0.0, 0.0]), HERE, np.zeros(2))
+    pushes = RIG.hexapod.kinematics().leg_forces(np.array([500.0, 0.0, 0.0]), HERE, np.zeros(2))
     assert legs.state.pushes == pytest.approx(pushes, abs=0.5)
     assert moved[0] == pytest.approx(12.5e-9 * (pushes**2).sum() / 500.0, rel=0.03)
     assert moved[0] > 30e-6
@@ -105,7 +104,7 @@ def test_errors_of_a_leg_are_errors_of_the_tip() -> None:
     errors = (50e-6, 0.0, 0.0, 0.0, 0.0, 0.0)
     exact = rig_with(encoder={"noise": 0.0, "resolution": 0.0}, cylinder={"errors": errors})
     legs = legs_of(exact)
-    hexapod = spif_a()
+    hexapod = RIG.hexapod.kinematics()
     rows = hexapod.pose_jacobian(hexapod.place_of(HERE, np.zeros(2)), np.zeros(3))
     step = np.linalg.solve(rows, np.array(errors))
     tip = hexapod.tip_of(hexapod.place_of(HERE, np.zeros(2)) + step[:3], step[3:5])
