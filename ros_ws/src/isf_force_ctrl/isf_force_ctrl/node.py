@@ -66,6 +66,10 @@ after which twists do."""
 STEADY = 0.25
 """s by the clock that the tools stand after the wrenches are back, so that they are where they should be."""
 
+STANDING = 0.2
+"""s of targets as joints that stand after arming, from when their controllers have been found: one that hears the first
+of them in mid-motion would make up for what it missed in one step."""
+
 STOPPED_FOR = 2.0
 """s of wall time that the machine is in a protective stop, after which what is done in lockstep ends with its fault: no
 tick comes any more. An executive has ended the part long before."""
@@ -105,7 +109,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._delayed, self._patient_until = False, 0.0
         self._look = RegularLook(0.5 * min(self._timeout, EXECUTIVE_SILENCE))
         self._ticks = self._late_before = self._pauses = self._repeating = 0
-        self._paused_until = 0.0
+        self._paused_until = self._seek_until = 0.0
+        self._ticks_to_stand = 0
         self._ticked = RegularLook(0.5 * p.wrench_pause)
         self._awaited: int | None = None
         self._last_mode = Mode.IDLE
@@ -320,20 +325,34 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         tools then goes on. ``waiting``: this node itself was kept waiting, what came meanwhile has to be taken."""
         now = time.monotonic()
         measuring = controller.measuring and controller.fault is None
+        self._seek_controllers(controller, now)
         unknown = None if waiting else self._unknown(BLIND if measuring else self._settings.wrench_pause)
         if unknown:
             self._paused_until = now + STEADY
         if unknown and measuring:
             controller.fail(*unknown, ticking=True)
-        paused = now < self._paused_until and controller.fault is None
+        paused = (now < self._paused_until or self._ticks_to_stand > 0) and controller.fault is None
         if paused == controller.paused:
             return
         controller.paused = paused
         if paused and unknown:
             self._pauses += 1
             self.get_logger().warning(f"{unknown[1]}: the tools stand")
-        elif controller.fault is None:
+        elif controller.fault is None and now >= self._paused_until > 0.0:
             self.get_logger().warning("the wrenches are back: the tools go on")
+
+    def _seek_controllers(self, controller: ForceController, now: float) -> None:
+        """The tools stand until those who move them by joints have been found, and for STANDING more."""
+        if self._ticks_to_stand == 0:
+            return
+        unheard = self._output.unheard(self._ready.needed)
+        if not unheard:
+            self._ticks_to_stand -= 1
+        elif now > self._seek_until:
+            self._ticks_to_stand = 0
+            text = f"nobody takes {' and '.join(unheard)} (is a joint_trajectory_controller active, of that name?)"
+            if controller.fault is None:
+                controller.fail(ErrorCode.NODE_MISSING, text, ticking=True)
 
     def _after_tick(self, controller: ForceController, stamp: int) -> None:
         self._latency.targets()
@@ -543,6 +562,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._publish_state(controller, self.get_clock().now().nanoseconds)
         if not self._settings.lockstep:
             self._tick_number, self._paused_until = -1, 0.0
+            by_joints = self._settings.output == "joint_trajectory"
+            self._ticks_to_stand = round(STANDING * controller.config.rate) if by_joints else 0
+            self._seek_until = time.monotonic() + self._timeout
             self._clock_offset = self.get_clock().now().nanoseconds - time.monotonic_ns()
             settings = RealTimeSettings(self._settings.real_time_priority, self._settings.lock_memory)
             step = self.guard(self._step_in_real_time, "control tick")

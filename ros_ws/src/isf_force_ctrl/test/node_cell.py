@@ -121,9 +121,12 @@ class Cell:
         assert self.wait(future.done)
         return future.result()
 
+    def publish(self, contour: Any) -> None:
+        self._contours.publish(conversion.contour_to_message(contour))
+
     def form(self, contour: Any, timeout: float = 3 * LIMIT) -> ContourResult:
         seen = len(self.results)
-        self._contours.publish(conversion.contour_to_message(contour))
+        self.publish(contour)
         assert self.wait(lambda: len(self.results) > seen, timeout)
         return self.results[-1]
 

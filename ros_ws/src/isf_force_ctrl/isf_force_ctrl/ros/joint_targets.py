@@ -1,10 +1,13 @@
 """Targets as joint positions, for a joint_trajectory_controller per tool: one point per tick.
 
-A trajectory of one point, one period ahead, replaces the one before it; its stamp is zero, which means now.
+A trajectory of one point, one period ahead, replaces the one before it; its stamp is zero, which means now. A
+controller does not know where the trajectory began that it hears first: it has to hear where the tools stand before
+they move.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from isf_core.errors import IsfError
@@ -48,6 +51,10 @@ class JointTargets:
             in_rig = not self._described and job_file.rig.arm(k) is not None
             message.joint_names = list(joints.kinematics.axes if in_rig else joints.names)
             message.points = [point]
+
+    def unheard(self, tools: Sequence[int]) -> list[str]:
+        """Topics of ``tools`` (1, 2) that nobody has subscribed to yet."""
+        return [f"tool_{k}/joint_trajectory" for k in tools if not self._publishers[k - 1].get_subscription_count()]
 
     def send(self, targets: Targets) -> None:
         """Joints for both targets; those of a tip out of reach are left out, which the machine reports."""

@@ -78,6 +78,10 @@ class ForceCtrlPublishers:
         if self._joints is not None:
             self._joints.start(job_file, rate)
 
+    def unheard(self, tools: Sequence[int]) -> list[str]:
+        """Topics of joints of ``tools`` (1, 2) that nobody has subscribed to yet; none where joints are not sent."""
+        return [] if self._joints is None else self._joints.unheard(tools)
+
     def start(self, tip_1: Vector, tip_2: Vector, rate: float, axis: Vector = UPRIGHT) -> None:
         """Targets follow, ``rate`` per second; the tools are at ``tip_1``, ``tip_2`` m, tool 1 with its ``axis``."""
         self.has_targets = False

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
+from isf_core.errors import ErrorCode
 from isf_core.files.rig import load_rig
+from isf_msgs.msg import ForceCtrlState
 from isf_ros import conversion, qos
 from node_cell import JOB, RIG, Cell, small_ring, watched
 from trajectory_msgs.msg import JointTrajectory
@@ -83,3 +85,40 @@ def test_joints_of_a_gantry_are_the_coordinates_of_its_tips(cell: Cell) -> None:
     assert list(joints[0].joint_names) == ["tool_2_x", "tool_2_y", "tool_2_z"]
     told = {tuple(one.points[0].positions) for one in joints}
     assert len(told & set(targets)) > 100
+
+
+@pytest.mark.graph
+@pytest.mark.clock
+def test_by_the_clock_the_tools_stand_until_controllers_have_heard_where(cell: Cell) -> None:
+    targets: list[tuple[float, float, float]] = []
+    joints: list[JointTrajectory] = []
+    cell.node.create_subscription(
+        PoseStamped, "tool_1/target", lambda m: targets.append(conversion.tip_of(m)), qos.STREAM_SOURCE
+    )
+    cell.node.create_subscription(JointTrajectory, "tool_2/joint_trajectory", lambda _: None, qos.STREAM_SOURCE)
+    cell.start({"lockstep": False}, lockstep=False, output="joint_trajectory")
+    cell.armed()
+    cell.publish(small_ring())
+    assert cell.rests_in(ForceCtrlState.APPROACH)
+    seen = len(targets)
+    assert cell.wait(lambda: len(targets) > seen + 250)  # half a second, in which it would be on its way
+    stood = targets[-1]
+    np.testing.assert_allclose(targets, [stood] * len(targets), atol=10e-6)
+    # the controller of the upper tool, late
+    cell.node.create_subscription(JointTrajectory, "tool_1/joint_trajectory", joints.append, qos.STREAM_SOURCE)
+    assert cell.wait(lambda: cell.results)
+    assert cell.results[-1].code == 0
+    assert tuple(joints[0].points[0].positions) == stood
+    assert not np.any(joints[0].points[0].velocities)
+    assert min(z for _, _, z in targets) < stood[2] - 50e-3
+
+
+@pytest.mark.graph
+@pytest.mark.clock
+def test_joints_that_nobody_takes_end_the_contour_by_name(cell: Cell) -> None:
+    cell.node.create_subscription(JointTrajectory, "tool_2/joint_trajectory", lambda _: None, qos.STREAM_SOURCE)
+    cell.start({"lockstep": False}, lockstep=False, output="joint_trajectory", wrench_timeout=5.0)
+    cell.armed()
+    result = cell.form(small_ring())
+    assert result.code == ErrorCode.NODE_MISSING
+    assert "nobody takes tool_1/joint_trajectory" in result.message
