@@ -45,6 +45,9 @@ STAND_AFTER, RELEASE_AFTER = 0.25, 2.0
 """s without targets after which tools that were moving are told to stand still, and loaded ones leave the sheet."""
 STATE_PERIOD, HEALTH_PERIOD, POSE_PERIOD = 0.1, 0.5, 0.02
 """s between two messages on machine/state, /diagnostics, tool_k/pose."""
+STATE_PATIENCE = 0.5
+"""s for those who listen to machine/state to take it, before a service that has changed it answers: who asked for a
+tare arms force control next."""
 LONGEST_CATCH_UP = 0.25
 """s of cycles that are made up for when this process was kept waiting: the machine and its converters went on."""
 TARGET_LOST, TOOL_LOADED, STOP_REQUESTED, FAULTED = 1404, 1405, 1406, 1410
@@ -193,12 +196,18 @@ class Driver:
         response.code, response.message = (TOOL_LOADED, refused) if refused else (0, "")
         if not refused:
             self._hardware.reset()
-        self._publish_state()
+        self._tell_state()
         return response
 
     def _on_stop(self, request: Stop.Request, response: Stop.Response) -> Stop.Response:
         self._protect(STOP_REQUESTED, request.reason or "stop was requested")
+        self._tell_state()
         return response
+
+    def _tell_state(self) -> None:
+        """Before an answer: it is known to all when the answer comes."""
+        self._publish_state()
+        self._state.wait_for_all_acked(Duration(seconds=STATE_PATIENCE))
 
     # -- level 3 ---------------------------------------------------------------------------------
 
@@ -222,6 +231,7 @@ class Driver:
         if request.new_blank:
             self._hardware.clamp_fresh_blank()
         self._tared = False
+        self._tell_state()
         return response
 
 

@@ -575,6 +575,15 @@ class MachineNode(CellNode[MachineParameters]):
         if self._output is not None:
             self._output.wrenches_received()
 
+    def tell_state(self) -> None:
+        """The state out of turn, after a service has changed it by the clock; returns when its subscribers have it."""
+        output, machine = self._output, self._machine
+        if output is None or machine is None or not self.is_active or self.in_lockstep:
+            return
+        with self.lock:
+            output.state(self._state_message(machine), self._stamp)
+        output.state_received()  # ticks go on meanwhile
+
     def publish_scan(self, shape: HeightMap, thinned: ThinnedSheet | None) -> None:
         """The exact shape on "scan", thickness and strain margin, where there are any, on "machine/formed_sheet"."""
         if self._output is None:
@@ -614,6 +623,7 @@ class MachineServices:
             if self._node.reads_while_tared:
                 self._rest_for_tare(machine)
             self._publish_in_lockstep(machine)
+        self._node.tell_state()
         return response
 
     def _rest_for_tare(self, machine: SimulatedMachine) -> None:
@@ -644,6 +654,7 @@ class MachineServices:
     def _on_stop(self, request: Stop.Request, response: Stop.Response) -> Stop.Response:
         with self._answering(response):
             self._node.stop_machine(request.reason or "stop was requested")
+        self._node.tell_state()
         return response
 
     def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
@@ -661,6 +672,7 @@ class MachineServices:
                 self._begin_anew()
         finally:
             node.start_in_real_time()  # with the blank before, where there is no new one
+        node.tell_state()
         return response
 
     def _on_save(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
@@ -686,6 +698,7 @@ class MachineServices:
                     self._begin_anew()
             finally:
                 node.start_in_real_time()
+            node.tell_state()
         return response
 
     def _begin_anew(self) -> None:

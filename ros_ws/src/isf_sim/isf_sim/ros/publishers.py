@@ -23,8 +23,8 @@ from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 SCAN_PATIENCE = 5.0
 """s of wall time for the subscribers of a scan to take it, in lockstep."""
 
-WRENCH_PATIENCE = 2.0
-"""s of wall time for the subscribers of the wrenches to take those that a service call has changed."""
+WRENCH_PATIENCE, STATE_PATIENCE = 2.0, 0.5
+"""s of wall time for the subscribers of the wrenches, of the state, to take those that a service call has changed."""
 
 
 class MachinePublishers:
@@ -73,6 +73,10 @@ class MachinePublishers:
         and force control would answer an older one."""
         for publisher in (*self._wrenches, *self._raw_cells):
             publisher.wait_for_all_acked(Duration(seconds=WRENCH_PATIENCE))
+
+    def state_received(self) -> None:
+        """Returns when every reliable subscriber has the last state: who asked for a tare arms force control next."""
+        self._state.wait_for_all_acked(Duration(seconds=STATE_PATIENCE))
 
     def poses(self, sample: MachineSample, nanoseconds: int) -> None:
         """Both tips and the axis of tool 1 by the encoders, and the clock in lockstep."""
