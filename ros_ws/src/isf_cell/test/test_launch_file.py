@@ -146,7 +146,9 @@ def test_nine_voltages_of_a_rig_have_their_load_cell(launch_file: dict[str, Any]
     assert set(found) == {*NODES, "load_cell_1"}
     cell = found["load_cell_1"]
     assert type(cell).__name__ == "LifecycleNode"
-    assert {key: value for key, value in parameters(cell).items() if key != "rig"} == {"tool": 1, "use_sim_time": False}
+    known = {key: value for key, value in parameters(cell).items() if key != "rig"}
+    assert known == {"tool": 1, "with_pose": True, "use_sim_time": False}  # its upper tool can be tilted
+    assert ("pose", "tool_1/pose") in cell.keywords["remappings"]
     assert Path(parameters(cell)["rig"]).is_file()
     assert ("raw_cells", "tool_1/raw_cells") in cell.keywords["remappings"]
     assert ("wrench", "tool_1/wrench") in cell.keywords["remappings"]

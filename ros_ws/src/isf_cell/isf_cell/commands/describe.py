@@ -65,7 +65,8 @@ def describe_cell(name: str, prefix: str, output: Path | None, *, as_json: bool,
             "robot": made.name,
             "rig": str(rig_file),
             "spindle_cells": tools_with_spindle_cells(rig),
-            "tilts": job_file is not None and job_file.tilts,
+            # of a rig alone: by what it can, since parts with tilted tools may be asked for
+            "tilts": job_file.tilts if job_file is not None else rig.largest_tilt > 0.0,
             "links": [link.name for link in made.links],
             "joints": movable,
         }

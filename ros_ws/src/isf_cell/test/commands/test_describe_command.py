@@ -29,7 +29,7 @@ def test_a_rig_by_name_and_by_file_and_a_job(
     rig, own, job = found.values()
     assert (rig["urdf"], own["urdf"], job["urdf"]) == ("ren2018.urdf", "my_rig.urdf", "spif_cone.urdf")
     assert (rig["spindle_cells"], own["spindle_cells"]) == ([], [1])
-    assert not job["tilts"]
+    assert [found["tilts"] for found in (rig, own, job)] == [False, True, False]
     assert rig["joints"] == [f"left_tool_{k}_{axis}" for k in (1, 2) for axis in "xyz"]
     assert "left_tool_2" not in job["links"]  # SPIF
     speeds = [item.attrib["velocity"] for item in ElementTree.parse("my_rig.urdf").iter("limit")]
