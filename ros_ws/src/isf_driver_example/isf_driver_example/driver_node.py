@@ -201,11 +201,10 @@ class Driver:
 
     def _on_stop(self, request: Stop.Request, response: Stop.Response) -> Stop.Response:
         self._protect(STOP_REQUESTED, request.reason or "stop was requested")
-        self._tell_state()
         return response
 
     def _tell_state(self) -> None:
-        """Before an answer: it is known to all when the answer comes."""
+        """Before an answer, while nothing moves: it is known to all when the answer comes."""
         self._publish_state()
         self._state.wait_for_all_acked(Duration(seconds=STATE_PATIENCE))
 

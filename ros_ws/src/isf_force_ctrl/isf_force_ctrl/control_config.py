@@ -18,7 +18,7 @@ from isf_core.geometry.serial_arm import TERMS, SerialArm, compliance_field
 from numpy.typing import NDArray
 
 from isf_force_ctrl.laws.force_and_compliance import ComplianceSettings, ContactForceSettings, group_delay, low_pass
-from isf_force_ctrl.laws.stability import check_compliance_gain, check_force_gain
+from isf_force_ctrl.laws.stability import MARGIN, check_compliance_gain, check_force_gain, ultimate_loop_gain
 
 Vector = tuple[float, float, float]
 
@@ -264,9 +264,22 @@ class ControlConfig:
             check_compliance_gain(
                 both, self.contact_stiffness, maximum=MAXIMUM_OF_BOTH, where="control.support_compensation"
             )
-        delay = group_delay(len(self.coefficients()), self.rate) + 1.5 / self.rate
         coupling = gain * self.contact_stiffness
-        check_force_gain(self.loop_gain, self.servo_bandwidth, delay, coupling, self.compliance_time)
+        loop = (self.servo_bandwidth, self._delay(), coupling, self.compliance_time)
+        check_force_gain(self.loop_gain, *loop, faster=lambda: self._faster(coupling))
+
+    def _delay(self) -> float:
+        """s in the force loop: filter, transport and hold."""
+        return group_delay(len(self.coefficients()), self.rate) + 1.5 / self.rate
+
+    def _faster(self, coupling: float) -> str:
+        """Advice: the lowest control rate at which the loop would be stable, in steps of 10 Hz."""
+        for rate in range(10 * (int(self.rate / 10.0) + 1), 1001, 10):
+            delay = replace(self, rate=float(rate))._delay()
+            limit = ultimate_loop_gain(self.servo_bandwidth, delay, coupling, self.compliance_time)
+            if self.loop_gain * MARGIN <= limit:
+                return f"raise control.rate to {rate} Hz or more"
+        return "no control.rate up to 1 kHz is enough"
 
     def coefficients(self) -> NDArray:  # type: ignore[type-arg]
         """FIR low-pass of both loops."""

@@ -6,11 +6,18 @@ as the spring K_c (eq. 2-7, 2-8).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from numpy.typing import NDArray
 
 Complex = NDArray[np.complex128]
+
+
+MARGIN = 1.5
+"""Assumed: so many times the gain is below that at which the loop oscillates."""
 
 
 def servo_response(bandwidth: float, omega: NDArray[np.float64]) -> Complex:
@@ -68,16 +75,20 @@ def check_force_gain(
     bandwidth: float,
     delay: float,
     compensation: float,
-    smoothing_time: float = 0.0,
-    *,
-    margin: float = 1.5,
+    smoothing_time: float,
+    faster: Callable[[], str],
 ) -> None:
-    """Raise UNSTABLE_GAIN unless the integral force loop keeps the gain ``margin`` to its limit."""
+    """Raise UNSTABLE_GAIN unless the integral force loop keeps the gain margin to its limit.
+
+    ``faster`` tells what to do about the delay, for the advice.
+    """
     ultimate = ultimate_loop_gain(bandwidth, delay, compensation, smoothing_time)
-    if loop_gain * margin > ultimate:
+    if loop_gain * MARGIN > ultimate:
         raise IsfError(
             ErrorCode.UNSTABLE_GAIN,
-            f"force loop gain {loop_gain:.0f} 1/s is too close to its stability limit of {ultimate:.0f} 1/s",
+            f"force loop gain {loop_gain:.0f} 1/s is too close to its stability limit of {ultimate:.0f} 1/s, with a "
+            f"servo of {bandwidth:.3g} Hz and {1e3 * delay:.0f} ms of delay",
             where="force control",
-            advice="reduce loop_gain, raise control.rate or use a faster servo",
+            advice=f"set the parameter loop_gain to {math.floor(ultimate / MARGIN)} 1/s or less, {faster()}, or use a "
+            "faster servo",
         )

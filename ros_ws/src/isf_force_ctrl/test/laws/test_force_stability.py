@@ -1,5 +1,7 @@
 """Stability limits against the published analysis (Ren 2018, 2.3.3)."""
 
+import re
+
 import numpy as np
 import pytest
 from contact_sandbox import make_config
@@ -63,3 +65,17 @@ def test_published_gain_has_its_margin_with_compensation():
     make_config(compensation=1.0).check()
     with pytest.raises(IsfError, match="UNSTABLE_GAIN"):
         ForceController(make_config(compensation=1.0, loop_gain=60.0))
+
+
+def test_the_advice_for_a_slow_servo_is_enough_and_no_more():
+    """A servo of 10 Hz, as of the arms, at 100 Hz: both numbers of the text are taken, a little less is not."""
+    slow = {"servo_bandwidth": 10.0, "compensation": 0.0, "support_compensation": 0.0}
+    with pytest.raises(IsfError) as caught:
+        make_config(rate=100.0, **slow).check()
+    assert "servo of 10 Hz and 25 ms of delay" in caught.value.what
+    gain, rate = (float(word) for word in re.findall(r"to (\d+) (?:1/s|Hz)", caught.value.advice))
+    make_config(rate=100.0, loop_gain=gain, **slow).check()
+    make_config(rate=rate, **slow).check()
+    for nearly in ({"rate": 100.0, "loop_gain": gain + 1.0}, {"rate": rate - 10.0}):
+        with pytest.raises(IsfError):
+            make_config(**nearly, **slow).check()
