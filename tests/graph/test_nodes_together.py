@@ -24,6 +24,7 @@ from isf_msgs.action import FormPart
 from isf_msgs.msg import ContourResult
 from isf_ros import qos
 from isf_ros.conversion import result_from_message
+from parameter_rounds import ParameterRounds
 from quick_cone import quick_cone, quick_cone_file
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
@@ -87,6 +88,10 @@ def test_a_part_is_formed_by_nodes_in_one_process(tmp_path: Path, monkeypatch: p
 
 
 def test_two_cells_in_one_process_form_the_same_part_at_once(tmp_path: Path) -> None:
+    """Bit for bit, though all parameters of one cell are read and set to what they are again and again meanwhile.
+
+    benchmarks/parameters_while_forming.py does that 1,000 times in a part.
+    """
     nodes = ("machine", "force_ctrl", "planner", "springback", "executive")
     names = [f"{cell}/{name}" for cell in CELLS for name in nodes]
     command = [sys.executable, str(executables.find("isf_cell", "together")), *names]
@@ -97,6 +102,7 @@ def test_two_cells_in_one_process_form_the_same_part_at_once(tmp_path: Path) -> 
     job = quick_cone()
     goal = FormPart.Goal(job_text=job.text, base_folder=str(job.base), support_force=math.nan)
     results: dict[str, list[ContourResult]] = {cell: [] for cell in CELLS}
+    rounds = ParameterRounds([f"{CELLS[0]}/{name}" for name in nodes], 1000)
     rclpy.init()
     node = rclpy.create_node("client")
     waiting = Waiting(node)
@@ -110,7 +116,10 @@ def test_two_cells_in_one_process_form_the_same_part_at_once(tmp_path: Path) -> 
         sent = [client.send_goal_async(goal) for client in clients]
         assert waiting.until(lambda: all(one.done() for one in sent))
         formed = [one.result().get_result_async() for one in sent]
+        assert waiting.until(lambda: results[CELLS[0]])
+        rounds.start()
         assert waiting.until(lambda: all(one.done() for one in formed), 4 * LIMIT)
+        rounds.stop()
         asked = {
             name: parameter_of(node, waiting, f"{CELLS[1]}/{name}", parameter)
             for name, parameter in (("force_ctrl", "state_decimation"), ("springback", "state_folder"))
@@ -118,6 +127,7 @@ def test_two_cells_in_one_process_form_the_same_part_at_once(tmp_path: Path) -> 
         for client in clients:
             client.destroy()
     finally:
+        rounds.stop()
         os.killpg(process.pid, signal.SIGINT)
         code = process.wait(LIMIT)
         waiting.close()
@@ -125,6 +135,9 @@ def test_two_cells_in_one_process_form_the_same_part_at_once(tmp_path: Path) -> 
         rclpy.try_shutdown()
     assert [(one.result().result.code, one.result().result.message) for one in formed] == [(0, ""), (0, "")]
     assert code == 0
+    assert rounds.failure == ""
+    assert rounds.done >= 3
+    assert rounds.parameters > 80
     assert asked == {"force_ctrl": 7, "springback": f"{tmp_path}{CELLS[1]}"}
     here = in_process.form(job).results
     one, other = ([result_from_message(message) for message in results[cell]] for cell in CELLS)

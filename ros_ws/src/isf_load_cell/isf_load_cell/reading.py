@@ -15,6 +15,9 @@ from isf_core.types import Array
 from isf_force_ctrl.laws.force_and_compliance import Fir, low_pass
 from isf_force_ctrl.supervision.wrench_watch import check_drift
 
+IN_LOCKSTEP = "a machine in lockstep that waits has no new readings: machine/tare lets time pass for them"
+"""Advice where readings are the same, or too few."""
+
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 """m/s^2 in frame sheet."""
 
@@ -72,7 +75,8 @@ class CellReading:
         if not np.isfinite(readings).all():
             raise IsfError(ErrorCode.WRENCH_NOT_FINITE, "a reading is not finite", advice="check the cable of the cell")
         if len(readings) > self.settings.frozen_after and (readings == readings[0]).all():
-            raise IsfError(ErrorCode.WRENCH_FROZEN, f"{len(readings)} readings are all the same: frozen signal")
+            what = f"{len(readings)} readings are all the same: frozen signal"
+            raise IsfError(ErrorCode.WRENCH_FROZEN, what, advice=f"check the load cell's driver; {IN_LOCKSTEP}")
         check_steady((readings - readings.mean(axis=0)) @ self.settings.matrix[:3].T, self.settings.drift_limit)
         weight = np.linalg.pinv(self.settings.matrix) @ self._weight(rotation)
         self.zero = readings.mean(axis=0) - weight

@@ -14,6 +14,8 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
 
+from isf_load_cell.reading import IN_LOCKSTEP
+
 
 class Reading(Protocol):
     """One cell or an arrangement of cells: load_cell_reading.CellReading, three_cell_reading.ThreeCellReading."""
@@ -110,6 +112,6 @@ class CellStream:
             raise IsfError(
                 ErrorCode.NO_TARE,
                 f"{len(self._recent)} readings so far, {self._needed} are needed",
-                advice="ask again, or lower tare_readings",
+                advice=f"ask again, or lower tare_readings; {IN_LOCKSTEP}",
             )
         return np.array(self._recent)

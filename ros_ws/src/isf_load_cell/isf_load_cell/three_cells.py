@@ -18,7 +18,7 @@ from isf_force_ctrl.laws.force_and_compliance import Fir, low_pass
 from isf_force_ctrl.supervision.wrench_watch import check_drift
 
 from isf_load_cell.cell_redundancy import CellRedundancy, Live, LoadsOf, Order, responses
-from isf_load_cell.reading import GRAVITY, check_steady
+from isf_load_cell.reading import GRAVITY, IN_LOCKSTEP, check_steady
 
 RADIUS = 0.110
 """m, of the circle of cells (published)."""
@@ -341,4 +341,4 @@ class ThreeCellReading:
 
 def _all_frozen(times: int) -> IsfError:
     what = f"all load-cell channels have read the same {times} times: frozen signal"
-    return IsfError(ErrorCode.WRENCH_FROZEN, what, advice="check the amplifier and its driver")
+    return IsfError(ErrorCode.WRENCH_FROZEN, what, advice=f"check the amplifier and its driver; {IN_LOCKSTEP}")
