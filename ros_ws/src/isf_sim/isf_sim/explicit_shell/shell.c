@@ -408,9 +408,10 @@ static void interpolation(double u, double *R weight) {
 static int64_t clamped(int64_t k, int64_t last) { return k < 0 ? 0 : k > last ? last : k; }
 
 /* Contact of tool `number`, centre c (3) m moving with speed (3) m/s, with the smooth surface through the nodes: forces on
- * the nodes in contact_force, that on the tool in `on_tool`. */
+ * the nodes in contact_force, that on the tool in `on_tool`, by which the latter falls per metre that the tool gives way in
+ * `stiffness`, N/m (xx, yy, zz, xy, yz, zx). */
 static void touch(const Shell *R q, Tool *R tool, int number, const double *R c, const double *R speed,
-                  double *R on_tool) {
+                  double *R on_tool, double *R stiffness) {
     const int64_t nx = q->nx, ny = q->ny, nn = (nx + 1) * (ny + 1);
     const double *R x = q->position, *R y = x + nn, *R z = y + nn, *R v = q->velocity;
     double *R f = q->contact_force + 3 * number * nn;
@@ -434,6 +435,7 @@ static void touch(const Shell *R q, Tool *R tool, int number, const double *R c,
     for (int k = 0; k < POINTS; k++)
         interpolation((k + 0.5) / POINTS, table[k]);
     on_tool[0] = on_tool[1] = on_tool[2] = 0.0;
+    memset(stiffness, 0, sizeof(double) * 6);
     const double reach = tool->radius + tool->flat;
     /* half the window: as many elements as the tool may touch around the nearest node */
     const int64_t middle = clamped(j, ny - 1) * nx + clamped(i, nx - 1);
@@ -457,6 +459,7 @@ static void touch(const Shell *R q, Tool *R tool, int number, const double *R c,
             }
             memset(push, 0, sizeof push);
             int hit = 0;
+            double normals[6] = {0.0};
             const double per_point = q->contact * q->area[e] / (POINTS * POINTS);
             for (int b = 0; b < POINTS; b++) {
                 double line[3][4];
@@ -498,16 +501,21 @@ static void touch(const Shell *R q, Tool *R tool, int number, const double *R c,
                         for (int m = 0; m < 16; m++)
                             push[d][m] += table[b][m / 4] * t[m % 4] * force;
                     }
+                    for (int d = 0; d < 3 && normal > 0.0; d++)
+                        normals[d] += n[d] * n[d], normals[3 + d] += n[d] * n[(d + 1) % 3];
                     hit = 1;
                     tool->touching++;
                 }
             }
-            if (hit)
+            if (hit) {
                 for (int k = 0; k < 16; k++) {
                     q->in_contact[number * (ny + 1) + node[k] / (nx + 1)] = 1;
                     for (int d = 0; d < 3; d++)
                         f[d * nn + node[k]] += push[d][k];
                 }
+                for (int k = 0; k < 6; k++)
+                    stiffness[k] += per_point * normals[k];
+            }
         }
 }
 
@@ -671,23 +679,45 @@ static void keep_thickness(const Shell *R q, int64_t from, int64_t to) {
     memcpy(q->thickness_before + from * q->nx, q->thickness + from * q->nx, sizeof(double) * (size_t)((to - from) * q->nx));
 }
 
+/* One step of the machine that gives way: `felt` follows `force` with the time of `smoothing`, as a spring beside a damper.
+ *
+ * The force falls by stiffness times what the tool gives way, which is taken into the step: with the force from before
+ * it, contact (K) on a soft machine (C) would swing from step to step, and make energy, where smoothing K C exceeds 2.
+ * (1 + smoothing K C) change = smoothing (force - felt), by Cramer's rule. */
+static void give_way(Tool *R tool, const double *R force, const double *R K, double smoothing) {
+    static const int64_t PLACE[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
+    double m[3][3], minor[3][3], right[3];
+    for (int i = 0; i < 3; i++) {
+        right[i] = smoothing * (force[i] - tool->felt[i]);
+        for (int j = 0; j < 3; j++)
+            m[i][j] = (i == j ? 1.0 : 0.0) + smoothing * K[PLACE[i][j]] * tool->compliance[j];
+    }
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, d = (j + 2) % 3;
+            minor[i][j] = m[a][c] * m[b][d] - m[a][d] * m[b][c];
+        }
+    const double inverse = 1.0 / (m[0][0] * minor[0][0] + m[0][1] * minor[0][1] + m[0][2] * minor[0][2]);
+    for (int j = 0; j < 3; j++)
+        tool->felt[j] += inverse * (minor[0][j] * right[0] + minor[1][j] * right[1] + minor[2][j] * right[2]);
+}
+
 /* Contact of tool t in step k, and what it and its machine feel. */
 static void of_tool(const Work *R w, int t, int64_t k) {
     Tool *R tool = w->tools + t;
     if (tool->radius <= 0.0)
         return;
     const double steps = (double)w->steps;
-    double centre[3], speed[3], felt[3];
+    double centre[3], speed[3], force[3], stiffness[6];
     for (int d = 0; d < 3; d++) {
         speed[d] = (tool->end[d] - tool->begin[d]) / (steps * w->q->step);
         centre[d] = tool->begin[d] + (tool->end[d] - tool->begin[d]) * ((double)k / steps) +
             tool->compliance[d] * tool->felt[d];
     }
-    touch(w->q, tool, t, centre, speed, felt);
-    for (int d = 0; d < 3; d++) {
-        tool->felt[d] += w->smoothing * (felt[d] - tool->felt[d]);
-        tool->mean[d] += felt[d] / steps;
-    }
+    touch(w->q, tool, t, centre, speed, force, stiffness);
+    give_way(tool, force, stiffness, w->smoothing);
+    for (int d = 0; d < 3; d++)
+        tool->mean[d] += force[d] / steps;
 }
 
 static void compute(Work *w, int thread) {
