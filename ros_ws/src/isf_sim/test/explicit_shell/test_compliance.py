@@ -14,12 +14,12 @@ def pressed(compliance: np.ndarray, tip: np.ndarray) -> tuple[np.ndarray, float]
     sheet at rest; an elastic sheet without friction, so that the way there does not matter."""
     lines = np.linspace(-8e-3, 8e-3, 17)
     sheet = Sheet(70e9, 0.33, 1e-3, np.array([0.0, 1.0]), np.array([1e12, 1e12]))
-    shell = ExplicitShell(lines, lines, sheet, friction=0.0, tool_speed=40.0, plunge_speed=5.0, damping=20_000.0)
+    shell = ExplicitShell(lines, lines, sheet, friction=0.0, tool_speed=40.0, plunge_speed=20.0, damping=20_000.0)
     shell.set_tool(0, Ball(5e-3, compliance=tuple(compliance)), np.array([tip[0], tip[1], 0.6e-3]))
     away = np.zeros(3)
     for height in np.linspace(0.6e-3, tip[2], 10):
         shell.move(np.array([[tip[0], tip[1], height], away]))
-    shell.advance(20_000, 20_000.0)
+    shell.advance(10_000, 20_000.0)
     forces, kinetic = [], 0.0
     for _ in range(200):
         shell.advance(1, 20_000.0)
