@@ -182,6 +182,9 @@ class SpringbackNode(CellNode[SpringbackParameters]):
 
     async def _on_load(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
         def load() -> None:
+            if not request.path:
+                self._in_worker(lambda session: session.forget())
+                return
             folder = path_below(Path(self.values().state_folder).absolute(), request.path)
             self._in_worker(lambda session: session.load(folder))
 

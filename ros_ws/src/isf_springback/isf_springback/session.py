@@ -163,9 +163,14 @@ class CorrectionSession:
         IsfError : FILE_NOT_FOUND, CHECKPOINT_UNUSABLE
         """
         history, target = read_records(folder), read_target(folder)
-        self._history, self._corrector, self._waiting, self._lift, self._scan = history, None, None, None, None
+        self.forget()
+        self._history = history
         if target is not None:
             self._target, self._target_written = target, True
+
+    def forget(self) -> None:
+        """The next contour is the first of a part, whatever was formed or loaded before."""
+        self._history, self._corrector, self._waiting, self._lift, self._scan = [], None, None, None, None
 
     def drop(self) -> None:
         """Forget a contour that waits."""

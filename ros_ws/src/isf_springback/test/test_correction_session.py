@@ -225,6 +225,17 @@ def test_contours_of_another_state_are_not_gone_on_with(session, tmp_path, clock
     assert caught.value.code == ErrorCode.FILE_NOT_FOUND
 
 
+def test_a_new_part_begins_after_one_that_was_to_go_on_and_did_not(session, tmp_path, clock):
+    form(session, 0)
+    session.save(tmp_path)
+    other = CorrectionSession(TIMEOUT, clock)
+    other.set_job(job_file(), "plan")
+    other.load(tmp_path)  # ... and the part ends before its next contour
+    other.forget()
+    assert form(other, 0).correction.code == 0
+    assert form(other, 1).correction.code == 0
+
+
 def test_a_method_that_decides_otherwise_by_now_is_noticed(session, tmp_path, clock):
     for index in range(6):
         form(session, index)

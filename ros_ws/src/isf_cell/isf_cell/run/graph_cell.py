@@ -276,10 +276,10 @@ class GraphCell:
         self._client.set_parameter("springback", "base_folder", base, self.check)
         self._client.set_parameter("springback", "method", goal.method, self.check)
         self._to_graph.publish_info(self._info(goal, planned))
-        if goal.resume is not None:
-            request = StateFile.Request(path=CONTOURS)
-            timeout = 6 * self._settings.service_timeout
-            self._client.checked_call(StateFile, "springback/load", request, self.check, timeout=timeout)
+        # empty for a new part: one that was to go on and did not may have left its contours
+        request = StateFile.Request(path="" if goal.resume is None else CONTOURS)
+        timeout = 6 * self._settings.service_timeout
+        self._client.checked_call(StateFile, "springback/load", request, self.check, timeout=timeout)
         armed = Arm.Request(
             plan_id=planned.plan_id,
             first_index=goal.first_index,
