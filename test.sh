@@ -41,7 +41,8 @@ started=$SECONDS
 failed=()
 passed=()
 number=0
-total=6
+total=7
+[ -z "$quick" ] || total=6
 [ $# -eq 0 ] || total=1
 
 # gate NAME COMMAND...
@@ -97,19 +98,27 @@ run_tests() {
   return "$code"
 }
 
-# Tests with a node graph mostly wait for their processes: several at a time, in a domain each, but one by one where the
-# cell ticks by the clock. The others run beside them, at a lower priority. A file is a unit, since tests of a file may
-# share their nodes.
+# Cells that tick by the clock have the computer to themselves: what keeps them waiting is a fault to them.
+run_clock() {
+  local and=${markers:+ and $markers} code=0
+  rm -f .isf/coverage.*
+  # every Python process measures itself
+  COVERAGE_PROCESS_START="$root/pyproject.toml" COVERAGE_FILE="$root/.isf/coverage.with" \
+    tests 0 "graph and clock$and" || code=1
+  end_all || code=1
+  return "$code"
+}
+
+# The other tests with a node graph mostly wait for their processes: several at a time, in a domain each. Those without
+# one run beside them, at a lower priority. A file is a unit, since tests of a file may share their nodes.
 run_all() {
   local and=${markers:+ and $markers} log=.isf/log/tests_without_graph.log code=0 cores
   cores=$(getconf _NPROCESSORS_ONLN)
   [ "$cores" -le 4 ] || cores=4
-  rm -f .isf/coverage.*
-  export COVERAGE_PROCESS_START="$root/pyproject.toml" # every Python process measures itself
+  export COVERAGE_PROCESS_START="$root/pyproject.toml"
   ISF_TEST_DOMAINS="${domains[*]:4}" COVERAGE_FILE="$root/.isf/coverage.without" \
     tests 10 "not graph$and" --dist loadfile -n "$cores" >"$log" 2>&1 &
   local without=$!
-  COVERAGE_FILE="$root/.isf/coverage.with" tests 0 "graph and clock$and" || code=1
   ISF_TEST_DOMAINS="${domains[*]::4}" COVERAGE_FILE="$root/.isf/coverage.with" \
     tests 0 "graph and not clock$and" --dist loadfile -n "$((cores < 4 ? cores + 1 : 4))" || code=1
   printf '\nTests without a node graph, run meanwhile (%s):\n' "$log"
@@ -131,6 +140,7 @@ run_all() {
 if [ $# -eq 0 ]; then
   gate "format" ruff format --check --quiet .
   gate "lint" ruff check --quiet .
+  [ -n "$quick" ] || gate "tests by the clock" run_clock
   beside "types" python -m mypy
   beside "imports" lint-imports
   beside "docs" scripts/site.sh

@@ -464,8 +464,8 @@ def test_all_is_used_as_the_page_says(cells: Cells) -> None:
             tools.call(f"/whole/{name}/change_state", f"{{transition: {{id: {transition}}}}}")
     ask("machine/load", "{path: held}")
     arm = f"plan_id: {plan.plan_id}\nfirst_index: 1\ncount: 3\nsupport_force: .nan\n"
-    ask("force_ctrl/arm", job + arm)
     ask("force_ctrl/load", "{path: held}")
+    ask("force_ctrl/arm", job + arm)
     act("move_aside")
     act("identify", "{property: 3, tool: 1, repeats: 1, max_force: 200.0}")
     cancelled("identify", "{property: 3, tool: 1, repeats: 9, max_force: 200.0}")

@@ -111,6 +111,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._ticks = self._late_before = self._pauses = self._repeating = 0
         self._paused_until = self._seek_until = 0.0
         self._ticks_to_stand = 0
+        self._kept: Path | None = None
         self._ticked = RegularLook(0.5 * p.wrench_pause)
         self._awaited: int | None = None
         self._last_mode = Mode.IDLE
@@ -146,7 +147,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if self._controller is not None:
                 self._controller.fail(ErrorCode.STOPPED, "the node was deactivated")
                 self._end()
-            self._controller = None
+            self._controller = self._kept = None
             self._hand.disarm()
 
     def cleanup(self) -> None:
@@ -544,6 +545,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             controller.arm(BY_HAND, 0, 1, tip_1, tip_2, override, axis)
         else:
             controller.arm(request.plan_id, request.first_index, request.count, tip_1, tip_2, override, axis)
+            kept, self._kept = self._kept, None
+            if kept is not None and request.first_index > 0:
+                # now: once this is armed, it may hear the contour of before a kill, and take it
+                load_controller(controller, kept)
         self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
         self._late_ended = 0
@@ -582,6 +587,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _disarm(self) -> None:
         with self._lock:
+            self._kept = None
             self._hand.disarm()
             if self._controller is not None:
                 self._receiver.restart()  # whatever the wrenches' time is now, the tools are lifted by it
@@ -607,26 +613,25 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
 
     def _on_load(self, request: StateFile.Request, response: StateFile.Response) -> StateFile.Response:
         with self._answering(response), self._lock:
-            controller, path = self._in_lockstep(), self._path_of(request)
-            if controller.mode is not Mode.ARMED:
+            path = self._path_of(request)
+            if not self._settings.lockstep:
+                raise _kept_in_lockstep()
+            if self._controller is not None and self._controller.busy:
+                raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
+            if not path.is_file():
                 raise IsfError(
-                    ErrorCode.NOT_ARMED, "a state is taken up right after arming", advice="arm the plan again before"
+                    ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="force_ctrl/save first"
                 )
-            try:
-                load_controller(controller, path)
-            except IsfError as error:
-                if error.code == ErrorCode.CHECKPOINT_UNUSABLE:
-                    self._controller = None
-                raise
-            self._publish_state(controller, self.get_clock().now().nanoseconds)
+            self._kept = path
         return response
 
     def _in_lockstep(self) -> ForceController:
         """The armed controller, where time stands still between contours: by the clock the tools of a part that goes on
         are off the sheet. Raises IsfError NOT_ARMED."""
-        if self._controller is None or not self._settings.lockstep:
-            what = "nothing is armed" if self._settings.lockstep else "the state is kept in lockstep only"
-            raise IsfError(ErrorCode.NOT_ARMED, what, advice="arm the plan, in lockstep")
+        if not self._settings.lockstep:
+            raise _kept_in_lockstep()
+        if self._controller is None:
+            raise IsfError(ErrorCode.NOT_ARMED, "nothing is armed", advice="arm the plan")
         return self._controller
 
     def _path_of(self, request: StateFile.Request) -> Path:
@@ -647,6 +652,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._late_ended = self._loop.late_ticks  # of the contour that ends with it, too
             self._loop = None
             self._output.rest(last=True)
+
+
+def _kept_in_lockstep() -> IsfError:
+    return IsfError(ErrorCode.NOT_ARMED, "the state is kept in lockstep only", advice="arm the plan, in lockstep")
 
 
 def main(args: list[str] | None = None) -> int:

@@ -288,8 +288,8 @@ class GraphCell:
             base_folder=base,
             support_force=options.support_force_field(),
         )
-        self._arm(armed)
         self._take_up_force_control(goal)
+        self._arm(armed)
         self._wait_for_recorder()
 
     def arm_by_hand(self, goal: PartGoal, *, depth: float, new_blank: bool) -> bool:
@@ -335,7 +335,8 @@ class GraphCell:
             pause.wait(0.2)
 
     def _take_up_force_control(self, goal: PartGoal) -> None:
-        """In lockstep it goes on with the tools on the sheet as they were; else the next contour is approached."""
+        """In lockstep, armed next, it goes on with the tools on the sheet as they were; else the next contour is
+        approached."""
         if goal.resume is not None and self._goes_on_exactly(goal):
             timeout = 6 * self._settings.service_timeout
             request = StateFile.Request(path=goal.resume.state_of("force_ctrl"))

@@ -143,7 +143,6 @@ class HandMotion:
         with self._lock:
             if self._space is None:
                 return
-            self._settle()
             before = self._desk.owner
             wish = self._desk.hear(demand)
             if self._move is None and self._desk.owner == demand.client != before:
