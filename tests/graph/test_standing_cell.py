@@ -184,7 +184,10 @@ def test_tools_are_moved_by_hand_by_the_clock(tmp_path: Path, monkeypatch: pytes
         command = [sys.executable, "-m", "isf_cell.cli", "move-to", "-90", "-10", "94", "--speed", "10"]
         moved = forked_process.start(command, cwd=tmp_path, env=dict(os.environ))
         try:
-            assert waiting.until(lambda: hand and hand[-1].moving and hand[-1].tip_1.x < 20e-3)
+            # what came before is told first: the movement at the beginning was above this one
+            assert waiting.until(
+                lambda: hand and hand[-1].moving and hand[-1].tip_1.x < 20e-3 and hand[-1].tip_1.z < 94.5e-3
+            )
             moved.send_signal(signal.SIGKILL)
             assert waiting.until(lambda: hand[-1].code == ErrorCode.HAND_LOST and not hand[-1].moving)
         finally:
