@@ -15,6 +15,7 @@ from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.campaign import CampaignFile, variant_numbers
 from isf_core.files.job import load_job
+from isf_springback.database.database import database_of
 from quick_cone import quick_cone_file
 
 
@@ -54,6 +55,15 @@ def test_a_campaign_goes_on_and_forms_a_changed_job_again(tmp_path: Path, capsys
     assert "formed again" in " ".join(told.split())
     assert changed["whole"] == 0  # the machine does not bear this sheet
     assert all(item["codes"] for item in changed["methods"])
+
+
+def test_the_database_of_a_job_is_made_before_its_parts_whatever_its_other_methods(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ISF_CACHE_DIR", str(tmp_path / "cache"))
+    made, _ = run(campaign(tmp_path, "[elastic, none]"), capsys)
+    assert made["whole"] == 2
+    assert database_of(load_job(tmp_path / "quick_cone.yaml")) is not None
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from isf_cell.campaign.cases import Case, cases_of, form_case
 from isf_cell.campaign.content import sources
 from isf_cell.campaign.rows_file import append_row, read_rows, sole_writer
 from isf_cell.commands import terminal
-from isf_cell.commands.elastic_database import prepare_database
+from isf_cell.commands.elastic_database import prepare_database, takes_database
 from isf_cell.commands.exit_codes import ReportedError
 from isf_cell.commands.run_folder import make_folder
 from isf_cell.processes.part_pool import formed_beside
@@ -132,7 +132,9 @@ def _say_beginning(found: Found, digest: str, folder: Path) -> None:
 def _databases(missing: Sequence[Case]) -> None:
     """Databases of the elastic shell, so that parts that stand side by side do not compute each its own."""
     with terminal.part_progress("databases") as progress:
-        for job_file in {cached_path(case.job_file): case.job_file for case in missing}.values():
+        jobs = [case.job_file for case in missing]
+        taking = [job_file for job_file in jobs if takes_database(job_file, job_file.job.springback.method)]
+        for job_file in {cached_path(job_file): job_file for job_file in taking}.values():
             prepare_database(job_file, job_file.job.springback.method, progress.phase)
 
 

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from isf_core.contour import Contour
 from isf_core.errors import IsfError
 from isf_core.files.job import JobFile
 
 from isf_cell.commands import terminal
 
 
-def prepare_database(job_file: JobFile, method: str, phase: Callable[[str], None]) -> None:
+def takes_database(job_file: JobFile, method: str) -> bool:
+    """Whether ``method`` takes its laws from the database of the elastic shell in the user's cache."""
+    asked = job_file.job.springback
+    elastic = method == "elastic" or (method == "fused" and asked.fused.model == "elastic")
+    return elastic and asked.elastic.database is None
+
+
+def prepare_database(
+    job_file: JobFile, method: str, phase: Callable[[str], None], contours: Sequence[Contour] | None = None
+) -> None:
     """Put the database that ``method`` takes its laws from into the user's cache, unless it is there or the job names
-    one: a part is corrected the same however often it is formed. ``phase`` is told what is done.
+    one: a part is corrected the same however often it is formed. ``phase`` is told what is done, ``contours`` are those
+    of its plan where that is known.
 
     What prevents it is told as a warning; the laws are then computed while forming, on a coarse mesh.
     """
-    asked = job_file.job.springback
-    elastic = method == "elastic" or (method == "fused" and asked.fused.model == "elastic")
-    if not elastic or asked.elastic.database is not None:
+    if not takes_database(job_file, method):
         return
     # late: the shell and its solver take a second to load, which other methods need not wait for
     from isf_planner import plan
@@ -28,9 +37,11 @@ def prepare_database(job_file: JobFile, method: str, phase: Callable[[str], None
     try:
         if database_of(job_file) is not None:
             return
-        phase("springback database: planning")
+        if contours is None:
+            phase("springback database: planning")
+            contours = plan(job_file).contours
         database = build_database(
-            plan(job_file).contours,
+            contours,
             job_file,
             progress=lambda done, total: phase(f"springback database: {done} of {total} depths"),
         )

@@ -13,7 +13,7 @@ from isf_core.files.job import JobFile, load_job
 from isf_planner import plan
 from isf_springback.database.build import build_database, control_loops_of
 from isf_springback.database.control_points import ControlLoop
-from isf_springback.database.database import Database, cached_path
+from isf_springback.database.database import cached_path
 from isf_springback.database.elastic_samples import depth_task, edge_condition, load_levels, solve_depth
 from isf_springback.shell.edge_calibration import EdgeCalibration, PushCurve, calibrate_edge, read_push_curve
 from rich.progress import Progress
@@ -124,7 +124,15 @@ def compute_database(
     """Build and store the database; raises IsfError as planner, shell and files do."""
     job_file, contours = _planned(job)
     path = output or cached_path(job_file)
-    database = built(job_file, contours, workers, scheduler)
+    with Progress(console=terminal.console, disable=not terminal.console.is_terminal) as bar:
+        task = bar.add_task("springback database", total=None)
+        database = build_database(
+            contours,
+            job_file,
+            workers=workers,
+            scheduler=scheduler,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
     database.save(path)
     worst = min(float(level.power(database.loads).r_squared.min()) for level in database.levels)
     data = {
@@ -142,21 +150,6 @@ def compute_database(
         f"{data['levels']} loops; power law R2 {worst:.4f} or better"
     )
     terminal.say(f"database {path}")
-
-
-def built(
-    job_file: JobFile, contours: Sequence[Contour], workers: int | None = None, scheduler: str | None = None
-) -> Database:
-    """Database of planned contours, with a progress bar."""
-    with Progress(console=terminal.console, disable=not terminal.console.is_terminal) as bar:
-        task = bar.add_task("springback database", total=None)
-        return build_database(
-            contours,
-            job_file,
-            workers=workers,
-            scheduler=scheduler,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
-        )
 
 
 def edge_of(job_file: JobFile, push: PushCurve) -> EdgeCalibration:

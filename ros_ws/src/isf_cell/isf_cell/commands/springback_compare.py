@@ -13,7 +13,6 @@ from isf_core.events import torn
 from isf_core.files.job import load_job
 from isf_core.simulated_sheet import SEALED_VARIANTS
 from isf_planner import plan
-from isf_springback.database.database import cached_path, database_of
 from isf_springback.methods import check_name
 from rich.table import Table
 
@@ -21,7 +20,6 @@ from isf_cell import in_process
 from isf_cell.commands import terminal
 from isf_cell.commands.elastic_database import prepare_database
 from isf_cell.commands.run_folder import make_run_folder
-from isf_cell.commands.springback import built
 from isf_cell.commands.springback_figures import draw_comparison
 from isf_cell.options import RunOptions
 
@@ -31,8 +29,7 @@ def compare_methods(
 ) -> None:
     """Form ``job`` once with each of ``methods``; raises IsfError when a method or the plan fails.
 
-    A part that ends early keeps its row, with its code; when the job names no database and the cache holds none,
-    the database of method "elastic" is computed first.
+    A part that ends early keeps its row, with its code.
     """
     if not methods:
         raise IsfError(
@@ -44,13 +41,11 @@ def compare_methods(
     folder = make_run_folder(output, f"compare-{job_file.job.name}")
     with terminal.console.status("planning"):
         part_plan = plan(job_file)
-    if "elastic" in methods and database_of(job_file) is None:
-        built(job_file, part_plan.contours).save(cached_path(job_file))
     records: dict[str, PartRecord] = {}
     for name in methods:
         options = RunOptions(correction=name, variant=variant, seed=seed)
         with terminal.part_progress(f"{job_file.job.name} ({name})") as progress:
-            prepare_database(job_file, name, progress.phase)
+            prepare_database(job_file, name, progress.phase, part_plan.contours)
             records[name] = in_process.form(job_file, options, part_plan=part_plan, progress=progress.contour)
     deviations = {name: _deviation(record) for name, record in records.items()}
     rows = [_row(name, records[name], deviations[name]) for name in methods]
