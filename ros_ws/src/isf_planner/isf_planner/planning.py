@@ -13,7 +13,7 @@ from isf_core.files.job import JobFile
 
 from isf_planner import replanning
 from isf_planner.accuracy.moved_target import MovedTarget, compensated
-from isf_planner.checks import arm_checks, leg_checks, part_checks
+from isf_planner.checks import part_checks
 from isf_planner.checks.shank_checks import check_shank
 from isf_planner.forming.sides import merged
 from isf_planner.gcode.program_job import plan_of_program
@@ -75,12 +75,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += (*tool_paths.left_out(contours, job), *support_tool.rule_warnings(contours, planned, job_file))
     contours, expected = finish(contours, job_file)
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
-    part_checks.check_travel(contours, rig)
-    part_checks.check_axes(contours, rig, job.tool_1.ball_radius)
-    if rig.legs is not None:
-        leg_checks.check_legs(contours, rig, job.tool_1.ball_radius)
-    if rig.kinematics == "arm":
-        arm_checks.check_arms(contours, job, rig)
+    part_checks.check_machine(contours, job, rig)
     part_checks.check_backing_plate(contours, job)
     last = tuple(contour for contour in contours if contour.stage == len(part.preforms))
     part_checks.check_floors(last, planned, job)
@@ -135,12 +130,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     made = tool_paths.make_contours(list(sides), job_file, plan_id)
     ruled = support_tool.rule_warnings(made, sides, job_file)
     contours, expected = finish(made, job_file)
-    part_checks.check_travel(contours, job_file.rig)
-    part_checks.check_axes(contours, job_file.rig, job.tool_1.ball_radius)
-    if job_file.rig.legs is not None:
-        leg_checks.check_legs(contours, job_file.rig, job.tool_1.ball_radius)
-    if job_file.rig.kinematics == "arm":
-        arm_checks.check_arms(contours, job, job_file.rig)
+    part_checks.check_machine(contours, job, job_file.rig)
     part_checks.check_backing_plate(contours, job)
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)

@@ -19,6 +19,7 @@ from isf_core.files.tooling import BackingPlateSpec, ToolSpec
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.types import Array, Indices
 
+from isf_planner.checks import arm_checks, leg_checks
 from isf_planner.checks.mesh_slicing import MeshLoop, slice_mesh
 from isf_planner.forming.sides import Side, first_number, holder
 from isf_planner.loops.sections import RoughLoop
@@ -111,6 +112,21 @@ def check_reach(surface: TargetSurface, tip_height: Array, depth: float, radius:
         f"at {place_text(place)} a radius of the part is smaller than the tool ({radius * 1e3:.2f} mm): "
         f"up to {left * 1e3:.2f} mm of material remain there",
     )
+
+
+def check_machine(contours: tuple[Contour, ...], job: Job, rig: Rig) -> None:
+    """The rig can move its tools so: within travel, axes, speed of legs, joints and bodies of arms.
+
+    Raises
+    ------
+    IsfError : PART_DOES_NOT_FIT, LEGS_TOO_FAST, and as :func:`isf_planner.checks.arm_checks.check_arms`
+    """
+    check_travel(contours, rig)
+    check_axes(contours, rig, job.tool_1.ball_radius)
+    if rig.legs is not None:
+        leg_checks.check_legs(contours, rig, job.tool_1.ball_radius)
+    if rig.kinematics == "arm":
+        arm_checks.check_arms(contours, job, rig)
 
 
 def check_travel(contours: tuple[Contour, ...], rig: Rig) -> None:

@@ -30,7 +30,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
-from isf_planner.checks import arm_checks, leg_checks, part_checks
+from isf_planner.checks import part_checks
 from isf_planner.checks.shank_checks import check_shank
 from isf_planner.gcode.reader import RAPID, Finding, Program
 from isf_planner.part.mesh_checks import place_text
@@ -273,12 +273,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
             ).validate()
         )
     filled, warnings = with_predictions(tuple(contours), job_file)  # a compensation would move the program's tips
-    part_checks.check_travel(filled, rig)
-    part_checks.check_axes(filled, rig, job.tool_1.ball_radius)
-    if rig.legs is not None:
-        leg_checks.check_legs(filled, rig, job.tool_1.ball_radius)
-    if rig.kinematics == "arm":
-        arm_checks.check_arms(filled, job, rig)
+    part_checks.check_machine(filled, job, rig)
     part_checks.check_backing_plate(filled, job)
     target = _target(contact, group, rig.clamp.size)
     shank = check_shank(filled, target, job_file) if program.tilted else None
