@@ -88,6 +88,7 @@ def test_a_cell_stays_for_other_commands_and_ends_with_tools_lifted(
         assert set(told["nodes"]) == names
         assert isf(tmp_path, "mode") == {"mode": "automatic"}
         isf(tmp_path, "mode", "manual")  # the job is that of the cell
+        assert isf(tmp_path, "mode") == {"mode": "manual"}, "the newest of the states that are kept"
         isf(tmp_path, "move-to", "5", "-5", "95", "--speed", "60")
         assert isf(tmp_path, "jog", "-z")["position_mm"] == pytest.approx([5.0, -5.0, 94.0], abs=1e-3)
         assert isf(tmp_path, "zero", "G55")["origin_mm"] == pytest.approx([5.0, -5.0, 94.0], abs=0.1)

@@ -75,9 +75,8 @@ def _leg(machine: Hexapod, rig: Rig, number: int) -> tuple[list[Link], list[Join
     rod = Body("cylinder", (22e-3, ROD), "tool", (0.0, 0.0, 0.5 * ROD))
     links = [Link(f"{k}_cross"), Link(f"{k}_tube", (tube,)), Link(f"{k}_rod", (rod,))]
     effort, speed = rig.limits.force[2], rig.limits.speed
-    most = machine.joint_limit + float(
-        np.arccos(-machine.straight[:, 2]).max()
-    )  # from the normal, about which they turn
+    # from the normal of the plate, about which the joints of the description turn
+    most = machine.joint_limit + float(np.arccos(-machine.straight[:, 2]).max())
     bend = Limits(-most, most, speed / machine.shortest, effort)
     stroke, ends = Limits(0.0, machine.stroke, speed, effort), (0.0, 0.0, -machine.shortest)
     cross, tube_end, rod_end = (link.name for link in links)

@@ -45,8 +45,8 @@ class WrenchWatch:
 
     A load cell that works is never still: its noise alone changes a loaded reading from tick to tick, so readings that
     repeat exactly for ``frozen_time`` come from a signal that has frozen; the same reading used again, because no new
-    one has come (by the clock), is none. Until that is certain, readings that repeat for longer than this cell does
-    usually are told as :attr:`repeating`. Contacts only push: a forming tool on the
+    one has come (by the clock), is none. Until that is certain, readings that repeat for longer than those of this
+    cell usually do are told as :attr:`repeating`. Contacts only push: a forming tool on the
     sheet reads an axial force away from the sheet, and a squeezed support tool a positive normal force. The opposite,
     by more than ``sign_force`` for ``sign_time``, is a cell with a wrong sign; a force loop would push ever harder.
     """
