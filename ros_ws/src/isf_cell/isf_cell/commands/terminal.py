@@ -127,9 +127,9 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
         value = found(source, path)
         return "-" if value is None else f"{value:.{digits}f}"
 
-    def share(source: Mapping[str, Any] | None, *path: str) -> str:
+    def share(source: Mapping[str, Any] | None, *path: str, digits: int = 1) -> str:
         value = found(source, path)
-        return "-" if value is None else percent(value, 1)
+        return "-" if value is None else percent(value, digits)
 
     for key, label in (("max_mm", "max error"), ("mean_abs_mm", "mean error"), ("rms_mm", "rms error")):
         row(
@@ -148,10 +148,7 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
         usual, low, high = (number(summary, "force", key, digits=0) for key in ("set_N", "set_min_N", "set_max_N"))
         one = low == high or "-" in (low, high)
         row("support force set-point [N]", usual if one else f"{low} to {high}, by place", "")
-        row(
-            "engaged time within 10 N [%]",
-            f"{100 * force['within_10N_fraction']:.2f}" if force.get("within_10N_fraction") is not None else "-",
-        )
+        row("time in full control within 10 N", share(force, "within_10N_fraction", digits=2))
         row("force error, 99.9 % of the time below [N]", number(summary, "force", "p999_abs_error_N", digits=1))
     if sheet := summary.get("sheet"):
         words = {
