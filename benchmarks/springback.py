@@ -26,7 +26,8 @@ from typing import Any
 import isf_springback.estimators.elastic  # noqa: F401 - loaded before the processes start, so that all run the same code
 from isf_analysis.measures.deviation import compare
 from isf_cell import in_process
-from isf_cell.commands.springback import built, edge_of
+from isf_cell.commands.elastic_database import prepare_database
+from isf_cell.commands.springback import edge_of
 from isf_cell.commands.tryout import CONTROL_RATE
 from isf_cell.options import RunOptions
 from isf_cell.run.flat_push import push_flat_sheet
@@ -101,9 +102,7 @@ def with_database(job_file: JobFile) -> None:
 
 def prepare(job: str) -> None:
     """Compute the database of the elastic model unless the cache holds it."""
-    job_file = load_job(ROOT / "examples" / "jobs" / f"{job}.yaml")
-    if database_of(job_file) is None:
-        built(job_file, plan(job_file).contours).save(cached_path(job_file))
+    prepare_database(load_job(ROOT / "examples" / "jobs" / f"{job}.yaml"), "elastic", print)
 
 
 def run(case: Case) -> dict[str, Any]:
