@@ -247,8 +247,12 @@ def test_a_gamepad_moves_a_tool_by_the_clock_while_its_dead_mans_button_is_held(
 
         try:
             assert waiting.until(lambda: hand and hand[-1].armed)
+            pad.axes, pad.buttons = (0.0, 1.0), frozenset({ENABLE})
+            assert waiting.until(goes), "found by force_ctrl"
+            pad.buttons = frozenset()
+            assert waiting.until(lambda: not hand[-1].moving)
             begin = hand[-1].tip_1.x
-            pad.axes = (0.0, 1.0)
+            hand[:-1] = []
             assert heard(25)
             assert not any(one.moving for one in hand), "without the button"
             pad.axes, pad.buttons = (0.0, 0.0), frozenset({ENABLE})
