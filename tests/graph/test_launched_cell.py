@@ -136,7 +136,7 @@ def listen(node: Any, found: Seen) -> None:
     for k in (1, 2):
         node.create_subscription(PoseStamped, f"tool_{k}/pose", lambda m, k=k: on_pose(k, m), qos.SENSOR)
     node.create_subscription(TFMessage, "tf", on_tf, qos.TF)
-    node.create_subscription(JointState, "joint_states", found.states.append, 100)
+    node.create_subscription(JointState, "joint_states", found.states.append, 10_000)
     node.create_subscription(String, "robot_description", lambda m: setattr(found, "urdf", m.data), qos.LATCHED)
     node.create_subscription(WrenchStamped, "tool_1/tip_wrench", on_wrench, qos.SENSOR)
 

@@ -94,7 +94,7 @@ def speed(pose: Trace, *, stamp: int) -> float:
 
 
 ON_ITS_WAY = 0.5
-"""s of the wall clock; what comes no later than that was told before the fault, on a busy computer."""
+"""s of the wall clock; a force that comes no later than that was told before the fault, on a busy computer."""
 
 
 def released(forces: list[Trace], *, wall: int) -> float:
@@ -105,11 +105,13 @@ def released(forces: list[Trace], *, wall: int) -> float:
     latest = math.nan
     for force in forces:
         after = force.received > wall
-        if not after.any() or 1e-9 * (force.received[-1] - wall) < ON_ITS_WAY:
+        if not after.any():
             continue
         size = force.size
         loaded = np.flatnonzero(after & (size > UNLOADED))
         if len(loaded) and loaded[-1] == len(size) - 1:
+            if 1e-9 * (force.received[-1] - wall) < ON_ITS_WAY:
+                continue
             return math.inf
         last = 1e-9 * (force.received[loaded[-1] + 1] - wall) if len(loaded) else 0.0  # the first reading without
         latest = last if math.isnan(latest) else max(latest, last)

@@ -69,6 +69,8 @@ def test_released_is_the_last_force_of_either_tool() -> None:
     assert math.isnan(judge.released([LOADED], wall=5000 * MS))
     late = trace([(0.0, 0.0, 700.0) for _ in range(0, 1200, 10)], period=10)
     assert math.isnan(judge.released([late], wall=FAULT)), "a reading on its way when its machine was killed"
+    quick = trace([(0.0, 0.0, 700.0 if t < 1200 else 1.0) for t in range(0, 1400, 10)], period=10)
+    assert judge.released([quick], wall=FAULT) == pytest.approx(0.2), "a machine that ends soon after"
 
 
 def test_the_worst_force_is_that_of_the_nearest_limit() -> None:
