@@ -25,6 +25,9 @@ from std_srvs.srv import SetBool
 
 from isf_cell.processes.held_interrupt import ctrl_c_held_back
 
+CELL = "start a cell in this ROS domain: isf cell JOB"
+PART = "no part is formed in this ROS domain; start one: isf form JOB"
+
 START, CHANGE, STOPPED = 10.0, 300.0, 5.0
 """s: what is asked must be there; a mode brings up nodes; a movement that was cancelled has ended."""
 
@@ -69,12 +72,12 @@ class HandClient:
     def set_mode(self, mode: int, job_text: str = "", base_folder: str = "", *, new_blank: bool = False) -> None:
         """Change the mode, a constant of ExecutiveState; raises IsfError of the executive, NODE_MISSING."""
         request = SetMode.Request(mode=mode, job_text=job_text, base_folder=base_folder, new_blank=new_blank)
-        self._call(SetMode, "executive/set_mode", request, CHANGE)
+        self._call(SetMode, "executive/set_mode", request, CHANGE, advice=CELL)
 
     def state(self) -> ExecutiveState:
         """What the executive tells; raises IsfError NODE_MISSING."""
         if not self._wait(lambda: self.executive is not None, START) or self.executive is None:
-            raise _missing("nothing on executive/state")
+            raise _missing("nothing on executive/state", CELL)
         states = [self.executive]
         while self._wait(lambda: self.executive is not states[-1], HISTORY):  # the newest comes after those before it
             states.append(self.executive)
@@ -83,7 +86,8 @@ class HandClient:
     def pause(self, paused: bool) -> str:
         """Let the part wait after its present contour, or go on, whatever it waits for; returns what the executive
         says. Raises IsfError MODE_REFUSED (no part is formed), NODE_MISSING."""
-        return str(self._call(SetBool, "executive/pause", SetBool.Request(data=paused), START).message)
+        request = SetBool.Request(data=paused)
+        return str(self._call(SetBool, "executive/pause", request, START, advice=PART).message)
 
     def zero(self, system: int, tool: int, axes: str) -> Any:
         """Response of ``executive/zero``; raises IsfError of the executive, NODE_MISSING."""
@@ -191,11 +195,11 @@ class HandClient:
 
         return send
 
-    def _call(self, kind: Any, name: str, request: Any, timeout: float) -> Any:
+    def _call(self, kind: Any, name: str, request: Any, timeout: float, *, advice: str | None = None) -> Any:
         client = self._node.create_client(kind, name)
         try:
             if not self._wait(client.service_is_ready, START):
-                raise _missing(f"no node serves '{name}'")
+                raise _missing(f"no node serves '{name}'", advice)
             asked: Future = client.call_async(request)
             if not self._wait(asked.done, timeout):
                 raise IsfError(ErrorCode.SERVICE_TIMEOUT, f"'{name}' did not answer within {timeout:g} s")
@@ -219,9 +223,5 @@ class HandClient:
         return condition()
 
 
-def _missing(what: str) -> IsfError:
-    return IsfError(
-        ErrorCode.NODE_MISSING,
-        what,
-        advice="start a cell in this ROS domain (isf cell JOB), then: isf mode manual",
-    )
+def _missing(what: str, advice: str | None = None) -> IsfError:
+    return IsfError(ErrorCode.NODE_MISSING, what, advice=advice or f"{CELL}, then: isf mode manual")
