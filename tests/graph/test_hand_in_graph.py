@@ -20,7 +20,8 @@ import pytest
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Point, PoseStamped, Vector3
+from geometry_msgs.msg import Point, PoseStamped, Vector3, WrenchStamped
+from isf_cell import in_process
 from isf_cell.processes.process_group import ProcessGroup
 from isf_cell.run.graph_run import start_cell
 from isf_core.errors import ErrorCode
@@ -32,6 +33,7 @@ from isf_msgs.srv import CheckProgram, SetMode, SetZero
 from isf_planner import exports, plan
 from isf_planner.gcode.set_up import load_set_up
 from isf_ros import qos
+from isf_ros.conversion import wrench_array
 from quick_cone import quick_cone
 from rclpy.action import ActionClient
 from sensor_msgs.msg import Joy
@@ -439,7 +441,7 @@ def test_simulation_checks_a_program_with_the_stored_offsets(operator: Operator)
     assert operator.call(CheckProgram.Request(text="G99 X1\n", name="x.nc")).code == ErrorCode.PROGRAM_WORD_UNKNOWN
 
 
-@pytest.mark.parametrize("marked", ["in the job", "by M0 in its program"])
+@pytest.mark.parametrize("marked", ["in the job", "by M0 in its program", "by M0 after a lift"])
 def test_a_part_waits_at_a_marked_contour_until_it_is_let_go_on(
     operator: Operator, marked: str, tmp_path: Path
 ) -> None:
@@ -453,7 +455,8 @@ def test_a_part_waits_at_a_marked_contour_until_it_is_let_go_on(
         exports.export(plan(operator.job), tmp_path / "cone.nc")
         written = (tmp_path / "cone.nc").read_text()
         assert "(contour 2 of 3)" in written
-        (tmp_path / "cone.nc").write_text(written.replace("(contour 2 of 3)", "M0 (measure)"))
+        stop = "G0 Z20 W-20\nM0 (measure)" if "lift" in marked else "M0 (measure)"
+        (tmp_path / "cone.nc").write_text(written.replace("(contour 2 of 3)", stop))
         del data["part"]
         data["path"] = {"program": "cone.nc"}
         data["control"]["support_force"] = "0 N"
@@ -465,9 +468,16 @@ def test_a_part_waits_at_a_marked_contour_until_it_is_let_go_on(
         assert operator.wait(asked.done)
         return bool(asked.result().success)
 
+    wrenches: list[tuple[float, ...]] = []
+
+    def on_wrench(message: WrenchStamped) -> None:
+        wrenches.append(wrench_array(message))
+
+    operator.node.create_subscription(WrenchStamped, "tool_1/wrench", on_wrench, qos.STREAM)
     assert operator.wait(client.service_is_ready)
     assert not go_on(), "nothing waits"
     operator.results.clear()
+    operator.tips.clear()
     goal = FormPart.Goal(job_text=yaml.safe_dump(data), base_folder=base, support_force=math.nan)
     sent = operator.part.send_goal_async(goal)
     assert operator.wait(sent.done)
@@ -476,12 +486,27 @@ def test_a_part_waits_at_a_marked_contour_until_it_is_let_go_on(
     seen = len(operator.heard_at)
     assert operator.wait(lambda: len(operator.heard_at) > seen + 20)  # the cell lives on meanwhile
     assert [result.index for result in operator.results] == [0]
+    pressed, end = wrenches[-1][2], operator.results[0].forming_target[:3]
+    if "lift" in marked:
+        assert abs(pressed) < 2.0  # N, noise and steps of the load cell
+        assert operator.tips[-1] == pytest.approx((*end[:2], 0.1), abs=0.2e-3)  # park height of the rig
+    else:
+        assert pressed > 50.0
+        assert operator.tips[-1] == pytest.approx(end, abs=0.2e-3)
+    lifts = len(operator.tips)
     assert go_on()
     done = sent.result().get_result_async()
     assert operator.wait(done.done, 3 * LIMIT)
     assert done.result().result.code == 0
     assert operator.wait(lambda: [result.index for result in operator.results] == [0, 1, 2])
     assert not operator.states[-1].waits_for
+    deepest = min(operator.results[1].forming_target[2::3])
+    assert min(tip[2] for tip in operator.tips[lifts:]) <= deepest  # down again
+    # the same in one process, which does not wait: a lift that the graph made elsewhere would show in the forces
+    here = in_process.form(JobFile(goal.job_text, Path(base))).results
+    for mine, theirs in zip(here, operator.results, strict=True):
+        np.testing.assert_allclose(np.reshape(theirs.forming_target, (-1, 3)), mine.forming_target, atol=1e-6)
+        np.testing.assert_allclose(np.reshape(theirs.forming_force, (-1, 3)), mine.forming_force, atol=0.1)
 
 
 def test_a_part_needs_automatic_and_keeps_the_mode_until_its_end(operator: Operator) -> None:

@@ -64,6 +64,7 @@ class Contour:
     forming_axis : (N, 3) unit, from the tip of the forming tool into its shank, or (0, 3) for an upright tool; the
         support tool is upright (:mod:`isf_core.geometry.tool_axis`)
     retract : both tools are lifted clear and travel above and below the sheet to the first point
+    lift_after : both tools are lifted clear after the last point, to park height, before the contour counts as formed
     holder_height : m, blank holder over its starting height while this contour is formed (TPIF), 0 at rest
     """
 
@@ -85,6 +86,7 @@ class Contour:
     forming_tool: int = 1
     closed: bool = True
     retract: bool = False
+    lift_after: bool = False
     holder_height: float = 0.0
     feature: int = 0
     stage: int = 0

@@ -33,6 +33,7 @@ from isf_force_ctrl.motion.segments import (
     Present,
     Row,
     Segment,
+    aside_segments,
     axis_of_row,
     braking,
     continues,
@@ -164,6 +165,9 @@ class ForceController:
         if last:
             end = posture_of(segments[-1].rows[-1])
             segments += lift_segments(self.config, end, self._lift_normal, self._tools)
+        elif contour.lift_after:
+            end = posture_of(segments[-1].rows[-1])
+            segments += lift_segments(self.config, end, self._lift_normal, self._tools, then="stay")
         self._log = ContourLog(contour, forced, self._laws.backoffs)
         self._last_tick = -1  # what passed between contours, as during a scan, was not lost
         self._laws.assign(path.forming, forced=forced)
@@ -203,9 +207,11 @@ class ForceController:
         self._check_at_rest()
         if self.fault is not None:
             raise IsfError(ErrorCode.NOT_ARMED, f"held: {self.fault[1]}", advice="arm again")
+        here = posture_of(self._playback.row)
         if not self._clear:
-            here = posture_of(self._playback.row)
-            self._play(lift_segments(self.config, here, self._lift_normal, self._tools, aside=True))
+            self._play(lift_segments(self.config, here, self._lift_normal, self._tools, then="aside"))
+        elif way := aside_segments(self.config, here, self._tools):
+            self._play(way)
 
     def cancel(self) -> None:
         """End a measurement early: the tools return to where it began, or are lifted and parked."""
@@ -552,7 +558,7 @@ class ForceController:
 
     def _runs_on(self, contour: Contour) -> bool:
         """Is the contour left in motion, to be continued by the next one?"""
-        return self.config.runs_on and not contour.closed
+        return self.config.runs_on and not (contour.closed or contour.lift_after)
 
     def _present(self) -> Present:
         return Present(

@@ -182,6 +182,30 @@ def test_retract_lifts_both_tools_before_the_contour():
     assert lifted[:, 5].min() == pytest.approx(-0.03)
 
 
+@pytest.mark.parametrize("force", [120.0, None])
+@pytest.mark.parametrize("shape", [ring, spiral])
+def test_lift_after_leaves_both_tools_above_and_below_the_end_of_the_contour(shape, force):
+    if shape is ring:
+        first, second = ring(0, 2, force=force), ring(1, 2, force=force)
+    else:
+        first, second = spiral(2, force=force)
+    contours = [replace(first, lift_after=True), replace(second, retract=True)]
+    outcome = run(contours, make_config(), noise=False)
+    assert [result.completed for result in outcome.results] == [True, True]
+    assert order_of(outcome).count(Mode.LIFT) == 2  # not again before the second contour
+    forming = Mode.CONTROL if force else Mode.POSITION
+    lifting = np.flatnonzero(outcome.mode == Mode.LIFT)
+    waits = lifting[: np.flatnonzero(np.diff(lifting) > 1)[0] + 1][-1] + 1  # the first tick after the first lift
+    assert (outcome.mode[waits:] == forming).any()
+    end, begin = outcome.targets[waits, :3], outcome.targets[waits, 3:]
+    closing = first.forming_tip[0] if first.closed else first.forming_tip[-1]
+    assert end[:2] == pytest.approx(closing[:2], abs=1e-4)  # straight up
+    assert (end[2], begin[2]) == pytest.approx((0.03, -0.03), abs=1e-4)
+    assert outcome.results[0].end <= 0.002 * (waits + 1)
+    assert np.abs(velocity(outcome)[waits - 2]).max() < 1e-3  # at rest, a spiral too
+    assert largest_acceleration(outcome) <= 0.5 + 0.3
+
+
 def test_blank_holder_moves_between_contours():
     contours = [
         ring(k, 3, support_tip=np.empty((0, 3)), force=None, process=Process.TPIF, holder_height=k * 0.5e-3)

@@ -262,6 +262,9 @@ def _show(program: Program, findings: list[Finding], data: dict[str, Any]) -> No
         terminal.warn(f"up to {more} more; --json lists them")
     for text in (*data["remarks"], *data["warnings"]):
         terminal.warn(text)
+    for stop in data.get("stops", ())[:SHOWN]:
+        where = "lifted off the sheet" if stop["lifted"] else "on the sheet"
+        terminal.say(f"waits   after contour {stop['after_contour']}, tool {where} (M0 in line {stop['line']})")
     if "job" in data:
         terminal.say(f"job     {data['job']}, for isf form and isf simulate")
     if data["set_up"]:

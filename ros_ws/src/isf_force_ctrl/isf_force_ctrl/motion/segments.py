@@ -9,6 +9,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Literal
 
 import numpy as np
 from isf_core.contour import Contour, contour_label
@@ -243,15 +244,28 @@ def braking(config: ControlConfig, present: Present, mode: Mode = Mode.FREEZE) -
 
 
 def lift_segments(
-    config: ControlConfig, here: Posture, normal: Array, tools: Tools, *, aside: bool = False
+    config: ControlConfig,
+    here: Posture,
+    normal: Array,
+    tools: Tools,
+    *,
+    then: Literal["park", "aside", "stay"] = "park",
 ) -> list[Segment]:
-    """Lift both tools clear and park them, or move them ``aside``."""
+    """Lift both tools clear, ``then`` park them, move them aside, or leave them at park height over the place."""
     moves = tool_moves.lift(config, here, normal, tools)
     segments = _segments(Mode.LIFT, moves)
     if segments:
         here = posture_of(segments[-1].rows[-1])
-    onward = tool_moves.aside if aside else tool_moves.park
-    return segments + _segments(Mode.LIFT, onward(config, here, tools))
+    if then == "aside":
+        segments += aside_segments(config, here, tools)
+    elif then == "park":
+        segments += _segments(Mode.LIFT, tool_moves.park(config, here, tools))
+    return segments
+
+
+def aside_segments(config: ControlConfig, here: Posture, tools: Tools) -> list[Segment]:
+    """Move both tools, clear of the sheet, aside; nothing where they are there."""
+    return _segments(Mode.LIFT, tool_moves.aside(config, here, tools))
 
 
 def rows_of(motion: Motion, set_point: float | None = None) -> list[Row]:

@@ -123,14 +123,15 @@ def park(config: ControlConfig, here: Posture, tools: Tools) -> list[Motion]:
 
 
 def aside(config: ControlConfig, here: Posture, tools: Tools) -> list[Motion]:
-    """From park height to where the tools wait during a scan; the blank holder stays."""
+    """From anywhere clear of the sheet to where the tools wait during a scan; the blank holder stays."""
     x, y = config.aside
+    high = _raised(config, here, tools)
     end = replace(
         here,
-        tip_1=np.array([x, y, here.tip_1[2]]) if tools.moves(1) else here.tip_1,
-        tip_2=np.array([x, y, here.tip_2[2]]) if tools.moves(2) else here.tip_2,
+        tip_1=np.array([x, y, high.tip_1[2]]) if tools.moves(1) else here.tip_1,
+        tip_2=np.array([x, y, high.tip_2[2]]) if tools.moves(2) else here.tip_2,
     )
-    return _moves(config, [(here, end, config.rapid_speed)], tools)
+    return _moves(config, [(here, high, config.rapid_speed), (high, end, config.rapid_speed)], tools)
 
 
 def brake(config: ControlConfig, here: Posture, velocity: tuple[Array, Array], forming: int = 1) -> Motion:

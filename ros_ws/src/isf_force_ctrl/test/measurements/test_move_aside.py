@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
@@ -42,6 +44,24 @@ def test_the_tools_wait_at_park_height_beside_the_sheet_and_form_on():
     error = result.tick_normal_force[engaged] - result.tick_set_point[engaged]
     assert np.abs(error).mean() < 5.0
     assert result.forming_force[:, 2].mean() > 50.0
+
+
+def test_tools_that_wait_over_the_sheet_are_moved_aside_without_another_lift():
+    cell = PlantCell(ForceController)
+    cell.controller.start(replace(cell.plan.contours[0], lift_after=True))
+    lifted = cell.run()
+    assert cell.controller.take_result().completed
+    assert not cell.machine.loaded
+    assert (lifted[-1, 2], lifted[-1, 5]) == pytest.approx((cell.config.park_height, -cell.config.park_height))
+    assert lifted[-1, :2] == pytest.approx(cell.plan.contours[0].forming_tip[0, :2], abs=1e-4)
+    cell.controller.move_aside()
+    targets = cell.run()
+    assert targets[:, 2] == pytest.approx(cell.config.park_height)
+    x, y = cell.config.aside
+    assert targets[-1] == pytest.approx([x, y, cell.config.park_height, x, y, -cell.config.park_height], abs=1e-5)
+    cell.controller.start(cell.plan.contours[1])
+    cell.run()
+    assert cell.controller.take_result().completed
 
 
 def test_it_is_refused_where_it_is_not_safe():

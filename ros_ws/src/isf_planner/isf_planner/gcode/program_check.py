@@ -82,7 +82,10 @@ class CheckedProgram:
             data |= {
                 "contours": len(plan.contours),
                 "contour_lines": list(lines_of(program, plan).values()),
-                "stops": [{"line": line, "after_contour": number} for number, line in holds_of(program).items()],
+                "stops": [
+                    {"line": hold.line, "after_contour": number, "lifted": hold.lifted}
+                    for number, hold in holds_of(program).items()
+                ],
                 "forming_path_m": plan.path_length,
                 "depth_mm": -1e3 * min(float(contour.forming_tip[:, 2].min()) for contour in plan.contours),
                 "warnings": list(plan.warnings),

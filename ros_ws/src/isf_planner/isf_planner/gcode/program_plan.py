@@ -246,6 +246,9 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
     contact = contact_points(tips, normal, job.tool_1)
     angle = np.arccos(np.clip(normal[:, 2], -1.0, 1.0))
     path = program.tips.tobytes() + program.speed.tobytes() + program.given.tobytes() + program.axis.tobytes()
+    holds = holds_of(program)
+    lifted = {number for number, hold in holds.items() if hold.lifted}
+    path += np.array(sorted(lifted), dtype=np.int64).tobytes()
     digest = hashlib.sha256(path + job_file.text.encode()).hexdigest()[:8]
     contours, at = [], 0
     for number, piece in enumerate(pieces):
@@ -270,6 +273,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
                 forming_axis=program.axis[piece.index] if program.tilted else np.empty((0, 3)),
                 closed=piece.closed,
                 retract=piece.lifted,
+                lift_after=number + 1 in lifted,
             ).validate()
         )
     filled, warnings = with_predictions(tuple(contours), job_file)  # a compensation would move the program's tips
@@ -292,19 +296,32 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         told,
         shank=shank,
         ball_radius=job.tool_1.ball_radius,
-        hold_after=tuple(sorted({*job.path.hold_after, *holds_of(program)})),
+        hold_after=tuple(sorted({*job.path.hold_after, *holds})),
     )
 
 
-def holds_of(program: Program) -> dict[int, int]:
-    """Contours, counted from 1, after which a program stop (M0) waits, to the line of the stop.
+@dataclass(frozen=True)
+class Hold:
+    """A program stop (M0) in ``line``; ``lifted``: the program has lifted the upper tool off the sheet before it."""
+
+    line: int
+    lifted: bool
+
+
+def holds_of(program: Program) -> dict[int, Hold]:
+    """Contours, counted from 1, after which a program stop waits, to the last stop there.
 
     A stop before the first contour and one after the last are left out: nothing is formed before, or after.
     """
-    pieces = _pieces(program)[0]
+    pieces, engaged = _pieces(program)[0], _engaged(program)
     first = np.array([piece.index[0] for piece in pieces])
-    after = {int((first <= point).sum()): line for point, line in program.stops}
-    return {number: line for number, line in sorted(after.items()) if 0 < number < len(pieces)}
+    holds = {}
+    for point, line in program.stops:
+        number = int((first <= point).sum())
+        if 0 < number < len(pieces):
+            lifted = bool(point > pieces[number - 1].index[-1] and not engaged[point])
+            holds[number] = Hold(line, lifted)
+    return dict(sorted(holds.items()))
 
 
 def lines_of(program: Program, plan: Plan) -> dict[str, tuple[int, int]]:
@@ -323,10 +340,7 @@ def _pieces(program: Program) -> tuple[list[_Piece], list[int]]:
     tips = program.tips
     down = tips[:, 2] <= ON_SHEET
     rapid = program.speed == RAPID
-    above = np.concatenate([[True], ~down[:-1]])  # the move to a point begins above the sheet
-    level = np.concatenate([[np.inf], np.linalg.norm(np.diff(tips[:, :2], axis=0), axis=1)])
-    engaged = down & ~rapid
-    engaged &= program.given | ~above | (level > CLOSED)  # of a plunge only its end
+    engaged = _engaged(program)
     pieces: list[_Piece] = []
     short: list[int] = []
     lifted = True
@@ -353,6 +367,15 @@ def _pieces(program: Program) -> tuple[list[_Piece], list[int]]:
                 pieces.append(piece)
                 lifted = False
     return pieces, short
+
+
+def _engaged(program: Program) -> Mask:
+    """(N,) points at which the upper tool forms: reached with feed at or below the sheet plane, of a plunge the end."""
+    tips = program.tips
+    down = tips[:, 2] <= ON_SHEET
+    above = np.concatenate([[True], ~down[:-1]])  # the move to a point begins above the sheet
+    level = np.concatenate([[np.inf], np.linalg.norm(np.diff(tips[:, :2], axis=0), axis=1)])
+    return np.asarray(down & (program.speed != RAPID) & (program.given | ~above | (level > CLOSED)))
 
 
 def _until_stops(run: Indices, program: Program) -> list[Indices]:

@@ -10,6 +10,7 @@ import trimesh
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_planner import Plan, plan
+from isf_planner.gcode.program_check import check_program_text
 
 JOB = """
 name: rings
@@ -94,6 +95,40 @@ def test_the_part_waits_where_the_program_stops(
     assert made.hold_after == holds
     assert len(made.contours) == contours
     assert plan(job(tmp_path, program, more=", hold_after: [2]")).hold_after == tuple(sorted({*holds, 2}))
+
+
+LIFT = "G0 Z20\n"
+DOWN = "X19 Y0\n"
+
+
+@pytest.mark.parametrize(
+    ("at_stop", "lifted"),
+    [
+        ("M0\n", []),
+        (f"{LIFT}M0\n{DOWN}", [1]),
+        ("G0 Z0.5\nM0\n", [1]),  # in the pocket, and just over the plane of the sheet
+        (f"G0 Z{-0.4}\nM0\nZ20\n", [1]),  # below it, but off the floor at z = -1 mm
+        ("G1 Z20\nM0\n", [1]),  # with feed
+        (f"{LIFT}X0 Y90\nM0\n{DOWN}", [1]),  # and aside
+        (f"M0\n{LIFT}{DOWN}", []),  # the lift comes after the stop
+        (f"{LIFT}{DOWN}G1 Z{-1.5} F600\nM0\n", []),  # back in the sheet before it
+        (f"M0\n{LIFT}M0\n{DOWN}", [1]),  # it waits once, as at the last
+        (f"{LIFT}M1\n{DOWN}", []),
+    ],
+)
+def test_the_tool_is_off_the_sheet_at_a_stop_where_the_program_lifts_it_before(
+    tmp_path: Path, at_stop: str, lifted: list[int]
+) -> None:
+    made = plan(job(tmp_path, RINGS.replace("M0\n", at_stop)))
+    assert len(made.contours) == 3
+    assert [contour.index + 1 for contour in made.contours if contour.lift_after] == lifted
+    assert set(lifted) <= set(made.hold_after)
+    for number in lifted:
+        assert made.contours[number].retract  # from there the next one is entered from the air
+    stops = check_program_text(RINGS.replace("M0\n", at_stop), "rings", job(tmp_path), None).numbers()["stops"]
+    assert [stop["after_contour"] for stop in stops if stop["lifted"]] == lifted
+    waits = plan(job(tmp_path, RINGS.replace("M0\n", f"M0\n{LIFT}{DOWN}")))
+    assert (made.plan_id == waits.plan_id) <= (not lifted)  # a part does not go on with the other one
 
 
 def test_a_stop_in_the_middle_of_a_ring_cuts_it_there(tmp_path: Path) -> None:
