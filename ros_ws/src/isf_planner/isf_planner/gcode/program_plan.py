@@ -46,8 +46,8 @@ MOST_STARTS = 4
 """Points of a contour at which its loop may close."""
 MAP_PITCH = 1e-3
 """m, of the target."""
-ABOVE = 0.1e-3
-"""m, by how much a contour is higher than the one before where the next pass over a part begins."""
+LEVEL = 0.1e-3
+"""m, up to which two contours are at one level: a pass over a part goes on downwards, or upwards, across it."""
 
 
 @dataclass(frozen=True)
@@ -502,17 +502,20 @@ def _features(tips: Array, owner: Indices) -> Indices:
 def _surfaces(tips: Array, owner: Indices) -> Indices:
     """(P,) number of the surface of each of the P contours: of its feature, and of the pass over it.
 
-    A pass ends where a contour lies higher than the one before.
+    A pass goes down, or up (an inverse one, from full depth), and ends where the next contour goes the other way.
     """
     depth = np.bincount(owner, tips[:, 2]) / np.bincount(owner)
-    newest: dict[int, tuple[int, float]] = {}
+    newest: dict[int, tuple[int, float, int]] = {}  # pass, level reached and sense: down -1, up 1, 0 not known yet
     surface = np.empty(len(depth), dtype=np.int64)
     count = 0
     for k, (feature, z) in enumerate(zip(_features(tips, owner).tolist(), depth.tolist(), strict=True)):
-        number, before = newest.get(feature, (-1, -math.inf))
-        if z > before + ABOVE:
-            number, count = count, count + 1
-        newest[feature] = number, z
+        number, before, sense = newest.get(feature, (-1, z, 0))
+        way = 0 if abs(z - before) <= LEVEL else (1 if z > before else -1)
+        if number < 0 or way * sense < 0:
+            number, count, sense = count, count + 1, 0
+        else:
+            sense = sense or way
+        newest[feature] = number, z, sense
         surface[k] = number
     return surface
 

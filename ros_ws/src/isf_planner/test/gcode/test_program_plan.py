@@ -131,6 +131,25 @@ def test_every_pass_of_a_staged_plan_has_its_own_wall(tmp_path: Path) -> None:
     assert np.abs(again.target.z - made.target.z).max() < 0.5e-3
 
 
+@pytest.mark.parametrize("before", [0, 12])
+def test_an_inverse_pass_has_the_walls_of_the_cone_that_it_forms(before: int) -> None:
+    """Torrao 2013, 2.2.2: from full depth upwards, on a flat blank, or over a cone that was formed downwards."""
+    levels = [*range(1, before + 1), *range(12 - (before > 0), 0, -1)]
+    lines = ["G90 G21 G54", "G0 Z20", f"X{30 - levels[0]} Y0", "F900"]
+    for k in levels:
+        lines += [f"G1 X{30 - k} Y0 Z{-k}", f"G3 X{30 - k} Y0 I{k - 30}"]
+    made = program_plan(read_program("\n".join([*lines, "G0 Z20", "M30"])), sheet_job())
+    assert [round(-1e3 * contour.forming_tip[:, 2].mean()) for contour in made.contours] == levels
+    assert all(contour.closed for contour in made.contours)
+    upwards = made.contours[before:]
+    for contour in upwards[1:-1]:
+        assert np.degrees(contour.wall_angle) == pytest.approx(45.0, abs=1.5)
+        outward = contour.forming_tip[:, :2] / np.hypot(*contour.forming_tip[:, :2].T)[:, None]
+        assert (outward * contour.normal[:, :2]).sum(axis=1) == pytest.approx(-np.sqrt(0.5), abs=0.03)
+    direct = program_plan(read_program(rings(12)), sheet_job())
+    assert np.abs(made.target.z - direct.target.z).max() < 20e-6
+
+
 def test_loops_with_long_edges_come_back_as_loops(tmp_path: Path) -> None:
     """Each of the pyramid's contours begins in mid-edge, so that more than 30 points follow its fourth corner."""
     job_file = load_job(JOBS / "ren_pyramid.yaml")
