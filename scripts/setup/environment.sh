@@ -104,8 +104,9 @@ rclpy.shutdown()'); then
   fi
 }
 
-# Compiles the planner's geometry, the sheet mechanics of the simulated machine and the elastic shell once, so that the
-# first part does not wait for them. A help, not a condition: it may fail or take too long without stopping the set-up.
+# Compiles the hexapod's kinematics, the planner's geometry, the sheet mechanics of the simulated machine and the elastic
+# shell once, so that the first part does not wait for them. A help, not a condition: it may fail or take too long
+# without stopping the set-up.
 warm_up() {
   step "Compiling geometry and sheet mechanics"
   start_warm_up
@@ -117,7 +118,7 @@ isf_warm_ups=()
 start_warm_up() {
   local module
   kernels_current && return
-  for module in isf_planner isf_sim isf_springback.shell; do
+  for module in isf_core isf_planner isf_sim isf_springback.shell; do
     (. "$isf_state/env.sh" && exec timeout --kill-after=5 300 python -m "$module.warm_up" \
       >"$isf_state/log/warm_up_$module.log" 2>&1 </dev/null) &
     isf_warm_ups+=($!)

@@ -1,4 +1,4 @@
-"""After the warm-up of the simulated machine nothing is left to compile: a node that compiles then looks dead."""
+"""After the warm-ups nothing is left to compile: a node that compiles then looks dead."""
 
 from __future__ import annotations
 
@@ -40,4 +40,33 @@ def test_forming_a_part_compiles_nothing_after_the_warm_up() -> None:
         timeout=600,
         check=False,
     )
+    assert run.returncode == 0, run.stderr[-2000:]
+
+
+POSES = """
+import sys
+import numpy as np
+from isf_core.geometry import hexapod_kernels
+from isf_core.geometry.hexapod import spif_a
+from isf_core.warm_up import warm_up
+from numba.core.registry import CPUDispatcher
+
+warm_up()
+kernels = {name: v for name, v in vars(hexapod_kernels).items() if isinstance(v, CPUDispatcher)}
+ready = {name: set(kernel.signatures) for name, kernel in kernels.items()}
+assert len(kernels) > 3
+hexapod, still = spif_a(tool_length=0.4, along_normals=True), np.zeros((3, 5)).T[:3]
+still.flags.writeable = False
+for tip in (np.zeros(3), [0, 0, 0], still[0], still[:, 0]):
+    strokes = hexapod.positions(tip, [0, 0])
+    hexapod.tip(strokes.tolist())
+    hexapod.forward(np.tile(strokes + 0.942, (3, 1)).T.copy().T, still[:, :3], still[:, :2])
+late = sorted(name for name, kernel in kernels.items() if set(kernel.signatures) - ready[name])
+sys.exit(f"compiled after the warm-up: {late}" if late else 0)
+"""
+
+
+def test_poses_of_the_hexapod_compile_nothing_after_the_warm_up() -> None:
+    """Of numbers in every form: lists, integers, columns, arrays that cannot be written to."""
+    run = subprocess.run([sys.executable, "-c", POSES], capture_output=True, text=True, timeout=300, check=False)
     assert run.returncode == 0, run.stderr[-2000:]

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from isf_core import warm_up as core
 from isf_core.files.job import JobFile
 
 from isf_sim.machine.simulated_machine import SimulatedMachine
@@ -30,6 +31,7 @@ path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
 def warm_up() -> float:
     """Press tools into blanks from either side and over a die; returns the wall time, s. Cached kernels cost little."""
     started = time.perf_counter()
+    core.warm_up()
     machine = SimulatedMachine(JobFile(_JOB, Path()))
     plant = machine.plant
     machine.tare()

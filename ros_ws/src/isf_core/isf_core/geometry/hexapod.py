@@ -10,18 +10,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array, Mask
 
-_CONVERGED = 1e-12
-"""m, of the cylinder lengths: Newton's method stops."""
-_FITS = 1e-6
-"""m, of the cylinder lengths: the pose has them."""
-_ITERATIONS = 30
+if TYPE_CHECKING:
+    from isf_core.geometry.hexapod_kernels import Plates
+
 _STEPS = 1e-9
 """m, beyond a limit that rounding may lie."""
 
@@ -163,14 +161,11 @@ class Hexapod:
         ------
         IsfError : TARGET_OUT_OF_WORKSPACE with what stands in the way
         """
-        tilt = np.asarray(tilt, dtype=np.float64)
-        turned = rotation(tilt)
-        place = np.asarray(tip) + self.sheet + self.tool_length * turned[:, 2]
-        legs = self.platform @ turned[:, :2].T + place  # asked at every control tick: no more calls than needed
-        legs[:, :2] -= self.base
-        lengths = np.sqrt(np.einsum("ij,ij->i", legs, legs))
-        strokes = lengths - self.shortest
-        if max(abs(place[0]), abs(place[1])) > self.reach or max(abs(tilt[0]), abs(tilt[1])) > self.tilt_limit:
+        from isf_core.geometry.hexapod_kernels import strokes_of
+
+        tip, tilt, strokes = np.array(tip, dtype=np.float64), np.array(tilt, dtype=np.float64), np.empty(6)
+        x, y, straightest = strokes_of(tip, tilt, self._plates, strokes)
+        if max(abs(x), abs(y)) > self.reach or max(abs(tilt[0]), abs(tilt[1])) > self.tilt_limit:
             raise IsfError(
                 ErrorCode.TARGET_OUT_OF_WORKSPACE, "the platform would leave its reach or tilt", where="kinematics"
             )
@@ -184,11 +179,8 @@ class Hexapod:
                 where="kinematics",
                 advice="move the part or the table",
             )
-        straighter = np.minimum(
-            np.einsum("ij,ij->i", legs, self.straight), np.einsum("ij,ij->i", legs @ turned, self.straight)
-        )
-        if min((straighter - math.cos(self.joint_limit) * lengths).tolist()) < 0.0:
-            bent = self.joint_angles(place, tilt)
+        if straightest < math.cos(self.joint_limit):
+            bent = self.joint_angles(self.place_of(tip, tilt), tilt)
             worst = int(np.argmax(bent))
             raise IsfError(
                 ErrorCode.TARGET_OUT_OF_WORKSPACE,
@@ -204,7 +196,9 @@ class Hexapod:
 
         ``place``, ``tilt``: where to begin (the last pose known); None: on the centre line, upright.
         """
-        lengths = np.asarray(lengths, dtype=np.float64)
+        from isf_core.geometry.hexapod_kernels import find_poses
+
+        lengths = np.array(lengths, dtype=np.float64, order="C")
         lead = lengths.shape[:-1]
         pose = np.zeros((*lead, 5))
         if place is None:
@@ -213,27 +207,8 @@ class Hexapod:
             pose[..., :3] = place
         if tilt is not None:
             pose[..., 3:] = tilt
-        every, wanted = pose.reshape(-1, 5), lengths.reshape(-1, 6)
-        rows, used = np.arange(len(wanted)), 0  # rows at work: one that is done, or has no pose, holds up no other
-        with np.errstate(invalid="ignore", over="ignore"):
-            missing = wanted - self.lengths(every[:, :3], every[:, 3:])
-            while used < _ITERATIONS:
-                left = np.abs(missing[rows]).max(axis=-1)
-                rows = rows[(left > _CONVERGED) & np.isfinite(left)]
-                if not len(rows):
-                    break
-                slopes = self.pose_jacobian(every[rows, :3], every[rows, 3:])[..., :5]
-                turned = np.swapaxes(slopes, -1, -2)
-                step = _solved(turned @ slopes, (turned @ missing[rows][..., None])[..., 0])
-                before = np.abs(missing[rows]).max(axis=-1)
-                every[rows] += step
-                used += 1
-                missing[rows] = wanted[rows] - self.lengths(every[rows, :3], every[rows, 3:])
-                # what is left is rounding, or lengths that no pose has
-                stuck = (np.abs(missing[rows]).max(axis=-1) >= before) & (np.abs(step).max(axis=-1) < 1e-9)
-                rows = rows[~stuck]
-        pose, missing = every.reshape(pose.shape), missing.reshape(lengths.shape)
-        fits = np.asarray(np.abs(missing).max(axis=-1) < _FITS)
+        fits = np.empty(lead, dtype=np.bool_)
+        used = find_poses(lengths.reshape(-1, 6), self._plates, pose.reshape(-1, 5), fits.reshape(-1))
         return ForwardPose(pose[..., :3], pose[..., 3:], used, fits)
 
     def tip(self, positions: Array) -> tuple[Array, Array]:
@@ -244,10 +219,12 @@ class Hexapod:
                 ErrorCode.TARGET_OUT_OF_WORKSPACE, "no pose without spin has these cylinder lengths", where="kinematics"
             )
         tip = self.tip_of(found.place, found.tilt)
-        if not bool(self.reachable(tip, found.tilt)):  # also the pose mirrored at the base, above it
+        try:
+            self.positions(tip, found.tilt)
+        except IsfError as error:  # also the pose mirrored at the base, above it
             raise IsfError(
                 ErrorCode.TARGET_OUT_OF_WORKSPACE, "the pose found is out of the platform's reach", where="kinematics"
-            )
+            ) from error
         return tip, found.tilt
 
     def leg_forces(self, force: Array, tip: Array, tilt: Array) -> Array:
@@ -258,6 +235,17 @@ class Hexapod:
         wrench = np.concatenate([force, _cross(arm, force)], axis=-1)
         jacobian = self.jacobian(self.place_of(tip, tilt), tilt)
         return np.asarray(-np.linalg.solve(np.swapaxes(jacobian, -1, -2), wrench[..., None])[..., 0])
+
+    @cached_property
+    def _plates(self) -> Plates:
+        """What the kernels take."""
+        from isf_core.geometry.hexapod_kernels import Plates  # needs numba, which most programs with a rig do not
+
+        base, platform, straight, sheet = (
+            np.array(corners, dtype=np.float64, order="C")
+            for corners in (self.base, self.platform, self.straight, self.sheet)
+        )
+        return Plates(base, platform, straight, sheet, float(self.tool_length), float(self.shortest))
 
     def _arms(self, angles: Array) -> Array:
         """(..., 6, 3) m, joints of the platform from its origin, base axes."""
@@ -334,14 +322,6 @@ def spin_of_angles(angles: Array) -> Array:
     matrix[..., 0, 1], matrix[..., 1, 1] = -sz, cz
     matrix[..., 2, 2] = 1.0
     return matrix
-
-
-def _solved(matrices: Array, right: Array) -> Array:
-    """(M, 5) of M equations; the least solution where a matrix is singular, as in a singular pose on the way."""
-    try:
-        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        return np.asarray((np.linalg.pinv(matrices, hermitian=True) @ right[..., None])[..., 0])
 
 
 def _in_plane(corners: Array) -> Array:

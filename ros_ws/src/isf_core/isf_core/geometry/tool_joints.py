@@ -19,6 +19,7 @@ from isf_core.geometry.kinematics import Kinematics
 from isf_core.geometry.serial_arm import SerialArm
 from isf_core.geometry.tool_axis import UPRIGHT, axis_of, point_on_axis, tilt_of, tip_of_point
 from isf_core.types import Array
+from isf_core.warm_up import warm_up
 
 Vector = tuple[float, float, float]
 
@@ -43,6 +44,7 @@ class ToolJoints:
         """Joints of ``tool`` (1, 2) of ``rig``, whose tip has a ``ball`` of that radius in m."""
         kinematics = rig.make_kinematics()[tool - 1]
         if isinstance(kinematics, Hexapod):
+            warm_up()  # its kernels are loaded now, not in the first tick
             names = tuple(f"leg_{k}_stroke" for k in range(1, 7))
         elif isinstance(kinematics, SerialArm):
             names = tuple(f"tool_{tool}_{name}" for name in kinematics.axes)

@@ -211,6 +211,33 @@ def test_forward_from_the_last_pose_takes_three_steps() -> None:
     assert np.abs(found.place - place).max() < 1e-9
 
 
+def test_single_poses_are_those_of_many() -> None:
+    """Strokes and limits of the compiled single pose, by the formulas for many, in and out of reach."""
+    rng = np.random.default_rng(4)
+    tips, tilts = rng.uniform(-0.3, 0.3, (600, 3)), rng.uniform(-0.55, 0.55, (600, 2))
+    for hexapod in (HEXAPOD, NORMALS):
+        strokes, allowed = hexapod.strokes(tips, tilts), hexapod.reachable(tips, tilts)
+        assert 50 < allowed.sum() < 550
+        for k, (tip, tilt) in enumerate(zip(tips, tilts, strict=True)):
+            if allowed[k]:
+                assert np.abs(hexapod.positions(tip, tilt) - strokes[k]).max() < 1e-12
+            else:
+                with pytest.raises(IsfError):
+                    hexapod.positions(tip, tilt)
+
+
+def test_lengths_of_no_pose_give_the_one_that_fits_best() -> None:
+    """Least squares: what is missing is orthogonal to every motion of the pose, by the formulas for many."""
+    place, tilt = poses(200)
+    lengths = HEXAPOD.lengths(place, tilt) + np.random.default_rng(6).uniform(-1e-3, 1e-3, (200, 6))
+    found = HEXAPOD.forward(lengths, place, tilt)
+    assert found.converged.sum() < 5
+    missing = lengths - HEXAPOD.lengths(found.place, found.tilt)
+    slopes = HEXAPOD.pose_jacobian(found.place, found.tilt)[..., :5]
+    assert np.abs(np.swapaxes(slopes, -1, -2) @ missing[..., None]).max() < 1e-9
+    assert np.abs(found.place - place).max() < 20e-3
+
+
 def test_one_bad_row_spoils_no_other() -> None:
     """Lengths that are no numbers, that no pose has, and one that begins in a singular pose (flat, in the base)."""
     place, tilt = poses(100)
