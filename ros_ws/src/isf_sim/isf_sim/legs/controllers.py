@@ -18,6 +18,10 @@ from isf_sim.legs.hydraulics import Hydraulics, free_speeds
 
 FULL_VOLTAGE = 10.0
 """V, of the valves and of the converter before them."""
+CREEP = 6.0e-5
+"""m/s of a leg over which the voltage passes the dead band, so that rest is no step between its ends. A leg slower than
+0.4 of it stands still, and where it reverses the tip is kicked by three times that speed: with 0.33 mm/s the speed of a
+tilted tool was off by 6 %, with 0.06 mm/s by 2.5 %. Noise of 1.5 um makes as much of the default ``gain``."""
 INTEGRAL, LAST, RATE = 0, 1, 2
 """Of a loop's state: integral part m/s, last error m, filtered rate of the error m/s."""
 
@@ -85,7 +89,6 @@ def voltage(wanted: float, velocity: float, measured: float, loop: Loop, state: 
     share = speed / full
     if abs(share) < 1.0 or share * error < 0.0:  # no winding up at the end of the voltage
         state[INTEGRAL] += loop.integral * loop.period * error
-    # over the dead band within the speed of a creeping leg, so that rest is no step between its ends
     share = min(max(share, -1.0), 1.0)
-    lift = loop.dead_band * math.tanh(share / (0.5 * loop.dead_band + 1e-9))
+    lift = loop.dead_band * math.tanh(speed / CREEP)
     return FULL_VOLTAGE * (lift + (1.0 - loop.dead_band) * share)

@@ -10,6 +10,7 @@ import pytest
 from isf_core.files.hydraulic_legs import OF_ONE_LEG, LegFault
 from isf_core.files.rig import Rig, load_rig
 from isf_core.geometry.kinematics import UPRIGHT
+from isf_core.geometry.tool_axis import tilt_of
 from isf_sim.legs import legs as lg
 from isf_sim.legs import tuning
 from isf_sim.variant import Variant, make_variant
@@ -51,6 +52,33 @@ def test_the_default_controller_follows_within_50_um_at_constant_speed() -> None
     assert response.ripple(case.speed, case.settled) < 0.03
     fuzzy = tuning.respond(RIG, case, RATE, "fuzzy", BALL)
     assert 0.3e-3 < fuzzy.error(case.settled)[1] < 2e-3
+
+
+def test_a_tool_that_turns_as_it_goes_keeps_its_speed_where_legs_reverse() -> None:
+    """Once around 36 mm at 12.5 mm/s, tilted by 30 deg inwards, so that the axis turns by 10 deg/s: each leg reverses
+    twice, and 0.4 m of lever make much of little. 4 % as a mean over 20 ms and 6 % from tick to tick."""
+    tilt, radius, speed = np.radians(30.0), 0.036, 0.0125
+    count = round(2.0 * np.pi * radius / speed * RATE)
+    angle = np.cumsum(np.minimum(np.arange(count) / (0.2 * RATE), 1.0)) * speed / RATE / radius
+    flat = np.column_stack([np.cos(angle), np.sin(angle)])
+    tips = np.column_stack([radius * flat, np.full(count, -0.02)])
+    axes = np.column_stack([-np.sin(tilt) * flat, np.full(count, np.cos(tilt))])
+    legs, force, rest_ticks = legs_of(), np.array([0.0, 0.0, 300.0]), 3000
+    found = np.empty((count, 3))
+    reversals = 0
+    for tick in range(rest_ticks + count):
+        share = min(tick / 2500.0, 1.0)
+        k = max(tick - rest_ticks, 0)
+        before = legs.state.rates.copy()
+        tip = share * tips[k] + (1.0 - share) * HERE
+        assert legs.move(tip, share * tilt_of(axes[k]), share * force, tick) == 0
+        if tick >= rest_ticks:
+            found[k] = legs.tip()
+            reversals += int((before * legs.state.rates < 0.0).sum())
+    way = np.linalg.norm(np.diff(found, axis=0), axis=1)[round(0.5 * RATE) :] * RATE / speed
+    assert reversals >= 12
+    assert np.abs(np.convolve(way, np.full(10, 0.1), "valid") - 1.0).max() < 0.04
+    assert np.abs(way - 1.0).max() < 0.06
 
 
 def test_the_published_gains_swing_with_these_valves() -> None:
