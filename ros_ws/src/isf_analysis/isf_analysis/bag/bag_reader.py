@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, dataclass
 from dataclasses import fields as dataclass_fields
 from pathlib import Path
@@ -101,7 +101,7 @@ def last_part(bag: OpenBag, namespace: str | None = None) -> PartSpan:
 
 
 def _last_span(messages: _Messages) -> PartSpan:
-    jobs = list(messages.of(topics.JOB))
+    jobs = list(_first_heard(messages.of(topics.JOB)))
     if not jobs:
         raise _incomplete(messages.bag.path, f"holds no job: nothing was received on {topics.JOB.name}")
     announced, job = jobs[-1]
@@ -116,12 +116,25 @@ def _last_span(messages: _Messages) -> PartSpan:
         ]
         if not beyond:  # nothing to be left out but the time in which nobody formed the part
             news = (topics.NOMINAL, topics.RESULT, topics.SCAN)
-            beyond = [max((time for topic in news for time, _ in messages.of(topic) if time < until), default=until)]
+            heard = (time for topic in news for time, _ in _first_heard(messages.of(topic)) if time < until)
+            beyond = [max(heard, default=until)]
         dropped.append((min(beyond), until))
         first -= 1
     begun = jobs[first][0]
     # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted
     return PartSpan(job.plan_id, begun if first > 0 else 0, announced, begun, tuple(dropped))
+
+
+def _first_heard(received: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+    """Without the latched messages that the recorder of a part that goes on in the same cell received once more."""
+    seen = set()
+    for time, message in received:
+        stamp = message.header.stamp
+        names = (getattr(message, name, None) for name in ("plan_id", "index", "first_index"))
+        key = (stamp.sec, stamp.nanosec, *names)
+        if key not in seen or not any(key[:2]):  # a bag that was made by write_bag has none
+            seen.add(key)
+            yield time, message
 
 
 def _goes_on(job: Any, before: Any) -> bool:

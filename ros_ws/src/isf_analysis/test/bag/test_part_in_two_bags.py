@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,17 +34,23 @@ def part_of(contours: slice, depth: float) -> PartRecord:
     )
 
 
-def resumed_bag(source: Path, target: Path) -> Path:
-    """The bag as that of a part that goes on at contour ``AT``."""
+def changed_bag(
+    source: Path, target: Path, first_index: int, *, second: int = 0, before: Sequence[tuple[str, bytes]] = ()
+) -> Path:
+    """The bag as that of a part that begins at contour ``first_index``, announced at ``second`` s; ``before`` its
+    messages others, of a topic and data, a second earlier."""
     types = cell_types()
     with Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as writer, Reader(source) as reader:
-        added = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=types) for c in reader.connections}
+        added = {c.topic: writer.add_connection(c.topic, c.msgtype, typestore=types) for c in reader.connections}
+        for topic, data in before:
+            writer.write(added[topic], reader.start_time - SECOND, data)
         for connection, time, data in reader.messages():
             kept: Any = data
             if connection.topic == "/part/info":
                 message = types.deserialize_cdr(data, connection.msgtype)
-                kept = types.serialize_cdr(replace(message, first_index=AT), connection.msgtype)
-            writer.write(added[connection.id], time, kept)
+                message.header.stamp.sec = second
+                kept = types.serialize_cdr(replace(message, first_index=first_index), connection.msgtype)
+            writer.write(added[connection.topic], time, kept)
     return target
 
 
@@ -51,7 +58,7 @@ def run_in_two_bags(folder: Path) -> Path:
     """Contours 0 to 4, then again 3 to 5: the second one was killed after its last checkpoint, before contour 3."""
     write_bag(part_of(slice(0, 5), 100.0), folder / "bag", end=200 * SECOND)
     source = write_bag(part_of(slice(AT, CONTOURS), 300.0), folder / "later", end=900 * SECOND)
-    resumed_bag(source, next_bag(folder / "bag"))
+    changed_bag(source, next_bag(folder / "bag"), AT)
     return folder
 
 
@@ -94,3 +101,18 @@ def test_a_bag_that_holds_nothing_is_left_out(tmp_path: Path) -> None:
     assert record.formed == CONTOURS
     assert any("left out" in note for note in record.notes)
     assert next_bag(run / "bag").name == "bag_resumed_3"
+
+
+def test_what_is_latched_in_a_cell_that_stayed_up_counts_once(tmp_path: Path) -> None:
+    """The second recorder receives the last announcement and contour of the first once more."""
+    one = write_bag(part_of(slice(0, AT), 100.0), tmp_path / "one", end=200 * SECOND)
+    other = write_bag(part_of(slice(AT, CONTOURS), 300.0), tmp_path / "other", end=900 * SECOND)
+    bag = changed_bag(one, tmp_path / "bag", 0, second=100)
+    topics = ("/part/info", "/contour/nominal", "/contour/corrected")
+    with Reader(bag) as first:
+        latched = {connection.topic: data for connection, _, data in first.messages() if connection.topic in topics}
+    assert set(latched) == set(topics)
+    changed_bag(other, next_bag(bag), AT, second=800, before=list(latched.items()))
+    record = read_bag(bag)
+    assert record.failure() is None
+    assert [float(item.forming_force[0, 2]) for item in record.results] == [100.0] * AT + [300.0] * (CONTOURS - AT)
