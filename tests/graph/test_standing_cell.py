@@ -7,11 +7,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
-from typing import Any
 
 import forked_process
 import numpy as np
@@ -28,6 +25,7 @@ from isf_ros import qos
 from quick_cone import CONTOURS, quick_cone_file
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import Joy
+from standing_cell import alive, isf, standing
 from waiting import LIMIT, Waiting
 
 pytestmark = pytest.mark.graph
@@ -35,47 +33,6 @@ pytestmark = pytest.mark.graph
 MANUAL = int(OperatorMode.MANUAL)
 ENABLE, LARGER = 4, 1
 """Buttons of a gamepad, by the parameters of force_ctrl."""
-
-
-@contextmanager
-def standing(folder: Path, *options: str) -> Iterator[tuple[forked_process.ForkedProcess, dict[str, Any]]]:
-    """The command, and what it tells when its cell is up."""
-    with (folder / "stderr.txt").open("w") as errors:
-        process = forked_process.start(
-            [sys.executable, "-m", "isf_cell.cli", "cell", *options, "-o", "cell", "--json"],
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            cwd=folder,
-            env=dict(os.environ),
-            text=True,
-        )
-    try:
-        assert process.stdout is not None
-        told = ""
-        while not told.endswith("\n}\n"):
-            line = process.stdout.readline()
-            assert line, (folder / "stderr.txt").read_text()
-            told += line
-        yield process, json.loads(told)
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-            process.wait(LIMIT)
-
-
-def isf(folder: Path, *arguments: str) -> Any:
-    """The JSON object of a command that succeeds."""
-    done = forked_process.run([sys.executable, "-m", "isf_cell.cli", *arguments, "--json"], cwd=folder)
-    assert done.returncode == Exit.OK, done.stderr
-    return json.loads(done.stdout)
-
-
-def alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def test_a_cell_stays_for_other_commands_and_ends_with_tools_lifted(
@@ -115,9 +72,12 @@ def test_a_cell_stays_for_other_commands_and_ends_with_tools_lifted(
             [*command, "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path, text=True
         )
         assert forming.stderr is not None
+        said = ""
         for line in forming.stderr:
+            said += line
             if "isf go-on" in line:
                 break
+        assert "1006 FILE_OUTSIDE" in said, "the folder is not below runs"
         assert "waits after contour 1" in line
         assert isf(tmp_path, "go-on") == {"paused": False, "message": "going on"}
         words, _ = forming.communicate(timeout=LIMIT)

@@ -233,8 +233,8 @@ def form(
     """Form a part through the ROS 2 node graph: five nodes, recorder and frames, each a process of its own."""
     from isf_cell.commands.form import form_part, resume_part
 
-    if attach and (real_time or dashboard or resume is not None):
-        named = "--real-time" if real_time else "--dashboard" if dashboard else "--resume"
+    if attach and (real_time or dashboard):
+        named = "--real-time" if real_time else "--dashboard"
         raise typer.BadParameter(f"{named} is for a cell of its own", ctx=context, param_hint="--attach")
     if resume is not None:
         asked = {
@@ -247,7 +247,7 @@ def form(
             "--output": output,
             "--real-time": real_time,
         }
-        resume_part(resume, given(context, asked), compare=compare, dashboard=dashboard, as_json=json)
+        resume_part(resume, given(context, asked), compare=compare, dashboard=dashboard, attach=attach, as_json=json)
         return
     if job is None:
         raise typer.BadParameter("name a job file, or --resume RUN", ctx=context, param_hint="JOB")
@@ -282,12 +282,16 @@ def cell(
         Path | None,
         typer.Option("--output", "-o", help="folder for logs and bag  [default: runs/cell-TIME]", metavar="DIR"),
     ] = None,
+    runs: Annotated[
+        Path,
+        typer.Option(help="parts with an --output below this folder keep checkpoints, to go on with", metavar="DIR"),
+    ] = Path("runs"),
     json: Json = False,
 ) -> None:
     """Start a cell that stays up until Ctrl-C, for isf form --attach, isf mode, isf jog, isf dashboard and others."""
     from isf_cell.commands.cell import stand
 
-    stand(job, rig, output, lockstep=not real_time, machine=not driver, page=page, record=record, as_json=json)
+    stand(job, rig, output, runs, lockstep=not real_time, machine=not driver, page=page, record=record, as_json=json)
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ from isf_ros.background import Worker, in_thread
 from isf_ros.conversion import correction_from_message, result_from_message, tip_of
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
+from isf_ros.process_identity import running
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from sensor_msgs.msg import PointCloud2
@@ -47,13 +48,13 @@ from std_srvs.srv import SetBool, Trigger
 
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import PartGoal
-from isf_cell.run.checkpoint import Checkpoint, CheckpointFolder
+from isf_cell.run.checkpoint import Checkpoint, CheckpointFolder, folder_below
 from isf_cell.run.graph_cell import GraphCell, GraphSettings, managed_nodes
 from isf_cell.run.graph_client import GraphClient
 from isf_cell.run.heartbeat_monitor import HeartbeatMonitor
 from isf_cell.run.machine_client import MACHINE
 from isf_cell.run.operator_modes import OperatorMode, OperatorModes
-from isf_cell.run.part_keeper import PartKeeper, PartTotals
+from isf_cell.run.part_keeper import PartKeeper, PartTotals, not_kept
 from isf_cell.run.part_run import PartRun
 from isf_cell.run.part_step import PartStep
 
@@ -90,6 +91,11 @@ class ExecutiveParameters:
         "folder of the checkpoint written after every contour, also the state_folder of machine, springback and "
         "force_ctrl; empty: none",
     )
+    state_folder: str = parameter(
+        "",
+        "folder below which a part keeps its checkpoint where form_part names one for it; also the state_folder of "
+        "machine, springback and force_ctrl; empty: none",
+    )
     job: str = parameter("", "job file whose rig, sheet and tools are meant where no part was formed yet; empty: none")
     set_up: str = parameter(
         "", "set-up file that executive/zero writes; empty: that of the rig in $ISF_CELLS or ~/.config/isf/cells"
@@ -117,6 +123,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
     def configure(self) -> None:
         values = self.values()
         self._checkpoint = CheckpointFolder(Path(values.checkpoint).absolute()) if values.checkpoint else None
+        self._states = Path(values.state_folder).resolve() if values.state_folder else None
         self._settings = GraphSettings(
             values.lockstep,
             values.service_timeout,
@@ -210,7 +217,9 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             self._tell_state()
 
     def cancelled(self) -> bool:
-        return self._handle is not None and bool(self._handle.is_cancel_requested)
+        """Also where whoever asked is gone: nobody records the part any more, nor can end it."""
+        handle = self._handle
+        return handle is not None and (handle.is_cancel_requested or running(handle.request.process) is False)
 
     def paused(self) -> bool:
         return self._paused
@@ -228,35 +237,40 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             handle.abort()
             return FormPart.Result(code=int(error.code), message=error.message)
         self._handle, self._paused, self._waits_for = handle, False, ""
-        self._cell = self._new_cell()
         self._tell_state()
         try:
-            result = await in_thread(partial(self._form, self._cell, handle.request), self.executor)
+            result = await in_thread(partial(self._form, handle), self.executor)
         finally:
             self._cell, self._handle, self._waits_for = None, None, ""
             self._tell_state()
         if result.code == ErrorCode.OK:
             handle.succeed()
-        elif result.code == ErrorCode.CANCELLED:
+        elif handle.is_cancel_requested and result.code == ErrorCode.CANCELLED:
             handle.canceled()
         else:
             self.get_logger().error(f"part ended: [{result.code}] {result.message}")
             handle.abort()
         return result
 
-    def _form(self, cell: GraphCell, request: FormPart.Goal) -> FormPart.Result:
+    def _form(self, handle: ServerGoalHandle) -> FormPart.Result:
         """Form the part in a worker thread."""
-        started = time.monotonic()
+        started, request = time.monotonic(), handle.request
         try:
-            goal = self._goal_of(request)
+            checkpoint = self._checkpoint_of(request)
+            goal = self._goal_of(request, checkpoint)
         except IsfError as error:
             return FormPart.Result(code=int(error.code), message=error.message)
+        self._cell = cell = self._new_cell(checkpoint)
         self._modes.job_file = goal.job_file
         if goal.first_index == 0:
             self._modes.formed(0.0, fresh=True)
-        keeper = None if self._checkpoint is None else PartKeeper(self._checkpoint, cell, self)
+        keeper = None
+        if checkpoint is not None:
+            keeper = PartKeeper(checkpoint, cell, self, lockstep=self._settings.lockstep)
         self._run = run = PartRun(cell, goal, self, keeper)
         failed = run.run()
+        if failed is not None and failed.code is ErrorCode.CANCELLED and not handle.is_cancel_requested:
+            failed = IsfError(ErrorCode.CANCELLED, "the process that asked for the part has ended", where="form_part")
         totals = PartTotals.of(run.results, cell.counts, goal.resume)
         return FormPart.Result(
             code=int(failed.code) if failed else 0,
@@ -270,18 +284,38 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             wall_time=time.monotonic() - started,
         )
 
-    def _goal_of(self, request: FormPart.Goal) -> PartGoal:
+    def _checkpoint_of(self, request: FormPart.Goal) -> CheckpointFolder | None:
+        """Where the part is kept; None: nowhere. Raises IsfError FILE_OUTSIDE for a part that is to go on; a new one is
+        formed nevertheless."""
+        if not request.checkpoint:
+            return self._checkpoint
+        try:
+            if self._states is None:
+                raise IsfError(
+                    ErrorCode.FILE_OUTSIDE,
+                    "this cell has no folder below which it keeps parts",
+                    where="parameter state_folder",
+                    advice="isf cell starts executive, machine, springback and force_ctrl with one",
+                )
+            return CheckpointFolder(folder_below(self._states, request.checkpoint))
+        except IsfError as error:
+            if request.resume:
+                raise
+            self.phase(not_kept(error))
+            return None
+
+    def _goal_of(self, request: FormPart.Goal, checkpoint: CheckpointFolder | None) -> PartGoal:
         """Raises IsfError of job, options and checkpoint."""
         if request.resume:
-            if self._checkpoint is None:
+            if checkpoint is None:
                 raise IsfError(
                     ErrorCode.FILE_NOT_FOUND,
                     "the executive keeps no checkpoint",
                     where="parameter checkpoint",
                     advice="start it with the folder of the part that is to go on",
                 )
-            _check_request(request, self._checkpoint.read())
-            return PartGoal.resumed(self._checkpoint.take_up())
+            _check_request(request, checkpoint.read())
+            return PartGoal.resumed(checkpoint.take_up())
         force = None if np.isnan(request.support_force) else float(request.support_force)
         options = RunOptions(request.correction or None, force, request.world, request.seed, sheet_kind(request.sheet))
         return PartGoal(JobFile(request.job_text, Path(request.base_folder), "job"), options, request.first_index)
@@ -291,8 +325,12 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         """The cell that is to hear what the nodes tell: of a part, or of a mode."""
         return self._cell or self._modes.cell
 
-    def _new_cell(self) -> GraphCell:
-        return GraphCell(self._client, self._monitor, self, self, self._settings)
+    def _new_cell(self, checkpoint: CheckpointFolder | None = None) -> GraphCell:
+        settings = self._settings
+        if checkpoint is not None and checkpoint is not self._checkpoint and self._states is not None:
+            name = checkpoint.path.relative_to(self._states).as_posix()
+            settings = replace(settings, kept_in=(checkpoint.path,), states_in=name)
+        return GraphCell(self._client, self._monitor, self, self, settings)
 
     def _on_result(self, message: ContourResult) -> None:
         if self._cell:

@@ -57,6 +57,7 @@ def stand(
     job: Path | None,
     rig: str | None,
     output: Path | None,
+    runs: Path,
     *,
     lockstep: bool,
     machine: bool,
@@ -66,11 +67,13 @@ def stand(
 ) -> None:
     """Start the nodes, tell how to go on, and stay until Ctrl-C; then lift the tools and end all of them.
 
+    Parts that are formed in it are kept below the folder ``runs``.
+
     Raises
     ------
     IsfError : of files; BUSY for a second cell in the ROS domain; NODE_MISSING; NODE_DIED when a node ends
     """
-    choice = replace(choice_of(job, rig), lockstep=lockstep and machine, machine=machine)
+    choice = replace(choice_of(job, rig), lockstep=lockstep and machine, machine=machine, runs=str(runs.resolve()))
     signal.signal(signal.SIGTERM, lambda *_: os.kill(os.getpid(), signal.SIGINT))  # a service manager ends it so
     with run_folder(output, "cell") as folder, alone_in_domain(), ExitStack() as stack:
         if record:

@@ -20,6 +20,7 @@ from isf_cell.commands.run_folder import make_folder, run_folder
 from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.processes.reference_run import ReferenceRun
 from isf_cell.run import graph_run
+from isf_cell.run.part_keeper import NOT_KEPT
 from isf_cell.run.part_step import PartStep
 
 
@@ -40,7 +41,9 @@ def form_part(
     options.check(job_file)
     with run_folder(output, job_file.job.name) as folder:
         if attach:
-            _form(job_file, options, folder, job if compare else None, None, attach=True, as_json=as_json)
+            with resume.alone(folder):
+                resume.Request(job, attach=True).write(folder)
+                _form(job_file, options, folder, job if compare else None, None, attach=True, as_json=as_json)
             return
         form_in(
             folder, job, job_file, options, compare=compare, lockstep=lockstep, dashboard=dashboard, as_json=as_json
@@ -64,14 +67,24 @@ def form_in(
     Raises IsfError as :func:`form_part`.
     """
     with resume.alone(folder):
-        resume.Request(job, lockstep).write(folder)
+        resume.Request(job).write(folder)
         port = address_beside()[0] if dashboard else None
         shown = job if compare else None
         _form(job_file, options, folder, shown, port, lockstep=lockstep, as_json=as_json, told=told or {})
 
 
-def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, dashboard: bool = False, as_json: bool) -> None:
-    """Form the rest of the part in the folder ``run``; ``given``: options of the command line by their names.
+def resume_part(
+    run: Path,
+    given: Mapping[str, Any],
+    *,
+    compare: bool,
+    dashboard: bool = False,
+    attach: bool = False,
+    as_json: bool,
+) -> None:
+    """Form the rest of the part in the folder ``run``, with a cell of its own, or ``attach`` to the one that is up.
+
+    ``given``: options of the command line by their names.
 
     Raises IsfError as :func:`isf_cell.commands.resume.resumed`, BUSY, and when the part does not complete.
     """
@@ -87,7 +100,8 @@ def resume_part(run: Path, given: Mapping[str, Any], *, compare: bool, dashboard
             terminal.say("the job file is gone or another one by now: the uncorrected part is left out")
         job_file, options = checkpoint.job_file, checkpoint.options
         port = address_beside()[0] if dashboard else None
-        _form(job_file, options, folder, job, port, lockstep=found.lockstep, as_json=as_json, goes_on=True)
+        lockstep = checkpoint.lockstep
+        _form(job_file, options, folder, job, port, lockstep=lockstep, as_json=as_json, goes_on=True, attach=attach)
 
 
 def _form(
@@ -115,6 +129,9 @@ def _form(
             if message.phase == "paused":
                 progress.phase(f"waits after {contour_label(message.index - 1)}; in another terminal: isf go-on")
                 return
+            if message.phase.startswith(NOT_KEPT):
+                terminal.warn(message.phase)
+                return
             if message.phase != "forming":
                 progress.phase(message.phase)
                 return
@@ -131,7 +148,7 @@ def _form(
 
         try:
             if attach:
-                result, failure = graph_run.form_attached(job_file, options, folder, show)
+                result, failure = graph_run.form_attached(job_file, options, folder, show, resume=goes_on)
             else:
                 result, failure = graph_run.form(
                     job_file, options, folder, show, lockstep=lockstep, resume=goes_on, dashboard_port=port

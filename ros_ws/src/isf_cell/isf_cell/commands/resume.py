@@ -24,17 +24,17 @@ LOCK_FILE = "lock"
 
 @dataclass(frozen=True)
 class Request:
-    """``job``: file; ``lockstep``: False by the wall clock."""
+    """``job``: file; ``attach``: to be formed in a cell that is up."""
 
     job: Path
-    lockstep: bool
+    attach: bool = False
 
     def write(self, run: Path) -> None:
         """Keep it with the run; raises IsfError FILE_NOT_WRITABLE."""
         path = run / CHECKPOINT / REQUEST_FILE
         try:
             path.parent.mkdir(exist_ok=True)
-            path.write_text(json.dumps({"job": str(self.job.absolute()), "lockstep": self.lockstep}), encoding="utf-8")
+            path.write_text(json.dumps({"job": str(self.job.absolute()), "attach": self.attach}), encoding="utf-8")
         except OSError as error:
             raise IsfError(ErrorCode.FILE_NOT_WRITABLE, str(error), where=str(path)) from error
 
@@ -44,7 +44,7 @@ class Request:
         path = run / CHECKPOINT / REQUEST_FILE
         try:
             data = json.loads(path.read_text(encoding="utf-8"))
-            return cls(Path(data["job"]), bool(data["lockstep"]))
+            return cls(Path(data["job"]), bool(data["attach"]))
         except FileNotFoundError as error:
             raise IsfError(
                 ErrorCode.FILE_NOT_FOUND,
@@ -64,7 +64,6 @@ class Resumed:
 
     checkpoint: Checkpoint
     job: Path | None
-    lockstep: bool
 
 
 def resumed(run: Path, given: Mapping[str, Any]) -> Resumed:
@@ -85,7 +84,7 @@ def resumed(run: Path, given: Mapping[str, Any]) -> Resumed:
         "--seed": checkpoint.seed,
         "--sheet": checkpoint.sheet,
         "--output": run.resolve(),
-        "--real-time": not request.lockstep,
+        "--real-time": not checkpoint.lockstep,
     }
     for name, value in given.items():
         asked = load_job(value).text if name == "JOB" else Path(value).resolve() if name == "--output" else value
@@ -98,16 +97,18 @@ def resumed(run: Path, given: Mapping[str, Any]) -> Resumed:
         same = load_job(request.job).text == checkpoint.job_text
     except IsfError:
         same = False
-    return Resumed(checkpoint, request.job if same else None, request.lockstep)
+    return Resumed(checkpoint, request.job if same else None)
 
 
 def how_to_go_on(run: Path) -> str:
     """The command with which the part of ``run`` goes on; empty: it cannot."""
     try:
         CheckpointFolder(run / CHECKPOINT).read()
+        attach = Request.read(run).attach
     except IsfError:
         return ""
-    return f"the part can go on: ./isf form --resume {run}"
+    where, option = (", in a cell that is up", " --attach") if attach else ("", "")
+    return f"the part can go on{where}: ./isf form --resume {run}{option}"
 
 
 def being_formed(run: Path) -> bool:

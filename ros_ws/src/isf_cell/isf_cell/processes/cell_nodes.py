@@ -74,6 +74,7 @@ class CellChoice:
     cell_files : tool to the file of its cell ; rig : rig file, for cells without a file of their own, and for viewers
     bag : folder to record to; "": none ; text_log : file of 12 columns that is written beside it; "": none
     checkpoint : folder that a part is kept in; "": none
+    runs : folder below which each part may be kept in one of its own, where there is no checkpoint; "": none
     viewers : frames, joint states and sheet for RViz and others are published
     job : job file that viewers describe, and whose rig and tools an operator moves before a part; "": that of the part
     frame_prefix : before the name of every frame ; own_frames : on topics tf and tf_static of the cell
@@ -90,6 +91,7 @@ class CellChoice:
     bag: str = ""
     text_log: str = ""
     checkpoint: str = ""
+    runs: str = ""
     viewers: bool = False
     job: str = ""
     frame_prefix: str = ""
@@ -100,7 +102,8 @@ class CellChoice:
 
 def cell_nodes(choice: CellChoice) -> list[CellNode]:
     """All nodes of the cell, in the order in which they are started."""
-    states = {"state_folder": choice.checkpoint} if choice.checkpoint else {}
+    kept = choice.checkpoint or choice.runs
+    states = {"state_folder": kept} if kept else {}
     timing: dict[str, Any] = {"lockstep": choice.lockstep}
     frames = OWN_FRAMES if choice.own_frames else ()
     nodes = []
@@ -126,6 +129,8 @@ def cell_nodes(choice: CellChoice) -> list[CellNode]:
         executive["job"] = choice.job
     if choice.checkpoint:
         executive["checkpoint"] = choice.checkpoint
+    elif choice.runs:
+        executive["state_folder"] = choice.runs
     nodes.append(CellNode("executive", "isf_cell", "executive", executive))
     if choice.viewers:
         nodes.append(_viewer(choice, frames))

@@ -24,7 +24,7 @@ from isf_core.simulated_sheet import sheet_kind
 
 from isf_cell.options import RunOptions
 
-FORMAT, VERSION = "isf-part-checkpoint", 1
+FORMAT, VERSION = "isf-part-checkpoint", 2
 CHECKPOINT = "checkpoint"
 """Folder of the checkpoint in that of a run."""
 
@@ -60,6 +60,7 @@ class Checkpoint:
     began, ended : s, begin of the first contour and end of the last one that is formed, by the clock of the results
     ticks, late_ticks, lost_messages : counted so far
     lost : why the part cannot be completed; empty: it can
+    lockstep : how it was formed last; False by the wall clock
     software : version that wrote it
     files : names below the folder, with the SHA-256 of each
     """
@@ -81,6 +82,7 @@ class Checkpoint:
     late_ticks: int = 0
     lost_messages: int = 0
     lost: str = ""
+    lockstep: bool = True
     software: str = __version__
     files: Mapping[str, str] = field(default_factory=dict)
 
@@ -98,6 +100,28 @@ class Checkpoint:
         """File of ``node``, one of :data:`NODES`; empty: its state is not kept, as that of a real machine."""
         name = state_file(node, self.next_index)
         return name if name in self.files else ""
+
+
+def folder_below(root: Path, asked: str) -> Path:
+    """The folder ``asked``, relative to ``root`` or absolute, links resolved.
+
+    Raises
+    ------
+    IsfError : FILE_OUTSIDE unless it lies below ``root``
+    """
+    try:
+        own = root.resolve()
+        found = (own / asked).resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name that is none
+        raise IsfError(ErrorCode.FILE_OUTSIDE, f"cannot be resolved: {error}", where=repr(asked)) from error
+    if own not in found.parents:
+        raise IsfError(
+            ErrorCode.FILE_OUTSIDE,
+            f"lies outside {own}, below which this cell keeps parts",
+            where=str(found),
+            advice="choose an --output below it, or start the cell with --runs",
+        )
+    return found
 
 
 class CheckpointFolder:

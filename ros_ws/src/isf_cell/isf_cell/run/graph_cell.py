@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Protocol
 
 import numpy as np
@@ -80,8 +80,8 @@ _END_THE_PART = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
 PUBLISHERS_PERIOD = 1.0
 """s between two looks at who sends targets and wrenches."""
 
-RECORDED_FIRST = "tool_1/wrench"
-"""Topic of the machine that a recorder has to hear before the first contour."""
+RECORDED_FIRST = frozenset(("tool_1/wrench", "part/info"))
+"""Topics of the machine and of the executive that a recorder has to hear before the first contour."""
 
 LONGEST_RELEASE = 2.0
 """s of machine time in which a protective stop of the simulated machine has released its tools."""
@@ -116,6 +116,8 @@ class GraphSettings:
     """Nodes that make wrenches of raw readings."""
     kept_in: tuple[Path, ...] = ()
     """Folders on this computer into which the run is written."""
+    states_in: str = ""
+    """Folder of the part's checkpoint, below the state_folder of the nodes; empty: that folder itself."""
 
 
 class GraphCell:
@@ -223,12 +225,19 @@ class GraphCell:
                 advice="start the simulated machine",
             )
         if kept:
-            self._machine.take_up(kept, self._watch_nodes, timeout=6 * self._settings.service_timeout)
+            self._machine.take_up(self._state_path(kept), self._watch_nodes, timeout=6 * self._settings.service_timeout)
             if not self._goes_on_exactly(goal):
                 self._machine.stop("the part goes on", self._watch_nodes)
                 self._wait_until_released(goal)
                 self._machine.reset(goal, self._watch_nodes, timeout=6 * self._settings.service_timeout)
             return
+        if goal.resume is not None and self._machine.offer.simulated:
+            raise IsfError(
+                ErrorCode.CHECKPOINT_UNUSABLE,
+                "the part was formed on a machine that keeps no state, this is the simulated one",
+                where=MACHINE,
+                advice="go on at that machine: isf cell JOB --driver, then isf form --resume RUN --attach",
+            )
         if goal.resume is not None:
             self._operator.phase("the machine keeps no state: the part goes on with the sheet in its clamp")
         self._machine.reset(goal, self._watch_nodes, timeout=6 * self._settings.service_timeout)
@@ -277,7 +286,7 @@ class GraphCell:
         self._client.set_parameter("springback", "method", goal.method, self.check)
         self._to_graph.publish_info(self._info(goal, planned))
         # empty for a new part: one that was to go on and did not may have left its contours
-        request = StateFile.Request(path="" if goal.resume is None else CONTOURS)
+        request = StateFile.Request(path="" if goal.resume is None else self._state_path(CONTOURS))
         timeout = 6 * self._settings.service_timeout
         self._client.checked_call(StateFile, "springback/load", request, self.check, timeout=timeout)
         armed = Arm.Request(
@@ -339,17 +348,19 @@ class GraphCell:
         approached."""
         if goal.resume is not None and self._goes_on_exactly(goal):
             timeout = 6 * self._settings.service_timeout
-            request = StateFile.Request(path=goal.resume.state_of("force_ctrl"))
+            request = StateFile.Request(path=self._state_path(goal.resume.state_of("force_ctrl")))
             self._client.checked_call(StateFile, "force_ctrl/load", request, self.check, timeout=timeout)
 
     def _wait_for_recorder(self) -> None:
         """A recorder, where there is one, finds the machine late on a busy computer: without the wrenches of the first
         tick a record could not be replayed."""
-        heard = self._client.within(
-            self._settings.service_timeout, lambda: RECORDED_FIRST not in self._recorder_waits_for, self.check
-        )
-        if not heard:
-            self._operator.phase(f"the recorder has not received {RECORDED_FIRST}: the record lacks the beginning")
+
+        def missing() -> frozenset[str]:
+            return RECORDED_FIRST & self._recorder_waits_for
+
+        if not self._client.within(self._settings.service_timeout, lambda: not missing(), self.check):
+            names = ", ".join(sorted(missing()))
+            self._operator.phase(f"the recorder has not received {names}: the record lacks the beginning")
 
     def form_contour(self, index: int) -> FormedContour:
         """As in the protocol."""
@@ -407,15 +418,15 @@ class GraphCell:
         """As in :class:`isf_cell.run.part_keeper.StateSaver`."""
         written = [f"{CONTOURS}/contour_{next_index - 1:06d}"]
         timeout = 6 * self._settings.service_timeout
-        request = StateFile.Request(path=CONTOURS)
+        request = StateFile.Request(path=self._state_path(CONTOURS))
         self._client.checked_call(StateFile, "springback/save", request, self.check, timeout=timeout)
         if self._exact:
             written.append(state_file("force_ctrl", next_index))
-            request = StateFile.Request(path=written[-1])
+            request = StateFile.Request(path=self._state_path(written[-1]))
             self._client.checked_call(StateFile, "force_ctrl/save", request, self.check, timeout=timeout)
         if self._machine.offer.simulated:
             written.append(state_file(MACHINE, next_index))
-            self._machine.save(written[-1], self.check, timeout=timeout)
+            self._machine.save(self._state_path(written[-1]), self.check, timeout=timeout)
         return tuple(written)
 
     def check(self) -> None:
@@ -482,6 +493,10 @@ class GraphCell:
                 self._attempt(lambda name=name: self._client.bring_down(name, _no_watch))  # type: ignore[misc]
 
     # -- inside ----------------------------------------------------------------------------------
+
+    def _state_path(self, name: str) -> str:
+        """What the nodes are asked for: ``name`` in the folder of the checkpoint."""
+        return (PurePosixPath(self._settings.states_in) / name).as_posix()
 
     def _checks(self) -> Iterator[preflight.Check]:
         """Before a blank is clamped. Job, rig and files were read before; the plan is held against the rig when it is

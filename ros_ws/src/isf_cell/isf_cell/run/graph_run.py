@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ from isf_msgs.srv import Stop
 from isf_ros import qos
 from isf_ros.lifecycle import failure
 from isf_ros.process import join_graph
+from isf_ros.process_identity import identity
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -160,16 +162,19 @@ class CellClient:
             )
 
     def find_cell(self, group: ProcessGroup) -> None:
-        """Wait for the executive of a cell that is up, and for the nodes of ``group``, which are beside it.
+        """Wait for the executive of a cell that is up, and for the nodes of ``group``, which are beside it and have to
+        know those of the cell: what is said once, by a publisher that is not known yet, is missed.
 
         Raises IsfError NODE_MISSING without a cell, NODE_DIED.
         """
+        up = math.inf
 
         def ready() -> bool:
+            nonlocal up
             self._check_own(group)
-            return self._action.server_is_ready() and all(
-                self._states.get(node.name) == "active" for node in group.nodes
-            )
+            if all(self._states.get(node.name) == "active" for node in group.nodes):
+                up = min(up, time.monotonic())
+            return self._action.server_is_ready() and time.monotonic() > up + LISTENING
 
         if self._spin_until(ready, FIND_TIMEOUT):
             return
@@ -216,9 +221,20 @@ class CellClient:
         self._busy = message.busy
 
     def form(
-        self, job_file: JobFile, options: RunOptions, feedback: Feedback, group: ProcessGroup, *, resume: bool = False
+        self,
+        job_file: JobFile,
+        options: RunOptions,
+        feedback: Feedback,
+        group: ProcessGroup,
+        *,
+        resume: bool = False,
+        checkpoint: Path | None = None,
     ) -> Any:
-        """Result of ``form_part``; Ctrl-C cancels the part and still returns its result."""
+        """Result of ``form_part``; Ctrl-C cancels the part and still returns its result.
+
+        ``checkpoint``: folder that a cell keeps the part in which is not of this process, and goes on without it; None:
+        that of the executive.
+        """
         goal = FormPart.Goal(
             job_text=job_file.text,
             base_folder=str(job_file.base),
@@ -228,6 +244,8 @@ class CellClient:
             seed=options.seed,
             sheet=options.sheet,
             resume=resume,
+            checkpoint="" if checkpoint is None else str(checkpoint.absolute()),
+            process="" if checkpoint is None else identity(),
         )
         handle = self._wait(
             self._action.send_goal_async(goal, feedback_callback=lambda message: feedback(message.feedback)), group
@@ -306,10 +324,7 @@ def form(
     (:data:`isf_dashboard.server.TOKEN_VARIABLE`). All processes are ended before this returns. A part that was formed
     while its recorder ended or could not write has the failure BAG_INCOMPLETE.
     """
-    bag, logs = folder / "bag", folder / "logs"
-    if resume:
-        bag = next_bag(bag)
-        logs = folder / bag.name.replace("bag", "logs")
+    bag, logs = _bag_and_logs(folder, resume=resume)
     with alone_in_domain(), ExitStack() as stack:
         client = CellClient()
         stack.callback(client.close)
@@ -325,30 +340,37 @@ def form(
 
 
 def form_attached(
-    job_file: JobFile, options: RunOptions, folder: Path, feedback: Feedback
+    job_file: JobFile, options: RunOptions, folder: Path, feedback: Feedback, *, resume: bool = False
 ) -> tuple[Any, IsfError | None]:
-    """Form one part with the cell that is up in this ROS domain; as :func:`form`, without a checkpoint of its own.
+    """Form one part with the cell that is up in this ROS domain; as :func:`form`.
 
     The recorder alone is started here, and ended.
     """
-    bag = folder / "bag"
+    bag, logs = _bag_and_logs(folder, resume=resume)
     with ExitStack() as stack:
         client = CellClient()
         stack.callback(client.close)
-        with ProcessGroup(folder / "logs") as group:
+        with ProcessGroup(logs) as group:
             wanted = {"output": str(bag), "autostart": True, "text_log": str(text_log_beside(bag))}
             group.start("isf_analysis", "recorder", wanted)
             client.find_cell(group)
-            result = _result_of(client, job_file, options, feedback, group, resume=False)
+            kept = folder / CHECKPOINT
+            result = _result_of(client, job_file, options, feedback, group, resume=resume, checkpoint=kept)
             recorder = group["recorder"]
             ended_early = not recorder.alive
     return result, _failure(result, bag, recorder, ended_early=ended_early)
 
 
-def _result_of(client: CellClient, *asked: Any, resume: bool) -> Any:
+def _bag_and_logs(folder: Path, *, resume: bool) -> tuple[Path, Path]:
+    """Of a part in ``folder``; of one that goes on beside those before."""
+    bag = next_bag(folder / "bag") if resume else folder / "bag"
+    return bag, folder / bag.name.replace("bag", "logs")
+
+
+def _result_of(client: CellClient, *asked: Any, resume: bool, checkpoint: Path | None = None) -> Any:
     """That of the action; of a cell whose executive is gone one that says so: what was formed is reported."""
     try:
-        return client.form(*asked, resume=resume)
+        return client.form(*asked, resume=resume, checkpoint=checkpoint)
     except IsfError as error:
         return FormPart.Result(code=int(error.code), message=error.message)
 

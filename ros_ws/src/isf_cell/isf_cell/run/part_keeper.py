@@ -74,13 +74,26 @@ _CELL_ENDS = (ErrorCode.NODE_DIED, ErrorCode.CANCELLED)
 """What a part does not go on after, though it comes while its state is saved."""
 
 
-class PartKeeper:
-    """Writes the checkpoint of one part in ``folder``; what keeps it from that is told to the ``operator``, once."""
+NOT_KEPT = "no checkpoint"
+"""How the operator is told, as a phase, that a part or a contour is not kept."""
 
-    def __init__(self, folder: CheckpointFolder, saver: StateSaver, operator: Operator) -> None:
+
+def not_kept(error: IsfError) -> str:
+    """Phase of a part that no checkpoints are kept of."""
+    return f"{NOT_KEPT} is kept: {error}"
+
+
+class PartKeeper:
+    """Writes the checkpoint of one part in ``folder``; what keeps it from that is told to the ``operator``, once.
+
+    ``lockstep``: how the cell forms; False by the wall clock.
+    """
+
+    def __init__(self, folder: CheckpointFolder, saver: StateSaver, operator: Operator, *, lockstep: bool) -> None:
         self._folder = folder
         self._saver = saver
         self._operator = operator
+        self._lockstep = lockstep
         self._refused = False
         self._told = False
 
@@ -91,7 +104,7 @@ class PartKeeper:
                 self._folder.begin()
         except IsfError as error:
             self._refused = True
-            self._operator.phase(f"no checkpoints are kept: {error}")
+            self._operator.phase(not_kept(error))
 
     def keep(
         self, goal: PartGoal, planned: PlannedPart, next_index: int, results: Sequence[ContourResult], lost: str = ""
@@ -113,7 +126,7 @@ class PartKeeper:
                 raise
             if not self._told:
                 self._told = True
-                self._operator.phase(f"no checkpoint after {contour_label(next_index - 1)}: {error}")
+                self._operator.phase(f"{NOT_KEPT} after {contour_label(next_index - 1)}: {error}")
 
     def _checkpoint(
         self, goal: PartGoal, planned: PlannedPart, next_index: int, results: Sequence[ContourResult], lost: str
@@ -138,6 +151,7 @@ class PartKeeper:
             late_ticks=totals.late_ticks,
             lost_messages=totals.lost_messages,
             lost=lost,
+            lockstep=self._lockstep,
             files=self._folder.checksums(next_index),
         )
 

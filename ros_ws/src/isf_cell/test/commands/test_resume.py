@@ -23,7 +23,7 @@ def run(tmp_path: Path) -> Path:
     job = quick_cone_file(tmp_path)
     folder = tmp_path / "run"
     folder.mkdir()
-    Request(job, True).write(folder)
+    Request(job).write(folder)
     CheckpointFolder(folder / CHECKPOINT).write(_checkpoint(job))
     return folder
 
@@ -43,7 +43,7 @@ def refused(run: Path, **given: Any) -> IsfError:
 
 def test_what_the_part_was_begun_with_is_taken_from_the_run(run: Path) -> None:
     found = resumed(run, {})
-    assert found.lockstep
+    assert found.checkpoint.lockstep
     assert found.job == run.parent / "quick_cone.yaml"
     options = found.checkpoint.options
     assert (options.correction, options.variant, options.seed, options.sheet) == ("analytic", 3, 7, "fast")
@@ -86,6 +86,7 @@ def test_another_job_is_refused_and_a_changed_one_is_not_compared_with(run: Path
         (["--resume", "nothing"], ErrorCode.FILE_NOT_FOUND, "no such run"),
         (["--resume", "."], ErrorCode.FILE_NOT_FOUND, "no checkpoint"),
         (["--resume", "run", "--variant", "0"], ErrorCode.FILE_FIELD, "was begun with 3"),
+        (["--resume", "run", "--variant", "0", "--attach"], ErrorCode.FILE_FIELD, "was begun with 3"),
     ],
 )
 def test_the_command_refuses(
@@ -134,5 +135,8 @@ def test_a_part_that_is_being_formed_is_not_said_to_go_on(run: Path) -> None:
 def test_a_part_that_ended_early_names_the_command(run: Path) -> None:
     error = with_advice(IsfError(ErrorCode.NODE_DIED, "a node died", advice="see its log"), run)
     assert error.advice == f"see its log; the part can go on: ./isf form --resume {run}"
+    Request(run.parent / "quick_cone.yaml", attach=True).write(run)
+    error = with_advice(IsfError(ErrorCode.NODE_DIED, "a node died"), run)
+    assert error.advice == f"the part can go on, in a cell that is up: ./isf form --resume {run} --attach"
     (run / CHECKPOINT / PART_FILE).unlink()
     assert with_advice(IsfError(ErrorCode.NODE_DIED, "a node died"), run).advice == ""

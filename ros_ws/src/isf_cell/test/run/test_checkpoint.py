@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import PartGoal, PlannedPart
-from isf_cell.run.checkpoint import CONTOURS, PART_FILE, Checkpoint, CheckpointFolder, state_file
+from isf_cell.run.checkpoint import CONTOURS, PART_FILE, Checkpoint, CheckpointFolder, folder_below, state_file
 from isf_cell.run.part_keeper import PartKeeper, TickCounts
 from isf_core.errors import ErrorCode, IsfError
 from quick_cone import quick_cone
@@ -99,6 +99,19 @@ def test_a_new_part_leaves_nothing_of_the_one_before_and_what_is_not_of_it(tmp_p
     assert set(tmp_path.rglob("*.npz")) == own
 
 
+def test_a_part_is_kept_below_the_folder_of_the_cell_alone(tmp_path: Path) -> None:
+    root, elsewhere = tmp_path / "runs", tmp_path / "elsewhere"
+    root.mkdir()
+    elsewhere.mkdir()
+    (root / "link").symlink_to(elsewhere)
+    assert folder_below(root, "cone/checkpoint") == root / "cone" / "checkpoint"
+    assert folder_below(root, str(root / "cone")) == root / "cone"
+    for asked in (".", "..", "../elsewhere", str(elsewhere), "link/cone", "cone/../../elsewhere", "a\0b"):
+        with pytest.raises(IsfError) as caught:
+            folder_below(root, asked)
+        assert caught.value.code is ErrorCode.FILE_OUTSIDE
+
+
 class Saver:
     """A cell whose states land in ``folder``, after the ``failures`` given for the first calls."""
 
@@ -127,7 +140,7 @@ class Phases:
 
 def keeper_of(path: Path, saver: Saver) -> tuple[PartKeeper, PartGoal, Phases]:
     phases, goal = Phases(), PartGoal(quick_cone(), RunOptions())
-    keeper = PartKeeper(CheckpointFolder(path), saver, phases)  # type: ignore[arg-type]
+    keeper = PartKeeper(CheckpointFolder(path), saver, phases, lockstep=False)  # type: ignore[arg-type]
     keeper.begin(goal)
     return keeper, goal, phases
 
@@ -137,7 +150,8 @@ def test_a_save_that_fails_is_told_once_and_tried_again(tmp_path: Path) -> None:
     keeper, goal, phases = keeper_of(tmp_path, Saver(tmp_path, full, full))
     for index in (1, 2, 3):
         keeper.keep(goal, PlannedPart("plan", 5), index, [])
-    assert CheckpointFolder(tmp_path).read().next_index == 3
+    found = CheckpointFolder(tmp_path).read()
+    assert (found.next_index, found.lockstep) == (3, False)
     assert len(phases.told) == 1
     assert "no space left" in phases.told[0]
     keeper.keep(goal, PlannedPart("plan", 5), 4, [], "the sheet tore")
