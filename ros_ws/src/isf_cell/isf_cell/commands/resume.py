@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -133,7 +133,8 @@ def with_advice(error: IsfError, run: Path) -> IsfError:
 def alone(run: Path) -> Iterator[None]:
     """Only one command at a time forms the part of ``run``; a killed one does not count.
 
-    Raises IsfError BUSY, FILE_NOT_WRITABLE.
+    Where nothing came of it, nothing is left there, so that the same command can be given again. Raises IsfError BUSY,
+    FILE_NOT_WRITABLE.
     """
     path = run / CHECKPOINT / LOCK_FILE
     try:
@@ -153,4 +154,17 @@ def alone(run: Path) -> Iterator[None]:
             ) from error
         except OSError as error:  # a file system without locks
             raise IsfError(ErrorCode.FILE_NOT_WRITABLE, f"cannot be locked: {error}", where=str(path)) from error
-        yield
+        try:
+            yield
+        finally:
+            _clear_unless_begun(run)
+
+
+def _clear_unless_begun(run: Path) -> None:
+    """Remove what is written before a part begins, where there is nothing else."""
+    kept = run / CHECKPOINT
+    with suppress(OSError):
+        if list(run.iterdir()) == [kept] and {file.name for file in kept.iterdir()} <= {LOCK_FILE, REQUEST_FILE}:
+            for file in kept.iterdir():
+                file.unlink()
+            kept.rmdir()

@@ -124,6 +124,16 @@ def test_only_one_command_at_a_time_forms_a_part(run: Path) -> None:
         pass
 
 
+def test_a_command_that_ends_before_a_part_leaves_nothing(run: Path, tmp_path: Path) -> None:
+    """So that the same command can be given again; what was begun stays."""
+    for folder, left in ((tmp_path / "new", False), (run, True)):
+        folder.mkdir(exist_ok=True)
+        with alone(folder):
+            Request(tmp_path / "quick_cone.yaml").write(folder)
+        assert any(folder.iterdir()) is left
+        assert (folder / CHECKPOINT / PART_FILE).exists() is left
+
+
 def test_a_part_that_is_being_formed_is_not_said_to_go_on(run: Path) -> None:
     assert not being_formed(run)
     with alone(run):
