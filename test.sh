@@ -35,24 +35,13 @@ trap 'rm -rf "$ISF_CACHE_DIR"' EXIT
 end_all() {
   python scripts/end_processes.py "$ISF_TEST_RUN"
 }
-interrupted() {
-  kill "${process[@]}" 2>/dev/null
-  for name in "${!process[@]}"; do
-    python scripts/end_processes.py "$(mark_of "$name")" 0
-  done
-  end_all
-  exit 130
-}
-trap interrupted INT TERM
+trap 'end_all; exit 130' INT TERM
 
 started=$SECONDS
 failed=()
 passed=()
 number=0
-and=${markers:+ and $markers}
-workers=$(getconf _NPROCESSORS_ONLN)
-[ "$workers" -le 4 ] || workers=4
-total=9
+total=7
 [ -z "$quick" ] || total=6
 [ $# -eq 0 ] || total=1
 
@@ -73,21 +62,14 @@ gate() {
   fi
 }
 
-mark_of() {
-  printf '%s.%s' "$ISF_TEST_RUN" "${1// /_}"
-}
-
-# beside NAME COMMAND... - run the command of a gate beside those that follow, with what they leave of the processors;
-# "gate NAME result NAME" waits for it. SCHED_IDLE goes out of the way of tests by the clock at once, which nice does not.
+# beside NAME COMMAND... - run the command of a gate beside the tests; "gate NAME result NAME" waits for it
 declare -A process taken
 beside() {
   local name=$1
   shift
   (
-    ISF_TEST_RUN=$(mark_of "$name") # the end of other tests is not its own
-    chrt --all-tasks --idle --pid 0 "$BASHPID" 2>/dev/null || renice -n 19 -p "$BASHPID" >/dev/null
     begin=$SECONDS code=0
-    "$@" >".isf/log/gate_$name.log" 2>&1 || code=$?
+    nice -n 10 "$@" >".isf/log/gate_$name.log" 2>&1 || code=$?
     printf '%d' "$((SECONDS - begin))" >".isf/log/gate_$name.seconds"
     exit "$code"
   ) &
@@ -116,78 +98,55 @@ run_tests() {
   return "$code"
 }
 
-# Every Python process of the tests measures itself.
-# measured NAME NICENESS MARKERS ARGUMENTS... - as "tests"
-measured() {
-  COVERAGE_PROCESS_START="$root/pyproject.toml" COVERAGE_FILE="$root/.isf/coverage.$1" \
-    tests "${@:2}"
-}
-
 # Cells that tick by the clock have the computer to themselves: what keeps them waiting is a fault to them.
 run_clock() {
-  local code=0
-  measured with 0 "graph and clock$and" || code=1
+  local and=${markers:+ and $markers} code=0
+  rm -f .isf/coverage.*
+  # every Python process measures itself
+  COVERAGE_PROCESS_START="$root/pyproject.toml" COVERAGE_FILE="$root/.isf/coverage.with" \
+    tests 0 "graph and clock$and" || code=1
   end_all || code=1
   return "$code"
 }
 
-# briefly NAME COMMAND... - of tests that run beside others, all that they print where one fails, else what they sum up
-briefly() {
-  local log=.isf/log/tests_of_$1.log code=0
-  "${@:2}" >"$log" 2>&1 || code=1
-  printf '\nTests of %s without a node graph, run meanwhile (%s):\n' "$1" "$log"
-  if [ "$code" -eq 0 ]; then
+# The other tests with a node graph mostly wait for their processes: several at a time, in a domain each. Those without
+# one run beside them, at a lower priority. A file is a unit, since tests of a file may share their nodes.
+run_all() {
+  local and=${markers:+ and $markers} log=.isf/log/tests_without_graph.log code=0 cores
+  cores=$(getconf _NPROCESSORS_ONLN)
+  [ "$cores" -le 4 ] || cores=4
+  export COVERAGE_PROCESS_START="$root/pyproject.toml"
+  ISF_TEST_DOMAINS="${domains[*]:4}" COVERAGE_FILE="$root/.isf/coverage.without" \
+    tests 10 "not graph$and" --dist loadfile -n "$cores" >"$log" 2>&1 &
+  local without=$!
+  ISF_TEST_DOMAINS="${domains[*]::4}" COVERAGE_FILE="$root/.isf/coverage.with" \
+    tests 0 "graph and not clock$and" --dist loadfile -n "$((cores < 4 ? cores + 1 : 4))" || code=1
+  printf '\nTests without a node graph, run meanwhile (%s):\n' "$log"
+  if wait "$without"; then
     sed -n '/short test summary info/,$p' "$log"
   else
     cat "$log"
+    code=1
   fi
-  return "$code"
-}
-
-# Tests of packages without a node graph calculate: they can wait, which those of commands, with their limits, cannot.
-run_packages() {
-  local code=0
-  ISF_TEST_DOMAINS="${domains[*]:6}" \
-    briefly packages measured packages 0 "not graph$and" --dist loadfile -n "$workers" ros_ws/src || code=1
+  unset COVERAGE_PROCESS_START
   end_all || code=1
+  export COVERAGE_FILE=.isf/coverage.all
+  python scripts/combine_coverage.py "$COVERAGE_FILE" coverage.with || code=1
+  printf 'coverage: '
+  coverage report --format=total || code=1 # fails below the share of pyproject.toml
   return "$code"
-}
-
-# Tests with a node graph mostly wait for their processes: several at a time, in a domain each. Those of commands without
-# one run beside them, at a lower priority. A file is a unit, since tests of a file may share their nodes.
-run_others() {
-  local code=0
-  ISF_TEST_DOMAINS="${domains[*]:4:2}" \
-    briefly commands measured commands 10 "not graph$and" --dist loadfile -n "$workers" tests >.isf/log/commands.log 2>&1 &
-  local commands=$!
-  ISF_TEST_DOMAINS="${domains[*]::4}" \
-    measured with 0 "graph and not clock$and" --dist loadfile -n "$((workers < 4 ? workers + 1 : 4))" || code=1
-  wait "$commands" || code=1
-  cat .isf/log/commands.log
-  end_all || code=1
-  return "$code"
-}
-
-run_coverage() {
-  export COVERAGE_FILE=.isf/coverage
-  python scripts/combine_coverage.py "$COVERAGE_FILE" coverage. || return
-  coverage report --format=total # fails below the share of pyproject.toml
 }
 
 if [ $# -eq 0 ]; then
   gate "format" ruff format --check --quiet .
   gate "lint" ruff check --quiet .
+  [ -n "$quick" ] || gate "tests by the clock" run_clock
   beside "types" python -m mypy
   beside "imports" lint-imports
   beside "docs" scripts/site.sh
 fi
 if [ $# -eq 0 ] && [ -z "$quick" ]; then
-  rm -f .isf/coverage.*
-  beside "tests of packages" run_packages
-  gate "tests by the clock" run_clock
-  gate "tests of nodes and commands" run_others
-  gate "tests of packages" result "tests of packages"
-  gate "coverage" run_coverage
+  gate "tests" run_all
 else
   gate "tests" run_tests "$@"
 fi

@@ -15,10 +15,11 @@ CAP_SYS_NICE, PR_CAPBSET_DROP, RLIMIT_RTPRIO = 23, 24, 14
 SCRIPT = """
 import json, os
 from isf_ros.thread_priority import RealTimeSettings, acquire, release
+before = os.sched_getscheduler(0)
 granted = acquire(RealTimeSettings(5))
 raised = os.sched_getscheduler(0) == os.SCHED_FIFO
 release(granted)
-print(json.dumps([granted.fifo, raised, os.sched_getscheduler(0) == os.SCHED_OTHER, granted.priority, granted.below,
+print(json.dumps([granted.fifo, raised, os.sched_getscheduler(0) == before, granted.priority, granted.below,
     granted.reason]))
 """
 
