@@ -118,7 +118,7 @@ isf_warm_ups=()
 start_warm_up() {
   local module
   kernels_current && return
-  for module in isf_core isf_planner isf_sim isf_springback.shell; do
+  for module in isf_planner isf_sim isf_springback.shell; do # isf_sim's is the core's, too
     (. "$isf_state/env.sh" && exec timeout --kill-after=5 300 python -m "$module.warm_up" \
       >"$isf_state/log/warm_up_$module.log" 2>&1 </dev/null) &
     isf_warm_ups+=($!)

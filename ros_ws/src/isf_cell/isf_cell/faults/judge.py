@@ -12,7 +12,8 @@ import numpy as np
 from isf_core.types import Array, Indices
 
 STANDING = 1e-3
-"""m/s, horizontal speed below which a tool stands: a fifth of the slowest feed of the part, at its seams."""
+"""m/s, speed along or into the sheet below which a tool stands: a fifth of the slowest feed of the part, at its seams;
+upwards it is let go."""
 
 STANDS_FOR = 0.1
 """s for which it has to stand."""
@@ -64,11 +65,12 @@ def held(pose: Trace, force: Trace, *, stamp: int, wall: int) -> Held:
     if len(after) < 2 or not len(force):
         return Held(0.0, 0.0)
     first = max(after[0] - 1, 0)
-    times, places = pose.stamp[first:], pose.value[first:, :2]
+    times, way = pose.stamp[first:], np.diff(pose.value[first:], axis=0)
+    way[:, 2] = np.minimum(way[:, 2], 0.0)
     step = np.diff(times)
     new = step > 0  # a machine that waits repeats itself
     speed = np.zeros(len(step))
-    speed[new] = np.linalg.norm(np.diff(places, axis=0), axis=1)[new] / (1e-9 * step[new])
+    speed[new] = np.linalg.norm(way, axis=1)[new] / (1e-9 * step[new])
     loaded = force.size[np.clip(np.searchsorted(force.stamp, times[1:], side="right") - 1, 0, None)] > UNLOADED
     forming = np.flatnonzero((speed > STANDING) & loaded)
     if not len(forming):
@@ -85,11 +87,11 @@ def _stands(times: Indices, last: int, later: int) -> bool:
 
 
 def speed(pose: Trace, *, stamp: int) -> float:
-    """m/s, mean horizontal speed of a tool in the last 0.1 s before ``stamp`` (ns, of the machine)."""
+    """m/s, mean speed of a tool in the last 0.1 s before ``stamp`` (ns, of the machine)."""
     span = np.flatnonzero((pose.stamp <= stamp) & (pose.stamp >= stamp - 100_000_000))
     if len(span) < 2 or (time := 1e-9 * float(pose.stamp[span[-1]] - pose.stamp[span[0]])) <= 0.0:
         return 0.0
-    way = np.linalg.norm(np.diff(pose.value[span, :2], axis=0), axis=1).sum()
+    way = np.linalg.norm(np.diff(pose.value[span], axis=0), axis=1).sum()
     return float(way / time)
 
 

@@ -47,6 +47,13 @@ def test_moving_without_a_force_is_no_forming() -> None:
     assert judge.held(moving_until(1500), free, stamp=FAULT, wall=FAULT).machine == pytest.approx(0.06, abs=0.021)
 
 
+def test_a_tool_that_is_pressed_deeper_does_not_stand() -> None:
+    """As on the way into the sheet, where nothing moves along it."""
+    down = trace([(0.0, 0.0, -0.02 * 1e-3 * min(t, 1100)) for t in range(0, 2000, 20)])
+    assert judge.held(down, LOADED, stamp=FAULT, wall=FAULT).machine == pytest.approx(0.1)
+    assert judge.speed(down, stamp=FAULT) == pytest.approx(0.02)
+
+
 def test_a_pause_of_a_moment_is_no_stand() -> None:
     there = moving_until(5000).value.copy()
     there[53:56] = there[53]  # 60 ms on one place
