@@ -102,6 +102,10 @@ def last_part(bag: OpenBag, namespace: str | None = None) -> PartSpan:
 
 def _last_span(messages: _Messages) -> PartSpan:
     jobs = list(_first_heard(messages.of(topics.JOB)))
+    # where the part goes on, another one that the cell has announced meanwhile is latched, and heard before the rest
+    goes_on = min((reader.start_time for reader in messages.bag.readers[1:]), default=math.inf)
+    rest = max((time for time, job in jobs if getattr(job, "first_index", 0) > 0), default=0)
+    jobs = [(time, job) for time, job in jobs if getattr(job, "first_index", 0) > 0 or not goes_on <= time < rest]
     if not jobs:
         raise _incomplete(messages.bag.path, f"holds no job: nothing was received on {topics.JOB.name}")
     announced, job = jobs[-1]

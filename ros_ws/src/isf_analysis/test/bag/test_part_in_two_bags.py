@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.bag.open_bag import next_bag, open_bag
@@ -103,13 +104,16 @@ def test_a_bag_that_holds_nothing_is_left_out(tmp_path: Path) -> None:
     assert next_bag(run / "bag").name == "bag_resumed_3"
 
 
-def test_what_is_latched_in_a_cell_that_stayed_up_counts_once(tmp_path: Path) -> None:
-    """The second recorder receives the last announcement and contour of the first once more."""
+@pytest.mark.parametrize("between", [False, True])
+def test_what_is_latched_in_a_cell_that_stayed_up_is_left_out(tmp_path: Path, between: bool) -> None:
+    """The second recorder receives the last announcement and contour of the first once more, or, ``between`` the two,
+    those of the same job formed in another folder."""
     one = write_bag(part_of(slice(0, AT), 100.0), tmp_path / "one", end=200 * SECOND)
     other = write_bag(part_of(slice(AT, CONTOURS), 300.0), tmp_path / "other", end=900 * SECOND)
     bag = changed_bag(one, tmp_path / "bag", 0, second=100)
+    said = changed_bag(one, tmp_path / "between", 0, second=400) if between else bag
     topics = ("/part/info", "/contour/nominal", "/contour/corrected")
-    with Reader(bag) as first:
+    with Reader(said) as first:
         latched = {connection.topic: data for connection, _, data in first.messages() if connection.topic in topics}
     assert set(latched) == set(topics)
     changed_bag(other, next_bag(bag), AT, second=800, before=list(latched.items()))
