@@ -17,6 +17,7 @@ from isf_cell.commands import bag_cli, hand_cli, springback_cli, terminal
 from isf_cell.commands.arguments import Job, Json, Namespace, Output, Seed, Variant, given, numbers
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import RunOptions
+from isf_cell.processes.ctrl_c import ctrl_c_handled_by, interrupt
 from isf_cell.processes.results_stream import keep_for_results
 
 
@@ -25,7 +26,8 @@ class _Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            with ctrl_c_handled_by(interrupt):
+                return super().invoke(ctx)
         except KeyboardInterrupt:
             raise IsfError(ErrorCode.CANCELLED, "stopped by the operator") from None
 

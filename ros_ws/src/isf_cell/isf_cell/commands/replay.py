@@ -20,7 +20,7 @@ from rich.markup import escape
 from isf_cell.commands import terminal
 from isf_cell.commands.resume import being_formed
 from isf_cell.commands.run_folder import run_folder
-from isf_cell.processes.held_interrupt import ctrl_c_held_back
+from isf_cell.processes.ctrl_c import ctrl_c_held_back
 from isf_cell.replay.differences import Difference
 from isf_cell.replay.outcome import BY_CLOCK, Replay, replay
 from isf_cell.replay.recorded_run import RecordedRun, read_run

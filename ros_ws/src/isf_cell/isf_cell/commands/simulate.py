@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -21,6 +19,7 @@ from isf_cell.commands.elastic_database import prepare_database
 from isf_cell.commands.report import finish, first_failure
 from isf_cell.commands.run_folder import run_folder
 from isf_cell.options import UNCORRECTED, RunOptions
+from isf_cell.processes.ctrl_c import ctrl_c_handled_by, interrupt
 from isf_cell.processes.reference_run import ReferenceRun
 from isf_cell.run.part_step import PartStep
 
@@ -105,10 +104,11 @@ class StopRequest:
         """From now on there is something to keep."""
         self.contours += 1
 
-    def ask(self, _number: int = signal.SIGINT, _frame: FrameType | None = None) -> None:
+    def ask(self, number: int, frame: FrameType | None) -> None:
         """Handler of the signal; raises KeyboardInterrupt to stop at once."""
         if self.wanted or not self.contours:
-            raise KeyboardInterrupt
+            interrupt(number, frame)
+            return
         self.wanted = True
         terminal.console.print("  stopping after this contour; Ctrl-C again stops at once and keeps nothing")
 
@@ -117,12 +117,5 @@ class StopRequest:
 def ctrl_c_stops_between_contours() -> Iterator[StopRequest]:
     """Ctrl-C goes to the request given; where it is handled otherwise, or ignored, nothing changes."""
     request = StopRequest()
-    usual = signal.default_int_handler
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is not usual:
+    with ctrl_c_handled_by(request.ask):
         yield request
-        return
-    signal.signal(signal.SIGINT, request.ask)
-    try:
-        yield request
-    finally:
-        signal.signal(signal.SIGINT, usual)

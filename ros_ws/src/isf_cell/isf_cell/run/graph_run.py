@@ -33,8 +33,8 @@ from rclpy.task import Future
 
 from isf_cell.options import RunOptions
 from isf_cell.processes.cell_nodes import CellChoice, cell_nodes, operator_arguments
+from isf_cell.processes.ctrl_c import ctrl_c_held_back
 from isf_cell.processes.domain_lock import alone_in_domain, busy
-from isf_cell.processes.held_interrupt import ctrl_c_held_back
 from isf_cell.processes.process_group import NodeProcess, ProcessGroup
 from isf_cell.run.checkpoint import CHECKPOINT
 

@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
-from isf_cell.processes.held_interrupt import ctrl_c_held_back
+from isf_cell.processes.ctrl_c import ctrl_c_held_back
 
 CELL = "start a cell in this ROS domain: isf cell JOB"
 PART = "no part is formed in this ROS domain; start one: isf form JOB"

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from isf_cell.processes.cell_nodes import operator_arguments
-from isf_cell.processes.held_interrupt import ctrl_c_held_back
+from isf_cell.processes.ctrl_c import ctrl_c_held_back
 
 START, LIFTED = 10.0, 60.0
 """s: the action must be there; the tools are lifted after a cancel."""
