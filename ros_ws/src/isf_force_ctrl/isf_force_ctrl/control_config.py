@@ -106,6 +106,7 @@ class ControlConfig:
     ball_reach : m, sum of the radii of both balls
     largest_tilt : rad, by which the machine can tilt tool 1; 0: it is always upright
     axis_rate : rad/s, largest rate of its axis
+    tilt_lever : m, from its tip to the joints that turn the axis: there a turn is accelerated no more than a tip
     sign_force, sign_time : N and s, a force against its only possible sign beyond which a load cell's sign is wrong
     drift_limit : N, reading of a free tool from which a new tare is asked for; as in the file of a cell. The published
         bound of the force error (+-10 N): a zero that is off by as much uses it up alone
@@ -175,6 +176,7 @@ class ControlConfig:
     set_point: float | None = None
     largest_tilt: float = 0.0
     axis_rate: float = math.radians(10.0)
+    tilt_lever: float = 0.0
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
@@ -210,6 +212,7 @@ class ControlConfig:
             vertical_force=job.control.vertical_force,
             tangential_force=job.control.tangential_force,
             largest_tilt=rig.largest_tilt,
+            tilt_lever=rig.tilt_lever,
             axis_rate=job.tool_axis.largest_rate,
             ball_reach=job.tool_1.ball_radius + (job.tool_2.ball_radius if job.tool_2 is not None else 0.0),
         )

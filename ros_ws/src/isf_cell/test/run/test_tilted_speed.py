@@ -1,4 +1,4 @@
-"""The tip of a tilted tool keeps its speed: contour, motion of force control and legs of the machine together."""
+"""A tilted tool keeps its speed, its legs their set-points: contour, motion of force control and legs together."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from isf_core.files.job import JobFile
 from isf_core.geometry.tool_axis import tilt_of
+from isf_force_ctrl import ForceController
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.motion.contour_path import contour_path
 from isf_force_ctrl.motion.tool_moves import limits_of
@@ -44,3 +45,28 @@ def test_speed_along_contours_of_the_five_axis_cone() -> None:
         steady = slice(round(0.5 * rate), -round(0.2 * rate))
         mean = [np.convolve(way, np.ones(window), "valid")[steady] for way in (asked, gone)]
         assert np.abs(mean[1] / mean[0] - 1.0).max() < 0.05
+
+
+def test_legs_of_the_five_axis_cone_are_within_50_um_of_their_set_points() -> None:
+    """Two contours with all between, under 0.3 kN in contact: the axis begins to turn, the tool steps down."""
+    job_file = JobFile(JOB.read_text(), JOB.parent)
+    planned = plan(job_file)
+    config, high = ControlConfig.from_job(job_file), job_file.rig.park_height
+    control = ForceController(config)
+    control.arm(planned.contours[0].plan_id, 0, len(planned.contours), (0.0, 0.0, high), (0.0, 0.0, -high))
+    legs = Legs(job_file.rig, Variant(), config.rate, np.array([0.0, 0.0, high]), 5e-3, (0, 0, 4))
+    tick, largest = 0, 0.0
+    for contour in planned.contours[:2]:
+        control.start(contour)
+        while control.busy:
+            targets = control.tick(tick, tick / config.rate, (0.0,) * 6, (0.0,) * 6)
+            touches = targets.tip_1[2] < -0.5e-3
+            force = np.array([0.0, 0.0, 300.0 * touches])
+            assert legs.move(np.array(targets.tip_1), tilt_of(np.array(targets.axis)), force, tick) == 0
+            if touches:
+                largest = max(largest, float(np.abs(legs.state.motion[:, 0] - legs.state.wanted).max()))
+            tick += 1
+        result = control.take_result()
+        assert result is not None
+        assert result.completed
+    assert largest < 50e-6

@@ -340,6 +340,11 @@ class Rig(FileModel):
         return self.make_kinematics()[0].tilt_limit
 
     @property
+    def tilt_lever(self) -> float:
+        """m, from the tip of the upper tool to the joints that tilt it, at most."""
+        return self.make_kinematics()[0].tilt_lever
+
+    @property
     def aside(self) -> tuple[float, float]:
         """x and y, m, where the tools wait during a scan."""
         return self.scan_place or (0.0, self.limits.travel[1] - 5e-3)

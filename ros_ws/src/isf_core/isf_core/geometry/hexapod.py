@@ -89,6 +89,11 @@ class Hexapod:
         """Names of the cylinders."""
         return tuple(f"L{k}" for k in range(1, 7))
 
+    @property
+    def tilt_lever(self) -> float:
+        """m, from the tip to the joints of the platform."""
+        return float(np.hypot(self.tool_length, _norm(self.platform).max()))
+
     @cached_property
     def straight(self) -> Array:
         """(6, 3), unit: along which the cylinders' joints are straight, the same in the frames of both plates."""

@@ -30,6 +30,7 @@ class Kinematics(Protocol):
     ----------
     axes : names of the axes
     tilt_limit : rad, largest tilt of the tool, 0 where it is always upright
+    tilt_lever : m, from its tip to what the machine tilts it with, at most
     """
 
     @property
@@ -37,6 +38,9 @@ class Kinematics(Protocol):
 
     @property
     def tilt_limit(self) -> float: ...
+
+    @property
+    def tilt_lever(self) -> float: ...
 
     def positions(self, tip: Array, tilt: Array = UPRIGHT) -> Array:
         """(A,) m or rad, axis positions for the tip (3,) m and tilt (2,) rad; raises TARGET_OUT_OF_WORKSPACE."""
@@ -58,11 +62,12 @@ class Gantry:
     Attributes
     ----------
     axes : three names, ("X", "Y", "Z") for an upper tool, ("U", "V", "W") for a lower one
-    tilt_limit : rad, none
+    tilt_limit, tilt_lever : rad and m, none
     """
 
     axes: tuple[str, ...] = ("X", "Y", "Z")
     tilt_limit: float = 0.0
+    tilt_lever: float = 0.0
 
     def positions(self, tip: Array, tilt: Array = UPRIGHT) -> Array:
         """(3,) m, the tip itself."""

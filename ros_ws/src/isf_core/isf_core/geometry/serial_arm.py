@@ -112,6 +112,11 @@ class SerialArm:
         """Names of the joints."""
         return tuple(joint.name for joint in self.joints)
 
+    @property
+    def tilt_lever(self) -> float:
+        """m, from the tip to the wrist."""
+        return self.flange + self.tool
+
     # -- forward -------------------------------------------------------------------------------------
 
     def frames(self, joints: Array) -> tuple[Array, Array]:

@@ -46,7 +46,7 @@ class Tools:
 
 def limits_of(config: ControlConfig) -> Limits:
     """Motion limits of a configuration."""
-    return Limits(config.rate, config.acceleration, config.blend_time, config.jerk_time)
+    return Limits(config.rate, config.acceleration, config.blend_time, config.jerk_time, config.tilt_lever)
 
 
 def move(config: ControlConfig, start: Posture, end: Posture, speed: float, forming: int = 1) -> Motion:

@@ -34,12 +34,16 @@ GRID = 0.2e-3
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a motion: ``rate`` Hz, ``acceleration`` m/s^2, ``blend_time`` and ``jerk_time`` s."""
+    """Limits of a motion: ``rate`` Hz, ``acceleration`` m/s^2, ``blend_time`` and ``jerk_time`` s.
+
+    The acceleration is that of both tips and, where its axis turns, of tool 1 at ``tilt_lever`` m from the tip, too.
+    """
 
     rate: float
     acceleration: float
     blend_time: float
     jerk_time: float
+    tilt_lever: float = 0.0
 
     @property
     def blend_ticks(self) -> int:
@@ -276,13 +280,17 @@ def _speed_plan(
         speed[-inside:] = speed[-inside:].min()  # and below: the path is left at a speed that does not change
     else:
         speed[-1] = 0.0
-    acceleration = 0.5 * limits.acceleration / steepest
+    acceleration = np.full(len(grid), 0.5 * limits.acceleration / steepest)
+    if len(path.axis):
+        swing = limits.tilt_lever * np.linalg.norm(np.diff(path.axis, axis=0), axis=1) / spacing
+        at_grid = np.clip(np.searchsorted(position, grid, side="right") - 1, 0, len(spacing) - 1)
+        acceleration /= 1.0 + swing[at_grid] / steepest
     speed = _reachable(speed, spacing_grid, acceleration)
     if runs_on:
         steady = min(2 * inside, len(grid) - 1)
         speed[-steady:] = np.minimum(speed[-steady:], speed[-steady])
     if entry > speed[0]:  # it comes faster than the path would be entered: it brakes as soon as it can
-        braking = entry**2 - 2 * acceleration * (grid - grid[0])
+        braking = entry**2 - 2 * acceleration[0] * (grid - grid[0])
         speed = np.sqrt(np.maximum(speed**2, braking))
     return grid, speed
 
@@ -292,14 +300,14 @@ def _variation(slope: Array) -> Array:
     return np.asarray(np.linalg.norm(np.diff(slope, axis=0), axis=1))
 
 
-def _reachable(speed: Array, spacing: float, acceleration: float) -> Array:
-    """Speeds lowered so that each can be reached from its neighbours with ``acceleration``."""
-    gain = 2 * acceleration * spacing
+def _reachable(speed: Array, spacing: float, acceleration: Array) -> Array:
+    """Speeds (K,) lowered so that each can be reached from its neighbours with ``acceleration`` (K,)."""
+    gain: list[float] = (2 * acceleration * spacing).tolist()
     squares: list[float] = (speed**2).tolist()
     for order in (range(1, len(squares)), range(len(squares) - 2, -1, -1)):
         step = 1 if order.step > 0 else -1
         for i in order:
-            reach = squares[i - step] + gain
+            reach = squares[i - step] + gain[i]
             squares[i] = min(reach, squares[i])
     return np.sqrt(squares)
 

@@ -71,6 +71,19 @@ def test_a_tilted_contour_is_formed_and_the_tool_parks_upright() -> None:
     assert max(apart) < 1e-3  # the same path; points of it are passed at other times
 
 
+def test_where_the_axis_is_turned_it_accelerates_no_more_than_a_tip() -> None:
+    """The joints that tilt the tool are far above it: a turn that the tip hardly sees is a long way there."""
+    lever = 0.47  # m, of a hexapod
+
+    def largest(config) -> float:  # type: ignore[no-untyped-def]
+        tips, axes = _formed(config, leaning(ring(), 25 * DEG))
+        joints = np.diff(tips + lever * axes, n=2, axis=0) * config.rate**2
+        return float(np.linalg.norm(joints, axis=1).max())
+
+    assert largest(tilting(tilt_lever=lever)) <= 0.52  # m/s^2, of which the configuration allows 0.5
+    assert largest(tilting()) > 0.75
+
+
 def _formed(config, contour: Contour):  # type: ignore[no-untyped-def]
     """Tips (T, 3) m and axes (T, 3) of all ticks; of an upright contour the set of its axes."""
     controller = ForceController(config)
