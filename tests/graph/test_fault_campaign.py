@@ -36,3 +36,13 @@ def test_faults_are_injected_judged_and_gone_on_after(tmp_path: Path) -> None:
     assert "| wrench saturated | 10 kN in one component | lockstep | 1 |" in (tmp_path / "faults.md").read_text()
     run_short(tmp_path)  # nothing is left to do
     assert len(campaign.read_cases(tmp_path)) == 2
+
+
+@pytest.mark.clock
+def test_a_frozen_force_control_leaves_the_contour_it_wakes_in_when_the_part_goes_on(tmp_path: Path) -> None:
+    """The part has ended without it; awake again it goes on with that contour, and was not to be armed for the next."""
+    with suppress(SystemExit):
+        run_faults(tmp_path, ["freeze force_ctrl"], short=False, faults=1, seed=7, resume=True, as_json=False)
+    (case,) = campaign.read_cases(tmp_path)
+    assert (case.code, case.resumed, case.resumed_with) == (ErrorCode.NODE_DIED, True, 0)
+    assert case.sound, case

@@ -67,6 +67,12 @@ class CommandCell:
         begun = len(self.outside.formed)
         words = ["--resume", str(self.folder)] if resume else [str(self._job), "-o", str(self.folder)]
         log = self.folder.with_suffix(".log")
+        end_with_owner = ends_with_owner(signal.SIGINT)
+
+        def prepare() -> None:
+            end_with_owner()
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # a campaign in a shell's background ignores it
+
         with log.open("ab") as stream:
             before = stream.tell()
             self._popen = subprocess.Popen(
@@ -75,7 +81,7 @@ class CommandCell:
                 stdout=stream,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=ends_with_owner(signal.SIGINT),
+                preexec_fn=prepare,
             )
             try:
                 code = self._popen.wait(ENDS)

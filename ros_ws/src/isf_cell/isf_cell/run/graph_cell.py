@@ -150,6 +150,7 @@ class GraphCell:
         self._sensor = False
         self._record = ""
         self._force_ctrl: int | None = None
+        self._formed_plan = ""
         self._next_look = 0.0
 
     # -- news from the graph (executor thread) -------------------------------------------------
@@ -176,7 +177,7 @@ class GraphCell:
 
     def on_force_ctrl(self, state: ForceCtrlState) -> None:
         """Force control told its state."""
-        self._force_ctrl = int(state.mode)
+        self._force_ctrl, self._formed_plan = int(state.mode), state.plan_id
 
     def on_recorder(self, silent: str, output: str) -> None:
         """The recorder told the topics from which nothing came yet, separated by commas, and the folder of its bag."""
@@ -331,7 +332,11 @@ class GraphCell:
         self._client.checked_call(Arm, "force_ctrl/arm", Arm.Request(plan_id=""), self._watch_nodes)
 
     def _arm(self, request: Arm.Request) -> None:
-        """Arm force control, which may first have to hear the machine, just activated."""
+        """Arm force control, which may first have to hear the machine, just activated.
+
+        One that was frozen when the part ended goes on with its contour: it leaves that first. What another plan has it
+        do is left alone.
+        """
         deadline = time.monotonic() + self._settings.service_timeout
         pause = threading.Event()
         while True:
@@ -339,6 +344,12 @@ class GraphCell:
             if not response.code:
                 return
             error = failure(response.code, response.message)
+            if error.code is ErrorCode.NOT_ARMED and request.plan_id and self._formed_plan == request.plan_id:
+                self._formed_plan = ""
+                self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), self.check)
+                self.disarm()
+                self._wait_until_lifted()
+                continue
             if error.code not in NOT_HEARD_YET or time.monotonic() > deadline:
                 raise error
             pause.wait(0.2)
