@@ -6,10 +6,11 @@ The only place where results change from SI to the units people read: mm, N, s, 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from isf_core.contour import contour_label
+from isf_core.contour import contour_label, over_floor
 from isf_core.files.job import ToleranceSpec
 
 from isf_analysis.measures.contour_scan import ScanError, left_out, scan_errors
@@ -107,6 +108,7 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "failure": None if failure is None else {"code": failure[0], "message": failure[1]},
         "contours": record.formed,
         "contours_planned": record.planned,
+        "floor_passes": sum(over_floor(contour, before) for before, contour in pairwise(record.nominal)),
         "tolerance": {"shape_mm": MM * tolerance.shape, "share": tolerance.share},
         "deviation": None if deviation is None else _deviation(deviation, tolerance.shape),
         "sheet_thickness": sheet_thickness(record, deviation),

@@ -49,9 +49,23 @@ def _shape(numbers: Numbers) -> list[str]:
     shape, share = numbers["tolerance"]["shape_mm"], numbers["tolerance"]["share"]
     reported = f"{in_percent(within, 1):g} % of the points are within {shape:g} mm, {100 * share:g} % are wanted"
     out = f"error out of tolerance: {reported}; largest {deviation['max_mm']:.2f} mm"
+    told = [out, *_floor(numbers)]
     if numbers["correction"] in ("", "none"):
-        return [out, "springback was not corrected"]
-    return [out, *(f"not corrected: {item['text']}" for item in remarks[:MAXIMUM_REMARKS])]
+        return [*told, "springback was not corrected"]
+    return [*told, *(f"not corrected: {item['text']}" for item in remarks[:MAXIMUM_REMARKS])]
+
+
+def _floor(numbers: Numbers) -> list[str]:
+    """That the tool never passed over a floor which is worse than the walls: what its last contour leaves is a dome."""
+    shape, share = numbers["tolerance"]["shape_mm"], numbers["tolerance"]["share"]
+    regions = numbers["deviation"]["regions"]
+    floor, wall = (regions[name]["within_tolerance_fraction"] for name in ("base", "wall"))
+    if floor is None or floor >= min(share, 1.0 if wall is None else wall):
+        return []
+    if numbers["floor_passes"] or numbers["process"] not in ("SPIF", "DSIF"):
+        return []
+    reported = f"{in_percent(floor, 1):g} % of its points are within {shape:g} mm"
+    return [f"floor: {reported}, and no tool passed over it; path.floor_step (1 mm) plans that where it is flat"]
 
 
 def in_tolerance(numbers: Numbers) -> bool:

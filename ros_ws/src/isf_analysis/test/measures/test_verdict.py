@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isf_analysis.measures.deviation import regions_of
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import summary
+from isf_analysis.measures.verdict import verdict
 from isf_analysis.report.result_tables import banners, cards
 from isf_core.contour import ContourCorrection
 from isf_core.errors import ErrorCode
@@ -80,6 +82,18 @@ def test_the_tolerance_of_the_job_decides() -> None:
     assert reported(replace(part, job_text="tolerance: {shape: 0.32 mm}\n")) == []
     strict = reported(replace(off_by(0.05e-3), job_text="tolerance: {shape: 0.04 mm, share: 0.95}\n"))
     assert any("0 % of the points are within 0.04 mm, 95 % are wanted" in text for text in strict)
+
+
+def test_a_floor_that_no_tool_passed_over_is_named_with_what_would_help() -> None:
+    """Only where the floor is the worse place, and was not passed over."""
+    target = EXACT.target
+    assert target is not None
+    raised = target.z + 0.5e-3 * regions_of(target)["base"]
+    numbers = summary(replace(EXACT, scan=HeightMap(target.x, target.y, raised)))
+    words = "floor: 0 % of its points are within 0.3 mm, and no tool passed over it; path.floor_step (1 mm) plans that"
+    assert any(text.startswith(words) for text in numbers["verdict"]["short_of"]), numbers["verdict"]
+    for other in ({**numbers, "floor_passes": 2}, {**numbers, "process": "ADSIF"}, summary(off_by(0.31e-3))):
+        assert not any(text.startswith("floor") for text in verdict(other)["short_of"])
 
 
 TEXTS = {

@@ -136,7 +136,7 @@ class PathSpec(FileModel):
     else none."""
     incremental_depth: Length = Field(gt=0.01e-3, lt=5e-3)
     """Depth from contour to contour; with spacing scallop or arc the largest step unless ``largest_step`` is given."""
-    point_spacing: Length = Field(gt=0.05e-3, lt=5e-3)
+    point_spacing: Length = Field(default=0.5e-3, gt=0.05e-3, lt=5e-3)
     """Distance of the points along a contour."""
     feed: Speed = Field(gt=0.1e-3, lt=1.0)
     """Speed of the forming tool along the contour."""
