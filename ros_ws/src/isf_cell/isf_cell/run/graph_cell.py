@@ -86,6 +86,8 @@ RECORDED_FIRST = frozenset(("tool_1/wrench", "part/info"))
 LONGEST_RELEASE = 2.0
 """s of machine time in which a protective stop of the simulated machine has released its tools."""
 
+SIGN_OF_LIFE = 2.0
+"""s within which every node tells that it lives, twice at least."""
 LONGEST_LIFT = 60.0
 """s of wall time in which force control has lifted and parked the tools."""
 
@@ -377,7 +379,11 @@ class GraphCell:
         """As in the protocol."""
         request = GetContour.Request(plan_id=self._plan_id, index=index)
         response = self._client.ask(GetContour, "planner/get_contour", request, self.check)
-        if response.code:
+        if (
+            response.code
+        ):  # a second planner, just started, answers too and has no plan; its first sign of life tells it
+            self._client.within(SIGN_OF_LIFE, lambda: bool(self._monitor.twice()), self.check)
+            self._name_intruder()
             raise failure(response.code, response.message)
         with self._news:  # what came before it was sent is no result of this contour
             self._results.pop(index, None)
