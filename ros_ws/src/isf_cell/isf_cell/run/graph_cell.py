@@ -88,6 +88,7 @@ LONGEST_RELEASE = 2.0
 
 SIGN_OF_LIFE = 2.0
 """s within which every node tells that it lives, twice at least."""
+
 LONGEST_LIFT = 60.0
 """s of wall time in which force control has lifted and parked the tools."""
 
