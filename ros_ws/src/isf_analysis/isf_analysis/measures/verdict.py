@@ -56,11 +56,14 @@ def _shape(numbers: Numbers) -> list[str]:
 
 
 def _floor(numbers: Numbers) -> list[str]:
-    """That the tool never passed over a floor which is worse than the walls: what its last contour leaves is a dome."""
+    """That no tool passed over a floor that is out of tolerance between walls that are in it: they leave a dome.
+
+    Where the walls are out of it, too, the whole part lies too high or too deep, and passes would not help.
+    """
     shape, share = numbers["tolerance"]["shape_mm"], numbers["tolerance"]["share"]
     regions = numbers["deviation"]["regions"]
     floor, wall = (regions[name]["within_tolerance_fraction"] for name in ("base", "wall"))
-    if floor is None or floor >= min(share, 1.0 if wall is None else wall):
+    if floor is None or wall is None or floor >= share or wall < share:
         return []
     if numbers["floor_passes"] or numbers["process"] not in ("SPIF", "DSIF"):
         return []
