@@ -55,7 +55,7 @@ def test_a_program_forms_what_the_job_does_that_it_was_written_from(tmp_path: Pa
     # contacts come from the tips alone: the compensation of the machine's compliance takes their forecast
     apart = np.abs(there.scan.z - here.scan.z)
     assert np.quantile(apart, 0.999) < 30e-6
-    assert apart.max() < 60e-6  # single points at the edge of contact
+    assert apart.max() < 60e-6  # once two neighbouring points were 40 um apart
     assert here.scan.z.min() < -1e-3
 
     log = np.loadtxt(tmp_path / "run" / "operator_log.txt")  # written while it was formed, without being asked for

@@ -287,7 +287,7 @@ SAME_LEVEL = 20e-6
 
 def makes_floor(contour: Contour) -> bool:
     """True when all points of ``contour`` lie on a floor."""
-    return float(contour.wall_angle.max()) <= FLAT
+    return bool(contour.wall_angle.max() <= FLAT)
 
 
 def over_floor(contour: Contour, before: Contour | None) -> bool:

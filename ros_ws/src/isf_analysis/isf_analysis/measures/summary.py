@@ -108,7 +108,7 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "failure": None if failure is None else {"code": failure[0], "message": failure[1]},
         "contours": record.formed,
         "contours_planned": record.planned,
-        "floor_passes": int(sum(over_floor(contour, before) for before, contour in pairwise(record.nominal))),
+        "floor_passes": sum(over_floor(contour, before) for before, contour in pairwise(record.nominal)),
         "tolerance": {"shape_mm": MM * tolerance.shape, "share": tolerance.share},
         "deviation": None if deviation is None else _deviation(deviation, tolerance.shape),
         "sheet_thickness": sheet_thickness(record, deviation),

@@ -23,39 +23,30 @@ def interrupt(_number: int, frame: FrameType | None) -> None:
         outer = outer.f_back
     if safe is None or safe is frame:
         raise KeyboardInterrupt
-    if not isinstance(sys.gettrace(), _RaiseBack):
-        _RaiseBack(safe)
+    _raise_in(safe)
 
 
-class _RaiseBack:
-    """Raises KeyboardInterrupt as soon as ``frame`` goes on.
+def _raise_in(frame: FrameType) -> None:
+    """KeyboardInterrupt as soon as ``frame`` goes on.
 
     A signal sent again a little later would not do: where most of the time is spent in compiled functions, the first
     Python code after it would again be what such a function calls back.
     """
 
-    def __init__(self, frame: FrameType) -> None:
-        self._frame = frame
-        frame.f_trace = self
-        sys.settrace(self)
-
-    def __call__(self, frame: FrameType, _event: str, _argument: object) -> None:
-        if frame is self._frame:
+    def trace(traced: FrameType, _event: str, _argument: object) -> None:
+        if traced is frame:
             frame.f_trace = None
             raise KeyboardInterrupt  # which ends the tracing
 
-
-def ctrl_c_raises() -> bool:
-    """Whether Ctrl-C raises KeyboardInterrupt in this thread; False where it is handled otherwise, or ignored."""
-    if threading.current_thread() is not threading.main_thread():
-        return False
-    return signal.getsignal(signal.SIGINT) in (signal.default_int_handler, interrupt)
+    frame.f_trace = trace
+    sys.settrace(trace)
 
 
 @contextmanager
 def ctrl_c_handled_by(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
     """Inside, ``handler`` takes SIGINT; where Ctrl-C does not raise KeyboardInterrupt, it stays as it is."""
-    if not ctrl_c_raises():
+    raises = signal.getsignal(signal.SIGINT) in (signal.default_int_handler, interrupt)
+    if threading.current_thread() is not threading.main_thread() or not raises:
         yield
         return
     before = signal.signal(signal.SIGINT, handler)

@@ -341,14 +341,15 @@ class GraphCell:
         do is left alone.
         """
         deadline = time.monotonic() + self._settings.service_timeout
-        pause = threading.Event()
+        pause, left = threading.Event(), False
         while True:
             response = self._client.call(Arm, "force_ctrl/arm", request, self.check)
             if not response.code:
                 return
             error = failure(response.code, response.message)
-            if error.code is ErrorCode.NOT_ARMED and request.plan_id and self._formed_plan == request.plan_id:
-                self._formed_plan = ""
+            own = bool(request.plan_id) and self._formed_plan == request.plan_id
+            if error.code is ErrorCode.NOT_ARMED and own and not left:
+                left = True
                 self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), self.check)
                 self.disarm()
                 self._wait_until_lifted()
@@ -380,9 +381,8 @@ class GraphCell:
         """As in the protocol."""
         request = GetContour.Request(plan_id=self._plan_id, index=index)
         response = self._client.ask(GetContour, "planner/get_contour", request, self.check)
-        if (
-            response.code
-        ):  # a second planner, just started, answers too and has no plan; its first sign of life tells it
+        if response.code:
+            # a second planner, just started, answers too and has no plan; its first sign of life names it
             self._client.within(SIGN_OF_LIFE, lambda: bool(self._monitor.twice()), self.check)
             self._name_intruder()
             raise failure(response.code, response.message)

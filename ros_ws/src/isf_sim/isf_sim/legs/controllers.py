@@ -24,8 +24,8 @@ CREEP = 6.0e-5
 tilted tool was off by 6 %, with 0.06 mm/s by 2.5 %. Noise of 1.5 um makes as much of the default ``gain``."""
 LEARNING = 10.0
 """1/s, how fast the share is learned by which a leg is slower than its valve's nominal curve says, under its load and
-friction (2 to 3 % here). Chosen: a quarter of the default ``gain``; with half as much legs are off by 47 instead of
-37 um in contact, with a quarter by 69 um."""
+friction (2 to 3 % here). Chosen on the simulated legs: a quarter of the default ``gain``; with half as much they are
+off by 47 instead of 37 um in contact."""
 SLOW = 2e-2
 """m/s, below which speed little is learned of that share: there a dead band counts for more."""
 LARGEST_SHARE = 0.2
