@@ -18,6 +18,7 @@ from typing import Any
 import forked_process
 import numpy as np
 import pytest
+import yaml
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.measures.record import PartRecord
 from isf_cell import in_process
@@ -236,14 +237,24 @@ def test_when_a_node_dies_the_machine_holds_and_the_executive_says_why(victim: s
     assert_nothing_left(tmp_path)
 
 
-def formed_beside(disturbance: Callable[[ProcessGroup], Callable[[Any], None]], folder: Path) -> Any:
-    """Result of a quick cone in lockstep, formed while the feedback of ``disturbance`` acts on the cell's processes."""
+def formed_beside(
+    disturbance: Callable[[ProcessGroup], Callable[[Any], None]], folder: Path, *, held_after: int | None = None
+) -> Any:
+    """Result of a quick cone in lockstep, formed while the feedback of ``disturbance`` acts on the cell's processes.
+
+    ``held_after`` a contour, counted from 1, it waits: what the disturbance began comes while the part is there.
+    """
+    cone = quick_cone(step=LONGER)
+    if held_after is not None:
+        data = yaml.safe_load(cone.text)
+        data["path"]["hold_after"] = [held_after]
+        cone = JobFile(yaml.safe_dump(data), cone.base)
     client = graph_run.CellClient()
     try:
         with ProcessGroup(folder / "logs") as group:
             graph_run.start_cell(group, folder / "bag", lockstep=True)
             client.wait_ready(group)
-            return client.form(quick_cone(step=LONGER), RunOptions(), disturbance(group), group)
+            return client.form(cone, RunOptions(), disturbance(group), group)
     finally:
         client.close()
 
@@ -361,7 +372,7 @@ def test_a_second_process_with_the_name_of_a_node_ends_the_part(tmp_path: Path) 
 
         return feedback
 
-    result = formed_beside(start_another_in_second_contour, tmp_path)
+    result = formed_beside(start_another_in_second_contour, tmp_path, held_after=3)
     assert result.code == ErrorCode.SECOND_PUBLISHER
     assert "node 'planner'" in result.message
     assert all(str(process) in result.message for process in processes), (processes, result.message)
