@@ -42,6 +42,9 @@ BRAKING = 0.25
 SEAM = 0.5e-3
 """m, the same by the clock, where a part begins the interrupted contour from the air and no two parts are alike."""
 
+SCANNED = 2.0
+"""s of wall time after a part within which its scan comes."""
+
 WITHIN = 0.1, 0.45
 """Of the duration of a contour, in which the fault comes: the last one ends with tools off the sheet."""
 
@@ -404,8 +407,10 @@ def _worst(cell: FaultCell | CommandCell) -> float:
 
 
 def _shape(cell: FaultCell | CommandCell) -> Array | None:
-    """(n,) m, heights of the scan after the part."""
-    scan = cell.outside.scan
+    """(n,) m, heights of the scan after the part, which may come later than the answer to who asked for the part."""
+    outside = cell.outside
+    outside.until(lambda: outside.scan is not None, SCANNED)
+    scan = outside.scan
     return None if scan is None else np.asarray(height_map_of(scan, None).z).ravel()
 
 

@@ -16,10 +16,11 @@ from isf_core.files.job import JobFile
 
 from isf_cell.faults.outside import RELAYED, Outside
 from isf_cell.options import RunOptions
+from isf_cell.processes.cell_nodes import CellChoice
 from isf_cell.processes.domain_lock import alone_in_domain
 from isf_cell.processes.process_group import NodeProcess, ProcessGroup
 from isf_cell.run.checkpoint import CHECKPOINT
-from isf_cell.run.graph_run import CellClient, incomplete_record, start_cell
+from isf_cell.run.graph_run import CellClient, incomplete_record, start_nodes
 
 HANGS = 90.0
 """s after which a part that gives no result is ended by force: longer than the longest time limit within a cell."""
@@ -45,7 +46,10 @@ class FaultCell:
             self._stack.callback(self._client.close)
             self.outside = Outside()
             remap = [f"tool_{k}/{kind}:={RELAYED}/tool_{k}/{kind}" for k in (1, 2) for kind in ("wrench", "pose")]
-            start_cell(self._group, None, lockstep=self.lockstep, checkpoint=self.checkpoint, relayed=remap)
+            choice = CellChoice(
+                lockstep=self.lockstep, checkpoint=str(self.checkpoint), every_pose=not self.lockstep
+            )  # in lockstep nothing is judged by the machine's time to a tick
+            start_nodes(self._group, choice, remap)
             self._client.wait_ready(self._group)
         except BaseException:
             self.__exit__(None, None, None)

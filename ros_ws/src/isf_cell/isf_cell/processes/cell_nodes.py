@@ -80,6 +80,7 @@ class CellChoice:
     frame_prefix : before the name of every frame ; own_frames : on topics tf and tf_static of the cell
     publish_tf : false, where robot_state_publisher makes the frames
     ros2_control : the machine's axes are driven by controller_manager
+    every_pose : the machine tells its poses in each tick, not 50 times a second
     """
 
     lockstep: bool = True
@@ -98,6 +99,7 @@ class CellChoice:
     own_frames: bool = False
     publish_tf: bool = True
     ros2_control: bool = False
+    every_pose: bool = False
 
 
 def cell_nodes(choice: CellChoice) -> list[CellNode]:
@@ -116,6 +118,8 @@ def cell_nodes(choice: CellChoice) -> list[CellNode]:
         raw: dict[str, Any] = {"raw_cells": bool(choice.load_cells)}
         if choice.ros2_control:
             raw["follow"] = "joints"
+        if choice.every_pose:
+            raw["pose_decimation"] = 1
         nodes.append(CellNode("machine", "isf_sim", "machine", {**timing, **raw, **states}, managed=True))
     nodes += [_load_cell(choice, tool) for tool in choice.load_cells]
     nodes.append(CellNode("planner", "isf_planner", "planner", managed=True, keeps_nothing=True))

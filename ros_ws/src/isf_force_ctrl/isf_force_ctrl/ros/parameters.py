@@ -27,7 +27,7 @@ class ForceCtrlParameters:
         maximum=60.0,
     )
     wrench_pause: float = parameter(
-        0.035,
+        0.03,
         "by the clock: time without a wrench, or with nothing but late ones, after which the tools stand until they "
         "come again; at least three of their usual distances",
         unit="s",

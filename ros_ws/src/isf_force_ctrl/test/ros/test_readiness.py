@@ -26,18 +26,18 @@ def heard(time: Time, period: float) -> Readiness:
     return ready
 
 
-@pytest.mark.parametrize(("period", "missing_after"), [(0.002, 0.035), (0.01, 0.035), (0.02, 0.06), (0.1, 0.3)])
+@pytest.mark.parametrize(("period", "missing_after"), [(0.002, 0.03), (0.01, 0.03), (0.02, 0.06), (0.1, 0.3)])
 def test_a_wrench_is_missing_after_the_pause_or_three_usual_distances(period: float, missing_after: float) -> None:
     """Load cells may be slower than the control."""
     time = Time()
     ready = heard(time, period)
     last = time.now
     time.now = last + missing_after - 1e-3
-    assert ready.missing(0.035) == []
+    assert ready.missing(0.03) == []
     ready.wrench(2)
     time.now = last + missing_after + 1e-3
-    assert ready.missing(0.035) == [1]
-    assert ready.silent(0.035) == [1]
+    assert ready.missing(0.03) == [1]
+    assert ready.silent(0.03) == [1]
 
 
 def test_of_tools_that_are_not_needed_nothing_is_missing() -> None:
@@ -45,9 +45,9 @@ def test_of_tools_that_are_not_needed_nothing_is_missing() -> None:
     ready = heard(time, 0.01)
     ready.needed = [2]
     time.now += 1.0
-    assert ready.missing(0.035) == [2]
+    assert ready.missing(0.03) == [2]
 
 
 def test_a_tool_that_was_never_heard_is_missing() -> None:
     ready = Readiness(3.0, 0.25, WrenchFrames("sheet", lambda _frame, _stamp, wrench: wrench), Time())
-    assert ready.missing(0.035) == [1, 2]
+    assert ready.missing(0.03) == [1, 2]
