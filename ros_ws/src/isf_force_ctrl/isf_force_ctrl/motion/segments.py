@@ -318,6 +318,9 @@ def _segments(mode: Mode, moves: list[Motion]) -> list[Segment]:
 
 _SPEED = int(Column.SPEED)
 
+SLOWEST = 0.1
+"""Of the largest speed of a segment, below which tools are braked no harder: an axis may turn while the tip is slow."""
+
 
 class Playback:
     """Where the tools are commanded to be, without offsets: :attr:`row`."""
@@ -334,6 +337,7 @@ class Playback:
         self._position = 0.0
         self._most = 0.5 * acceleration / rate
         self._pace_step = 1.0
+        self._fastest = 1.0
 
     def __bool__(self) -> bool:
         """True while there is something to play."""
@@ -389,7 +393,10 @@ class Playback:
 
     def advance(self, wanted_pace: float) -> bool:
         """Move on by one tick; True when the end of the segment is reached."""
-        self.pace += min(max(wanted_pace - self.pace, -self._pace_step), self._pace_step)
+        step = self._pace_step
+        if wanted_pace <= 0.0:  # the slower the tools are, the sooner they can stand
+            step /= max(self.row[_SPEED] / self._fastest, SLOWEST)
+        self.pace += min(max(wanted_pace - self.pace, -step), step)
         rows = self._queue[0].rows
         position = self._position + self.pace
         if position >= len(rows) - 1:
@@ -414,4 +421,5 @@ class Playback:
         self._position = 0.0
         if not keep_pace:
             self.pace = 1.0
-        self._pace_step = self._most / max(max(row[_SPEED] for row in rows), 1e-3)
+        self._fastest = max(max(row[_SPEED] for row in rows), 1e-3)
+        self._pace_step = self._most / self._fastest
