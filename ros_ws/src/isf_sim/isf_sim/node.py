@@ -369,6 +369,8 @@ class MachineNode(CellNode[MachineParameters]):
             if machine.faulted:
                 sample = self._next_release_tick(machine)
             else:
+                if missed > self._stream.timeout * machine.control_rate:  # stood still itself: they are of another time
+                    self._targets.clear()
                 tips = self._targets.take_newest()
                 self._stream.period(tips is not None, missed / machine.control_rate, machine.moving)
                 if tips is None:

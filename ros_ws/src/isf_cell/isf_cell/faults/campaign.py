@@ -71,7 +71,7 @@ class Case:
         which come with its time, held_wall for all else ; reaction : s, held without the time in which force control
         brakes, where it did
     released : s of wall time until no tool carried a force, None: not to be judged or measured
-    worst : largest force as a share of the limit
+    worst : largest force as a share of the limit, of the resumed part too
     right : the code is one of those that are right
     resumed : the rest was formed by resuming; None: nothing to resume ; resumed_with : its code
     known_after : s, as of its kind
@@ -287,7 +287,7 @@ def _judged(plan: Plan, cell: FaultCell | CommandCell, kind: FaultKind, number: 
         if isinstance(cell, FaultCell):
             cell.mend()
         resumed, with_code, lost, shape = _resumed(cell, seen, len(whole.length))
-        case = replace(case, resumed=resumed, resumed_with=with_code, lost=lost)
+        case = replace(case, resumed=resumed, resumed_with=with_code, lost=lost, worst=max(case.worst, _worst(cell)))
     if shape is not None:
         case = replace(case, difference=_difference(shape, whole.shape))
     differs = case.difference is not None and case.difference > (SHAPE if kind.lockstep else SEAM)

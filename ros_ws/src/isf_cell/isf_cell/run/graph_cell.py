@@ -219,6 +219,7 @@ class GraphCell:
     def reset(self, goal: PartGoal) -> None:
         """As in the protocol."""
         self._machine.check(goal.method, goal.job_file)
+        self._leave_contour(goal)
         self._state, self._events = None, []
         kept = goal.resume.state_of(MACHINE) if goal.resume is not None else ""
         if kept and not self._machine.offer.simulated:
@@ -350,13 +351,25 @@ class GraphCell:
             own = bool(request.plan_id) and self._formed_plan == request.plan_id
             if error.code is ErrorCode.NOT_ARMED and own and not left:
                 left = True
-                self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), self.check)
-                self.disarm()
-                self._wait_until_lifted()
+                self._leave()
                 continue
             if error.code not in NOT_HEARD_YET or time.monotonic() > deadline:
                 raise error
             pause.wait(0.2)
+
+    def _leave_contour(self, goal: PartGoal) -> None:
+        """By the clock, a force control that was frozen when a part ended has the machine, once that follows targets
+        again, go at once to where it believes the tools to be: it leaves that first. In lockstep it can do so only when
+        the machine makes ticks again (:meth:`_arm`)."""
+        own = {self._plan_id, goal.resume.plan_id if goal.resume is not None else ""} - {""}
+        if self._settings.lockstep or self._force_ctrl in (None, ForceCtrlState.IDLE) or self._formed_plan not in own:
+            return
+        self._leave()
+
+    def _leave(self) -> None:
+        self._client.call(Trigger, "force_ctrl/stop", Trigger.Request(), self._watch_nodes)
+        self.disarm()
+        self._wait_until_lifted()
 
     def _take_up_force_control(self, goal: PartGoal) -> None:
         """In lockstep, armed next, it goes on with the tools on the sheet as they were; else the next contour is

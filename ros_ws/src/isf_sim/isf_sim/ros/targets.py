@@ -30,7 +30,8 @@ class TargetPair:
     Attributes
     ----------
     holder : m, height of the blank holder, and axis (3,) of tool 1, of the last pair taken
-    received : pairs taken ; stamp : ns, of the last pair taken ; elapsed : ns, from the pair before to that one
+    received : pairs taken ; stamp : ns, of the last pair taken ; elapsed : ns, from the pair before to that one, 0 for
+        the first one and after :meth:`clear`: nobody was on the way to there
     """
 
     def __init__(self) -> None:
@@ -40,6 +41,7 @@ class TargetPair:
         self._targets = (_Target(), _Target())
         self._holder = _Target()
         self._with_holder = False
+        self._anew = True
         self._lock = threading.Lock()
 
     def add(self, tool: int, stamp: int, tip: Tip, axis: Tip = UPRIGHT) -> None:
@@ -67,8 +69,9 @@ class TargetPair:
         return self._take(None)
 
     def clear(self) -> None:
-        """Forget targets that were not taken."""
+        """Forget targets that were not taken, and when the last ones were."""
         with self._lock:
+            self._anew = True
             for target in (*self._targets, self._holder):
                 target.fresh = False
 
@@ -84,7 +87,8 @@ class TargetPair:
                 target.fresh = False
             self.holder = self._holder.tip[2] if self._with_holder else 0.0
             self.axis = first.axis
-            self.elapsed, self.stamp = (first.stamp - self.stamp if self.received else 0), first.stamp
+            self.elapsed, self.stamp = (0 if self._anew else first.stamp - self.stamp), first.stamp
+            self._anew = False
             self.received += 1
             return first.tip, second.tip
 

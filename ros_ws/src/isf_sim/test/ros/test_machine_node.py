@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import forked_process
@@ -169,6 +169,32 @@ def test_real_time_ticks_by_the_clock(machine: Client) -> None:
     assert machine.wait(followed)
     assert machine.wait(lambda: machine.states[-1].mode == MachineState.IDLE)
     assert machine.fault_codes() == []
+
+
+@pytest.mark.clock
+@pytest.mark.parametrize("machine", [["lockstep:=false"]], indirect=True)
+def test_after_a_reset_targets_begin_where_the_tools_stand(machine: Client) -> None:
+    """Who was frozen before a stop and wakes after the reset goes on elsewhere: 20 mm are a jump, however late."""
+    assert machine.call(Reset, "machine/reset", Reset.Request(new_blank=True, job_text=JOB)).code == 0
+    sent = [0]
+
+    def came(tips: object, condition: Callable[[], bool]) -> Callable[[], bool]:
+        def sends() -> bool:
+            sent[0] += stamps.NANO // 100
+            machine.send(sent[0], tips)
+            return condition()
+
+        return sends
+
+    assert machine.wait(came(PARKED, lambda: any(s.mode == MachineState.FOLLOWING for s in machine.states)))
+    assert machine.call(Stop, "machine/stop", Stop.Request()).code == 0
+    assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.STOP_REQUESTED])
+    assert machine.call(Reset, "machine/reset", Reset.Request()).code == 0
+    assert machine.wait(lambda: machine.fault_codes() == [])
+    sent[0] += 10 * stamps.NANO
+    (x, y, z), lower = PARKED
+    assert machine.wait(came(((x, y, z - 20e-3), lower), lambda: machine.fault_codes() != []))
+    assert machine.fault_codes() == [ErrorCode.TARGET_JUMP]
 
 
 SUBSCRIBER = """

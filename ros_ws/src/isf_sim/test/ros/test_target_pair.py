@@ -37,6 +37,10 @@ def test_real_time_takes_the_newest_and_reports_the_time_between() -> None:
     pair.add(2, 6000, B)
     pair.clear()
     assert pair.take_newest() is None
+    for tool, tip in ((1, A), (2, B)):
+        pair.add(tool, 9000, tip)
+    assert pair.take_newest() == (A, B)
+    assert pair.elapsed == 0  # a stream that begins, not one that was late
 
 
 def test_a_step_that_takes_long_makes_the_thread_skip_and_count() -> None:
