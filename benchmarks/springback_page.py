@@ -21,7 +21,7 @@ COMMAND = "./isf python benchmarks/springback_table.py --worlds 0,1-20 --jobs 2 
 SHELL_COMMAND = "./isf python benchmarks/springback_table.py --sheet shell_coarse --page"
 MODELS = ("none", "analytic", "elastic", "fused(analytic)", "fused(elastic)", "fused(elastic)+push")
 SHAPES = ("none", "mpc_vertical", "mpc_two_directional", "fused(elastic)-floor", "fused(elastic)")
-LARGE = ("none", "analytic", "fused(elastic)-floor", "fused(elastic)")
+LARGE = ("none", "analytic", "elastic", "fused(elastic)-floor", "fused(elastic)")
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def test_the_first_own_part_is_made_as_its_page_says(tmp_path: Path) -> None:
         done = isf(*shlex.split(line)[1:], cwd=tmp_path)
         assert done.returncode == Exit.OK, done.stderr
     assert (tmp_path / "plan" / "plan.png").is_file()
-    summary = json.loads((tmp_path / "elastic" / "summary.json").read_text(encoding="utf-8"))
+    summary = json.loads((tmp_path / "corrected" / "summary.json").read_text(encoding="utf-8"))
     assert summary["deviation"]["max_mm"] < 1.0
 
 

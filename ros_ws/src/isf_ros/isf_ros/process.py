@@ -168,6 +168,7 @@ def run_together(
 
     ``check`` may raise IsfError of the nodes that were made, before any of them is served.
     """
+    _give_memory_back()
     atexit.register(gc.freeze)  # else the interpreter looks through all that was imported before it ends: a second
     told = ended_by_signal()
     failures: list[BaseException] = []
@@ -215,6 +216,24 @@ def run_together(
                 node.destroy_node()
             rclpy.try_shutdown()
     return code
+
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+
+_LARGE = 1 << 20
+"""Bytes of a block that is given back to the system as soon as it is free, and of what may lie free at a heap's end."""
+
+
+def _give_memory_back() -> None:
+    """Large blocks go back to the system when they are free, where the C library is glibc.
+
+    By itself it raises its limit of what is large with every such block, up to 32 MB, and each thread has a heap: a
+    node that plans now in one thread and now in another keeps what each has ever used, and grows part by part.
+    """
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "mallopt"):
+        for limit in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
+            libc.mallopt(limit, _LARGE)
 
 
 _SIGEV_THREAD = 2

@@ -565,8 +565,10 @@ class FusedSpec(FileModel):
 class SpringbackSpec(FileModel):
     """Correction of each contour before it is formed."""
 
-    method: str = "none"
-    """Name of a method of isf_springback ("none", "analytic", ...)."""
+    method: str = "auto"
+    """Name of a method of isf_springback ("none", "analytic", ...). auto is one of them: in SPIF and DSIF `elastic`,
+    with `scan_every` `fused` (on the model `elastic`), with `learning` `learned`; in TPIF with `scan_every` `mpc_tpif`;
+    `none` in all other cases and for a program, which is formed as it stands."""
     gain: float = Field(default=1.0, ge=0.0, le=2.0)
     """Factor on the predicted springback."""
     first_contour: Literal["predicted", "zero"] = "predicted"
@@ -602,6 +604,20 @@ class ToleranceSpec(FileModel):
     """Largest vertical error of a good point; the default is the band of Lu 2016, 4.4."""
     share: float = Field(default=0.9, gt=0.0, le=1.0)
     """Of the points of wall and base that must be good; 1: all of them. The default is that of Lu 2016, 4.4."""
+
+
+def _automatic(job: Job) -> SpringbackSpec:
+    """The springback section of ``job`` with what method auto stands for."""
+    spec, fused = job.springback, job.springback.fused
+    method = "none"
+    if job.path.program is None and not job.strategy:
+        if job.process in ("SPIF", "DSIF"):
+            method = "learned" if spec.learning else "fused" if spec.scan_every else "elastic"
+        elif job.process == "TPIF" and spec.scan_every:
+            method = "mpc_tpif"
+    if method == "fused" and "model" not in fused.model_fields_set:
+        fused = fused.model_copy(update={"model": "elastic"})
+    return spec.model_copy(update={"method": method, "fused": fused})
 
 
 def correction_refusal(process: str, method: str) -> str:
@@ -704,6 +720,11 @@ class Job(FileModel):
         if self.process in ("SPIF", "TPIF") and self.control.force_controlled:
             raise ValueError(f"process {self.process} has no support tool: control.support_force must be 0 N")
         return self
+
+    @model_validator(mode="after")
+    def _correction(self) -> Job:
+        known = self.springback.method != "auto"
+        return self if known else self.model_copy(update={"springback": _automatic(self)})
 
     @model_validator(mode="after")
     def _path_of_process(self) -> Job:

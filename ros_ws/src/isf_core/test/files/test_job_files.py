@@ -197,3 +197,33 @@ def test_a_support_tool_presses_by_itself_where_the_job_does_not_say(tmp_path: P
     assert parse(ADSIF).control.support_force == 0.0
     alone = left_out.replace("process: DSIF", "process: SPIF").replace("tool_2: {radius: 5 mm}\n", "")
     assert parse(alone).control.support_force == 0.0
+
+
+SPIF = GOOD.replace("process: DSIF", "process: SPIF").replace("control: {support_force: 120 N}\n", "")
+TPIF = SPIF.replace("process: SPIF", "process: TPIF\ndie: {mesh: die.stl, unit: mm}")
+ADSIF = GOOD.replace("process: DSIF", "process: ADSIF").replace("control: {support_force: 120 N}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "section", "method", "model"),
+    [
+        (GOOD, "", "elastic", "analytic"),
+        (SPIF, "", "elastic", "analytic"),
+        (SPIF, "gain: 0.9", "elastic", "analytic"),
+        (SPIF, "method: auto", "elastic", "analytic"),
+        (SPIF, "scan_every: 1", "fused", "elastic"),
+        (SPIF, "scan_every: 1, fused: {model: analytic}", "fused", "analytic"),
+        (SPIF, "method: fused, scan_every: 1", "fused", "analytic"),
+        (SPIF, "scan_every: 1, learning: cone.json", "learned", "analytic"),
+        (TPIF, "", "none", "analytic"),
+        (TPIF, "scan_every: 1", "mpc_tpif", "analytic"),
+        (ADSIF, "", "none", "analytic"),
+        (SPIF.replace("point_spacing: 0.5 mm", "program: part.nc"), "", "none", "analytic"),
+        (SPIF, "method: none", "none", "analytic"),
+    ],
+)
+def test_parts_are_corrected_by_what_the_cell_has_unless_the_job_names_a_method(
+    text: str, section: str, method: str, model: str
+) -> None:
+    spec = parse(text + (f"springback: {{{section}}}\n" if section else "")).springback
+    assert (spec.method, spec.fused.model) == (method, model)
