@@ -568,7 +568,7 @@ class SpringbackSpec(FileModel):
     method: str = "auto"
     """Name of a method of isf_springback ("none", "analytic", ...). auto is one of them: in SPIF and DSIF `elastic`,
     with `scan_every` `fused` (on the model `elastic`), with `learning` `learned`; in TPIF with `scan_every` `mpc_tpif`;
-    `none` in all other cases and for a program, which is formed as it stands."""
+    `none` in all other cases, beside `path.compensation: [sheet]`, and for a program, which is formed as it stands."""
     gain: float = Field(default=1.0, ge=0.0, le=2.0)
     """Factor on the predicted springback."""
     first_contour: Literal["predicted", "zero"] = "predicted"
@@ -610,7 +610,7 @@ def _automatic(job: Job) -> SpringbackSpec:
     """The springback section of ``job`` with what method auto stands for."""
     spec, fused = job.springback, job.springback.fused
     method = "none"
-    if job.path.program is None and not job.strategy:
+    if job.path.program is None and not job.strategy and "sheet" not in job.path.compensation:
         if job.process in ("SPIF", "DSIF"):
             method = "learned" if spec.learning else "fused" if spec.scan_every else "elastic"
         elif job.process == "TPIF" and spec.scan_every:

@@ -219,6 +219,7 @@ ADSIF = GOOD.replace("process: DSIF", "process: ADSIF").replace("control: {suppo
         (TPIF, "scan_every: 1", "mpc_tpif", "analytic"),
         (ADSIF, "", "none", "analytic"),
         (SPIF.replace("point_spacing: 0.5 mm", "program: part.nc"), "", "none", "analytic"),
+        (SPIF.replace("feed:", "compensation: [sheet]\n  feed:"), "", "none", "analytic"),
         (SPIF, "method: none", "none", "analytic"),
     ],
 )
