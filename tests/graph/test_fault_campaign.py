@@ -46,3 +46,6 @@ def test_a_frozen_force_control_leaves_the_contour_it_wakes_in_when_the_part_goe
     (case,) = campaign.read_cases(tmp_path)
     assert (case.code, case.resumed, case.resumed_with) == (ErrorCode.NODE_DIED, True, 0)
     assert case.sound, case
+    assert (
+        case.worst < 0.6
+    )  # of the limit: forming takes 0.47; 0.8 where the machine, once reset, went after old targets
