@@ -120,7 +120,7 @@ class FormedParts:
 
     def check(self, job: Job, where: str) -> None:
         """Raise IsfError LEARNING_UNUSABLE when ``job`` is of other conditions; ``where`` names the file."""
-        advice = "learn from parts formed as this one is to be, or leave part.accuracy_surfaces out"
+        advice = "name the springback method of those parts, learn from others, or leave part.accuracy_surfaces out"
         if other := Conditions.of(job).difference(self.conditions):
             raise IsfError(
                 ErrorCode.LEARNING_UNUSABLE, f"was learned under other conditions: {other}", where=where, advice=advice
