@@ -223,7 +223,7 @@ def test_with_lifecycle_and_a_second_of_silence_in_mid_part(cell: Cell) -> None:
         if feedback.phase == "forming" and not stopped:
             stopped.append(feedback.phase)
             os.killpg(process.pid, signal.SIGSTOP)
-            time.sleep(1.2)  # the fault itself: the tools stand after 35 ms of it, the part would end after 3 s
+            time.sleep(1.2)  # the fault itself: the tools stand after 30 ms of it, the part would end after 3 s
             os.killpg(process.pid, signal.SIGCONT)
 
     with driver(4) as process:

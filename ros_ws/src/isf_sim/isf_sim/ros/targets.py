@@ -30,8 +30,8 @@ class TargetPair:
     Attributes
     ----------
     holder : m, height of the blank holder, and axis (3,) of tool 1, of the last pair taken
-    received : pairs taken ; stamp : ns, of the last pair taken ; elapsed : ns, from the pair before to that one, 0 for
-        the first one and after :meth:`clear`: nobody was on the way to there
+    received : pairs taken ; stamp : ns, of the last pair taken ; elapsed : ns, from the pair before to that one; 0
+        for the first pair and for the first after :meth:`clear`, which begin a stream and are not late
     """
 
     def __init__(self) -> None:
