@@ -46,9 +46,7 @@ class FaultCell:
             self._stack.callback(self._client.close)
             self.outside = Outside()
             remap = [f"tool_{k}/{kind}:={RELAYED}/tool_{k}/{kind}" for k in (1, 2) for kind in ("wrench", "pose")]
-            choice = CellChoice(
-                lockstep=self.lockstep, checkpoint=str(self.checkpoint), every_pose=not self.lockstep
-            )  # in lockstep nothing is judged by the machine's time to a tick
+            choice = CellChoice(lockstep=self.lockstep, checkpoint=str(self.checkpoint), every_pose=True)
             start_nodes(self._group, choice, remap)
             self._client.wait_ready(self._group)
         except BaseException:

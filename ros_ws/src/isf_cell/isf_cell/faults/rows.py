@@ -157,9 +157,9 @@ def page_of(rows: Sequence[Row], *, seed: int, load: float, cores: int) -> str:
         f"resumed, no result is lost, no force above {100 * OVER_LIMIT:.0f} % of the limit.",
         "",
         "Stands: by the machine's time where its messages are altered, else by the wall clock, judged upwards to the "
-        "distance of two poses (20 ms; 10 ms by the clock); what a process that is frozen lacks in signs of life is "
-        "known after 5 s, and the goals count from then on; 0 where the machine tells nothing any more. Held: the same "
-        "without the time in "
+        "distance of two poses (10 ms; in cells of a command 20 ms); what a process that is frozen lacks in signs of "
+        "life is known after 5 s, and the goals count from then on; 0 where the machine tells nothing any more. Held: "
+        "the same without the time in "
         f"which force control brakes with {BRAKING:g} m/s^2, where it did. Released: by the wall clock.",
         "",
         "| " + " | ".join(HEAD) + " |",
