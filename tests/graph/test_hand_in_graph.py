@@ -321,6 +321,7 @@ def test_a_killed_client_leaves_the_tool_standing(operator: Operator, tmp_path: 
     assert operator.move_to(1, (0.0, 0.0, 95.0)).code == 0
 
 
+@pytest.mark.clock  # 0.15 s of silence of the command are a fault, too, whatever kept it waiting
 def test_a_force_ctrl_that_stood_still_itself_does_not_take_its_client_for_gone(
     operator: Operator, tmp_path: Path
 ) -> None:
