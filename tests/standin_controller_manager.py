@@ -205,6 +205,6 @@ class ControllerManager(Node):
 
 
 if __name__ == "__main__":
-    ended = process.ended_by_signal()
+    ending = process.Ending()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    sys.exit(process.spin(ControllerManager(), ended))
+    sys.exit(process.spin(ControllerManager(), ending))

@@ -235,11 +235,11 @@ class StandInMachine(Node):
 
 
 def main() -> None:
-    ended = process.ended_by_signal()
+    ending = process.Ending()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = StandInMachine()
     try:
-        process.spin(node, ended, streams=True)
+        process.spin(node, ending, streams=True)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

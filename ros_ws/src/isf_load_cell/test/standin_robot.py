@@ -50,6 +50,6 @@ class Robot(Node):
 
 
 if __name__ == "__main__":
-    ended = process.ended_by_signal()
+    ending = process.Ending()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    process.spin(Robot(), ended)
+    process.spin(Robot(), ending)

@@ -42,7 +42,7 @@ MAX_FAILURES = 100
 
 
 def join_graph(args: list[str] | None = None) -> None:
-    """Take part in the graph, with signals left alone (see :func:`ended_by_signal`).
+    """Take part in the graph, with signals left alone (see :class:`Ending`).
 
     Raises IsfError ROS_NOT_STARTED for arguments, a domain or a security set-up that ROS does not take.
     """
@@ -67,8 +67,62 @@ def _security() -> str:
     return f"security is on, and the keystore ({keystore or 'ROS_SECURITY_KEYSTORE is not set'}) has no such enclave"
 
 
-def spin(node: Node, ended: Callable[[], bool], *, streams: bool = False) -> None:
-    """Serve ``node`` until ``ended()``.
+class Ending:
+    """Whether this process is to end: SIGINT or SIGTERM has come since this was made, or :meth:`end` was called.
+
+    Executors that wait for messages are woken at once. The signals raise no exception any more: as KeyboardInterrupt
+    they may come out of rclpy as any other exception (RuntimeError from a conversion of types). For the main thread,
+    before :func:`join_graph`.
+    """
+
+    def __init__(self) -> None:
+        self._told = False
+        self._lock = threading.Lock()
+        self._executors: list[Executor] = []
+        reading, writing = os.pipe()
+        os.set_blocking(writing, False)
+        # Python calls a handler when the main thread comes back from the executor's wait: the number of the signal is
+        # written to the pipe at once
+        signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+        os.register_at_fork(after_in_child=lambda: signal.set_wakeup_fd(-1))  # signals to a child do not end its parent
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: None)
+        threading.Thread(target=self._listen, args=(reading,), name="signals", daemon=True).start()
+
+    def __call__(self) -> bool:
+        """True when the process is to end."""
+        return self._told
+
+    def end(self) -> None:
+        """The process is to end."""
+        with self._lock:
+            self._told = True
+            for executor in self._executors:
+                executor.create_task(_nothing)  # wake() alone goes on waiting
+
+    @contextmanager
+    def waking(self, executor: Executor) -> Iterator[None]:
+        """``executor`` waits no longer when the process is to end."""
+        with self._lock:
+            self._executors.append(executor)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._executors.remove(executor)
+
+    def _listen(self, reading: int) -> None:
+        while number := os.read(reading, 1):
+            if number[0] in (signal.SIGINT, signal.SIGTERM):
+                self.end()
+
+
+def _nothing() -> None:
+    """A task that only wakes."""
+
+
+def spin(node: Node, ending: Ending, *, streams: bool = False) -> None:
+    """Serve ``node`` until the process is to end.
 
     Not by the MultiThreadedExecutor of rclpy 7.1, which loses messages of nodes with subscriptions. ``streams``: see
     :func:`make_executor`.
@@ -77,19 +131,20 @@ def spin(node: Node, ended: Callable[[], bool], *, streams: bool = False) -> Non
     executor.add_node(node)
     failures = 0
     try:
-        while not ended() and rclpy.ok():
-            try:
-                # spin() without a time limit never returns from the EventsExecutor of rclpy 7.1.6
-                executor.spin_once(timeout_sec=0.1)
-            except (ExternalShutdownException, ShutdownException):
-                raise
-            except Exception as error:  # not of a callback, these are guarded: of rclpy itself, or of a bad message
-                failures += 1
-                if failures >= MAX_FAILURES or not isinstance(node, CellNode):
+        with ending.waking(executor):
+            while not ending() and rclpy.ok():
+                try:
+                    # spin() without a time limit never returns from the EventsExecutor of rclpy 7.1.6
+                    executor.spin_once(timeout_sec=0.1)
+                except (ExternalShutdownException, ShutdownException):
                     raise
-                node.fault(error, "executor")
-            else:
-                failures = 0
+                except Exception as error:  # not of a callback, these are guarded: of rclpy itself, or a bad message
+                    failures += 1
+                    if failures >= MAX_FAILURES or not isinstance(node, CellNode):
+                        raise
+                    node.fault(error, "executor")
+                else:
+                    failures = 0
     finally:
         executor.remove_node(node)
 
@@ -104,18 +159,6 @@ def make_executor(*, streams: bool) -> Executor:
             return SingleThreadedExecutor()
         return EventsExecutor()
     return SingleThreadedExecutor()
-
-
-def ended_by_signal() -> Callable[[], bool]:
-    """Whether SIGINT or SIGTERM has come since this call; they raise no exception any more.
-
-    As KeyboardInterrupt they may come out of rclpy as any other exception (RuntimeError from a conversion of types).
-    For :func:`join_graph`.
-    """
-    signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: signals.append(received))
-    return lambda: bool(signals)
 
 
 @dataclass(frozen=True)
@@ -170,22 +213,20 @@ def run_together(
     """
     _give_memory_back()
     atexit.register(gc.freeze)  # else the interpreter looks through all that was imported before it ends: a second
-    told = ended_by_signal()
+    ending = Ending()
     failures: list[BaseException] = []
     nodes: list[CellNode[Any]] = []
     threads: list[threading.Thread] = []
     code = EXIT_OK
 
-    def ended() -> bool:
-        return told() or bool(failures)
-
     def serve(node: CellNode[Any], streams: bool) -> None:
         try:
-            spin(node, ended, streams=streams)
+            spin(node, ending, streams=streams)
         except ExternalShutdownException:
             pass
         except Exception as error:  # raised where it is waited for
             failures.append(error)
+            ending.end()
 
     try:
         join_graph(args)

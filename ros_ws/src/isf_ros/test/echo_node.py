@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 
 def main() -> None:
-    ended = process.ended_by_signal()
+    ending = process.Ending()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("echo")
     for kind, name, read, write in (
@@ -30,7 +30,7 @@ def main() -> None:
 
         node.create_subscription(kind, name, echo, qos.LATCHED)
     try:
-        process.spin(node, ended)
+        process.spin(node, ending)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -1,4 +1,4 @@
-"""A node's process that ROS does not let take part says why, with a code, and without a traceback."""
+"""A node's process: what ROS does not let take part says why; one that is to end does so at once."""
 
 from __future__ import annotations
 
@@ -54,3 +54,39 @@ def test_a_process_that_leaves_is_not_held_up_without_end(then: str, code: int) 
     program += "time.sleep(0.5)\n"  # outlasts the 0.2 s: a timer that was left behind would end the process there
     ended = subprocess.run([sys.executable, "-c", program], timeout=60, check=False)
     assert ended.returncode == code
+
+
+QUIET = """
+import os, signal, sys, threading
+import rclpy
+from isf_ros import process
+from rclpy.signals import SignalHandlerOptions
+
+ending = process.Ending()
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+executor = process.make_executor(streams=sys.argv[1] == "streams")
+executor.add_node(rclpy.create_node("quiet"))
+child = os.fork()
+if child == 0:  # what is sent to a child is not told to its parent
+    os.kill(os.getpid(), signal.SIGTERM)
+    os._exit(0)
+os.waitpid(child, 0)
+executor.spin_once(timeout_sec=0.0)
+assert not ending()
+wanted = getattr(signal, sys.argv[2])
+sender = threading.Timer(0.2, lambda: os.kill(os.getpid(), wanted))
+with ending.waking(executor):
+    sender.start()
+    while not ending():
+        executor.spin_once(timeout_sec=600.0)
+print("ended")
+"""
+
+
+@pytest.mark.parametrize("executor", ["streams", "others"])
+@pytest.mark.parametrize("signal", ["SIGINT", "SIGTERM"])
+def test_a_node_to_which_nothing_comes_ends_at_once(executor: str, signal: str) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", QUIET, executor, signal], timeout=60, capture_output=True, text=True, check=True
+    )
+    assert ended.stdout == "ended\n"
