@@ -355,18 +355,18 @@ class ForceController:
         self._ticks += 1
         forces = (*map(float, wrench_1[:3]), *map(float, wrench_2[:3]))
         # one cell may be silent and the other one tell of an overload; no sign is judged by a force that is not known
-        judged = Mode.HOLD if self._blind else self._mode
-        found = self._watch.check(wrench_1, wrench_2, self._tools.forming, judged, self._laws.normal_force)
+        judged, row = Mode.HOLD if self._blind else self._mode, self._playback.row
+        found = self._watch.check(wrench_1, wrench_2, self._tools.forming, judged, self._laws.normal_force, row)
         if self._blind:
             self.drift.restart()
         else:
             fresh = (wrench_1 is not self._used[0], wrench_2 is not self._used[1])
-            found = found or self.drift.check(self._playback.row, self._tools, self._mode, forces, fresh)
+            found = found or self.drift.check(row, self._tools, self._mode, forces, fresh)
         if found and self.fault is None:
             self._stop(*found)
         self._used = (wrench_1, wrench_2)
         blind = self._blind or self.fault is not None
-        laws, row = self._laws, self._playback.row
+        laws = self._laws
         if not blind:
             laws.sense(row, forces)
         if self._log is not None:

@@ -112,6 +112,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._paused_until = self._seek_until = 0.0
         self._ticks_to_stand = 0
         self._kept: Path | None = None
+        self._leaving = False
         self._ticked = RegularLook(0.5 * p.wrench_pause)
         self._awaited: int | None = None
         self._last_mode = Mode.IDLE
@@ -238,11 +239,13 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
     def _on_bad_wrench(self, reading: Reading, fault: Fault) -> None:
         """A wrench in other axes, or of a clock that cannot be followed, is not used; the contour ends with it.
 
-        Between contours time may have gone on, as a scan takes its time: then it is the first of a new time.
+        Between contours time may have gone on, as a scan takes its time: then it is the first of a new time. So it is
+        when the plan is left: whatever the wrenches' time is now, the tools are lifted by it.
         """
         controller, tool = self._controller, reading[0]
         by_clock = self._loop is not None
-        if controller is None or tool not in self._ready.needed or not (controller.busy or by_clock):
+        lifts = self._leaving and fault[0] in (ErrorCode.WRENCH_CLOCK, ErrorCode.WRENCH_LATE)
+        if controller is None or tool not in self._ready.needed or lifts or not (controller.busy or by_clock):
             self._receiver.restart()
             self._receiver.add(*reading)
         elif controller.fault is None:
@@ -551,7 +554,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 load_controller(controller, kept)
         self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
-        self._late_ended = 0
+        self._late_ended, self._leaving = 0, False
         self._receiver.restart()
         self._latency = LatencyMeter()
         self._output.aim(job_file, controller.config.rate)
@@ -590,7 +593,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._kept = None
             self._hand.disarm()
             if self._controller is not None:
-                self._receiver.restart()  # whatever the wrenches' time is now, the tools are lifted by it
+                self._leaving = True
                 self._controller.disarm()
                 self._publish_state(self._controller, self.get_clock().now().nanoseconds)
                 self._step_in_lockstep()

@@ -24,14 +24,17 @@ Vector = tuple[float, float, float]
 _PRESSING = (Mode.ENGAGE, Mode.CONTROL, Mode.POSITION)
 """Modes in which the forming tool is on the sheet."""
 
-_ALONG = (Mode.CONTROL, Mode.POSITION)
-"""Modes in which the tools move along the sheet: even a cell without any noise reads something new."""
+_FORMING = (Mode.APPROACH, *_PRESSING)
+"""Modes in which tools move into the sheet or along it, so that they had better stand where no force is known."""
 
 _SQUEEZING = (Mode.ENGAGE, Mode.CONTROL)
 """Modes in which the support tool is held in contact."""
 
 _NOTHING = (0.0, 0.0, 0.0)
 
+MOVES = 1e-3
+"""m/s, above which a tool counts as moving: what presses on it changes then, so even a cell without any noise reads
+something new."""
 
 REPEATING = 0.03
 """s after which readings that repeat exactly are doubted: tools shall stand 0.05 s after a signal has frozen."""
@@ -45,10 +48,10 @@ class WrenchWatch:
 
     A load cell that works is never still: its noise alone changes a loaded reading from tick to tick, so readings that
     repeat exactly for ``frozen_time`` come from a signal that has frozen; the same reading used again, because no new
-    one has come (by the clock), is none. Until that is certain, readings that repeat for longer than those of this
-    cell usually do are told as :attr:`repeating`. Contacts only push: a forming tool on the
-    sheet reads an axial force away from the sheet, and a squeezed support tool a positive normal force. The opposite,
-    by more than ``sign_force`` for ``sign_time``, is a cell with a wrong sign; a force loop would push ever harder.
+    one has come (by the clock), is none. Until that is certain, readings that repeat while their tool moves, for longer
+    than those of this cell usually do, are told as :attr:`repeating`. Contacts only push: a forming tool on the sheet
+    reads an axial force away from the sheet, and a squeezed support tool a positive normal force. The opposite, by more
+    than ``sign_force`` for ``sign_time``, is a cell with a wrong sign; a force loop would push ever harder.
     """
 
     def __init__(self, config: ControlConfig) -> None:
@@ -58,6 +61,10 @@ class WrenchWatch:
         self._last: list[Vector] = [_NOTHING, _NOTHING]
         self._used: list[Sequence[float]] = [_NOTHING, _NOTHING]
         self._same, self._against = [0, 0], [0, 0]
+        self._moving_same = [0, 0]
+        """Repetitions in a row in which the tool moved."""
+        self._row: Row | None = None
+        self._least_way = MOVES / config.rate
         self._usual = [0.0, 0.0]
         """Repetitions in a row that a cell of coarse steps, or one slower than its driver, shows lately."""
         self._doubtful = max(3.0, REPEATING * config.rate) if math.isfinite(config.frozen_time) else math.inf
@@ -69,12 +76,20 @@ class WrenchWatch:
         self._loaded = config.contact_threshold
 
     def check(
-        self, wrench_1: Sequence[float], wrench_2: Sequence[float], forming: int, mode: Mode, normal_force: float
+        self,
+        wrench_1: Sequence[float],
+        wrench_2: Sequence[float],
+        forming: int,
+        mode: Mode,
+        normal_force: float,
+        row: Row,
     ) -> tuple[ErrorCode, str] | None:
         """Code and text of what is wrong with the wrenches (6,) of this tick, None when nothing is.
 
-        ``forming`` is the forming tool (1, 2), ``normal_force`` N that of the support tool.
+        ``forming`` is the forming tool (1, 2), ``normal_force`` N that of the support tool, ``row`` holds the tips of
+        the path at this tick.
         """
+        before, self._row = self._row, row
         if not plausible(wrench_1, wrench_2, self._limit):
             return fault_of(wrench_1, wrench_2, self._limit)
         for index, wrench in ((0, wrench_1), (1, wrench_2)):
@@ -83,14 +98,16 @@ class WrenchWatch:
             self._used[index] = wrench
             force = (wrench[0], wrench[1], wrench[2])
             if force != self._last[index] or max(map(abs, force)) < self._loaded:
-                self._usual[index] = max(float(self._same[index]), FORGETTING * self._usual[index])
-                self._last[index], self._same[index] = force, 0
+                self._usual[index] = max(float(self._moving_same[index]), FORGETTING * self._usual[index])
+                self._last[index], self._same[index], self._moving_same[index] = force, 0, 0
                 if self.repeating == index + 1:
                     self.repeating = 0
                 continue
             self._same[index] += 1
-            if mode in _ALONG and self._same[index] >= max(self._doubtful, 3.0 * self._usual[index]):
-                self.repeating = index + 1
+            if mode in _FORMING and before is not None and self._moved(before, row, index):
+                self._moving_same[index] += 1
+                if self._moving_same[index] >= max(self._doubtful, 3.0 * self._usual[index]):
+                    self.repeating = index + 1
             if self._same[index] >= self._frozen_after:
                 return ErrorCode.WRENCH_FROZEN, (
                     f"tool_{index + 1}/wrench has been the same {self._same[index]} times under load: frozen signal "
@@ -113,6 +130,10 @@ class WrenchWatch:
                     "axes of frame sheet)"
                 )
         return None
+
+    def _moved(self, before: Row, row: Row, index: int) -> bool:
+        tip = slice(3 * index, 3 * index + 3)
+        return math.dist(before[tip], row[tip]) > self._least_way
 
 
 def plausible(wrench_1: Sequence[float], wrench_2: Sequence[float], limit: Vector) -> bool:

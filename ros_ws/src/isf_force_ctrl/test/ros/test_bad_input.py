@@ -198,3 +198,24 @@ def test_a_parameter_of_another_type_ends_the_process_with_a_text(capfd: pytest.
     assert "FILE_FIELD" in error
     assert "loop_gain" in error
     assert "Traceback" not in error
+
+
+def test_a_plan_that_is_left_keeps_the_wrench_of_a_tick_that_is_there(cell: Faulty) -> None:
+    """The machine would tell it again only after a while, and the tools would go on for that long."""
+    cell.start()
+    cell.setter("machine")  # to find it may take as long as the contour
+    cell.armed()
+    cell._contours.publish(conversion.contour_to_message(long_ring()))
+    assert cell.wait(lambda: any(state.mode == ForceCtrlState.CONTROL for state in cell.states))
+    assert all(result.successful for result in cell.set("machine", silent=1))
+    told = 0
+    while told < cell.newest_wrench:  # of tool_1; of the tick after it tool_2 alone is told
+        told = cell.newest_wrench
+        cell.wait(lambda told=told: cell.newest_wrench > told, timeout=0.3)
+    assert cell.arm(plan_id="").code == 0
+    assert all(result.successful for result in cell.set("machine", silent=2))
+    assert cell.wait(
+        lambda: cell.newest_wrench > told + 3 * stamps.NANO // 1000
+    )  # a tick is 2 ms, this is the next but one
+    assert all(result.successful for result in cell.set("machine", silent=0))
+    assert cell.rests_in(ForceCtrlState.IDLE)

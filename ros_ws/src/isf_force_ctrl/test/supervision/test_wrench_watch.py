@@ -1,6 +1,7 @@
 """Signals that lie: frozen, in other axes, of the wrong sign; and contours that do not join."""
 
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl import ForceController, Mode
 from isf_force_ctrl.supervision.wrench_receiver import WrenchFrames
 from isf_force_ctrl.supervision.wrench_watch import WrenchWatch
+
+ROWS = ([4e-5 * k, 0.0, 0.0, 4e-5 * k, 0.0, 0.0] for k in count())
+"""Tips of both tools along x, 20 mm/s at 500 Hz."""
 
 
 def test_tools_brake_50_ms_after_a_wrench_has_frozen_and_go_on_when_it_is_back():
@@ -42,8 +46,27 @@ def test_a_cell_of_coarse_steps_or_slower_than_its_driver_makes_no_tool_stand(ea
     for reading in range(4000 // each):
         value = [*(4.0 * np.round(30.0 + 0.3 * random.standard_normal(3))), 0.0, 0.0, 0.0]
         for _ in range(each):
-            assert watch.check(list(value), still, 1, Mode.CONTROL, 120.0) is None
+            assert watch.check(list(value), still, 1, Mode.CONTROL, 120.0, next(ROWS)) is None
             assert watch.repeating == 0 or reading < 100, "what is usual for it is learned"
+
+
+@pytest.mark.parametrize(
+    ("mode", "speed", "doubted"),
+    [
+        (Mode.APPROACH, 20e-3, True),  # pressed into a sheet that has sprung up
+        (Mode.ENGAGE, 20e-3, True),
+        (Mode.CONTROL, 20e-3, True),
+        (Mode.ENGAGE, 0.0, False),  # waits for the support tool: a cell without noise reads the same
+        (Mode.CONTROL, 0.5e-3, False),
+        (Mode.LIFT, 20e-3, False),  # the way out of the sheet, whatever the cell says
+    ],
+)
+def test_a_reading_that_repeats_is_doubted_where_its_tool_moves_into_the_sheet_or_along_it(mode, speed, doubted):
+    watch = WrenchWatch(make_config())
+    for tick in range(25):  # 0.05 s at 500 Hz
+        row = [0.0, 0.0, -speed * tick / 500.0, 0.0, 0.0, 0.0]
+        assert watch.check([0.0, 0.0, 300.0, 0.0, 0.0, 0.0], [0.0] * 6, 1, mode, 0.0, row) is None
+    assert watch.repeating == (1 if doubted else 0)
 
 
 @pytest.mark.parametrize("tool", [1, 2])
@@ -74,14 +97,16 @@ def test_noise_and_unloaded_cells_are_not_frozen():
     still = [0.0] * 6
     for _ in range(5000):
         loaded = [*np.round(120.0 + 1.2 * random.standard_normal(3)), 0.0, 0.0, 0.0]
-        assert watch.check(loaded, still, 1, Mode.CONTROL, 120.0) is None
+        assert watch.check(loaded, still, 1, Mode.CONTROL, 120.0, next(ROWS)) is None
 
 
 def test_a_reading_that_is_used_again_is_not_frozen():
     # by the clock, while no new message comes: that is a lost signal, and told as one
     watch, kept = WrenchWatch(make_config()), [(0.0, 0.0, 100.0, 0.0, 0.0, 0.0)] * 2
-    assert all(watch.check(*kept, 1, Mode.CONTROL, 120.0) is None for _ in range(1000))
-    found = [watch.check([0.0, 0.0, 100.0, 0.0, 0.0, 0.0], kept[1], 1, Mode.CONTROL, 120.0) for _ in range(200)]
+    assert all(watch.check(*kept, 1, Mode.CONTROL, 120.0, next(ROWS)) is None for _ in range(1000))
+    found = [
+        watch.check([0.0, 0.0, 100.0, 0.0, 0.0, 0.0], kept[1], 1, Mode.CONTROL, 120.0, next(ROWS)) for _ in range(200)
+    ]
     assert found[-1][0] is ErrorCode.WRENCH_FROZEN
 
 
@@ -119,7 +144,7 @@ def test_short_tension_is_no_wrong_sign():
     watch = WrenchWatch(make_config())
     for tick in range(400):
         fz = -60.0 - tick % 3 if tick % 50 < 40 else 5.0  # 80 ms at a time
-        assert watch.check([0, 0, fz, 0, 0, 0], [0] * 6, 1, Mode.POSITION, 0.0) is None
+        assert watch.check([0, 0, fz, 0, 0, 0], [0] * 6, 1, Mode.POSITION, 0.0, next(ROWS)) is None
 
 
 def test_frames():
