@@ -322,7 +322,8 @@ def _without_braking(case: Case, cell: FaultCell | CommandCell, injection: _Inje
     if case.held is None or not any(code // 100 == 12 for code in (case.code, *case.codes)):
         return case
     pose = cell.outside.trace("tool_1/pose")
-    return replace(case, reaction=max(0.0, case.held - judge.speed(pose, stamp=injection.stamp) / BRAKING))
+    speed = judge.speed(pose, stamp=injection.stamp, until=case.held_machine or 0.0)
+    return replace(case, reaction=max(0.0, case.held - speed / BRAKING))
 
 
 def _resumed(cell: FaultCell | CommandCell, seen: set[int], count: int) -> tuple[bool | None, int, int, Array | None]:

@@ -86,13 +86,17 @@ def _stands(times: Indices, last: int, later: int) -> bool:
     return later < 0 or 1e-9 * (times[later] - times[last + 1]) >= STANDS_FOR
 
 
-def speed(pose: Trace, *, stamp: int) -> float:
-    """m/s, mean speed of a tool in the last 0.1 s before ``stamp`` (ns, of the machine)."""
+def speed(pose: Trace, *, stamp: int, until: float = 0.0) -> float:
+    """m/s, mean speed of a tool in the last 0.1 s before ``stamp`` (ns, of the machine), or that of its fastest step in
+    the ``until`` s after it, where it is faster: a tool that leaves a seam still gathers speed."""
     span = np.flatnonzero((pose.stamp <= stamp) & (pose.stamp >= stamp - 100_000_000))
-    if len(span) < 2 or (time := 1e-9 * float(pose.stamp[span[-1]] - pose.stamp[span[0]])) <= 0.0:
-        return 0.0
-    way = np.linalg.norm(np.diff(pose.value[span], axis=0), axis=1).sum()
-    return float(way / time)
+    before = 0.0
+    if len(span) > 1 and (time := 1e-9 * float(pose.stamp[span[-1]] - pose.stamp[span[0]])) > 0.0:
+        before = float(np.linalg.norm(np.diff(pose.value[span], axis=0), axis=1).sum() / time)
+    after = np.flatnonzero((pose.stamp > stamp) & (pose.stamp <= stamp + 1e9 * until))
+    way, times = np.diff(pose.value[after], axis=0), 1e-9 * np.diff(pose.stamp[after])
+    steps = np.linalg.norm(way, axis=1)[times > 0.0] / times[times > 0.0]
+    return max(before, float(steps.max(initial=0.0)))
 
 
 ON_ITS_WAY = 0.5

@@ -89,3 +89,13 @@ def test_speed_is_that_before_the_fault() -> None:
     assert judge.speed(moving_until(5000), stamp=FAULT) == pytest.approx(0.02)
     assert judge.speed(moving_until(500), stamp=FAULT) == 0.0
     assert judge.speed(moving_until(500), stamp=-1) == 0.0
+
+
+def test_speed_is_that_which_a_tool_gathers_before_it_is_braked() -> None:
+    """From 10 mm/s at the fault to 20 mm/s 40 ms later."""
+    times = range(0, 2000, 20)
+    x = [1e-5 * min(t, 1040) + 2e-5 * min(max(0, t - 1040), 60) for t in times]
+    seen = trace([(a, 0.0, 0.0) for a in x])
+    assert judge.speed(seen, stamp=FAULT) == pytest.approx(0.01)
+    assert judge.speed(seen, stamp=FAULT, until=0.1) == pytest.approx(0.02)
+    assert judge.speed(seen, stamp=FAULT, until=0.04) == pytest.approx(0.01)
