@@ -115,6 +115,7 @@ def _learn(job: str) -> Case:
 
 LIFTS = "lift_every: 2"
 SENSOR = f"{SCANS}, scan_sensor: true"
+ANALYTIC = "fused: {model: analytic}"
 DENSE = "mpc: {coupled: true, solver: piqp, step: per_direction, distribution: dense}"
 
 CASES = [
@@ -122,7 +123,7 @@ CASES = [
     _form("spif_cone", "none", always=True),
     _form("spif_cone", "analytic", always=True),
     _form("spif_cone", "elastic"),
-    _form("spif_cone", "fused", f"{SENSOR}, {LIFTS}"),
+    _form("spif_cone", "fused", f"{SENSOR}, {LIFTS}, {ANALYTIC}"),
     _form("spif_cone", "mpc_vertical", SCANS),
     _form("spif_cone", "mpc_two_directional", SENSOR),
     _form("dsif_cone", "none", name="position_control", support_force=0.0),
@@ -132,8 +133,8 @@ CASES = [
     _form("dsif_cone", "elastic"),
     _form("dsif_cone", "elastic", "elastic: {horizontal: true, forecast: linear, block: 2}", name="horizontal"),
     _database("dsif_cone"),
-    _form("dsif_cone", "fused", f"{SENSOR}, {LIFTS}", always=True, factor=NOISY_SCANS),
-    _form("dsif_cone", "fused", LIFTS, name="lifts"),
+    _form("dsif_cone", "fused", f"{SENSOR}, {LIFTS}, {ANALYTIC}", always=True, factor=NOISY_SCANS),
+    _form("dsif_cone", "fused", f"{LIFTS}, {ANALYTIC}", name="lifts"),
     _form("dsif_cone", "fused", f"{SCANS}, fused: {{model: elastic}}", name="elastic", always=True),
     _form("dsif_cone", "learned", "learning: dsif_cone_learned.npz", always=True),
     _form("dsif_cone", "learned_map", "learning: two_pockets_learned.npz", always=True),
@@ -143,7 +144,7 @@ CASES = [
     _learn("dsif_cone"),
     _form("tpif_cone", "none"),
     _form("tpif_cone", "analytic"),  # ends at the force limit of the machine
-    _form("tpif_cone", "fused", SCANS),
+    _form("tpif_cone", "fused", f"{SCANS}, {ANALYTIC}"),
     _form("tpif_cone", "mpc_tpif", SCANS, always=True),
     _form("tpif_cone", "mpc_tpif", f"{SENSOR}, mpc: {{step: per_direction, distribution: dense}}", name="dense"),
     _form("adsif_cone", "none", always=True, contours=12),
@@ -152,19 +153,19 @@ CASES = [
     _form("two_pockets", "none"),
     _form("two_pockets", "analytic"),
     _form("two_pockets", "elastic", "first_contour: zero"),
-    _form("two_pockets", "fused", f"{SCANS}, first_contour: zero", always=True),
+    _form("two_pockets", "fused", f"{SCANS}, first_contour: zero, {ANALYTIC}", always=True),
     _form("two_pockets", "mpc_vertical", SCANS, always=True),
     _form("two_pockets", "mpc_two_directional", SCANS),
     _form("two_pockets", "learned", "learning: two_pockets_learned.npz", always=True),
     _form("two_pockets", "learned_map", "learning: two_pockets_learned.npz"),
     _form("pocket_and_dome", "analytic", always=True),
-    _form("pocket_and_dome", "fused", f"{SENSOR}, {LIFTS}"),
+    _form("pocket_and_dome", "fused", f"{SENSOR}, {LIFTS}, {ANALYTIC}"),
     _form("island", "analytic"),
-    _form("island", "fused", SCANS),
+    _form("island", "fused", f"{SCANS}, {ANALYTIC}"),
     _form("spiral", "analytic"),
-    _form("spiral", "fused", SCANS),
+    _form("spiral", "fused", f"{SCANS}, {ANALYTIC}"),
     _form("stages", "analytic"),
-    _form("stages", "fused", SCANS),
+    _form("stages", "fused", f"{SCANS}, {ANALYTIC}"),
     _identify("compliance", always=True),
     _identify("stiffness", always=False),
     _identify("servo", always=True),

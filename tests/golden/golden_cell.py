@@ -163,11 +163,11 @@ def job_text(job: Path, springback: str) -> str:
 
 
 def method_names(job: Path) -> set[str]:
-    """Names of all springback methods, as the product tells them to who asks for another."""
+    """Names of all springback methods, as the product tells them to who asks for another; auto is one of the others."""
     try:
         in_process.form(JobFile(job.read_text(encoding="utf-8"), job.parent), RunOptions(correction="?"))
     except IsfError as refused:
-        return {name.strip() for name in refused.advice.removeprefix("known:").split(",")}
+        return {name.strip() for name in refused.advice.removeprefix("known:").split(",")} - {"auto"}
     raise AssertionError("a method of no name was accepted")
 
 

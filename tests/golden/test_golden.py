@@ -13,7 +13,7 @@ import golden_cell as cell
 import golden_values
 import numpy as np
 import pytest
-from golden_cases import CASES, EXAMPLES, JOBS, LIFTS, LONG_PLANS, RECORDED, SENSOR, Case
+from golden_cases import ANALYTIC, CASES, EXAMPLES, JOBS, LIFTS, LONG_PLANS, RECORDED, SENSOR, Case
 from golden_values import Quantity, Series, differences
 
 MAXIMUM_REPORTED = 15
@@ -47,10 +47,10 @@ def test_run_gives_what_was_recorded(case: Case, pytestconfig: pytest.Config) ->
 @pytest.mark.parametrize(
     ("name", "job", "springback"),
     [
-        ("dsif_cone_fused", "dsif_cone", f"method: fused, {SENSOR}, {LIFTS}"),
+        ("dsif_cone_fused", "dsif_cone", f"method: fused, {SENSOR}, {LIFTS}, {ANALYTIC}"),
         ("tpif_cone_none", "tpif_cone", "method: none"),
         ("adsif_cone_none_whole", "adsif_cone", "method: none"),
-        ("pocket_and_dome_fused", "pocket_and_dome", f"method: fused, {SENSOR}, {LIFTS}"),
+        ("pocket_and_dome_fused", "pocket_and_dome", f"method: fused, {SENSOR}, {LIFTS}, {ANALYTIC}"),
     ],
 )
 def test_node_graph_gives_what_was_recorded_in_process(name: str, job: str, springback: str, tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_a_lift_survives_its_message() -> None:
 def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None:
     """1 um, contour by contour; scans after every third contour as a scanner would be used on a long part, lifts after
     every fourth."""
-    fields = "method: fused\n  scan_every: 3\n  lift_every: 4\n  scan_sensor: true"
+    fields = "method: fused\n  fused: {model: analytic}\n  scan_every: 3\n  lift_every: 4\n  scan_sensor: true"
     job_file = quick_cone(fields, step="0.5 mm")  # what was seen tells after six contours
     _, failure = graph_run.form(job_file, RunOptions(seed=5), tmp_path, quiet)
     assert failure is None

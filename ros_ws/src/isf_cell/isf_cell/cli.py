@@ -42,7 +42,8 @@ app = typer.Typer(
 )
 
 Correction = Annotated[
-    str | None, typer.Option("--correction", help="springback method, or none  [default: the job's]", metavar="NAME")
+    str | None,
+    typer.Option("--correction", help="springback method, auto, or none  [default: the job's]", metavar="NAME"),
 ]
 SupportForce = Annotated[
     float | None, typer.Option("--support-force", help="set-point in N, 0 = position control  [default: the job's]")
@@ -567,7 +568,7 @@ def learn(
 def tryout(
     job: Job,
     correction: Annotated[
-        str | None, typer.Option("--correction", help="method of the first part, or none  [default: the job's]")
+        str | None, typer.Option("--correction", help="method of the first part, auto, or none  [default: the job's]")
     ] = None,
     steps: Annotated[int, typer.Option(help="parts after the probes, at most, of either kind", min=1, max=50)] = 6,
     variants: Annotated[

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal
+from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal, springback_method
 from isf_core.simulated_sheet import DEFAULT_SHEET, SheetKind, is_structural
 
 UNCORRECTED = "none"
@@ -19,7 +19,7 @@ class RunOptions:
 
     Attributes
     ----------
-    correction : springback method; None: the job's
+    correction : springback method, auto: the one that a job gets that names none; None: the job's
     support_force : N, set-point of the support tool; None: the job's
     variant : of the simulated plant, 0 = nominal; :mod:`isf_sim.variant`
     seed : seed of sensor noise and of the variant
@@ -71,7 +71,7 @@ class RunOptions:
 
     def method(self, job_file: JobFile) -> str:
         """Springback method of the run."""
-        return self.correction or job_file.job.springback.method
+        return springback_method(job_file.job, self.correction)
 
     def set_point(self, job_file: JobFile) -> float:
         """Support force of the run, N; 0 = position control. A chosen one (``auto``) is told for walls of 45 deg."""

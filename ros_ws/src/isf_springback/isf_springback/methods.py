@@ -15,7 +15,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile, correction_refusal
+from isf_core.files.job import AUTO, JobFile, correction_refusal, springback_method
 
 from isf_springback.corrector import Corrector
 from isf_springback.estimators.estimator import Estimator
@@ -35,13 +35,13 @@ def method_names() -> list[str]:
 
 
 def check_name(name: str) -> None:
-    """Raise IsfError METHOD_UNKNOWN, with the names that exist, when there is no method ``name``."""
-    if name not in _entries():
+    """Raise IsfError METHOD_UNKNOWN, with the names that exist, when there is no method ``name`` and it is not auto."""
+    if name not in _entries() and name != AUTO:
         raise IsfError(
             ErrorCode.METHOD_UNKNOWN,
             f"there is no springback method '{name}'",
             where="springback.method",
-            advice=f"known: {', '.join(method_names())}",
+            advice=f"known: {', '.join([AUTO, *method_names()])}",
         )
 
 
@@ -49,6 +49,7 @@ def check_method(name: str, job_file: JobFile) -> None:
     """Raise IsfError METHOD_UNKNOWN as :func:`check_name`, FILE_FIELD when the job's process cannot be corrected, or
     the job lacks the scans the method needs."""
     check_name(name)
+    name = springback_method(job_file.job, name)
     if refusal := correction_refusal(job_file.job.process, name):
         raise IsfError(ErrorCode.FILE_FIELD, refusal, where="springback method", advice="form it with the method none")
     if needs_scans(name) and job_file.job.springback.scan_every == 0:
@@ -74,6 +75,7 @@ def make_corrector(name: str, job_file: JobFile) -> Corrector:
     IsfError : as :func:`check_method`; what the method itself refuses (LEARNING_UNUSABLE, ...)
     """
     check_method(name, job_file)
+    name = springback_method(job_file.job, name)
     estimator = _load(name)(job_file)
     if not isinstance(estimator, Estimator):
         raise IsfError(

@@ -56,7 +56,7 @@ class SpringbackParameters:
 
     method: str = parameter(
         "",
-        f"correction method from the next contour on ({', '.join(method_names())}); empty: the job's",
+        f"correction method from the next contour on (auto, {', '.join(method_names())}); empty: the job's",
         read_only=False,
     )
     job: str = parameter("", "job file, for a cell whose executive does not publish part/info")

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError, coded
-from isf_core.files.job import JobFile
+from isf_core.files.job import JobFile, springback_method
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
@@ -65,7 +65,9 @@ class CorrectionSession:
     @property
     def method_name(self) -> str:
         """Method for the next contour: the one chosen, else the job's; "" while no job is known."""
-        return self._choice or self._job_method
+        if self._job is None or not self._choice:
+            return self._choice or self._job_method
+        return springback_method(self._job.job, self._choice)
 
     def choose(self, name: str) -> None:
         """Use method ``name`` from the next contour on ("": the job's); raises IsfError METHOD_UNKNOWN.
@@ -80,7 +82,7 @@ class CorrectionSession:
         """The job of plan ``plan_id`` ("": of any plan), with the method of the run when it is not the job's."""
         self._job = job_file
         self._job_plan = plan_id
-        self._job_method = method or job_file.job.springback.method
+        self._job_method = springback_method(job_file.job, method)
 
     def add_contour(self, contour: Contour) -> None:
         """A contour to be corrected; replaces one that still waits."""

@@ -20,7 +20,7 @@ tool_1: {radius: 5 mm}
 tool_2: {radius: 5 mm}
 path: {incremental_depth: 0.5 mm, point_spacing: 0.5 mm, feed: 30 mm/s}
 control: {support_force: 120 N}
-springback: {method: analytic, gain: 1.0}
+springback: {method: analytic, gain: 1.0, fused: {model: analytic}}
 """
 
 

@@ -96,7 +96,7 @@ def test_the_edge_of_the_opening_is_not_pressed_deeper_while_it_bends_down(plate
 
     def asked(*, looks):
         fused = make_corrector(
-            "fused", JobFile(JOB_TEXT.replace("analytic", "fused, scan_every: 1") + plate, Path("."))
+            "fused", JobFile(JOB_TEXT.replace("method: analytic", "method: fused, scan_every: 1") + plate, Path("."))
         )
         fused.set_target(TARGET)
         sheet = Sheet(lambda depth, around: 12e-3)

@@ -53,7 +53,7 @@ def test_none_passes_through():
 
 
 def test_unknown_method_lists_the_known_ones():
-    with pytest.raises(IsfError, match=r"analytic.*, none") as caught:
+    with pytest.raises(IsfError, match=r"auto, analytic.*, none") as caught:
         make_corrector("analitic", job_file())
     assert caught.value.code == ErrorCode.METHOD_UNKNOWN
 

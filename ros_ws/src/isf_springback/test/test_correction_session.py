@@ -112,6 +112,14 @@ def test_unknown_method_is_refused_and_the_old_one_stays(session):
     assert session.method_name == "analytic"
 
 
+def test_auto_is_the_method_that_goes_with_the_job(session):
+    session.choose("auto")
+    assert session.method_name == "elastic"
+    session.choose("")
+    session.set_job(job_file(), "plan", method="auto")
+    assert session.method_name == "elastic"
+
+
 def test_unknown_method_of_the_run_is_reported(session):
     session.set_job(job_file(), "plan", method="magic")
     session.add_contour(cone_contour(0))

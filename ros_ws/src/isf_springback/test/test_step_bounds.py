@@ -72,8 +72,8 @@ def test_near_the_force_limit_the_step_becomes_smaller_and_says_so():
 
 def test_the_model_of_fused_is_a_choice_of_the_job():
     """Without scans the prediction is that of the chosen model under the held force."""
-    for model in ("analytic", "elastic"):
-        fused = make_corrector("fused", job(f"fused: {{model: {model}}}"))
+    for chosen, model in (("model: analytic", "analytic"), ("model: elastic", "elastic"), ("", "elastic")):
+        fused = make_corrector("fused", JobFile(JOB_TEXT.replace("model: analytic", chosen), Path(".")))
         alone = make_corrector(model, job())
         for index in range(3):
             contour = cone_contour(index)

@@ -10,7 +10,7 @@ from isf_analysis.measures.deviation import Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
-from isf_core.files.job import load_job
+from isf_core.files.job import load_job, springback_method
 from isf_core.simulated_sheet import SEALED_VARIANTS
 from isf_planner import plan
 from isf_springback.methods import check_name
@@ -38,6 +38,7 @@ def compare_methods(
     for name in methods:
         check_name(name)
     job_file = load_job(job)
+    methods = list(dict.fromkeys(springback_method(job_file.job, name) for name in methods))
     folder = make_run_folder(output, f"compare-{job_file.job.name}")
     with terminal.console.status("planning"):
         part_plan = plan(job_file)

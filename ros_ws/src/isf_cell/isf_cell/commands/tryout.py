@@ -225,7 +225,7 @@ class Search:
     def run(self) -> None:
         """Form parts until one is good or nothing helps any more."""
         (first,) = self._add([("first", None)])
-        if first.failures and (self.correction or self.job_file.job.springback.method) != "none":
+        if first.failures and RunOptions(self.correction).method(self.job_file) != "none":
             terminal.say("begins again without a correction")
             self.correction = "none"
             (first,) = self._add([("uncorrected", None)])

@@ -17,7 +17,7 @@ from isf_analysis.measures.force_metrics import has_set_point
 from isf_analysis.measures.record import PartRecord
 from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
+from isf_core.files.job import JobFile, springback_method
 from isf_force_ctrl.control_config import ControlConfig
 from isf_planner import Plan
 from isf_springback.methods import check_method
@@ -107,7 +107,7 @@ def change_at(run: RecordedRun, what_if: WhatIf, base: Path | None, start: int) 
         after = replace(after, set_point=_held_force(run, job_file, start))
         after.check()
     method = run.options(recorded).method(recorded)
-    chosen = what_if.method or method
+    chosen = springback_method(job_file.job, what_if.method or method)
     correction = None
     if chosen != method or job_file.job.springback != recorded.job.springback:
         check_method(chosen, job_file)

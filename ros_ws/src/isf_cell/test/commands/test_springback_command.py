@@ -72,7 +72,6 @@ def test_the_database_of_a_part_is_made_once_before_it_and_not_for_methods_witho
 
     job_file, said = load_job(JOB), []
     prepare_database(job_file, "analytic", said.append)
-    prepare_database(job_file, "fused", said.append)  # with the analytic model
     assert (said, database_of(job_file)) == ([], None)
     prepare_database(job_file, "elastic", said.append)
     assert "depths" in said[-1]

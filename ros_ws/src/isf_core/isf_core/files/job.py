@@ -558,7 +558,7 @@ class ElasticSpec(FileModel):
 class FusedSpec(FileModel):
     """Method "fused": prediction of a model and bias from the scanned shape as one estimate."""
 
-    model: Literal["analytic", "elastic"] = "analytic"
+    model: Literal["analytic", "elastic"] = "elastic"
     """What predicts from the force; elastic takes its options from the section ``elastic``."""
 
 
@@ -567,7 +567,7 @@ class SpringbackSpec(FileModel):
 
     method: str = "auto"
     """Name of a method of isf_springback ("none", "analytic", ...). auto is one of them: in SPIF and DSIF `elastic`,
-    with `scan_every` `fused` (on the model `elastic`), with `learning` `learned`; in TPIF with `scan_every` `mpc_tpif`;
+    with `scan_every` `fused`, with `learning` `learned`; in TPIF with `scan_every` `mpc_tpif`;
     `none` in all other cases, beside `path.compensation: [sheet]`, and for a program, which is formed as it stands."""
     gain: float = Field(default=1.0, ge=0.0, le=2.0)
     """Factor on the predicted springback."""
@@ -606,18 +606,20 @@ class ToleranceSpec(FileModel):
     """Of the points of wall and base that must be good; 1: all of them. The default is that of Lu 2016, 4.4."""
 
 
-def _automatic(job: Job) -> SpringbackSpec:
-    """The springback section of ``job`` with what method auto stands for."""
-    spec, fused = job.springback, job.springback.fused
-    method = "none"
-    if job.path.program is None and not job.strategy and "sheet" not in job.path.compensation:
-        if job.process in ("SPIF", "DSIF"):
-            method = "learned" if spec.learning else "fused" if spec.scan_every else "elastic"
-        elif job.process == "TPIF" and spec.scan_every:
-            method = "mpc_tpif"
-    if method == "fused" and "model" not in fused.model_fields_set:
-        fused = fused.model_copy(update={"model": "elastic"})
-    return spec.model_copy(update={"method": method, "fused": fused})
+AUTO = "auto"
+"""Springback method that stands for another one, see :func:`springback_method`."""
+
+
+def springback_method(job: Job, name: str | None = None) -> str:
+    """Name of the springback method of ``job`` where ``name`` is asked for: auto, another one, or empty: the job's."""
+    if name != AUTO:
+        return name or job.springback.method
+    spec = job.springback
+    if job.path.program is not None or job.strategy or "sheet" in job.path.compensation:
+        return "none"
+    if job.process in ("SPIF", "DSIF"):
+        return "learned" if spec.learning else "fused" if spec.scan_every else "elastic"
+    return "mpc_tpif" if job.process == "TPIF" and spec.scan_every else "none"
 
 
 def correction_refusal(process: str, method: str) -> str:
@@ -723,8 +725,10 @@ class Job(FileModel):
 
     @model_validator(mode="after")
     def _correction(self) -> Job:
-        known = self.springback.method != "auto"
-        return self if known else self.model_copy(update={"springback": _automatic(self)})
+        if self.springback.method != AUTO:
+            return self
+        spec = self.springback.model_copy(update={"method": springback_method(self, AUTO)})
+        return self.model_copy(update={"springback": spec})
 
     @model_validator(mode="after")
     def _path_of_process(self) -> Job:

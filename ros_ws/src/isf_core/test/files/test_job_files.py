@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
-from isf_core.files.job import Job, JobFile, load_job
+from isf_core.files.job import Job, JobFile, load_job, springback_method
 from isf_core.files.material import load_material
 from isf_core.files.rig import load_rig
 from isf_core.files.yaml_file import share_directory
@@ -205,26 +205,35 @@ ADSIF = GOOD.replace("process: DSIF", "process: ADSIF").replace("control: {suppo
 
 
 @pytest.mark.parametrize(
-    ("text", "section", "method", "model"),
+    ("text", "section", "method"),
     [
-        (GOOD, "", "elastic", "analytic"),
-        (SPIF, "", "elastic", "analytic"),
-        (SPIF, "gain: 0.9", "elastic", "analytic"),
-        (SPIF, "method: auto", "elastic", "analytic"),
-        (SPIF, "scan_every: 1", "fused", "elastic"),
-        (SPIF, "scan_every: 1, fused: {model: analytic}", "fused", "analytic"),
-        (SPIF, "method: fused, scan_every: 1", "fused", "analytic"),
-        (SPIF, "scan_every: 1, learning: cone.json", "learned", "analytic"),
-        (TPIF, "", "none", "analytic"),
-        (TPIF, "scan_every: 1", "mpc_tpif", "analytic"),
-        (ADSIF, "", "none", "analytic"),
-        (SPIF.replace("point_spacing: 0.5 mm", "program: part.nc"), "", "none", "analytic"),
-        (SPIF.replace("feed:", "compensation: [sheet]\n  feed:"), "", "none", "analytic"),
-        (SPIF, "method: none", "none", "analytic"),
+        (GOOD, "", "elastic"),
+        (SPIF, "", "elastic"),
+        (SPIF, "gain: 0.9", "elastic"),
+        (SPIF, "method: auto", "elastic"),
+        (SPIF, "scan_every: 1", "fused"),
+        (SPIF, "method: fused, scan_every: 1", "fused"),
+        (SPIF, "scan_every: 1, learning: cone.json", "learned"),
+        (TPIF, "", "none"),
+        (TPIF, "scan_every: 1", "mpc_tpif"),
+        (ADSIF, "", "none"),
+        (SPIF.replace("point_spacing: 0.5 mm", "program: part.nc"), "", "none"),
+        (SPIF.replace("feed:", "compensation: [sheet]\n  feed:"), "", "none"),
+        (SPIF, "method: none", "none"),
     ],
 )
 def test_parts_are_corrected_by_what_the_cell_has_unless_the_job_names_a_method(
-    text: str, section: str, method: str, model: str
+    text: str, section: str, method: str
 ) -> None:
     spec = parse(text + (f"springback: {{{section}}}\n" if section else "")).springback
-    assert (spec.method, spec.fused.model) == (method, model)
+    assert spec.method == method
+
+
+def test_auto_may_be_asked_for_beside_a_job_that_names_a_method() -> None:
+    job = parse(SPIF + "springback: {method: analytic, scan_every: 1}\n")
+    assert [springback_method(job, name) for name in (None, "", "none", "auto")] == [
+        "analytic",
+        "analytic",
+        "none",
+        "fused",
+    ]
