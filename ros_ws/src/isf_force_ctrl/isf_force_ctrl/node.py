@@ -112,7 +112,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._paused_until = self._seek_until = 0.0
         self._ticks_to_stand = 0
         self._kept: Path | None = None
-        self._leaving = False
+        self._leaving = self._unanswered = False
         self._ticked = RegularLook(0.5 * p.wrench_pause)
         self._awaited: int | None = None
         self._last_mode = Mode.IDLE
@@ -270,8 +270,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         rate = controller.config.rate
         tick = round(stamp * rate / stamps.NANO)
         self._awaited = due = stamps.tick_nanoseconds(tick + 1, rate)  # before it may come to its end in the tick
+        self._unanswered = True
         targets = controller.tick(tick, stamp / stamps.NANO, *self._pair.wrench)
         self._output.targets(targets, due)
+        self._unanswered = False
         self._after_tick(controller, stamp)
 
     def _end(self) -> None:
@@ -554,7 +556,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 load_controller(controller, kept)
         self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
-        self._late_ended, self._leaving = 0, False
+        self._late_ended, self._leaving, self._unanswered = 0, False, False
         self._receiver.restart()
         self._latency = LatencyMeter()
         self._output.aim(job_file, controller.config.rate)
@@ -594,6 +596,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._hand.disarm()
             if self._controller is not None:
                 self._leaving = True
+                if self._unanswered:  # a tick that failed; the machine waits for what follows from its wrenches
+                    self._pair.take_again()
                 self._controller.disarm()
                 self._publish_state(self._controller, self.get_clock().now().nanoseconds)
                 self._step_in_lockstep()

@@ -189,6 +189,10 @@ class WrenchPair:
         self._handled = first
         return first
 
+    def take_again(self) -> None:
+        """The pair that was taken last may be taken once more."""
+        self._handled = -1
+
     def reached(self, stamp: int) -> bool:
         """True when both wrenches are of ``stamp`` ns or later."""
         return min(self._stamp) >= stamp
