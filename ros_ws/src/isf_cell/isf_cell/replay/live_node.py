@@ -36,6 +36,7 @@ from isf_ros.process import join_graph
 from isf_springback.lift_feedback import lift_due
 from isf_springback.scan.feedback import scan_due
 from lifecycle_msgs.srv import GetState
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
@@ -60,6 +61,9 @@ ANSWER = 20.0
 
 CORRECTION = 600.0
 """s of wall time for one correction; the first one may compute a database."""
+
+ARRIVES = 10.0
+"""s of wall time for the target of a part to be with the node."""
 
 THERE = 2.0
 """s in which a node that is running is discovered; participants find one another in less on one computer."""
@@ -491,6 +495,7 @@ def _play_into_springback(live: _Live, run: RecordedRun, job_file: JobFile, prog
     live.client.set_parameter("springback", "base_folder", str(job_file.base), live.watch)
     if part.target is not None:
         target.publish(conversion.height_map_to_message(part.target, stamps.from_seconds(0.0)))
+        target.wait_for_all_acked(Duration(seconds=ARRIVES))  # a service that is asked may be faster than some MB
     info.publish(_info(run, job_file))
     live.settled()
     count, notes = len(part.nominal), []
