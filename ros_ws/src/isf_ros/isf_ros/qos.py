@@ -13,8 +13,9 @@ STREAM = _profile(10, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
 """Wrenches, targets and states at or near the control rate."""
 
 STREAM_SOURCE = _profile(4000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
-"""The publishing side of STREAM: what a cell at 500 Hz sends in 8 s, and one in lockstep in 2 to 3, is kept until it is
-acknowledged, so that a recorder that is held up for a moment loses nothing; a controller's own queue stays short."""
+"""The publishing side of STREAM: what a cell at 500 Hz sends in 8 s (in lockstep sooner: it goes as fast as it can) is
+kept until it is acknowledged, so that a recorder that is held up for a moment loses nothing; a controller's own queue
+stays short."""
 
 READINGS = _profile(300, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
 """Raw readings at the control rate, as node load_cell takes them: in lockstep all those of a tare come at once."""
