@@ -184,7 +184,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
     def __init__(self) -> None:
         super().__init__("load_cell", LoadCellParameters)
         self._stream: CellStream | None = None
-        self._reported = ""
+        self._reported, self._heard = "", False
         self._readings = self._wrenches = 0
 
     # -- lifecycle -----------------------------------------------------------------------------
@@ -221,7 +221,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
 
     def activate(self) -> None:
         self._stream = CellStream(self._reading, self._settings.tare_readings)  # no zero of the part before
-        self._reported = ""
+        self._reported, self._heard = "", False
         self._raw.feed()  # from now on something has to come
         if self._pose is not None:
             self._pose.restart()
@@ -257,6 +257,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         if not self.is_active or stream is None:
             return
         self._raw.feed()
+        self._heard = True
         self._readings += 1
         rotation = None
         if self._pose is not None:
@@ -318,15 +319,16 @@ class LoadCellNode(CellNode[LoadCellParameters]):
 
     def _lost(self) -> IsfError | None:
         """What has stopped coming, or has never come."""
-        p = self._settings
         if self._raw.expired():
-            topic = "raw_cells" if self._names else "raw"
-            return IsfError(
-                ErrorCode.WRENCH_LOST,
-                f"nothing on {topic} for {p.timeout:g} s",
-                advice="check the load cell's driver and the remapping; best_effort, if it publishes so",
-            )
+            return self._nothing(f"for {self._settings.timeout:g} s")
         return None if self._pose is None else self._pose.lost()
+
+    def _nothing(self, since: str) -> IsfError:
+        return IsfError(
+            ErrorCode.WRENCH_LOST,
+            f"nothing on {'raw_cells' if self._names else 'raw'} {since}",
+            advice="check the load cell's driver and the remapping; best_effort, if it publishes so",
+        )
 
     # -- services ------------------------------------------------------------------------------
 
@@ -340,7 +342,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         try:
             if not self.is_active or self._stream is None:
                 raise IsfError(ErrorCode.NO_TARE, "the node is not active", advice="activate it first")
-            if lost := self._lost():
+            if lost := self._lost() or (None if self._heard else self._nothing("yet")):
                 raise lost
             response.message, response.success = ask(self._stream), True
         except IsfError as error:

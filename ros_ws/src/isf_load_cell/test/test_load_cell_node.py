@@ -156,6 +156,9 @@ def test_readings_become_wrenches_and_faults_end_them(bench: Bench, tmp_path: Pa
     text = MATRIX + "range: 1000\nrotation: [0 deg, 0 deg, 90 deg]\nfrozen_after: 8\n"
     bench.start(written(tmp_path, text), timeout=5.0)
     bench.ready(bench.raw)
+    unheard = bench.ask("tare")  # and the 5 s after which silence is a fault are not over
+    assert not unheard.success
+    assert "1202 WRENCH_LOST" in unheard.message
     random = np.random.default_rng(0)
 
     def free() -> np.ndarray:

@@ -86,6 +86,9 @@ RECORDED_FIRST = frozenset(("tool_1/wrench", "part/info"))
 LONGEST_RELEASE = 2.0
 """s of machine time in which a protective stop of the simulated machine has released its tools."""
 
+READINGS_LOST = 5.0
+"""s of wall time in which node ``load_cell`` has worked through the readings of a tare; after it they count as lost."""
+
 SIGN_OF_LIFE = 2.0
 """s within which every node tells that it lives, twice at least."""
 
@@ -250,6 +253,8 @@ class GraphCell:
     def tare(self) -> None:
         """As in the protocol; the simulated machine of a resumed part has the tare that it had."""
         machine = self._machine
+        for name in self._settings.load_cells if self._settings.lockstep else ():
+            self._wait_until_load_cell_hears(name)
         if not machine.taken_up:
             machine.tare(self._watch_nodes)
         for name in self._settings.load_cells:
@@ -587,19 +592,32 @@ class GraphCell:
         what = "the machine does not report that it has released the tools"
         self._client.wait_until(released, self._watch_nodes, what, ErrorCode.SERVICE_TIMEOUT)
 
+    def _wait_until_load_cell_hears(self, name: str) -> None:
+        """In lockstep the readings of a tare come all at once: a node that the machine has not found yet misses them.
+        Until then the machine repeats a reading five times a second."""
+        deadline, pause = time.monotonic() + self._settings.service_timeout, threading.Event()
+        while not (response := self._ask_for_tare(name)).success:
+            error = told(response.message)
+            if error is None or error.code is not ErrorCode.WRENCH_LOST or time.monotonic() > deadline:
+                return  # the tare tells what is wrong
+            pause.wait(0.05)
+
     def _tare_load_cell(self, name: str) -> None:
         """The node takes its zero from readings that may not all have come yet; in lockstep they come with a tare of
-        the machine alone."""
-        deadline, pause = time.monotonic() + self._settings.service_timeout, threading.Event()
-        while True:
-            response = self._client.call(Trigger, f"{name}/tare", Trigger.Request(), self._watch_nodes)
-            if response.success:
-                return
+        the machine alone, which takes a second of its time: asked for again only where they seem to be lost."""
+        now = time.monotonic()
+        deadline, lost, pause = now + self._settings.service_timeout, now + READINGS_LOST, threading.Event()
+        while not (response := self._ask_for_tare(name)).success:
             if time.monotonic() > deadline:
                 raise told(response.message) or IsfError(ErrorCode.NO_TARE, response.message, where=name)
             pause.wait(0.2)
-            if self._settings.lockstep:
+            if self._settings.lockstep and time.monotonic() > lost:
                 self._machine.tare(self._watch_nodes)
+                lost = time.monotonic() + READINGS_LOST
+
+    def _ask_for_tare(self, name: str) -> Trigger.Response:
+        response: Trigger.Response = self._client.call(Trigger, f"{name}/tare", Trigger.Request(), self._watch_nodes)
+        return response
 
     def _act(self, kind: Any, name: str, goal: Any) -> Any:
         """Result of an action of force_ctrl between two contours; raises its code."""
