@@ -54,7 +54,7 @@ QUICK = {
     "point_spacing: 0.5 mm": "point_spacing: 1 mm",
     "feed: 30 mm/s": "feed: 20 mm/s",
     "rate: 500 Hz": "rate: 100 Hz",
-    "method: analytic": "method: fused",
+    "method: elastic": "method: fused",
 }
 """Of the job: fewer and quicker contours, and a method that asks for scans."""
 CELLS = "torrao2013"
