@@ -73,6 +73,11 @@ class RunOptions:
         """Springback method of the run."""
         return springback_method(job_file.job, self.correction)
 
+    @property
+    def named_at(self) -> str:
+        """Where the springback method of the run is named, for errors."""
+        return "--correction" if self.correction else "springback.method"
+
     def set_point(self, job_file: JobFile) -> float:
         """Support force of the run, N; 0 = position control. A chosen one (``auto``) is told for walls of 45 deg."""
         return job_file.job.support_force_at() if self.support_force is None else self.support_force

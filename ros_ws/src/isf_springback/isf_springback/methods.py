@@ -34,21 +34,26 @@ def method_names() -> list[str]:
     return sorted(_entries())
 
 
-def check_name(name: str) -> None:
-    """Raise IsfError METHOD_UNKNOWN, with the names that exist, when there is no method ``name`` and it is not auto."""
+NAMED_AT = "springback.method"
+"""Field of the job that names the method."""
+
+
+def check_name(name: str, where: str = NAMED_AT) -> None:
+    """Raise IsfError METHOD_UNKNOWN, with the names that exist, when there is no method ``name`` and it is not auto;
+    ``where`` it was named."""
     if name not in _entries() and name != AUTO:
         raise IsfError(
             ErrorCode.METHOD_UNKNOWN,
             f"there is no springback method '{name}'",
-            where="springback.method",
+            where=where,
             advice=f"known: {', '.join([AUTO, *method_names()])}",
         )
 
 
-def check_method(name: str, job_file: JobFile) -> None:
+def check_method(name: str, job_file: JobFile, where: str = NAMED_AT) -> None:
     """Raise IsfError METHOD_UNKNOWN as :func:`check_name`, FILE_FIELD when the job's process cannot be corrected, or
     the job lacks the scans the method needs."""
-    check_name(name)
+    check_name(name, where)
     name = springback_method(job_file.job, name)
     if refusal := correction_refusal(job_file.job.process, name):
         raise IsfError(ErrorCode.FILE_FIELD, refusal, where="springback method", advice="form it with the method none")

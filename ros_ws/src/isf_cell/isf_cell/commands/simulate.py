@@ -12,6 +12,7 @@ from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
 from isf_core.files.job import JobFile, load_job
+from isf_springback.methods import check_method
 
 from isf_cell import in_process
 from isf_cell.commands import terminal
@@ -31,6 +32,7 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
     """
     job_file = load_job(job)
     options.check(job_file)
+    check_method(options.method(job_file), job_file, options.named_at)
     with run_folder(output, job_file.job.name) as folder:
         bag = folder / "bag"
         reference = None

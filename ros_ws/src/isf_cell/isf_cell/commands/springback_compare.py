@@ -10,7 +10,7 @@ from isf_analysis.measures.deviation import Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
-from isf_core.files.job import load_job, springback_method
+from isf_core.files.job import AUTO, load_job, springback_method
 from isf_core.simulated_sheet import SEALED_VARIANTS
 from isf_planner import plan
 from isf_springback.methods import check_name
@@ -36,8 +36,10 @@ def compare_methods(
             ErrorCode.METHOD_UNKNOWN, "no method is named", where="--methods", advice="for example: none,elastic"
         )
     for name in methods:
-        check_name(name)
+        check_name(name, "--methods")
     job_file = load_job(job)
+    if AUTO in methods:
+        terminal.say(f"auto is {springback_method(job_file.job, AUTO)} here")
     methods = list(dict.fromkeys(springback_method(job_file.job, name) for name in methods))
     folder = make_run_folder(output, f"compare-{job_file.job.name}")
     with terminal.console.status("planning"):

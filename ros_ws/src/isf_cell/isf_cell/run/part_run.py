@@ -82,7 +82,7 @@ class PartRun:
             )
         operator.phase("bringing up the nodes")
         cell.bring_up()
-        check_method(goal.method, job_file)  # before the plan, which takes its time
+        check_method(goal.method, job_file, goal.options.named_at)  # before the plan, which takes its time
         operator.phase("taking up the part" if goal.first_index else "clamping a fresh blank")
         if self._keeper is not None:
             self._keeper.begin(goal)

@@ -42,6 +42,7 @@ def isf(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
         (("report", "nowhere"), Exit.ANALYSIS, "nowhere"),
         (("run", "isf_planner", "dancer"), Exit.CELL, "it offers: planner"),
         (("simulate", JOB, "--support-force", "nan"), Exit.INPUT, "between 0 N and 1500 N, is nan N"),
+        (("simulate", JOB, "--correction", "autp"), Exit.PROCESS, "--correction: there is no springback method 'autp'"),
         (("form", JOB, "--support-force", "-5"), Exit.INPUT, "--support-force"),
         (("simulate", SPIF, "--support-force", "120"), Exit.INPUT, "process SPIF has no support tool: 120 N cannot"),
         (("form", SPIF, "--support-force", "120"), Exit.INPUT, "--support-force"),

@@ -260,5 +260,5 @@ def test_a_method_that_does_not_exist_is_refused_before_the_plan(contours: tuple
     goal = PartGoal(quick_cone(), RunOptions(correction="constnat"))
     failed = PartRun(cell, goal, Watching()).run()
     assert failed is not None
-    assert failed.code is ErrorCode.METHOD_UNKNOWN
+    assert (failed.code, failed.where) == (ErrorCode.METHOD_UNKNOWN, "--correction")
     assert cell.asked == ["bring_up", "stop METHOD_UNKNOWN", "finish"]
