@@ -30,6 +30,7 @@ def job_in(folder: Path, *, erring: bool, compensated: str = "") -> JobFile:
         ("incremental_depth: 0.5 mm", "incremental_depth: 1.25 mm"),
         ("point_spacing: 0.5 mm", "point_spacing: 1 mm"),
         ("support_force: 120 N", "support_force: 0 N"),
+        ("method: elastic", "method: analytic"),
         ("rig: ren2018", "rig: erring.yaml" if erring else "rig: ren2018"),
     ):
         assert old in text
