@@ -81,10 +81,12 @@ class PartFeed:
             self.history.begin()
             self._nominal, self._ended, self._events = {}, -1, 0
         self.history.add("job", time, **_of_job(job))
-        if self._target is not None and not goes_on:
+        if goes_on:
+            return
+        if self._target is not None:
             self._tell_target(time, self._target)
-            for tool, tips in self._paths.items():
-                self.history.add("path", time, tool=tool, tips=tips)
+        for tool, tips in self._paths.items():  # the target may come later, they are not told again
+            self.history.add("path", time, tool=tool, tips=tips)
 
     def target(self, time: float, target: HeightMap) -> None:
         """The shape that is wanted. It is told before the job that it belongs to, and again with it."""

@@ -173,6 +173,15 @@ def test_contours_of_another_plan_are_not_of_this_part() -> None:
     assert "result" not in items
 
 
+def test_paths_that_came_before_their_job_are_told_with_it_whether_the_target_has_come_or_not() -> None:
+    history = History("live")
+    feed = PartFeed(history)
+    feed.path(0.0, 1, np.zeros((2, 3)))
+    feed.path(0.0, 2, np.ones((2, 3)))
+    feed.job(1.0, Job("cone", "", "plan", "DSIF", "none", 0.0, 0, True, "", ""))
+    assert [(item["t"], item["tool"]) for item in items_of(history)["path"]] == [(1.0, 1), (1.0, 2)]
+
+
 def test_a_flood_of_events_has_an_end() -> None:
     history = History("live")
     feed = PartFeed(history)
