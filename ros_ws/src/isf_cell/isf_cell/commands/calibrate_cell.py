@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_text
 from isf_core.types import Array
 from isf_load_cell.calibration import fit_channel, fit_matrix
 
@@ -40,7 +41,7 @@ def calibrate_file(path: Path, limit: float | None, output: Path | None, *, as_j
 
 def _read(path: Path) -> tuple[list[str], Array]:
     try:
-        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")]
+        lines = [line for line in read_text(path).splitlines() if line and not line.startswith("#")]
     except OSError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, str(error), where=str(path)) from None
     names = [name.strip() for name in lines[0].split(",")] if lines else []

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_text
 from isf_core.files.rig import load_rig
 from isf_identify.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial
 from rich.markup import escape
@@ -71,8 +72,8 @@ def read_dial(path: Path) -> tuple[DialTable, str]:
     """Table of readings (CSV with a header, # for remarks) and the column of the deflection; raises IsfError naming
     file and row."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        lines = read_text(path).splitlines()
+    except OSError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, str(error), where=str(path)) from None
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     header = [name.strip() for name in numbered[0][1].split(",")] if numbered else []

@@ -8,6 +8,7 @@ models directly passes plain SI floats.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -19,8 +20,18 @@ from pydantic_core import PydanticCustomError
 if TYPE_CHECKING:
     from pint import UnitRegistry
 
+_NUMBER = r"[+-]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[eE][+-]?\d{1,3})?"
+_UNIT = r"(?:[^\W\d_]\w{0,20}|[%°])(?:\s*(?:\*\*|\^)\s*-?\d)?"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT}(?:\s*[*/·]\s*{_UNIT}){{0,5}})\s*")
+"""A number and its unit: names with a power of one digit, multiplied or divided. What is more would be calculated by
+pint, 9**9**9 mm too."""
+
 FROM_FILE = {"from_file": True}
 """Validation context that switches on the demand for units."""
+
+
+LONGEST_SHOWN = 100
+"""Characters of a quantity, and of a text that is none in an error."""
 
 
 @cache
@@ -35,21 +46,22 @@ def parse(text: str, unit: str) -> float:
 
     Raises
     ------
-    ValueError : not a number with a unit, not finite, or of another dimension
+    ValueError : not one number with a unit, not finite, or of another dimension
     """
     import pint
 
+    shown = repr(text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}...")
+    found = _QUANTITY.fullmatch(text) if len(text) <= LONGEST_SHOWN else None
+    if found is None:
+        raise ValueError(f"{shown} is not a number with a unit")
     try:
-        quantity: Any = _registry().Quantity(text)
-        if not isinstance(quantity, pint.Quantity):
-            quantity = _registry().Quantity(quantity)
-        value = float(quantity.to(unit).magnitude)
+        value = float(_registry().Quantity(float(found[1]), found[2].replace("·", "*")).to(unit).magnitude)
     except pint.DimensionalityError as error:
-        raise ValueError(f"{text!r} is not a quantity in {unit}") from error
-    except Exception as error:  # pint raises its own, tokenizer and arithmetic errors for malformed text
-        raise ValueError(f"{text!r} is not a number with a unit") from error
+        raise ValueError(f"{shown} is not a quantity in {unit}") from error
+    except Exception as error:  # pint raises its own, and tokenizer errors, for what is no unit
+        raise ValueError(f"{shown} is not a number with a unit") from error
     if not math.isfinite(value):
-        raise ValueError(f"{text!r} is not finite")
+        raise ValueError(f"{shown} is not finite")
     return value
 
 
@@ -63,7 +75,7 @@ def _to_si(unit: str, example: str) -> Callable[[Any, ValidationInfo], Any]:
                 raise PydanticCustomError(
                     "unit", "{reason}; write for example {example}", {"reason": str(error), "example": example}
                 ) from error
-        if from_file and isinstance(value, int | float) and not isinstance(value, bool):
+        if from_file and isinstance(value, int | float):
             raise PydanticCustomError(
                 "unit", "{value} has no unit; write for example {example}", {"value": value, "example": example}
             )

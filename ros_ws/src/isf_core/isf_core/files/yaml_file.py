@@ -7,7 +7,9 @@ at a path given by the user, else in the package's share folder.
 from __future__ import annotations
 
 import difflib
+import math
 import os
+import re
 import sysconfig
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -17,6 +19,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_text
 from isf_core.files.quantity import FROM_FILE, Reading
 
 
@@ -37,16 +40,56 @@ class FileModel(BaseModel):
 Model = TypeVar("Model", bound=BaseModel)
 
 
+LONGEST = 200_000
+"""Characters of a file: written by people, and read by a parser that takes seconds for more."""
+MOST_NODES = 100_000
+"""Fields and values of a file, aliases written out."""
+
+_ALIAS = re.compile(r"(?:^|[\s\[{,:-])\*[^\s*]", re.MULTILINE)
+
+
 def read(path: Path) -> str:
-    """Text of a file; IsfError FILE_NOT_FOUND or FILE_SYNTAX when it cannot be read."""
+    """Text of a YAML file; IsfError FILE_NOT_FOUND or FILE_SYNTAX when it cannot be read, or as :func:`check_size`."""
     try:
-        return path.read_text(encoding="utf-8")
+        text = read_text(path, 4 * LONGEST)
     except FileNotFoundError as error:
         raise IsfError(
             ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path; it is relative to here"
         ) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise IsfError(ErrorCode.FILE_SYNTAX, f"cannot be read as text: {error}", where=str(path)) from error
+    except OSError as error:
+        raise IsfError(ErrorCode.FILE_SYNTAX, f"cannot be read as text: {error.strerror}", where=str(path)) from error
+    check_size(text, str(path))
+    return text
+
+
+def check_size(text: str, name: str) -> None:
+    """Raise IsfError FILE_SYNTAX for a ``text`` of more than LONGEST characters or MOST_NODES fields, with the aliases
+    written out, as a merge (<<) does; of one that is no YAML :func:`parse` says so."""
+    if len(text) > LONGEST:
+        raise IsfError(ErrorCode.FILE_SYNTAX, f"is longer than {LONGEST:,} characters", where=name)
+    if _ALIAS.search(text) is None:
+        return
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        size = 0.0 if root is None else _written_out(root, {})
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return
+    if size > MOST_NODES:
+        what = f"stands for more than {MOST_NODES:,} fields, its aliases (*name) written out"
+        raise IsfError(ErrorCode.FILE_SYNTAX, what, where=name, advice="write out what is meant")
+
+
+def _written_out(node: yaml.Node, known: dict[int, float]) -> float:
+    """Number of nodes in ``node``, each as often as it is named; infinite where it holds itself."""
+    if id(node) not in known:
+        known[id(node)] = math.inf
+        parts: list[yaml.Node] = []
+        if isinstance(node, yaml.MappingNode):
+            parts = [part for pair in node.value for part in pair]
+        elif isinstance(node, yaml.SequenceNode):
+            parts = node.value
+        known[id(node)] = 1.0 + sum(_written_out(part, known) for part in parts)
+    return known[id(node)]
 
 
 def parse(text: str, model: type[Model], name: str, layers: Sequence[tuple[str, str]] = ()) -> Model:
@@ -57,9 +100,10 @@ def parse(text: str, model: type[Model], name: str, layers: Sequence[tuple[str, 
 
     Raises
     ------
-    IsfError : FILE_SYNTAX (not YAML, not a mapping, nested too deeply), FILE_UNIT (missing or wrong unit),
+    IsfError : FILE_SYNTAX (not YAML, not a mapping, nested too deeply, too large), FILE_UNIT (missing or wrong unit),
         FILE_FIELD (unknown, missing or out-of-range field; a date or number that is none)
     """
+    check_size(text, name)
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
         data = yaml.safe_load(text)

@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_text
 from isf_core.geometry.tool_axis import axis_of, tilt_of, tip_of_point
 from isf_core.types import Array, Indices, Mask
 
@@ -160,7 +161,7 @@ def program_text(file: Path, advice: str = "check the path") -> str:
     try:
         if file.stat().st_size > LARGEST_TEXT:
             raise IsfError(ErrorCode.PROGRAM_UNREADABLE, "is too long", where=str(file), advice="split the program")
-        return file.read_text(encoding="utf-8", errors="replace")
+        return read_text(file, LARGEST_TEXT, errors="replace")
     except OSError as error:
         raise IsfError(
             ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(file), advice=advice

@@ -8,7 +8,9 @@ beyond that is checked, and what can be repaired is repaired, in :mod:`isf_plann
 
 from __future__ import annotations
 
+import errno
 import io
+import stat
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,6 +40,8 @@ MERGE_DISTANCE = 1e-7
 """m; vertices this close are one: far below any facet, far above the rounding of single precision in mm."""
 
 
+LARGEST_FILE = 500_000_000
+"""bytes: ten million facets of a binary STL."""
 LARGEST = 1e4
 """m; larger coordinates cannot be right in any unit, and would not be told apart at the merge distance."""
 
@@ -90,6 +94,11 @@ def load_mesh(path: Path, unit: str | None) -> Mesh:
             advice="declare it in the job: part.unit: mm (or m, cm, in)",
         )
     try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "is no file, but a folder, a pipe or a device")
+        if status.st_size > LARGEST_FILE:
+            raise OSError(errno.EFBIG, f"is larger than {LARGEST_FILE // 1_000_000} MB")
         data = path.read_bytes()
     except FileNotFoundError as error:
         advice = "part.mesh is relative to the job file"

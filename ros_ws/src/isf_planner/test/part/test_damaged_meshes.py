@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from isf_core.errors import IsfError
+from isf_core.errors import ErrorCode, IsfError
 from isf_planner import Plan, plan
-from isf_planner.part.meshes import FORMATS
+from isf_planner.part.meshes import FORMATS, load_mesh
 from planner_parts import Cone, job_for, write
 
 SOURCE = Cone().mesh(0.3e-3)
@@ -70,3 +71,13 @@ def test_forty_damaged_files(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_five_hundred_damaged_files(tmp_path: Path) -> None:
     check(500, 2, tmp_path)
+
+
+def test_a_pipe_a_device_and_a_folder_are_no_meshes(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
+    (tmp_path / "device.stl").symlink_to("/dev/zero")
+    (tmp_path / "folder.stl").mkdir()
+    for name in ("pipe", "device", "folder"):
+        with pytest.raises(IsfError, match="a folder, a pipe or a device") as refused:
+            load_mesh(tmp_path / f"{name}.stl", "mm")
+        assert refused.value.code is ErrorCode.MESH_UNREADABLE

@@ -1,0 +1,183 @@
+"""Files and texts from outside that nobody wrote for this software: every one ends with a code, none hangs."""
+
+from __future__ import annotations
+
+import os
+import random
+import string
+from pathlib import Path
+
+import pytest
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.files import bounded, quantity, yaml_file
+from isf_core.files.job import Job, JobFile, load_job
+from isf_core.files.material import load_material
+from isf_core.files.rig import load_rig
+
+ROOT = Path(__file__).resolve().parents[5]
+JOBS = sorted((ROOT / "examples" / "jobs").glob("*.yaml"))
+MINI = ROOT / "examples" / "jobs" / "mini_cone.yaml"
+HOSTILE = (
+    *("9**9**9 mm", "1e308 m", "1e999 mm", "-5 mm", "mm", "5", "5 mm % 3", "5 mm + 3 mm", ".nan", ".inf", "-.inf"),
+    *("true", "null", "~", "''", "[]", "{}", "[[[[[1]]]]]", "{a: {b: c}}", "!!python/object/apply:os.getcwd []"),
+    *("!!binary AAAA", "2024-13-45", "2024-01-01", "0x" + "f" * 50, "9" * 5000, "*nobody", "&here x", "|", ">", "@"),
+    *("\\0", "\x07", "\u202e", "../../../etc/passwd", "/dev/zero", "/dev/stdin", "a" * 3000, "5 " + "m" * 3000),
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("5 mm", "m", 5e-3),
+        ("5mm", "m", 5e-3),
+        (" -.5e1 mm ", "m", -5e-3),
+        ("5. mm", "m", 5e-3),
+        ("1.0 um/N", "m/N", 1e-6),
+        ("50 N/mm/mm", "N/m**2", 50e6),
+        ("500 mm/s**2", "m/s**2", 0.5),
+        ("500 mm / s ^ 2", "m/s**2", 0.5),
+        ("2 s**-1", "1/s", 2.0),
+        ("1.5 MN*m/rad", "N*m/rad", 1.5e6),
+        ("12 l/min", "m**3/s", 2e-4),
+        ("7 µm", "m", 7e-6),
+        ("25 degC", "degC", 25.0),
+    ],
+)
+def test_a_number_with_its_unit_is_read(text: str, unit: str, value: float) -> None:
+    assert quantity.parse(text, unit) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *(
+            "9**9**9 mm",
+            "5 mm % 3",
+            "5 mm + 3 mm",
+            "3 * 5 mm",
+            "5*3 mm",
+            "(5 mm)",
+            "5 mm**99",
+            "5 mm**2**2",
+            "5 - 3 mm",
+        ),
+        *(
+            "mm",
+            "5",
+            "",
+            " ",
+            "nan mm",
+            "inf mm",
+            "-inf mm",
+            "1e999 mm",
+            "0x10 mm",
+            "1_0 mm",
+            "5 mm; 3 mm",
+            "5 mm\n3 mm",
+        ),
+        *("9" * 5000 + " mm", "5 " + "m" * 100_000, "5 mm" + "*mm" * 1000, "5 __import__", "5 kg", "5 mm.real"),
+    ],
+)
+def test_arithmetic_and_what_is_no_length_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="is not") as refused:
+        quantity.parse(text, "m")
+    assert len(str(refused.value)) < 250
+
+
+def test_a_truth_value_is_no_quantity() -> None:
+    text = MINI.read_text(encoding="utf-8").replace("engage_depth: 2 mm", "engage_depth: true")
+    with pytest.raises(IsfError) as refused:
+        JobFile(text, MINI.parent)
+    assert refused.value.code is ErrorCode.FILE_UNIT
+
+
+def test_pipes_devices_and_folders_are_no_files(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.yaml"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero"), tmp_path):
+        with pytest.raises(IsfError) as refused:
+            load_job(path)
+        assert refused.value.code is ErrorCode.FILE_SYNTAX
+        assert "a pipe or a device" in refused.value.what
+        with pytest.raises(OSError, match="a pipe or a device"):
+            bounded.read_content(path, 10)
+
+
+def test_a_file_larger_than_its_limit_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.yaml"
+    path.write_text("name: " + "x" * 200_000)
+    with pytest.raises(IsfError, match="200,000 characters"):
+        load_job(path)
+    with path.open("r+b") as file:
+        file.truncate(100_000_000_000)  # takes no room on the disk
+    with pytest.raises(IsfError, match=r"larger than 0.8 MB"):
+        load_job(path)
+    path.write_bytes(b"name: \xff\xfe")
+    with pytest.raises(IsfError, match="UTF-8"):
+        load_job(path)
+
+
+def doubling(merged: bool) -> str:
+    """YAML whose aliases, written out, are ten to the power of nine."""
+    lines = ["a0: &a0 {x: 1}"]
+    for k in range(9):
+        ten = ", ".join([f"*a{k}"] * 10)
+        lines.append(f"a{k + 1}: &a{k + 1} {{<<: [{ten}]}}" if merged else f"a{k + 1}: &a{k + 1} [{ten}]")
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("text", [doubling(merged=False), doubling(merged=True), "a: &a [*a]", "a: &a {b: *a}"])
+def test_aliases_that_stand_for_endlessly_many_fields_are_refused(text: str) -> None:
+    for read in (lambda: yaml_file.parse(text, Job, "job"), lambda: JobFile(text, MINI.parent)):
+        with pytest.raises(IsfError, match="aliases"):
+            read()
+
+
+def test_an_alias_as_people_use_it_is_read() -> None:
+    text = MINI.read_text(encoding="utf-8").replace("tool_1:\n", "tool_1: &same\n")
+    text = text.replace("tool_2:\n  radius: 5 mm\n", "tool_2: *same\n")
+    assert "*same" in text
+    assert JobFile(text, MINI.parent).job.tool_2.radius == 5e-3
+
+
+def mutated(text: str, chance: random.Random) -> str:
+    """``text`` after one to four accidents: values replaced, lines lost, doubled or indented, characters changed."""
+    lines = text.splitlines()
+    for _ in range(chance.randint(1, 4)):
+        k = chance.randrange(len(lines))
+        kind = chance.randrange(6)
+        if kind <= 1 and ":" in lines[k]:
+            lines[k] = f"{lines[k].partition(':')[0]}: {chance.choice(HOSTILE)}"
+        elif kind == 2:
+            del lines[k]
+        elif kind == 3:
+            lines.insert(chance.randrange(len(lines)), lines[k])
+        elif kind == 4:
+            lines[k] = " " * chance.randint(1, 9) + lines[k]
+        else:
+            place = chance.randrange(len(lines[k]) + 1)
+            lines[k] = lines[k][:place] + chance.choice(string.printable + "\x00\ufeff\ud7ff") + lines[k][place + 1 :]
+        lines = lines or ["x"]
+    return "\n".join(lines)
+
+
+def test_two_thousand_damaged_files_are_read_or_refused_with_a_code(tmp_path: Path) -> None:
+    chance = random.Random(2024)
+    rigs, materials = (sorted((ROOT / "ros_ws/src/isf_core" / name).glob("*.yaml")) for name in ("rigs", "materials"))
+    texts = {path: path.read_text(encoding="utf-8") for path in (*JOBS, *rigs, *materials)}
+    place = tmp_path / "damaged.yaml"
+    refused, codes = 0, set[ErrorCode]()
+    for number in range(2000):
+        path = chance.choice((JOBS, JOBS, rigs, materials)[number % 4])
+        text = mutated(texts[path], chance)
+        try:
+            if path in JOBS:
+                yaml_file.parse(text, Job, path.name)
+            else:
+                place.write_text(text, encoding="utf-8")
+                (load_rig if path in rigs else load_material)(str(place), tmp_path)
+        except IsfError as error:
+            codes.add(error.code)
+            refused += 1
+    assert ErrorCode.INTERNAL not in codes
+    assert 1000 < refused < 2000
