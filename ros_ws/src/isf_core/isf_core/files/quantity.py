@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _NUMBER = r"[+-]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[eE][+-]?\d{1,3})?"
 _UNIT = r"(?:[^\W\d_]\w{0,20}|[%°])(?:\s*(?:\*\*|\^)\s*-?\d)?"
-_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT}(?:\s*[*/·]\s*{_UNIT}){{0,5}})\s*")
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*((?:(?<=\s)1\s*/\s*)?{_UNIT}(?:\s*[*/·]\s*{_UNIT}){{0,5}})\s*")
 """A number and its unit: names with a power of one digit, multiplied or divided. What is more would be calculated by
 pint, 9**9**9 mm too."""
 

@@ -37,6 +37,8 @@ HOSTILE = (
         ("500 mm/s**2", "m/s**2", 0.5),
         ("500 mm / s ^ 2", "m/s**2", 0.5),
         ("2 s**-1", "1/s", 2.0),
+        ("24 1/s", "1/s", 24.0),
+        ("10 1 / mm", "1/m", 1e4),
         ("1.5 MN*m/rad", "N*m/rad", 1.5e6),
         ("12 l/min", "m**3/s", 2e-4),
         ("7 µm", "m", 7e-6),
@@ -75,7 +77,7 @@ def test_a_number_with_its_unit_is_read(text: str, unit: str, value: float) -> N
             "5 mm; 3 mm",
             "5 mm\n3 mm",
         ),
-        *("9" * 5000 + " mm", "5 " + "m" * 100_000, "5 mm" + "*mm" * 1000, "5 __import__", "5 kg", "5 mm.real"),
+        *("9" * 5000 + " mm", "5 " + "m" * 100_000, "5 mm" + "*mm" * 1000, "5 __import__", "5 kg", "5 mm.real", "51/m"),
     ],
 )
 def test_arithmetic_and_what_is_no_length_is_refused(text: str) -> None:
