@@ -43,7 +43,7 @@ def _read(path: Path) -> tuple[list[str], Array]:
     try:
         lines = [line for line in read_text(path).splitlines() if line and not line.startswith("#")]
     except OSError as error:
-        raise IsfError(ErrorCode.FILE_NOT_FOUND, str(error), where=str(path)) from None
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(path)) from None
     names = [name.strip() for name in lines[0].split(",")] if lines else []
     rows = []
     for number, line in enumerate(lines[1:], start=2):

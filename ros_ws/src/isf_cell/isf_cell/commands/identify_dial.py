@@ -74,7 +74,7 @@ def read_dial(path: Path) -> tuple[DialTable, str]:
     try:
         lines = read_text(path).splitlines()
     except OSError as error:
-        raise IsfError(ErrorCode.FILE_NOT_FOUND, str(error), where=str(path)) from None
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(path)) from None
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     header = [name.strip() for name in numbered[0][1].split(",")] if numbered else []
     unit = next((name for name in UNITS if name in header), None)

@@ -77,7 +77,9 @@ def _to_si(unit: str, example: str) -> Callable[[Any, ValidationInfo], Any]:
                 ) from error
         if from_file and isinstance(value, int | float):
             raise PydanticCustomError(
-                "unit", "{value} has no unit; write for example {example}", {"value": value, "example": example}
+                "unit",
+                "{value} has no unit; write for example {example}",
+                {"value": str(value).lower(), "example": example},
             )
         return value
 
