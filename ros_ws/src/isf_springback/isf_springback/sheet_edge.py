@@ -13,21 +13,34 @@ from isf_core.geometry.opening import SMALLEST_GAP, ClampRadius, Opening, clamp_
 from isf_core.types import Array
 
 from isf_springback.loop_path import forming_radius
+from isf_springback.shell.plan_mesh import rectangle
 
 CLOSE = 3.0
 """Radii of the forming tool within which a backing plate holds the sheet where it is formed (assumed). On
 praveen_cone_150, whose plate is four radii away, the sheet beside the opening bends down with each of the first
 contours as in a bare clamp: the opening came out 0.43 mm too deep where it was taken for held, else 0.32 mm."""
 
+ROUND_CORNERS = 48
+"""Corners of the polygon for a round opening: its area is 0.3 % smaller than that of the circle."""
+
 
 def free_size(job_file: JobFile) -> tuple[float, float]:
     """m, extent in x and y of the sheet that is free to deflect, centred at 0.
 
-    Of a round plate the diameters: a model with straight edges then has the free corners outside the circle, and is a
-    little too soft.
+    Of a round plate the diameters.
     """
     plate = job_file.job.backing_plate
     return job_file.rig.clamp.size if plate is None else plate.size
+
+
+def free_outline(job_file: JobFile) -> Array:
+    """(P, 2) m, corners of the sheet that is free to deflect, counter-clockwise: a rectangle, or the round opening of a
+    plate as a polygon inside the circle."""
+    plate = job_file.job.backing_plate
+    if plate is not None and plate.shape == "circle":
+        angle = 2.0 * np.pi * np.arange(ROUND_CORNERS) / ROUND_CORNERS
+        return 0.5 * plate.size[0] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return rectangle(free_size(job_file))
 
 
 def edge_radius(job_file: JobFile, opening: Opening, points: Array, kind: ClampRadius) -> Array:

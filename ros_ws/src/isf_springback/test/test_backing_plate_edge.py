@@ -11,8 +11,11 @@ from isf_springback.corrector import apply
 from isf_springback.database.database import cached_path
 from isf_springback.database.elastic_samples import depth_task, solve_depth
 from isf_springback.methods import make_corrector
-from isf_springback.sheet_edge import edge_radius, free_size, held_by_plate
+from isf_springback.sheet_edge import edge_radius, free_outline, free_size, held_by_plate
 from isf_springback.shell.formed_sheet import FacetSize
+from isf_springback.shell.load_path import follow_loads
+from isf_springback.shell.plan_mesh import mesh_in_plan
+from isf_springback.shell.sheet_model import EdgeCondition, SheetMesh, ShellModel
 from scanned_sheet import COUNT, TARGET, Sheet
 from springback_parts import JOB_TEXT, cone_contour, result_of
 
@@ -78,6 +81,44 @@ def test_a_part_wider_than_its_plate_is_reported():
     with pytest.raises(IsfError) as caught:
         depth_task([cone_contour(0)], cone_contour(0).contact[:1], narrow)
     assert caught.value.code == ErrorCode.SHEET_MESH_FAILED
+
+
+@pytest.mark.parametrize("diameter", [72.5, 73.0, 74.0, 76.0, 80.0, 100.0])
+def test_a_plate_close_to_the_opening_is_where_the_wall_begins(diameter):
+    """The cone opens with 72 mm; the wall reaches the flange, or the plate, and the sheet stays inside its edge."""
+    plate = job(f"backing_plate: {{shape: circle, size: [{diameter} mm, {diameter} mm]}}\n")
+    contours = [cone_contour(index, opening=36e-3 + 0.5e-3 / np.tan(np.radians(50.0))) for index in range(4)]
+    sheet = depth_task(contours, contours[-1].contact[:1], plate).sheet
+    rim = np.hypot(*sheet.rims[0].T)
+    first = np.hypot(*contours[0].contact[:, :2].T)
+    assert (rim >= first.mean() - 1e-6).all()
+    assert (rim <= max(0.5e-3 * diameter - 2e-3, first.mean()) + 1e-6).all()
+    down = np.linspace(first.mean() - 3e-3, 0.5e-3 * diameter, 50)
+    height = sheet.height(np.column_stack([down, np.zeros(50)]))
+    assert (np.diff(height) > -1e-5).all()
+    assert height[0] < -1.4e-3
+    assert abs(height[-1]) < 5e-5
+
+
+def test_elastic_corrects_a_part_that_begins_at_its_plate():
+    narrow = "backing_plate: {shape: circle, size: [74 mm, 74 mm]}\n"
+    assert 3e-5 < predicted("elastic", narrow) < predicted("elastic", ROUND)
+
+
+def test_a_round_opening_bends_as_a_clamped_round_plate():
+    """Load at the centre: w = F a^2 / (16 pi D) (Timoshenko and Woinowsky-Krieger 1959, section 19)."""
+    free = job(ROUND)
+    load = np.zeros((1, 2))
+
+    def size(places):
+        return np.minimum(1e-3 + 0.2 * np.linalg.norm(places, axis=1), 5e-3)
+
+    points, triangles, edge = mesh_in_plan(free_outline(free), load, size)
+    mesh = SheetMesh(np.column_stack([points, np.zeros(len(points))]), triangles, edge, np.array([0]))
+    model = ShellModel(mesh, np.full(len(triangles), 1e-3), 70e9, 0.33, EdgeCondition("clamped", np.inf))
+    moved = follow_loads(model, [0], np.array([0.0, 0.0, -1.0]), np.array([1.0]), model.factor())
+    stiffness = 70e9 * 1e-9 / (12.0 * (1.0 - 0.33**2))
+    assert -moved[0, 0, 2] == pytest.approx(0.044**2 / (16.0 * np.pi * stiffness), rel=0.02)
 
 
 def test_databases_with_and_without_plate_have_other_names():

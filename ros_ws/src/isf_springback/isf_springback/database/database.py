@@ -176,6 +176,10 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "isf" / "springback"
 
 
+PLATE_EDGE = "polygon"
+"""How the opening of a plate bounds the sheet; names the databases over plates that are computed so."""
+
+
 def cached_path(job_file: JobFile) -> Path:
     """Where the database of a job lies in the cache: named by all of the job that its numbers depend on."""
     job = job_file.job
@@ -184,7 +188,7 @@ def cached_path(job_file: JobFile) -> Path:
     parts += [*(part.model_dump() for part in (job.part, job.sheet) if part), path]
     parts += [part.model_dump() for part in (job.tool_1, job_file.rig.clamp)]
     parts += [job.process, None if job.tool_2 is None else job.tool_2.model_dump()]
-    parts += [] if job.backing_plate is None else [job.backing_plate.model_dump()]
+    parts += [] if job.backing_plate is None else [job.backing_plate.model_dump(), PLATE_EDGE]
     elastic = job.springback.elastic.model_dump(exclude={"database", "forecast", "block", "engine"})
     parts += [] if job.springback.elastic.engine == "compact" else [job.springback.elastic.engine]
     digest = hashlib.sha256(repr([*parts, elastic]).encode())

@@ -19,7 +19,7 @@ from isf_core.types import Array
 from scipy.optimize import minimize_scalar
 
 from isf_springback.shell.load_path import follow_load
-from isf_springback.shell.plan_mesh import mesh_in_plan
+from isf_springback.shell.plan_mesh import mesh_in_plan, rectangle
 from isf_springback.shell.sheet_model import EdgeCondition, SheetMesh, ShellModel
 
 CONDITIONS = {
@@ -157,15 +157,13 @@ def calibrate_edge(
 
 
 def _flat_mesh(clamp_size: tuple[float, float], place: tuple[float, float]) -> SheetMesh:
-    half = 0.5 * np.asarray(clamp_size)
-    outline = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     load = np.asarray(place, dtype=np.float64)[None]
-    largest = float(half.min()) / 9.0
+    largest = min(clamp_size) / 18.0
 
     def size(points: Array) -> Array:
         return np.minimum(0.2 * largest + 0.25 * np.linalg.norm(points - load, axis=1), largest)
 
-    points, triangles, edge = mesh_in_plan(outline, load, size)
+    points, triangles, edge = mesh_in_plan(rectangle(clamp_size), load, size)
     return SheetMesh(np.column_stack([points, np.zeros(len(points))]), triangles, edge, np.array([0]))
 
 

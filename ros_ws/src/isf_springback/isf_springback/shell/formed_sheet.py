@@ -16,7 +16,7 @@ from isf_core.types import Array
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import cKDTree
 
-from isf_springback.shell.plan_mesh import SizeField, mesh_in_plan, place_along
+from isf_springback.shell.plan_mesh import SizeField, inward_sides, mesh_in_plan, place_along
 from isf_springback.shell.sheet_model import SheetMesh
 
 _LOOP_SPACING = 2.5e-3
@@ -27,6 +27,9 @@ _LOOP_DROP = 1.2e-3
 
 _FLATTEST = np.radians(10.0)
 """rad, wall angle with which the first loop is continued to the flange at least: a fillet begins at zero."""
+
+_EDGE_ROOM = 2e-3
+"""m, no rim nearer to the edge of the free sheet: facets between them would be slivers."""
 
 _LONGEST_CONTINUATION = 6e-3
 """m; a first loop further below the flange than this begins inside another feature and is not continued."""
@@ -63,34 +66,29 @@ class FormedSheet:
     rims : loops (N, 2) m where the wall of a feature begins
     floors : loops (N, 3) m where the wall of a feature ends now
     places : (N, 3) m, points all over the walls, with rims and floors
-    half_size : (2,) m, half of the free sheet
+    outline : (P, 2) m, corners of the free sheet, convex, counter-clockwise
     """
 
     rims: tuple[Array, ...]
     floors: tuple[Array, ...]
     places: Array
-    half_size: Array
-
-    @property
-    def corners(self) -> Array:
-        """(4, 2) m, corners of the free sheet, counter-clockwise."""
-        return np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * self.half_size
+    outline: Array
 
     def height(self, points: Array) -> Array:
         """(N,) m, height at ``points`` (N, 2) m, linear between the places."""
-        known = np.vstack([self.places[:, :2], self.corners])
-        surface = LinearNDInterpolator(known, np.concatenate([self.places[:, 2], np.zeros(4)]))
+        known = np.vstack([self.places[:, :2], self.outline])
+        surface = LinearNDInterpolator(known, np.concatenate([self.places[:, 2], np.zeros(len(self.outline))]))
         return np.nan_to_num(surface(points))
 
 
-def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float]) -> FormedSheet:
-    """Shape after ``contours`` (0 to k, in their order) in a clamp of ``clamp_size`` m.
+def formed_sheet(contours: Sequence[Contour], outline: Array) -> FormedSheet:
+    """Shape after ``contours`` (0 to k, in their order) of a sheet that is free inside ``outline`` (P, 2) m, convex,
+    counter-clockwise: the clamp, or the opening of a plate.
 
     Raises
     ------
-    IsfError : SHEET_MESH_FAILED, no contours, or one outside the clamp
+    IsfError : SHEET_MESH_FAILED, no contours, or one outside the free sheet
     """
-    half = 0.5 * np.asarray(clamp_size, dtype=np.float64)
     if not contours:
         raise IsfError(ErrorCode.SHEET_MESH_FAILED, "no contour is formed yet", where="shell mesh")
     features: dict[tuple[int, int], list[Contour]] = {}
@@ -102,20 +100,20 @@ def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float]) -
         if stage != latest_stage[feature]:
             continue  # a later stage has formed this shape anew
         kept = _spaced(members)
-        rim = _rim(kept[0], float(np.median(members[0].wall_angle)))
+        rim = _rim(kept[0], float(np.median(members[0].wall_angle)), outline)
         rims.append(rim[:, :2])
         floors.append(kept[-1])
         loops += [rim, *kept]
     places = np.vstack(loops)
-    over = np.abs(places[:, :2]).max(axis=0) - half
-    if (over >= -1e-4).any():
+    room = _room(places[:, :2], outline)
+    if (room <= 1e-4).any():
         raise IsfError(
             ErrorCode.SHEET_MESH_FAILED,
-            f"the contours reach within {-1e3 * float(over.max()):.1f} mm of the clamped edge",
+            f"the contours reach within {1e3 * float(room.min()):.1f} mm of the edge of clamp or backing plate",
             where=contour_label(contours[-1].index),
-            advice="check the clamp size of the rig and the unit of the part",
+            advice="check the clamp size of the rig, the opening of the plate and the unit of the part",
         )
-    return FormedSheet(tuple(rims), tuple(floors), places, half)
+    return FormedSheet(tuple(rims), tuple(floors), places, outline)
 
 
 def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> SheetMesh:
@@ -139,7 +137,7 @@ def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> Sheet
     for loop in loops:
         start = int(np.argmin(loads.query(loop)[0]))
         fixed = _with_room(fixed, place_along(loop, wanted, start=start), wanted)
-    points, triangles, edge = mesh_in_plan(sheet.corners, fixed, wanted)
+    points, triangles, edge = mesh_in_plan(sheet.outline, fixed, wanted)
     height = sheet.height(points)
     height[edge] = 0.0
     return SheetMesh(np.column_stack([points, height]), triangles, edge, np.arange(len(control_points), dtype=np.int64))
@@ -169,8 +167,18 @@ def _thinned(contour: Contour) -> Array:
     return np.column_stack([np.interp(at, position, closed[:, axis]) for axis in range(3)])
 
 
-def _rim(loop: Array, wall_angle: float) -> Array:
-    """(N, 3) m, the loop continued outwards to the flange at ``wall_angle`` rad; the loop itself when too deep."""
+def _room(points: Array, outline: Array) -> Array:
+    """(N,) m, distance of ``points`` (N, 2) m from the nearest side of ``outline``; negative outside."""
+    normal, reach = inward_sides(outline)
+    return np.asarray((points @ normal.T - reach).min(axis=1))
+
+
+def _rim(loop: Array, wall_angle: float, outline: Array) -> Array:
+    """(N, 3) m, the loop continued outwards to the flange at ``wall_angle`` rad; the loop itself when too deep.
+
+    Where the flange would begin beyond :data:`_EDGE_ROOM` from the edge of the free sheet, the wall begins at the edge:
+    the rim then lies between, at the height of the straight line.
+    """
     reach = abs(float(loop[:, 2].mean())) / np.tan(max(wall_angle, _FLATTEST))
     if reach > _LONGEST_CONTINUATION:
         return loop
@@ -180,7 +188,14 @@ def _rim(loop: Array, wall_angle: float) -> Array:
     x, y = loop[:, 0], loop[:, 1]
     if float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) < 0.0:
         outward = -outward
-    return np.column_stack([loop[:, :2] + reach * outward, np.zeros(len(loop))])
+    normal, edge = inward_sides(outline)
+    closing = -(outward @ normal.T)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_edge = np.where(closing > 1e-9, (loop[:, :2] @ normal.T - edge) / closing, np.inf).min(axis=1)
+    near = reach > to_edge - _EDGE_ROOM
+    run = np.where(near, np.clip(to_edge - _EDGE_ROOM, 0.0, None), reach)
+    height = np.where(near, loop[:, 2] * (1.0 - run / np.maximum(to_edge, 1e-12)), 0.0)
+    return np.column_stack([loop[:, :2] + run[:, None] * outward, height])
 
 
 def _with_room(kept: Array, added: Array, wanted: SizeField) -> Array:

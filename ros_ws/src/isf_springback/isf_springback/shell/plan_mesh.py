@@ -24,6 +24,19 @@ _KEEP_OFF = 0.6
 """Part of the local size around fixed points in which no other point starts."""
 
 
+def rectangle(size: tuple[float, float]) -> Array:
+    """(4, 2) m, corners of a rectangle with sides ``size`` m about 0, counter-clockwise."""
+    return 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * np.asarray(size)
+
+
+def inward_sides(outline: Array) -> tuple[Array, Array]:
+    """(P, 2) unit normals into the convex ``outline`` (P, 2) m, and (P,) m their reach: ``point @ normal - reach`` is
+    the distance from a side."""
+    along = np.roll(outline, -1, axis=0) - outline
+    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    return normal, np.einsum("pi,pi->p", normal, outline)
+
+
 def place_along(loop: Array, size: SizeField, *, start: int = 0) -> Array:
     """(K, 2) m, points on the closed ``loop`` (N, 2) m, spaced by ``size`` and beginning at its point ``start``."""
     loop = np.roll(loop, -start, axis=0)
@@ -54,9 +67,7 @@ def mesh_in_plan(outline: Array, fixed: Array, size: SizeField) -> tuple[Array, 
     IsfError : SHEET_MESH_FAILED
     """
     edge = np.vstack([_side(outline[i], outline[(i + 1) % len(outline)], size) for i in range(len(outline))])
-    normal = np.roll(outline, -1, axis=0) - outline
-    normal = np.column_stack([-normal[:, 1], normal[:, 0]]) / np.linalg.norm(normal, axis=1)[:, None]
-    reach = np.einsum("pi,pi->p", normal, outline)
+    normal, reach = inward_sides(outline)
     kept = np.vstack([fixed, edge])
     inner = _leaves(outline, size)
     local = size(inner)
