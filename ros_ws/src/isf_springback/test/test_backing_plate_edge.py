@@ -106,7 +106,7 @@ def test_elastic_corrects_a_part_that_begins_at_its_plate():
 
 
 def test_a_round_opening_bends_as_a_clamped_round_plate():
-    """Load at the centre: w = F a^2 / (16 pi D) (Timoshenko and Woinowsky-Krieger 1959, section 19)."""
+    """Load at the centre: w = F a^2 / (16 pi D) (clamped, Timoshenko)."""
     free = job(ROUND)
     load = np.zeros((1, 2))
 

@@ -4,6 +4,9 @@ A part is good when it is complete, its shape was measured and is in the toleran
 there is one) kept the sheet, nothing happened that harms sheet or control, and the correction failed nowhere. A force
 out of its band is a remark: it counts the noise of the load cell too. The tolerance of a job that names none is the
 accuracy published for closed-loop parts: 90 % of the points within 0.3 mm (Lu 2016, section 4.4).
+
+What the fast sheet says of a shape holds for that sheet: it yields under the tools alone, and comes back where a real
+one has yielded around them. A part formed on it is therefore never called good without naming it.
 """
 
 from __future__ import annotations
@@ -25,15 +28,25 @@ POSITIONED_CONTACT = 0.95
 MAXIMUM_REMARKS = 3
 """Remarks of the correction that are told; all are in the table of the report."""
 
+FLATTERED = (
+    "this sheet yields under the tools alone, a real one around them too, most where no plate backs it; "
+    "before a real blank: isf simulate JOB --sheet shell_coarse, or isf tryout JOB"
+)
+"""What a shape on the fast sheet does not say."""
+
 Numbers = dict[str, Any]
 
 
 def verdict(numbers: Numbers) -> Numbers:
-    """``good`` and ``short_of``, sentences for people, from the numbers of :mod:`isf_analysis.measures.summary`."""
+    """``good``, ``short_of``, and ``proviso`` under which it holds, from :mod:`isf_analysis.measures.summary`.
+
+    ``short_of`` are sentences for people, ``proviso`` is one or empty: :data:`FLATTERED`.
+    """
+    proviso = FLATTERED if (numbers["sheet"] or {}).get("model") == "fast" else ""
     if not numbers["complete"]:
-        return {"good": False, "short_of": [numbers["failure"]["message"]]}
+        return {"good": False, "short_of": [numbers["failure"]["message"]], "proviso": proviso}
     short_of = [*_contact(numbers), *_events(numbers), *_shape(numbers)]
-    return {"good": not short_of, "short_of": short_of}
+    return {"good": not short_of, "short_of": short_of, "proviso": proviso}
 
 
 def _shape(numbers: Numbers) -> list[str]:

@@ -37,9 +37,13 @@ def banners(numbers: Numbers, has_reference: bool) -> str:
     failure = numbers["failure"]
     count = f"{numbers['contours']} of {numbers['contours_planned']} contours formed"
     if failure is None:
-        short_of = numbers["verdict"]["short_of"]
+        short_of, proviso = numbers["verdict"]["short_of"], numbers["verdict"]["proviso"]
         if short_of:
             parts = [banner("warn", "Part complete, but not good", f"{count}. {_sentences(short_of)}")]
+        elif proviso:
+            parts = [
+                banner("info", "Part complete, in tolerance on the fast sheet", f"{count}. {_sentences([proviso])}")
+            ]
         else:
             parts = [banner("good", "Part complete and good", f"{count}, and in tolerance.")]
     else:

@@ -159,6 +159,15 @@ def test_a_correction_that_failed_is_reported_even_of_a_part_in_tolerance() -> N
     assert reported(replace(EXACT, corrections=(failed,))) == ["not corrected: 1320: no scan came"]
 
 
+@pytest.mark.parametrize(("model", "kind"), [("fast", "info"), ("shell_coarse", "good"), (None, "good")])
+def test_the_fast_sheet_gives_no_green(model: str | None, kind: str) -> None:
+    numbers = summary(replace(EXACT, sheet={"model": model} if model else {}))
+    shown = banners(numbers, has_reference=True)
+    assert [word for word in ("info", "good", "warn", "bad") if f'class="banner {word}"' in shown] == [kind]
+    assert ("on the fast sheet" in shown) == (model == "fast")
+    assert ("shell_coarse" in numbers["verdict"]["proviso"]) == (model == "fast")
+
+
 def test_a_part_that_ended_early_is_not_good() -> None:
     numbers = summary(make_part(spacing=2.5e-3, contours=5, stop_after=3))
     assert not numbers["verdict"]["good"]

@@ -167,12 +167,16 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
 
 
 def _show_verdict(summary: Mapping[str, Any]) -> None:
-    """Green for a good part alone; else what it falls short of."""
+    """Green for a good part alone; else what it falls short of, or the proviso under which it is good."""
     found = summary.get("verdict")
     if found is None:
         return
     if found["good"]:
-        console.print("[bold green]part complete and good[/bold green]")
+        if proviso := found["proviso"]:
+            console.print("[bold cyan]part complete, in tolerance on the fast sheet[/bold cyan]")
+            say(f"  {proviso}")
+        else:
+            console.print("[bold green]part complete and good[/bold green]")
         return
     head = "[bold yellow]part complete, but not good[/bold yellow]"
     console.print(head if summary.get("complete") else "[bold red]part or record not complete[/bold red]")
