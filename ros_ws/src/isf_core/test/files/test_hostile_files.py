@@ -94,6 +94,63 @@ def test_a_truth_value_is_no_quantity() -> None:
     assert "true has no unit" in refused.value.what
 
 
+@pytest.mark.parametrize(
+    ("field", "line"),
+    [
+        ("compliance_compensation: 1.0", "compliance_compensation: true"),
+        ("tool_1:", "tolerance: {share: false}\ntool_1:"),
+        ("  unit: mm", "  unit: mm\n  turn: [0 deg, 0 deg, true]"),
+        ("  method: elastic", "  method: elastic\n  lift_every: true"),
+    ],
+)
+def test_a_truth_value_is_no_number(field: str, line: str) -> None:
+    text = MINI.read_text(encoding="utf-8")
+    assert field in text
+    with pytest.raises(IsfError, match=r"true|false") as refused:
+        JobFile(text.replace(field, line), MINI.parent)
+    assert refused.value.code in (ErrorCode.FILE_FIELD, ErrorCode.FILE_UNIT)
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "line", "first"),
+    [
+        (MINI.read_text(encoding="utf-8") + "name: again\n", "name", 28, 2),
+        ("a: {b: 1, c: 2, b: 3}", "b", 1, 1),
+        ("a:\n  - x: 1\n    y: 2\n    x: 1", "x", 4, 2),
+        ("1: one\n01: also one", "01", 2, 1),
+        ("1: one\n'1': also one", "1", 2, 1),
+        ("? [a]\n: {b: 1, b: 2}", "b", 2, 2),
+        ("a: &a {b: 1}\nc: {<<: *a, <<: *a}", "<<", 2, 2),
+    ],
+)
+def test_a_field_that_is_there_twice_is_refused(text: str, key: str, line: int, first: int) -> None:
+    with pytest.raises(IsfError) as refused:
+        yaml_file.content(text, "file.yaml")
+    assert refused.value.code is ErrorCode.FILE_SYNTAX
+    assert refused.value.what == f"'{key}' is there twice, first in line {first}"
+    assert refused.value.where == f"file.yaml:{line}"
+
+
+def test_fields_stand_in_place_of_merged_ones() -> None:
+    text = "a: &a {x: 1, y: 2}\nb: &b {<<: *a, y: 3}\nc: {<<: [*b, *a], z: 4}"
+    assert yaml_file.content(text, "")["c"] == {"x": 1, "y": 3, "z": 4}
+
+
+def test_a_field_twice_is_refused_in_every_kind_of_file(tmp_path: Path) -> None:
+    for kind, load in (("rigs", load_rig), ("materials", load_material)):
+        path = tmp_path / f"{kind}.yaml"
+        shipped = next((ROOT / "ros_ws/src/isf_core" / kind).glob("*.yaml")).read_text(encoding="utf-8")
+        path.write_text(f"{shipped}\nname: again\n", encoding="utf-8")
+        with pytest.raises(IsfError, match="'name' is there twice") as refused:
+            load(str(path), tmp_path)
+        assert refused.value.where.startswith(f"{path}:")
+    upper = tmp_path / "upper.yaml"
+    upper.write_text("based_on: rigs.yaml\nname: upper\n", encoding="utf-8")
+    with pytest.raises(IsfError, match="'name' is there twice") as refused:
+        load_rig(str(upper), tmp_path)
+    assert refused.value.where.startswith(f"{tmp_path / 'rigs.yaml'}:")
+
+
 def test_pipes_devices_and_folders_are_no_files(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.yaml"
     os.mkfifo(pipe)
@@ -109,11 +166,11 @@ def test_pipes_devices_and_folders_are_no_files(tmp_path: Path) -> None:
 def test_a_file_larger_than_its_limit_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "large.yaml"
     path.write_text("name: " + "x" * 200_000)
-    with pytest.raises(IsfError, match="200,000 characters"):
+    with pytest.raises(IsfError, match="100,000 characters"):
         load_job(path)
     with path.open("r+b") as file:
         file.truncate(100_000_000_000)  # takes no room on the disk
-    with pytest.raises(IsfError, match=r"larger than 0.8 MB"):
+    with pytest.raises(IsfError, match=r"larger than 0.4 MB"):
         load_job(path)
     path.write_bytes(b"name: \xff\xfe")
     with pytest.raises(IsfError, match="UTF-8"):
