@@ -42,8 +42,11 @@ def calibrate_file(path: Path, limit: float | None, output: Path | None, *, as_j
 def _read(path: Path) -> tuple[list[str], Array]:
     try:
         lines = [line for line in read_text(path).splitlines() if line and not line.startswith("#")]
+    except FileNotFoundError:
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from None
     except OSError as error:
-        raise IsfError(ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(path)) from None
+        what = f"cannot be read: {error.strerror}"
+        raise IsfError(ErrorCode.FILE_SYNTAX, what, where=str(path), advice=_ADVICE) from None
     names = [name.strip() for name in lines[0].split(",")] if lines else []
     rows = []
     for number, line in enumerate(lines[1:], start=2):

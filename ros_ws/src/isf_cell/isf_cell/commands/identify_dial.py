@@ -73,8 +73,11 @@ def read_dial(path: Path) -> tuple[DialTable, str]:
     file and row."""
     try:
         lines = read_text(path).splitlines()
+    except FileNotFoundError:
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from None
     except OSError as error:
-        raise IsfError(ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(path)) from None
+        what = f"cannot be read: {error.strerror}"
+        raise IsfError(ErrorCode.FILE_SYNTAX, what, where=str(path), advice=_ADVICE) from None
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     header = [name.strip() for name in numbered[0][1].split(",")] if numbered else []
     unit = next((name for name in UNITS if name in header), None)

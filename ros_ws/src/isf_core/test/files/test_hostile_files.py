@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import random
-import string
 from pathlib import Path
 
 import pytest
+from damaged import damaged_text
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import bounded, quantity, yaml_file
 from isf_core.files.job import Job, JobFile, load_job
@@ -17,12 +17,6 @@ from isf_core.files.rig import load_rig
 ROOT = Path(__file__).resolve().parents[5]
 JOBS = sorted((ROOT / "examples" / "jobs").glob("*.yaml"))
 MINI = ROOT / "examples" / "jobs" / "mini_cone.yaml"
-HOSTILE = (
-    *("9**9**9 mm", "1e308 m", "1e999 mm", "-5 mm", "mm", "5", "5 mm % 3", "5 mm + 3 mm", ".nan", ".inf", "-.inf"),
-    *("true", "null", "~", "''", "[]", "{}", "[[[[[1]]]]]", "{a: {b: c}}", "!!python/object/apply:os.getcwd []"),
-    *("!!binary AAAA", "2024-13-45", "2024-01-01", "0x" + "f" * 50, "9" * 5000, "*nobody", "&here x", "|", ">", "@"),
-    *("\\0", "\x07", "\u202e", "../../../etc/passwd", "/dev/zero", "/dev/stdin", "a" * 3000, "5 " + "m" * 3000),
-)
 
 
 @pytest.mark.parametrize(
@@ -200,27 +194,6 @@ def test_an_alias_as_people_use_it_is_read() -> None:
     assert JobFile(text, MINI.parent).job.tool_2.radius == 5e-3
 
 
-def mutated(text: str, chance: random.Random) -> str:
-    """``text`` after one to four accidents: values replaced, lines lost, doubled or indented, characters changed."""
-    lines = text.splitlines()
-    for _ in range(chance.randint(1, 4)):
-        k = chance.randrange(len(lines))
-        kind = chance.randrange(6)
-        if kind <= 1 and ":" in lines[k]:
-            lines[k] = f"{lines[k].partition(':')[0]}: {chance.choice(HOSTILE)}"
-        elif kind == 2:
-            del lines[k]
-        elif kind == 3:
-            lines.insert(chance.randrange(len(lines)), lines[k])
-        elif kind == 4:
-            lines[k] = " " * chance.randint(1, 9) + lines[k]
-        else:
-            place = chance.randrange(len(lines[k]) + 1)
-            lines[k] = lines[k][:place] + chance.choice(string.printable + "\x00\ufeff\ud7ff") + lines[k][place + 1 :]
-        lines = lines or ["x"]
-    return "\n".join(lines)
-
-
 def test_two_thousand_damaged_files_are_read_or_refused_with_a_code(tmp_path: Path) -> None:
     chance = random.Random(2024)
     rigs, materials = (sorted((ROOT / "ros_ws/src/isf_core" / name).glob("*.yaml")) for name in ("rigs", "materials"))
@@ -229,7 +202,7 @@ def test_two_thousand_damaged_files_are_read_or_refused_with_a_code(tmp_path: Pa
     refused, codes = 0, set[ErrorCode]()
     for number in range(2000):
         path = chance.choice((JOBS, JOBS, rigs, materials)[number % 4])
-        text = mutated(texts[path], chance)
+        text = damaged_text(texts[path], chance)
         try:
             if path in JOBS:
                 yaml_file.parse(text, Job, path.name)

@@ -162,10 +162,11 @@ def program_text(file: Path, advice: str = "check the path") -> str:
         if file.stat().st_size > LARGEST_TEXT:
             raise IsfError(ErrorCode.PROGRAM_UNREADABLE, "is too long", where=str(file), advice="split the program")
         return read_text(file, LARGEST_TEXT, errors="replace")
+    except FileNotFoundError as error:
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such program", where=str(file), advice=advice) from error
     except OSError as error:
-        raise IsfError(
-            ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(file), advice=advice
-        ) from error
+        what = f"cannot be read: {error.strerror}"
+        raise IsfError(ErrorCode.PROGRAM_UNREADABLE, what, where=str(file), advice=advice) from error
 
 
 def read_program(

@@ -76,9 +76,12 @@ def read_push_curve(path: Path, place: tuple[float, float] = (0.0, 0.0)) -> Push
     """
     try:
         text = read_text(path)
+    except FileNotFoundError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_FOUND, "there is no such push curve", where=str(path), advice="check the path"
+        ) from error
     except OSError as error:
-        what = f"there is no such push curve: {error.strerror}"
-        raise IsfError(ErrorCode.FILE_NOT_FOUND, what, where=str(path)) from error
+        raise _unusable(f"it cannot be read: {error.strerror}", str(path)) from error
     rows = [row for row in csv.reader(text.splitlines()) if row and row[0][:1] != "#"]
     header = [name.strip().lower() for name in rows[0]] if rows else []
     columns = []
