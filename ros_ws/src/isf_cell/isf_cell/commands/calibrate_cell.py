@@ -52,9 +52,11 @@ def _read(path: Path) -> tuple[list[str], Array]:
     for number, line in enumerate(lines[1:], start=2):
         try:
             row = [float(cell) for cell in line.split(",")]
+            if not np.isfinite(row).all():
+                raise ValueError
         except ValueError:
             raise IsfError(
-                ErrorCode.FILE_SYNTAX, "not a number", where=f"{path}: row {number}", advice=_ADVICE
+                ErrorCode.FILE_SYNTAX, "not a finite number", where=f"{path}: row {number}", advice=_ADVICE
             ) from None
         if len(row) != len(names):
             raise IsfError(

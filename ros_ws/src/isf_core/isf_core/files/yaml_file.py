@@ -90,11 +90,18 @@ class _TwiceError(yaml.MarkedYAMLError):
 
 
 class _Loader(yaml.SafeLoader):
-    """The safe loader, but for keys that a mapping has twice: it would take the last one without a word.
+    """The safe loader, but for keys that a mapping has twice, of which it would take the last one without a word, and
+    for null characters, which no name of a file can have.
 
-    Looked for while the nodes are made. A merge (<<) puts its fields among those of the mapping only later, so that
-    fields written in the mapping may stand in place of merged ones.
+    Keys are looked for while the nodes are made. A merge (<<) puts its fields among those of the mapping only later, so
+    that fields written in the mapping may stand in place of merged ones.
     """
+
+    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
+        node: yaml.ScalarNode = super().compose_scalar_node(anchor)  # type: ignore[no-untyped-call]
+        if "\0" in node.value:
+            raise yaml.MarkedYAMLError(problem="a text has a null character", problem_mark=node.start_mark)
+        return node
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node: yaml.MappingNode = super().compose_mapping_node(anchor)  # type: ignore[no-untyped-call]
@@ -361,7 +368,7 @@ def find_named(folder: str, name_or_path: str, base: Path | None = None) -> Path
         return find_shipped(folder, name_or_path)
     path = Path(name_or_path)
     path = path if path.is_absolute() or base is None else base / path
-    if not path.is_file():
+    if not _is_file(path):
         raise _not_in(folder, name_or_path, path)
     return path
 
@@ -374,9 +381,17 @@ def find_shipped(folder: str, name: str) -> Path:
     IsfError : FILE_NOT_FOUND, with the names that exist
     """
     path = share_directory() / folder / f"{name}.yaml"
-    if is_path(name) or Path(name).name != name or not path.is_file():
+    if is_path(name) or Path(name).name != name or not _is_file(path):
         raise _not_in(folder, name, path)
     return path
+
+
+def _is_file(path: Path) -> bool:
+    """False also for a name that no file can have: longer than the system takes, or with a null character."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def is_path(name: str) -> bool:
@@ -385,5 +400,7 @@ def is_path(name: str) -> bool:
 
 
 def _not_in(folder: str, name: str, path: Path) -> IsfError:
+    if len(name) > LONGEST_SHOWN:
+        name, path = f"{name[:LONGEST_SHOWN]}...", path.with_name("...")
     known = ", ".join(sorted(p.stem for p in (share_directory() / folder).glob("*.yaml")))
     return IsfError(ErrorCode.FILE_NOT_FOUND, f"no '{name}' in {folder}", where=str(path), advice=f"known: {known}")

@@ -125,6 +125,21 @@ def test_a_field_that_is_there_twice_is_refused(text: str, key: str, line: int, 
     assert refused.value.where == f"file.yaml:{line}"
 
 
+@pytest.mark.parametrize("field", ["  mesh: ../parts/mini_cone.stl", "rig: ren2018", "  material: AA5754-O"])
+@pytest.mark.parametrize("name", ["a" * 3000, "a" * 3000 + ".yaml", r'"a\0b"', r'"a\0b.yaml"'])
+def test_names_that_no_file_can_have_are_refused(field: str, name: str, tmp_path: Path) -> None:
+    text = MINI.read_text(encoding="utf-8")
+    assert field in text
+    (tmp_path / "job.yaml").write_text(text.replace(field, f"{field.partition(':')[0]}: {name}"))
+    if "mesh" in field and "\\0" not in name:
+        assert load_job(tmp_path / "job.yaml").mesh is not None  # told when it is opened
+        return
+    with pytest.raises(IsfError) as refused:
+        load_job(tmp_path / "job.yaml")
+    assert refused.value.code in (ErrorCode.FILE_NOT_FOUND, ErrorCode.FILE_SYNTAX)
+    assert len(str(refused.value)) < 800
+
+
 def test_fields_stand_in_place_of_merged_ones() -> None:
     text = "a: &a {x: 1, y: 2}\nb: &b {<<: *a, y: 3}\nc: {<<: [*b, *a], z: 4}"
     assert yaml_file.content(text, "")["c"] == {"x": 1, "y": 3, "z": 4}
