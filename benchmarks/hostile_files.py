@@ -22,6 +22,7 @@ import json
 import multiprocessing
 import random
 import resource
+import signal
 import sys
 import tempfile
 import time
@@ -103,6 +104,7 @@ class Kind:
     read : reads the file at a path, as the software does
     damage : makes what is written of one of ``whole``
     strange : True where anything else may lie in its place
+    share : how many are read of it, to how many of others
     """
 
     name: str
@@ -111,6 +113,7 @@ class Kind:
     read: Callable[[Path], Any]
     damage: Callable[[Any, random.Random], bytes]
     strange: bool = True
+    share: float = 1.0
 
 
 def of_text(text: str, chance: random.Random) -> bytes:
@@ -329,7 +332,9 @@ def _meshes() -> Iterator[Kind]:
     yield Kind("mesh.3mf", ".3mf", [model], placed, of_zipped_mesh)
     cad = ROOT / "ros_ws" / "src" / "isf_planner" / "test" / "part" / "data" / "cone_mm.step"
     if cad.is_file():
-        yield Kind("mesh.step", ".step", [cad.read_text(encoding="utf-8")], placed, of_table)
+        yield Kind(
+            "mesh.step", ".step", [cad.read_text(encoding="utf-8")], placed, of_table, share=0.1
+        )  # a program each
 
 
 def _with_die(job: str, die: Path) -> JobFile:
@@ -490,18 +495,19 @@ def inputs(kind: Kind, count: int, seed: int) -> Iterator[bytes | str]:
 
 
 def measure(count: int, seed: int, names: Sequence[str]) -> Found:
-    """Read ``count`` damaged files, as many of each kind; ``names`` of kinds, all where there are none."""
+    """Read ``count`` damaged files of all kinds by their shares; ``names`` of kinds, all where there are none."""
     found, began = Found(), time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
         try:
             chosen = [kind for kind in kinds(Path(scratch)) if not names or kind.name in names]
-            share, rest = divmod(count, max(1, len(chosen)))
+            ends = np.cumsum([0.0, *(kind.share for kind in chosen)])
+            counts = np.diff(np.round(count * ends / max(ends[-1], 1e-9)).astype(int)).tolist()
             for place, kind in enumerate(chosen):
                 folder = Path(scratch) / f"kind {place}"
                 folder.mkdir()
                 child, before, started = Child(kind, folder), found.faults, time.monotonic()
                 try:
-                    for number, content in enumerate(inputs(kind, share + (place < rest), seed)):
+                    for number, content in enumerate(inputs(kind, counts[place], seed)):
                         found.take(kind.name, number, *child.read(content))
                 finally:
                     child.close()
@@ -521,6 +527,7 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", default=[], help="names of kinds; all where they are left out")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background of a shell ignores it
     found = measure(arguments.count, arguments.seed, arguments.kinds)
     rows = found.rows()
     if arguments.json:

@@ -131,7 +131,7 @@ def _another(array: Any, chance: random.Random) -> Any:
     return others[chance.randrange(len(others))]
 
 
-STRANGE = ("pipe", "folder", "device", "nothing", "huge", "binary", "not UTF-8", "zeros", "deep", "long line")
+STRANGE = ("pipe", "folder", "device", "nothing", "huge", "binary", "not UTF-8", "zeros", "deep", "long line", "rows")
 """What may lie at a path in place of the file that is wanted."""
 
 
@@ -144,6 +144,7 @@ def put_strange(path: Path, name: str) -> Path:
         "zeros": bytes(5000),
         "deep": b"[" * 50_000,
         "long line": b"1," * 1_000_000,
+        "rows": b"1,2,3\n" * 1_500_000,
     }
     if name == "pipe":
         os.mkfifo(path)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.bounded import read_text
+from isf_core.files.bounded import read_lines
 from isf_core.types import Array
 from isf_load_cell.calibration import fit_channel, fit_matrix
 
@@ -41,7 +42,7 @@ def calibrate_file(path: Path, limit: float | None, output: Path | None, *, as_j
 
 def _read(path: Path) -> tuple[list[str], Array]:
     try:
-        lines = [line for line in read_text(path).splitlines() if line and not line.startswith("#")]
+        lines = [line for line in read_lines(path) if line and not line.startswith("#")]
     except FileNotFoundError:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from None
     except OSError as error:
@@ -52,7 +53,7 @@ def _read(path: Path) -> tuple[list[str], Array]:
     for number, line in enumerate(lines[1:], start=2):
         try:
             row = [float(cell) for cell in line.split(",")]
-            if not np.isfinite(row).all():
+            if not all(map(math.isfinite, row)):
                 raise ValueError
         except ValueError:
             raise IsfError(

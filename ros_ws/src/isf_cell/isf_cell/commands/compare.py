@@ -25,7 +25,7 @@ from isf_analysis.measures.surface_distance import (
 )
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.archive import read_archive
-from isf_core.files.bounded import read_content, read_text, reason
+from isf_core.files.bounded import LARGEST_TABLE, read_content, read_lines, reason
 from isf_core.files.job import METRES, load_job
 from isf_core.files.mesh_parser import LARGEST, parse_mesh
 from isf_core.geometry.height_map import HeightMap
@@ -301,7 +301,7 @@ def _table_points(path: Path, kind: str) -> Array:
                 return _numbers(data["points"]).reshape(-1, 3)
             names = [*"xyz", *(name for name in TIMES if name in data)]
             return _newest(np.column_stack([_numbers(data[name]) for name in names]))
-        lines = iter(read_text(path).splitlines())
+        lines = iter(read_lines(path, LARGEST_TABLE))
         header = next(csv.reader(lines), [])
         columns = [header.index(name) for name in (*"xyz", *(name for name in TIMES if name in header))]
         return _newest(np.loadtxt(lines, delimiter=",", usecols=columns, ndmin=2))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.bounded import read_text
+from isf_core.files.bounded import read_lines
 from isf_core.files.rig import load_rig
 from isf_identify.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial
 from rich.markup import escape
@@ -72,7 +72,7 @@ def read_dial(path: Path) -> tuple[DialTable, str]:
     """Table of readings (CSV with a header, # for remarks) and the column of the deflection; raises IsfError naming
     file and row."""
     try:
-        lines = read_text(path).splitlines()
+        lines = read_lines(path)
     except FileNotFoundError:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from None
     except OSError as error:

@@ -16,6 +16,12 @@ from typing import Any
 MEGABYTE = 1_000_000
 LARGEST_TABLE = 100 * MEGABYTE
 """bytes of a table of readings: hours of six channels at 500 Hz."""
+LARGEST_NOTES = 3 * MEGABYTE
+"""bytes of a table that people make of some readings, 50,000 rows: read number by number."""
+LARGEST_JSON = 20 * MEGABYTE
+"""bytes; what it holds takes thirty times as much memory."""
+LONGEST_LINE = 10_000
+"""characters in a line of a table."""
 
 
 def read_content(path: Path, largest: int) -> bytes:
@@ -41,6 +47,15 @@ def read_text(path: Path, largest: int = LARGEST_TABLE, errors: str = "strict") 
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def read_lines(path: Path, largest: int = LARGEST_NOTES) -> list[str]:
+    """Lines of a table; raises OSError as :func:`read_text`, and for one with a line longer than LONGEST_LINE."""
+    lines = read_text(path, largest).splitlines()
+    for number, line in enumerate(lines, start=1):
+        if len(line) > LONGEST_LINE:
+            raise OSError(errno.EILSEQ, f"line {number} has more than {LONGEST_LINE:,} characters", str(path))
+    return lines
+
+
 def reason(error: Exception) -> str:
     """What a person is told of ``error``: of the operating system's the words alone, without number and path."""
     return error.strerror or "unknown" if isinstance(error, OSError) else f"{error}"
@@ -54,7 +69,7 @@ def parse_json(text: str | bytes) -> Any:
         raise ValueError("is nested too deeply") from error
 
 
-def read_json(path: Path, largest: int = LARGEST_TABLE) -> Any:
+def read_json(path: Path, largest: int = LARGEST_JSON) -> Any:
     """What the JSON file holds; raises OSError as :func:`read_text`, and for what is no JSON."""
     try:
         return parse_json(read_text(path, largest))

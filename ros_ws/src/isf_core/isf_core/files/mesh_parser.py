@@ -14,15 +14,17 @@ from typing import Any
 from isf_core.files.bounded import MEGABYTE, unpacked
 
 LARGEST = {
-    **{"stl": 100 * MEGABYTE, "obj": 100 * MEGABYTE, "ply": 40 * MEGABYTE, "off": 40 * MEGABYTE},
+    **{"stl": 100 * MEGABYTE, "obj": 40 * MEGABYTE, "ply": 40 * MEGABYTE, "off": 25 * MEGABYTE},
     **{"3mf": 16 * MEGABYTE},
 }
 """bytes by format, of a packed one when it is unpacked: what is parsed in 1 GB of memory."""
+LARGEST_PLY_TEXT = 12 * MEGABYTE
+"""bytes of a PLY in text."""
 
 
 def check_mesh_size(data: bytes, kind: str) -> None:
     """Raise OSError for a file of ``kind`` ("obj") with more than LARGEST bytes, and ValueError for a damaged zip."""
-    largest = LARGEST[kind]
+    largest = LARGEST_PLY_TEXT if kind == "ply" and b"format ascii" in data[:1000] else LARGEST[kind]
     if len(data) > largest:
         raise OSError(errno.EFBIG, f"is larger than {largest / MEGABYTE:g} MB")
     if kind != "3mf":

@@ -140,3 +140,20 @@ def test_a_die_that_cannot_be_used_has_a_code(name: str, content: object, code: 
     assert refused.value.code is code
     assert refused.value.where == str(path)
     assert refused.value.advice
+
+
+def test_a_mesh_in_text_is_parsed_up_to_what_memory_bears() -> None:
+    head = b"ply\nformat ascii 1.0\nelement vertex 2000000\nproperty float x\nend_header\n"
+    for kind, data in (("ply", head + b"1 2 3\n" * 2_000_001), ("off", b"OFF\n" + bytes(25_000_000))):
+        with pytest.raises(OSError, match="larger than"):
+            mesh_parser.parse_mesh(data, kind)
+
+
+def test_a_table_with_an_endless_line_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    path.write_text("x,y,z\n" + "1," * 6000)
+    with pytest.raises(OSError, match="line 2 has more than 10,000 characters"):
+        bounded.read_lines(path)
+    path.write_text("1\n" * 2_000_000)
+    with pytest.raises(OSError, match="larger than 3 MB"):
+        bounded.read_lines(path)

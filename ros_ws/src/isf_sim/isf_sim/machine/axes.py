@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.bounded import read_text
+from isf_core.files.bounded import LARGEST_TABLE, read_lines
 from isf_core.files.rig import Rig, ToolAxis
 from isf_core.types import Array
 from numpy.typing import NDArray
@@ -162,7 +162,7 @@ def read_error_map(path: Path) -> ErrorMap:
     """
     columns = "a line of titles, then in each line x,y,z,ex,ey,ez"
     try:
-        table = np.loadtxt(read_text(path).splitlines()[1:] or [""], delimiter=",", ndmin=2)
+        table = np.loadtxt(read_lines(path, LARGEST_TABLE)[1:] or [""], delimiter=",", ndmin=2)
     except FileNotFoundError as error:
         raise IsfError(
             ErrorCode.FILE_NOT_FOUND,
