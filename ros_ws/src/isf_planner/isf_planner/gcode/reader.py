@@ -29,6 +29,8 @@ from isf_core.types import Array, Indices, Mask
 
 from isf_planner.gcode.set_up import WORK_SYSTEMS, SetUp
 
+LINES_JUDGED = 100_000
+"""Lines after which a text with as many unknown words is another kind of file, which would be read for minutes."""
 LARGEST_TEXT = 64_000_000
 """Characters of a program."""
 MOST_POINTS = 2_000_000
@@ -183,8 +185,8 @@ def read_program(
 
     Raises
     ------
-    IsfError : PROGRAM_UNREADABLE for a text that is too long, has too many points, or moves nothing and has no fault
-        that says why. Faults within are findings.
+    IsfError : PROGRAM_UNREADABLE for a text that is too long, has too many points or unknown words, or moves nothing
+        and has no fault that says why. Faults within are findings.
     """
     if len(text) > LARGEST_TEXT:
         raise IsfError(
@@ -197,6 +199,10 @@ def read_program(
     for number, line in enumerate(text.splitlines(), start=1):
         if reader.block(number, line):
             break
+        if number > LINES_JUDGED and reader.unknown_count >= number:
+            what = f"is no program that can be read: {reader.unknown_count:,} words in {number:,} lines are unknown"
+            advice = "check that it is G-code, and of the dialect that is read"
+            raise IsfError(ErrorCode.PROGRAM_UNREADABLE, what, where=f"{name}:{number}", advice=advice)
     return reader.program()
 
 
