@@ -7,8 +7,6 @@ Configuration and rig are those of the job that was armed.
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,8 @@ import numpy as np
 from isf_core import __version__
 from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.archive import write_archive
+from isf_core.files.archive import read_archive, write_archive
+from isf_core.files.bounded import parse_json, reason
 from isf_core.object_state import Encoder, StateMismatchError
 
 from isf_force_ctrl.control_state import Mode
@@ -62,15 +61,17 @@ def load_controller(controller: ForceController, path: Path) -> None:
     """
     advice = "form the part again, on a fresh blank"
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            header = json.loads(archive["header"].tobytes())
-            arrays = [archive[f"a{k}"] for k in range(len(archive.files) - 1)]
+        archive = read_archive(path)
+        header = parse_json(archive["header"].tobytes())
+        arrays = [archive[f"a{k}"] for k in range(len(archive) - 1)]
         known = (header["format"], header["version"], header["software"], header["plan_id"])
         state = header["state"]
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice=advice) from error
-    except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        raise IsfError(ErrorCode.CHECKPOINT_UNUSABLE, f"is damaged: {error}", where=str(path), advice=advice) from error
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise IsfError(
+            ErrorCode.CHECKPOINT_UNUSABLE, f"is damaged: {reason(error)}", where=str(path), advice=advice
+        ) from error
     if known != (FORMAT, VERSION, __version__, controller.plan_id):
         what = f"is of {' '.join(map(str, known))}, wanted is {FORMAT} {VERSION} {__version__} {controller.plan_id}"
         raise IsfError(ErrorCode.CHECKPOINT_UNUSABLE, what, where=str(path), advice=advice)

@@ -6,7 +6,6 @@ A numpy archive for each contour: planned contour, correction, corrected contour
 from __future__ import annotations
 
 import re
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.archive import write_archive
+from isf_core.files.archive import read_archive, write_archive
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
@@ -125,10 +124,9 @@ def _value(name: str, array: Any) -> Any:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise _unusable(path, f"is damaged: {error}") from error
+        return read_archive(path)
+    except OSError as error:
+        raise _unusable(path, f"is damaged: {error.strerror}") from error
 
 
 def _unusable(path: Path, what: str) -> IsfError:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import MEGABYTE, read_text, reason
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Mask
 
@@ -23,6 +24,8 @@ MM = 1e3
 GRAMMAR = "circle:X,Y,R, box:X0,Y0,X1,Y1 or polygon:FILE.csv with x and y of every corner (mm)"
 ROUND = 180
 """Corners of the outline of a circle, as drawn; what it holds is exact."""
+LARGEST_OUTLINE = MEGABYTE
+"""bytes of a file of corners: 50,000 of them, which are checked against each other."""
 
 
 @dataclass(frozen=True)
@@ -128,8 +131,8 @@ def _shape(text: str, option: str) -> PlanShape:
 def _polygon(path: Path) -> Array:
     """(N, 2) m, closed, of a CSV file with x and y in mm, a row of names before them or none."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            rows = [row for row in csv.reader(stream) if row]
+        text = read_text(path, LARGEST_OUTLINE).removeprefix("\ufeff")  # spreadsheets begin with it
+        rows = [row for row in csv.reader(text.splitlines()) if row]
         if rows and not _number(rows[0][0]):
             rows = rows[1:]
         corners = np.array([[float(value) for value in row[:2]] for row in rows]) / MM
@@ -142,10 +145,10 @@ def _polygon(path: Path) -> Array:
             raise ValueError(f"the outline crosses or touches itself: {shapely.is_valid_reason(polygon)} (m)")
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from error
-    except Exception as error:  # no text, no numbers, rows of different lengths
+    except (OSError, ValueError, csv.Error) as error:  # no text, no numbers, rows of different lengths
         raise IsfError(
             ErrorCode.FILE_SYNTAX,
-            f"holds no polygon: {error}",
+            f"holds no polygon: {reason(error)}",
             where=str(path),
             advice="x and y of a corner in mm in every row, once around",
         ) from error

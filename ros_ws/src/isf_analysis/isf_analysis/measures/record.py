@@ -143,14 +143,12 @@ class PartRecord:
     def _judged_by(self) -> tuple[ToleranceSpec, str]:
         used = ToleranceSpec()
         try:
-            job = yaml.safe_load(self.job_text)
+            job = yaml_file.content(self.job_text, "job")
             if not isinstance(job, Mapping) or "tolerance" not in job:
                 return used, ""
             return yaml_file.parse(yaml.safe_dump(job["tolerance"]), ToleranceSpec, "tolerance"), ""
         except IsfError as error:
             why = error.what
-        except (yaml.YAMLError, ValueError, RecursionError):
-            why = "the job is not valid YAML"
         used_words = f"{1e3 * used.shape:g} mm, {100 * used.share:g} % are used"
         return used, f"tolerance of the job cannot be read: {why}; {used_words}"
 

@@ -8,7 +8,6 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-import yaml
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import EventKind, kind_name
 from isf_core.files import yaml_file
@@ -231,7 +230,7 @@ def _library_file(library: Library, spec: FileModel | None) -> Path | None:
 
 def _sources(title: str, path: Path) -> str:
     """Table of one file: values as written there, with their units, and the source of each."""
-    content = yaml.safe_load(yaml_file.read(path))
+    content = yaml_file.content(yaml_file.read(path), str(path))
     provenance = content.get("provenance", {})
     rows = [[escape(key), _value_text(content, key), escape(str(text))] for key, text in provenance.items()]
     return table(f"{title} {escape(str(content.get('name', path.stem)))}: constants and their sources", _SOURCES, rows)

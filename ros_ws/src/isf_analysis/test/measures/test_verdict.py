@@ -102,7 +102,7 @@ TEXTS = {
     "12": "",
     "name: cone\n": "",
     "tolerance: {}\n": "",
-    "name: [": "the job is not valid YAML",
+    "name: [": "expected the node content",
     "tolerance: 3\n": "is empty or not a mapping",
     "tolerance: {shape: -1 mm}\n": "shape: ",
     "tolerance: {shap: 1 mm}\n": "unknown field 'shap'",

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import parse_json, read_text
 
 
 def read_rows(path: Path) -> dict[str, dict[str, Any]]:
@@ -20,17 +21,20 @@ def read_rows(path: Path) -> dict[str, dict[str, Any]]:
     IsfError : FILE_SYNTAX when the file cannot be read as text
     """
     rows: dict[str, dict[str, Any]] = {}
-    if not path.is_file():
+    if not path.exists():
         return rows
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        lines = read_text(path).splitlines()
+    except OSError as error:
         raise IsfError(
-            ErrorCode.FILE_SYNTAX, f"cannot be read: {error}", where=str(path), advice="choose another --output"
+            ErrorCode.FILE_SYNTAX,
+            f"cannot be read: {error.strerror}",
+            where=str(path),
+            advice="choose another --output",
         ) from error
     for text in lines:
         try:
-            row = json.loads(text)
+            row = parse_json(text)
         except ValueError:
             continue
         if isinstance(row, dict) and isinstance(row.get("key"), str):

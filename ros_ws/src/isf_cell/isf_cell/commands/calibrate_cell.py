@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.bounded import read_text
+from isf_core.files.bounded import read_lines
 from isf_core.types import Array
 from isf_load_cell.calibration import fit_channel, fit_matrix
 
@@ -41,17 +42,22 @@ def calibrate_file(path: Path, limit: float | None, output: Path | None, *, as_j
 
 def _read(path: Path) -> tuple[list[str], Array]:
     try:
-        lines = [line for line in read_text(path).splitlines() if line and not line.startswith("#")]
+        lines = [line for line in read_lines(path) if line and not line.startswith("#")]
+    except FileNotFoundError:
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from None
     except OSError as error:
-        raise IsfError(ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(path)) from None
+        what = f"cannot be read: {error.strerror}"
+        raise IsfError(ErrorCode.FILE_SYNTAX, what, where=str(path), advice=_ADVICE) from None
     names = [name.strip() for name in lines[0].split(",")] if lines else []
     rows = []
     for number, line in enumerate(lines[1:], start=2):
         try:
             row = [float(cell) for cell in line.split(",")]
+            if not all(map(math.isfinite, row)):
+                raise ValueError
         except ValueError:
             raise IsfError(
-                ErrorCode.FILE_SYNTAX, "not a number", where=f"{path}: row {number}", advice=_ADVICE
+                ErrorCode.FILE_SYNTAX, "not a finite number", where=f"{path}: row {number}", advice=_ADVICE
             ) from None
         if len(row) != len(names):
             raise IsfError(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from isf_analysis.bag.bag_reader import read_cell
 from isf_analysis.figures import distance_figures, style
 from isf_analysis.measures.deviation import BANDS
@@ -26,12 +24,16 @@ from isf_analysis.measures.surface_distance import (
     statistics,
 )
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.archive import read_archive
+from isf_core.files.bounded import LARGEST_TABLE, read_content, read_lines, reason
 from isf_core.files.job import METRES, load_job
+from isf_core.files.mesh_parser import LARGEST, parse_mesh
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Mask
 from isf_planner.part import meshes
 from isf_planner.planning import plan
-from scipy.spatial import Delaunay
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError
 
 from isf_cell.commands import terminal
 from isf_cell.commands.run_folder import make_run_folder
@@ -211,8 +213,8 @@ def load_shape(path: Path, unit: str | None, namespace: str | None = None) -> Sh
         return _of_job(path)
     if kind in ("npz", "csv"):
         return _of_points(_table_points(path, kind), "cloud of points", path)
-    if kind == "ply" and path.is_file() and not _has_facets(path):
-        return _of_points(_ply_points(path, unit), "cloud of points", path)
+    if kind == "ply" and path.is_file() and not _has_facets(data := _ply(path)):
+        return _of_points(_ply_points(data, path, unit), "cloud of points", path)
     if kind not in meshes.KNOWN:
         known = ", ".join(("a run or bag", "a job (.yaml)", ".npz", ".csv", *(f".{name}" for name in meshes.KNOWN)))
         raise IsfError(ErrorCode.MESH_UNREADABLE, "is no shape", where=str(path), advice=f"known: {known}")
@@ -265,13 +267,25 @@ def evenly(surface: Surface, count: int) -> Array:
 def _of_points(points: Array, kind: str, path: Path) -> Shape:
     """A cloud: its surface is a height field through all points."""
     points = points[np.isfinite(points).all(axis=1)]
+    if np.abs(points).max(initial=0.0) > meshes.LARGEST:
+        raise IsfError(
+            ErrorCode.MESH_UNIT_SUSPECT,
+            f"coordinates go beyond {meshes.LARGEST:g} m",
+            where=str(path),
+            advice="coordinates in NPZ and CSV are in m; --unit of PLY clouds",
+        )
     _, single = np.unique(points[:, :2], axis=0, return_index=True)
     if len(single) < 4 or np.linalg.matrix_rank(points[single, :2] - points[single, :2].mean(axis=0)) < 2:
         raise IsfError(
             ErrorCode.SCAN_INCOMPLETE, f"has {len(points)} points", where=str(path), advice="three in a plane at least"
         )
     points = points[np.sort(single)]
-    faces = Delaunay(points[:, :2]).simplices.astype(np.int64)
+    try:
+        faces = Delaunay(points[:, :2]).simplices.astype(np.int64)
+    except QhullError as error:  # all but in one line
+        raise IsfError(
+            ErrorCode.SCAN_INCOMPLETE, "its points make no surface", where=str(path), advice="scan the whole part"
+        ) from error
     edges = points[faces, :2] - points[np.roll(faces, 1, axis=1), :2]
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
     surface = Surface(points, faces[longest <= LONGEST * np.median(longest)])
@@ -282,24 +296,30 @@ def _table_points(path: Path, kind: str) -> Array:
     """(N, 3) m of a table; of one that holds several clouds, as of a topic with scans between contours, the last."""
     try:
         if kind == "npz":
-            with np.load(path, allow_pickle=False) as data:
-                if "points" in data:
-                    return np.asarray(data["points"], dtype=np.float64).reshape(-1, 3)
-                names = [*"xyz", *(name for name in TIMES if name in data)]
-                return _newest(np.column_stack([np.asarray(data[name], dtype=np.float64) for name in names]))
-        with path.open(encoding="utf-8", newline="") as stream:
-            header = next(csv.reader(stream), [])
-            columns = [header.index(name) for name in (*"xyz", *(name for name in TIMES if name in header))]
-            return _newest(np.loadtxt(stream, delimiter=",", usecols=columns, ndmin=2))
+            data = read_archive(path)
+            if "points" in data:
+                return _numbers(data["points"]).reshape(-1, 3)
+            names = [*"xyz", *(name for name in TIMES if name in data)]
+            return _newest(np.column_stack([_numbers(data[name]) for name in names]))
+        lines = iter(read_lines(path, LARGEST_TABLE))
+        header = next(csv.reader(lines), [])
+        columns = [header.index(name) for name in (*"xyz", *(name for name in TIMES if name in header))]
+        return _newest(np.loadtxt(lines, delimiter=",", usecols=columns, ndmin=2))
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from error
-    except Exception as error:  # not an archive, no such column, not numbers
+    except (OSError, ValueError, KeyError, csv.Error) as error:  # no such file, no such column, not numbers
         raise IsfError(
             ErrorCode.FILE_SYNTAX,
-            f"holds no points: {error}",
+            f"holds no points: {reason(error)}",
             where=str(path),
             advice="x, y and z in m, as isf bag tables writes the topic scan; or points (N, 3)",
         ) from error
+
+
+def _numbers(array: NDArray[Any]) -> Array:
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{array.dtype} are no numbers")
+    return array.astype(np.float64)
 
 
 def _newest(table: Array) -> Array:
@@ -309,20 +329,28 @@ def _newest(table: Array) -> Array:
     return table[:, :3]
 
 
-def _has_facets(path: Path) -> bool:
-    head = path.read_bytes()[:4000].split(b"end_header")[0]
+def _ply(path: Path) -> bytes:
+    try:
+        return read_content(path, LARGEST["ply"])
+    except OSError as error:
+        what = f"cannot be read: {error.strerror}"
+        raise IsfError(ErrorCode.MESH_UNREADABLE, what, where=str(path), advice="export a coarser cloud") from error
+
+
+def _has_facets(data: bytes) -> bool:
+    head = data[:4000].split(b"end_header")[0]
     return any(line.split()[:2] == [b"element", b"face"] and line.split()[2:] != [b"0"] for line in head.splitlines())
 
 
-def _ply_points(path: Path, unit: str | None) -> Array:
+def _ply_points(data: bytes, path: Path, unit: str | None) -> Array:
     if unit not in METRES:
         raise IsfError(
             ErrorCode.MESH_UNIT_UNKNOWN, "PLY files carry no unit", where=str(path), advice="--unit mm (or m, cm, in)"
         )
     try:
-        loaded: Any = trimesh.load(io.BytesIO(path.read_bytes()), file_type="ply")
-        return np.asarray(loaded.vertices, dtype=np.float64) * METRES[unit]
-    except Exception as error:  # a damaged file shows in as many ways as there are bytes
+        vertices = np.asarray(parse_mesh(data, "ply").vertices, dtype=np.float64)
+        return vertices.reshape(-1, 3) * METRES[unit]
+    except (ValueError, TypeError, AttributeError) as error:  # no vertices, or no numbers
         raise IsfError(
             ErrorCode.MESH_UNREADABLE, f"cannot be read: {error}", where=str(path), advice="export the cloud again"
         ) from error

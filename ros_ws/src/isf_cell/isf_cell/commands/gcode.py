@@ -12,7 +12,7 @@ import yaml
 from isf_analysis.bag.bag_writer import write_bag
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
-from isf_core.files import quantity
+from isf_core.files import quantity, yaml_file
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import load_rig
 from isf_core.files.tooling import ToolSpec
@@ -206,7 +206,7 @@ def _job_with_program(
 
     Its paths are absolute. A program holds no support forces, and says itself where the tool goes and how it leans.
     """
-    data = yaml.safe_load(job_file.text)
+    data = yaml_file.content(job_file.text, job_file.job.name)
     for section in ("part", "adsif", "die", "tool_axis", "springback"):
         data.pop(section, None)
     data["name"] = job_name(file.stem)

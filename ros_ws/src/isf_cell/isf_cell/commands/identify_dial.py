@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.bounded import read_text
+from isf_core.files.bounded import read_lines
 from isf_core.files.rig import load_rig
 from isf_identify.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial
 from rich.markup import escape
@@ -72,9 +72,12 @@ def read_dial(path: Path) -> tuple[DialTable, str]:
     """Table of readings (CSV with a header, # for remarks) and the column of the deflection; raises IsfError naming
     file and row."""
     try:
-        lines = read_text(path).splitlines()
+        lines = read_lines(path)
+    except FileNotFoundError:
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from None
     except OSError as error:
-        raise IsfError(ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(path)) from None
+        what = f"cannot be read: {error.strerror}"
+        raise IsfError(ErrorCode.FILE_SYNTAX, what, where=str(path), advice=_ADVICE) from None
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     header = [name.strip() for name in numbered[0][1].split(",")] if numbered else []
     unit = next((name for name in UNITS if name in header), None)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import yaml
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.material import load_material
@@ -78,7 +77,7 @@ def _listed(kind: str) -> dict[str, dict[str, str]]:
 
 
 def _written(path: Path) -> dict[str, Any]:
-    content: dict[str, Any] = yaml.safe_load(yaml_file.read(path))
+    content: dict[str, Any] = yaml_file.content(yaml_file.read(path), str(path))
     return content
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import isf_analysis
 import numpy as np
-import yaml
 from isf_analysis.bag.playback import begin_of_contour
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files import yaml_file
 
 from isf_cell.commands import terminal
 from isf_cell.processes.executables import checked_remap
@@ -164,7 +164,7 @@ def _parameter(item: str) -> tuple[str, object]:
             advice="for example: --param loop_gain:=36.0",
         )
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
+        value = yaml_file.content(text, "--param")
+    except IsfError:  # a text that is no YAML
         value = text
     return name, value if isinstance(value, bool | int | float) else text

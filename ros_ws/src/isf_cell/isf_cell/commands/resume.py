@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_json, reason
 from isf_core.files.job import load_job
 
 from isf_cell.run.checkpoint import CHECKPOINT, Checkpoint, CheckpointFolder
@@ -43,7 +44,7 @@ class Request:
         """Raises IsfError FILE_NOT_FOUND, CHECKPOINT_UNUSABLE."""
         path = run / CHECKPOINT / REQUEST_FILE
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
+            data = read_json(path)
             return cls(Path(data["job"]), bool(data["attach"]))
         except FileNotFoundError as error:
             raise IsfError(
@@ -54,7 +55,10 @@ class Request:
             ) from error
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise IsfError(
-                ErrorCode.CHECKPOINT_UNUSABLE, f"is damaged: {error}", where=str(path), advice="form the part again"
+                ErrorCode.CHECKPOINT_UNUSABLE,
+                f"is damaged: {reason(error)}",
+                where=str(path),
+                advice="form the part again",
             ) from error
 
 

@@ -33,6 +33,7 @@ from isf_analysis.measures.record import PartRecord
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
+from isf_core.files import yaml_file
 from isf_core.files.job import JobFile, load_job
 from isf_core.simulated_sheet import SEALED_VARIANTS, SheetKind
 from isf_core.types import Array
@@ -372,7 +373,7 @@ def _folder(wanted: Tryout, job_file: JobFile, output: Path | None) -> Path:
 def _tried(job_file: JobFile, plan: Path | None, correction: str | None, rate: float = CONTROL_RATE) -> JobFile:
     """``job_file`` with what was learned in ``plan``, or with method ``correction`` before there is one; its text names
     files by absolute paths."""
-    data = _absolute(yaml.safe_load(job_file.text), job_file.base)
+    data = _absolute(yaml_file.content(job_file.text, job_file.job.name), job_file.base)
     if plan is not None:
         data["springback"] = {**data.get("springback", {}), "method": "learned", "learning": str(plan)}
     elif correction is not None:

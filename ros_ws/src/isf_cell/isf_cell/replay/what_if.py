@@ -16,7 +16,9 @@ from typing import Any
 
 import yaml
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files import yaml_file
 from isf_core.files.job import SpringbackSpec
+from isf_core.files.quantity import LONGEST_SHOWN
 from isf_force_ctrl.control_config import SET_WHILE_FORMING, ControlConfig
 
 OF_JOB = (
@@ -148,7 +150,7 @@ class WhatIf:
         """The job ``text`` (YAML) with the changes of its fields."""
         if not self.of_job:
             return text
-        data = yaml.safe_load(text)
+        data = yaml_file.content(text, "job")
         for name, value in self.of_job.items():
             *sections, field = name.split(".")
             place = data
@@ -238,9 +240,10 @@ def _parameter(field: str, name: str) -> str:
 
 def _value(name: str, text: str) -> Any:
     try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise _refused(f"{name}: '{text}' is no value", "a number, a text, or a list [1, 2]") from error
+        return yaml_file.content(text, name)
+    except IsfError as error:
+        shown = text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+        raise _refused(f"{name}: '{shown}' is no value", "a number, a text, or a list [1, 2]") from error
 
 
 def _number(field: str, text: str) -> Any:

@@ -19,6 +19,7 @@ from typing import Any
 
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_json, reason
 from isf_core.files.job import JobFile
 from isf_core.simulated_sheet import sheet_kind
 
@@ -221,7 +222,7 @@ class CheckpointFolder:
     def _content(self) -> Checkpoint:
         path = self.path / PART_FILE
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
+            data = read_json(path)
         except FileNotFoundError as error:
             raise IsfError(
                 ErrorCode.FILE_NOT_FOUND,
@@ -230,7 +231,7 @@ class CheckpointFolder:
                 advice=FORM_AGAIN,
             ) from error
         except (OSError, ValueError) as error:
-            raise self._unusable(f"is damaged: {error}", FORM_AGAIN) from error
+            raise self._unusable(f"is damaged: {reason(error)}", FORM_AGAIN) from error
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             raise self._unusable("is no checkpoint of a part", FORM_AGAIN)
         if data.get("version") != VERSION:

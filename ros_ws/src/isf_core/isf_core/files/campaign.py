@@ -109,7 +109,7 @@ class CampaignFile:
         plain = JobFile(text, path.parent, str(path))
         if method is None or not method.change:
             return plain
-        changed = yaml.safe_dump(_merged(yaml.safe_load(plain.text), method.change), sort_keys=False)
+        changed = yaml.safe_dump(_merged(yaml_file.content(plain.text, str(path)), method.change), sort_keys=False)
         try:
             return JobFile(changed, path.parent, str(path))
         except IsfError as error:

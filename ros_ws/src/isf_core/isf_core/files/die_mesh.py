@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_content
 from isf_core.files.job import METRES, JobFile
+from isf_core.files.mesh_parser import LARGEST, parse_mesh
 
 
 @dataclass(frozen=True)
@@ -38,17 +40,27 @@ def read_die(job_file: JobFile) -> DieMesh | None:
     if die is None:
         return None
     path = (job_file.base / die.mesh).resolve()
-    if not path.is_file():
+    advice = f"export the surface as one of {', '.join(LARGEST)}, coarser where it is too large"
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in LARGEST:
+        raise IsfError(
+            ErrorCode.MESH_UNREADABLE, f"'{path.suffix}' is not a mesh format", where=str(path), advice=advice
+        )
+    try:
+        loaded = parse_mesh(read_content(path, LARGEST[kind]), kind)
+        mesh = loaded.to_mesh() if hasattr(loaded, "to_mesh") else loaded
+        vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.asarray(getattr(mesh, "faces", np.empty((0, 3))), dtype=np.int64).reshape(-1, 3)
+    except FileNotFoundError as error:
         raise IsfError(
             ErrorCode.FILE_NOT_FOUND, "no such die", where=str(path), advice="die.mesh is relative to the job file"
-        )
-    import trimesh  # late: jobs without a die need not pay
-
-    try:
-        mesh = trimesh.load(path, force="mesh")
-        vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    except Exception as error:  # trimesh raises whatever its loaders raise
-        raise IsfError(ErrorCode.MESH_UNREADABLE, f"cannot be read: {error}", where=str(path)) from error
+        ) from error
+    except OSError as error:
+        what = f"cannot be read: {error.strerror}"
+        raise IsfError(ErrorCode.MESH_UNREADABLE, what, where=str(path), advice=advice) from error
+    except (ValueError, TypeError, AttributeError) as error:  # not a mesh, or arrays that belong to none
+        what = f"cannot be read: {error}"
+        raise IsfError(ErrorCode.MESH_UNREADABLE, what, where=str(path), advice=advice) from error
     if len(faces) == 0:
-        raise IsfError(ErrorCode.MESH_EMPTY, "has no triangles", where=str(path))
+        raise IsfError(ErrorCode.MESH_EMPTY, "has no triangles", where=str(path), advice=advice)
     return DieMesh(path, METRES[die.unit] * vertices, faces)

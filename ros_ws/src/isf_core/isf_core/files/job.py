@@ -910,7 +910,6 @@ class JobFile:
     """
 
     def __init__(self, text: str, base: Path, name: str = "job") -> None:
-        yaml_file.check_size(text, name)
         self.text = with_named_sections(text, base, name)
         self.base = base
         self.job: Job = yaml_file.parse(self.text, Job, name, [(name, text)])

@@ -45,13 +45,14 @@ def layered_text(path: Path) -> tuple[str, list[tuple[str, str]]]:
     """Text of the rig file at ``path`` with everything it is based on, unchanged when it stands alone; and names and
     texts of all these files, the uppermost first.
 
-    Raises IsfError as :func:`isf_core.files.yaml_file.read`, and FILE_FIELD for files that are based on each other.
+    Raises IsfError as :func:`isf_core.files.yaml_file.read` and :func:`isf_core.files.yaml_file.content`, and
+    FILE_FIELD for files that are based on each other.
     """
     text = yaml_file.read(path)
     layers = []
     here = path
     files = [(str(path), text)]
-    while (layer := _mapping(text)) is not None and BASE in layer:
+    while isinstance(layer := yaml_file.content(text, str(here)), dict) and BASE in layer:
         layers.append(layer)
         below = layer.pop(BASE)
         if not isinstance(below, str) or len(layers) > MAXIMUM_LAYERS:
@@ -64,7 +65,7 @@ def layered_text(path: Path) -> tuple[str, list[tuple[str, str]]]:
         here = find_named("rigs", below, here.parent)
         text = yaml_file.read(here)
         files.append((str(here), text))
-    if not layers or layer is None:
+    if not layers or not isinstance(layer, dict):  # what is no rig is told by the checks of its fields
         return text, [(str(here), text)]
     merged = layer
     for upper in reversed(layers):
@@ -80,15 +81,6 @@ def _map_path(name: str, tool: str, lowest: Path, below: dict[str, Any], top: Pa
     """A map stands beside the file that names it: the lowest one, unless a layer replaces it."""
     own = below.get(tool)
     return (lowest if isinstance(own, dict) and own.get("error_map") == name else top).parent / name
-
-
-def _mapping(text: str) -> dict[str, Any] | None:
-    """The mapping of ``text``, None where it is none: the checks of :mod:`isf_core.files.yaml_file` say why."""
-    try:
-        data = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return None
-    return data if isinstance(data, dict) else None
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:

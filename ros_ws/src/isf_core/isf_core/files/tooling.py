@@ -206,7 +206,7 @@ def _read(library: Library, path: Path) -> tuple[ToolFile | BlankFile | PlateFil
     """The checked file and what is written in it."""
     text = yaml_file.read(path)
     found = yaml_file.parse(text, library.model, str(path))
-    written: dict[str, Any] = yaml.safe_load(text)
+    written: dict[str, Any] = yaml_file.content(text, str(path))
     for constant in sorted(set(written) - {"name", "provenance"} - set(found.provenance)):
         raise IsfError(
             ErrorCode.FILE_FIELD,
@@ -225,12 +225,10 @@ def with_named_sections(text: str, base: Path, name: str) -> str:
 
     Raises
     ------
-    IsfError : as :func:`load_named`; FILE_NOT_FOUND names the line of the job
+    IsfError : as :func:`isf_core.files.yaml_file.content` and :func:`load_named`; FILE_NOT_FOUND names the line of the
+        job
     """
-    try:
-        job = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return text
+    job = yaml_file.content(text, name)
     if not isinstance(job, dict):
         return text
     named = {

@@ -9,18 +9,18 @@ from __future__ import annotations
 import difflib
 import math
 import os
-import re
 import sysconfig
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.bounded import read_text
-from isf_core.files.quantity import FROM_FILE, Reading
+from isf_core.files.quantity import FROM_FILE, LONGEST_SHOWN, Reading
 
 
 class FieldError(ValueError):
@@ -32,24 +32,48 @@ class FieldError(ValueError):
 
 
 class FileModel(BaseModel):
-    """A part of a YAML file; unknown fields are errors."""
+    """A part of a YAML file; unknown fields are errors, and truth values where a number is wanted."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_value(cls, value: Any, info: ValidationInfo) -> Any:
+        """Python counts with true as with 1; who writes it for a gain means something else."""
+        if info.context and info.context.get("from_file") and info.field_name is not None and _has_truth(value):
+            about = cls.model_fields[info.field_name]
+            plain = next(_readings([*about.metadata, about.annotation]), None) is None  # quantities say it themselves
+            types = set(_types(about.annotation))
+            if plain and bool not in types and types & {int, float}:
+                raise PydanticCustomError("truth_value", "true and false are no numbers")
+        return value
+
+
+def _has_truth(value: Any) -> bool:
+    """True for a truth value and for a list that has one, at any depth."""
+    return isinstance(value, bool) or (isinstance(value, list) and any(map(_has_truth, value)))
+
+
+def _types(annotation: Any) -> Iterator[Any]:
+    """What ``annotation`` is made of: of ``tuple[int, float] | None`` the types and the None."""
+    parts = get_args(annotation)
+    if not parts:
+        yield annotation
+    for part in parts:
+        yield from _types(part)
 
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
-LONGEST = 200_000
+LONGEST = 100_000
 """Characters of a file: written by people, and read by a parser that takes seconds for more."""
 MOST_NODES = 100_000
 """Fields and values of a file, aliases written out."""
 
-_ALIAS = re.compile(r"(?:^|[\s\[{,:-])\*[^\s*]", re.MULTILINE)
-
 
 def read(path: Path) -> str:
-    """Text of a YAML file; IsfError FILE_NOT_FOUND or FILE_SYNTAX when it cannot be read, or as :func:`check_size`."""
+    """Text of a YAML file; raises IsfError FILE_NOT_FOUND, and FILE_SYNTAX when it cannot be read."""
     try:
         text = read_text(path, 4 * LONGEST)
     except FileNotFoundError as error:
@@ -58,25 +82,83 @@ def read(path: Path) -> str:
         ) from error
     except OSError as error:
         raise IsfError(ErrorCode.FILE_SYNTAX, f"cannot be read as text: {error.strerror}", where=str(path)) from error
-    check_size(text, str(path))
     return text
 
 
-def check_size(text: str, name: str) -> None:
-    """Raise IsfError FILE_SYNTAX for a ``text`` of more than LONGEST characters or MOST_NODES fields, with the aliases
-    written out, as a merge (<<) does; of one that is no YAML :func:`parse` says so."""
+class _TwiceError(yaml.MarkedYAMLError):
+    """A key that a mapping has twice."""
+
+
+class _Loader(yaml.SafeLoader):
+    """The safe loader, but for keys that a mapping has twice, of which it would take the last one without a word, and
+    for null characters, which no name of a file can have.
+
+    Keys are looked for while the nodes are made. A merge (<<) puts its fields among those of the mapping only later, so
+    that fields written in the mapping may stand in place of merged ones.
+    """
+
+    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
+        node: yaml.ScalarNode = super().compose_scalar_node(anchor)  # type: ignore[no-untyped-call]
+        if "\0" in node.value:
+            raise yaml.MarkedYAMLError(problem="a text has a null character", problem_mark=node.start_mark)
+        return node
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node: yaml.MappingNode = super().compose_mapping_node(anchor)  # type: ignore[no-untyped-call]
+        first: dict[Any, int] = {}
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue  # no name of a field: construction refuses it
+            merge = key.tag == "tag:yaml.org,2002:merge"
+            value = key.value if merge else self.construct_object(key)  # type: ignore[no-untyped-call]
+            for same in {value, str(value)}:  # 1 and 01 are one number, 1 and "1" one field of a model
+                if same in first:
+                    what = f"'{key.value[:LONGEST_SHOWN]}' is there twice, first in line {first[same] + 1}"
+                    raise _TwiceError(problem=what, problem_mark=key.start_mark)
+            first |= dict.fromkeys((value, str(value)), key.start_mark.line)
+        return node
+
+
+def content(text: str, name: str) -> Any:
+    """What the YAML ``text`` holds: a mapping, a list, a value, None where it is empty; ``name`` of it in errors.
+
+    Every text from outside is read here: files, options of commands, jobs in messages and bags.
+
+    Raises
+    ------
+    IsfError : FILE_SYNTAX (not YAML, a key twice in one mapping, nested too deeply, more than LONGEST characters or
+        MOST_NODES fields with the aliases written out, as a merge does), FILE_FIELD (a date or number that is none)
+    """
+    return _content(text, name)[1]
+
+
+def _content(text: str, name: str) -> tuple[yaml.Node | None, Any]:
+    """The nodes of the ``text``, with their places, and what it holds."""
     if len(text) > LONGEST:
-        raise IsfError(ErrorCode.FILE_SYNTAX, f"is longer than {LONGEST:,} characters", where=name)
-    if _ALIAS.search(text) is None:
-        return
+        advice = "leave out what does not belong there"
+        raise IsfError(ErrorCode.FILE_SYNTAX, f"is longer than {LONGEST:,} characters", where=name, advice=advice)
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        size = 0.0 if root is None else _written_out(root, {})
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return
-    if size > MOST_NODES:
-        what = f"stands for more than {MOST_NODES:,} fields, its aliases (*name) written out"
-        raise IsfError(ErrorCode.FILE_SYNTAX, what, where=name, advice="write out what is meant")
+        loader = _Loader(text)
+        root = loader.get_single_node()  # type: ignore[no-untyped-call]
+        if root is None:
+            return None, None
+        if _written_out(root, {}) > MOST_NODES:  # construction of merges would write them out
+            what = f"stands for more than {MOST_NODES:,} fields, its aliases (*name) written out"
+            raise IsfError(ErrorCode.FILE_SYNTAX, what, where=name, advice="write out what is meant")
+        return root, loader.construct_document(root)  # type: ignore[no-untyped-call]
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{name}:{mark.line + 1}" if mark else name
+        problem = getattr(error, "problem", None) or "not valid YAML"
+        twice = isinstance(error, _TwiceError)
+        advice = "leave out the one that is not meant" if twice else "check indentation and colons"
+        raise IsfError(ErrorCode.FILE_SYNTAX, str(problem), where=where, advice=advice) from error
+    except ValueError as error:  # what looks like a date or a number and is none
+        what = f"a value cannot be read: {error}"
+        raise IsfError(ErrorCode.FILE_FIELD, what, where=name, advice="put a text in quotes") from error
+    except RecursionError as error:
+        what = "is nested too deeply"
+        raise IsfError(ErrorCode.FILE_SYNTAX, what, where=name, advice="start from an example") from error
 
 
 def _written_out(node: yaml.Node, known: dict[int, float]) -> float:
@@ -100,24 +182,10 @@ def parse(text: str, model: type[Model], name: str, layers: Sequence[tuple[str, 
 
     Raises
     ------
-    IsfError : FILE_SYNTAX (not YAML, not a mapping, nested too deeply, too large), FILE_UNIT (missing or wrong unit),
-        FILE_FIELD (unknown, missing or out-of-range field; a date or number that is none)
+    IsfError : as :func:`content`; FILE_SYNTAX (not a mapping), FILE_UNIT (missing or wrong unit), FILE_FIELD (unknown,
+        missing or out-of-range field)
     """
-    check_size(text, name)
-    try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"{name}:{mark.line + 1}" if mark else name
-        problem = getattr(error, "problem", None) or "not valid YAML"
-        advice = "check indentation and colons"
-        raise IsfError(ErrorCode.FILE_SYNTAX, str(problem), where=where, advice=advice) from error
-    except ValueError as error:  # what looks like a date or a number and is none
-        what = f"a value cannot be read: {error}"
-        raise IsfError(ErrorCode.FILE_FIELD, what, where=name, advice="put a text in quotes") from error
-    except RecursionError as error:
-        raise IsfError(ErrorCode.FILE_SYNTAX, "is nested too deeply", where=name) from error
+    root, data = _content(text, name)
     if not isinstance(data, dict) or root is None:
         raise IsfError(
             ErrorCode.FILE_SYNTAX, "is empty or not a mapping of fields", where=name, advice="start from an example"
@@ -160,6 +228,8 @@ def _explain(error: ValidationError, model: type[BaseModel], files: Sequence[tup
         if first["type"] == "unit":
             code = ErrorCode.FILE_UNIT
             advice = "quantities in files carry their unit"
+        if first["type"] == "truth_value":
+            advice = "write a number"
         words = [fault for fault in faults[1:] if fault["type"] == "literal_error"]
         if any(_without_choice(model, fault["loc"]) == place for fault in words):
             advice = f"{advice}; or {words[0]['ctx']['expected']}".lstrip("; ")
@@ -298,7 +368,7 @@ def find_named(folder: str, name_or_path: str, base: Path | None = None) -> Path
         return find_shipped(folder, name_or_path)
     path = Path(name_or_path)
     path = path if path.is_absolute() or base is None else base / path
-    if not path.is_file():
+    if not _is_file(path):
         raise _not_in(folder, name_or_path, path)
     return path
 
@@ -311,9 +381,17 @@ def find_shipped(folder: str, name: str) -> Path:
     IsfError : FILE_NOT_FOUND, with the names that exist
     """
     path = share_directory() / folder / f"{name}.yaml"
-    if is_path(name) or Path(name).name != name or not path.is_file():
+    if is_path(name) or Path(name).name != name or not _is_file(path):
         raise _not_in(folder, name, path)
     return path
+
+
+def _is_file(path: Path) -> bool:
+    """False also for a name that no file can have: longer than the system takes, or with a null character."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def is_path(name: str) -> bool:
@@ -322,5 +400,7 @@ def is_path(name: str) -> bool:
 
 
 def _not_in(folder: str, name: str, path: Path) -> IsfError:
+    if len(name) > LONGEST_SHOWN:
+        name, path = f"{name[:LONGEST_SHOWN]}...", path.with_name("...")
     known = ", ".join(sorted(p.stem for p in (share_directory() / folder).glob("*.yaml")))
     return IsfError(ErrorCode.FILE_NOT_FOUND, f"no '{name}' in {folder}", where=str(path), advice=f"known: {known}")

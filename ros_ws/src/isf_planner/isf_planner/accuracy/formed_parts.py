@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.archive import read_archive
+from isf_core.files.bounded import reason
 from isf_core.files.job import Job
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
@@ -209,12 +211,11 @@ def save(formed: FormedParts, path: Path) -> None:
 def load(path: Path) -> FormedParts:
     """Read a file of :func:`save`; raises IsfError LEARNING_UNUSABLE."""
     try:
-        with np.load(path, allow_pickle=False) as data:
-            if "kind" not in data or str(data["kind"]) != "accuracy surfaces":
-                raise ValueError("it holds no accuracy surfaces")
-            if int(data["format"]) != FORMAT or tuple(data["predictors"]) != PREDICTORS:
-                raise ValueError("it is of another version of this software")
-            read = {name: data[name] for name in data.files}
+        read = read_archive(path)
+        if "kind" not in read or str(read["kind"]) != "accuracy surfaces":
+            raise ValueError("it holds no accuracy surfaces")
+        if int(read["format"]) != FORMAT or tuple(read["predictors"]) != PREDICTORS:
+            raise ValueError("it is of another version of this software")
         conditions = Conditions(
             str(read["process"]),
             str(read["material"]),
@@ -235,9 +236,7 @@ def load(path: Path) -> FormedParts:
             FormedPart(str(name), str(shape), float(thickness), values, deviation, weight, float(left))
             for name, shape, thickness, values, deviation, weight, left in heads
         )
-    except (OSError, ValueError, KeyError, IndexError, EOFError) as error:
-        text = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be used: {error}"
+    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:  # arrays of other types and shapes
+        text = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be used: {reason(error)}"
         raise IsfError(ErrorCode.LEARNING_UNUSABLE, text, where=str(path), advice=_ADVICE) from error
-    except Exception as error:  # zipfile and zlib raise their own errors for a damaged file
-        raise IsfError(ErrorCode.LEARNING_UNUSABLE, f"is damaged: {error}", where=str(path), advice=_ADVICE) from error
     return FormedParts(conditions, parts)

@@ -9,14 +9,14 @@ written as version 1.
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
 from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.archive import read_archive
+from isf_core.files.bounded import parse_json
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Points
 
@@ -61,27 +61,23 @@ def save_plan(plan: Plan, path: Path) -> Path:
 def load_plan(path: Path) -> Plan:
     """Plan of a file of :func:`save_plan`, without a loop tree; IsfError FILE_NOT_FOUND or PLAN_FILE_UNREADABLE."""
     try:
-        with np.load(path, allow_pickle=False) as data:
-            head = json.loads(str(data["head"]))
-            _check_head(head, path)
-            stored = {name: data[f"contour_{name}"] for name in _ARRAYS if f"contour_{name}" in data}
-            contours = _contours(head["contours"], stored)
-            target = HeightMap(*(data[f"target_{axis}"] for axis in "xyz"))
-            mesh = (data["mesh_vertices"], data["mesh_faces"])
-            ball = float(head.get("ball_radius", "nan"))
-            return Plan(head["plan_id"], contours, target, mesh, tuple(head["warnings"]), ball_radius=ball)
+        data = read_archive(path)
+        head = parse_json(str(data["head"]))
+        _check_head(head, path)
+        stored = {name: data[f"contour_{name}"] for name in _ARRAYS if f"contour_{name}" in data}
+        contours = _contours(head["contours"], stored)
+        target = HeightMap(*(data[f"target_{axis}"] for axis in "xyz"))
+        mesh = (data["mesh_vertices"], data["mesh_faces"])
+        _check_shapes(target, *mesh)
+        ball = float(head.get("ball_radius", "nan"))
+        return Plan(str(head["plan_id"]), contours, target, mesh, tuple(map(str, head["warnings"])), ball_radius=ball)
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path)) from error
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        AttributeError,
-        EOFError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
+    except OSError as error:
+        raise _unreadable(path, f"cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError, IsfError) as error:  # fields of other kinds
+        if isinstance(error, IsfError) and error.code is ErrorCode.PLAN_FILE_UNREADABLE:
+            raise
         raise _unreadable(path, "is not a complete plan file") from error
 
 
@@ -93,6 +89,21 @@ def _check_head(head: Any, path: Path) -> None:
         raise _unreadable(path, f"is a plan file of version {head.get('version')}, this software reads {known}")
 
 
+def _check_shapes(target: HeightMap, vertices: Array, faces: Array) -> None:
+    """Raise ValueError for a target that is no height map, and facets that have no vertices; z may be NaN."""
+    for axis in (target.x, target.y):
+        if axis.dtype.kind != "f" or axis.ndim != 1 or len(axis) < 2 or not (np.diff(axis) > 0.0).all():
+            raise ValueError("an axis of the target does not rise")
+    if target.z.dtype.kind != "f" or target.z.shape != (len(target.y), len(target.x)) or np.isinf(target.z).any():
+        raise ValueError("the heights of the target do not fit its axes")
+    if vertices.dtype.kind != "f" or vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
+        raise ValueError("the vertices of the mesh are no points")
+    if faces.dtype.kind not in "iu" or faces.ndim != 2 or faces.shape[1] != 3:
+        raise ValueError("the facets of the mesh are no triangles")
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise ValueError("a facet of the mesh refers to a vertex that is not there")
+
+
 def _unreadable(path: Path, what: str) -> IsfError:
     return IsfError(
         ErrorCode.PLAN_FILE_UNREADABLE, what, where=str(path), advice="plan the part again with isf plan --export"
@@ -100,6 +111,9 @@ def _unreadable(path: Path, what: str) -> IsfError:
 
 
 def _contours(heads: list[dict[str, Any]], stored: dict[str, Array]) -> tuple[Contour, ...]:
+    for name, array in stored.items():
+        if array.dtype.kind not in "fiu" or array.ndim != 1:
+            raise ValueError(f"{name} are no numbers in a row")
     at = dict.fromkeys(stored, 0)
     contours = []
     for head in heads:

@@ -29,6 +29,8 @@ from isf_core.types import Array, Indices, Mask
 
 from isf_planner.gcode.set_up import WORK_SYSTEMS, SetUp
 
+LINES_JUDGED = 100_000
+"""Lines after which a text with as many unknown words is another kind of file, which would be read for minutes."""
 LARGEST_TEXT = 64_000_000
 """Characters of a program."""
 MOST_POINTS = 2_000_000
@@ -162,10 +164,11 @@ def program_text(file: Path, advice: str = "check the path") -> str:
         if file.stat().st_size > LARGEST_TEXT:
             raise IsfError(ErrorCode.PROGRAM_UNREADABLE, "is too long", where=str(file), advice="split the program")
         return read_text(file, LARGEST_TEXT, errors="replace")
+    except FileNotFoundError as error:
+        raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such program", where=str(file), advice=advice) from error
     except OSError as error:
-        raise IsfError(
-            ErrorCode.FILE_NOT_FOUND, f"cannot be read: {error.strerror}", where=str(file), advice=advice
-        ) from error
+        what = f"cannot be read: {error.strerror}"
+        raise IsfError(ErrorCode.PROGRAM_UNREADABLE, what, where=str(file), advice=advice) from error
 
 
 def read_program(
@@ -182,8 +185,8 @@ def read_program(
 
     Raises
     ------
-    IsfError : PROGRAM_UNREADABLE for a text that is too long, has too many points, or moves nothing and has no fault
-        that says why. Faults within are findings.
+    IsfError : PROGRAM_UNREADABLE for a text that is too long, has too many points or unknown words, or moves nothing
+        and has no fault that says why. Faults within are findings.
     """
     if len(text) > LARGEST_TEXT:
         raise IsfError(
@@ -196,6 +199,10 @@ def read_program(
     for number, line in enumerate(text.splitlines(), start=1):
         if reader.block(number, line):
             break
+        if number > LINES_JUDGED and reader.unknown_count >= number:
+            what = f"is no program that can be read: {reader.unknown_count:,} words in {number:,} lines are unknown"
+            advice = "check that it is G-code, and of the dialect that is read"
+            raise IsfError(ErrorCode.PROGRAM_UNREADABLE, what, where=f"{name}:{number}", advice=advice)
     return reader.program()
 
 

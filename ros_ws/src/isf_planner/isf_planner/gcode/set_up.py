@@ -78,10 +78,7 @@ def load_set_up(path: Path) -> SetUp:
 
 
 def _with_named_tools(text: str, path: Path) -> str:
-    try:
-        data = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return text  # told by the checks of the file
+    data = yaml_file.content(text, str(path))
     tools = data.get("tools") if isinstance(data, dict) else None
     if not isinstance(tools, dict):
         return text
@@ -125,7 +122,7 @@ def store_work_offset(path: Path, system: int, origin: tuple[float, float, float
     content: dict[str, Any] = {}
     if path.is_file():
         load_set_up(path)  # what is not understood is not written over
-        content = yaml.safe_load(yaml_file.read(path)) or {}
+        content = yaml_file.content(yaml_file.read(path), str(path)) or {}
     offsets = content.setdefault("work_offsets", {})
     offsets[f"G{system}"] = [f"{1e3 * value:.4f} mm" for value in origin]
     text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)

@@ -5,14 +5,17 @@ Both formats carry their unit; the mesh comes back in metres.
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import re
-from typing import Any
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import trimesh
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.standard_output import output_to_stderr
+from isf_core.files.bounded import MEGABYTE
 from isf_core.types import Array, Indices
 
 FORMATS = ("step", "stp", "iges", "igs")
@@ -22,6 +25,14 @@ CHORD_ERROR = 5e-6
 
 TURN = 0.1
 """rad, turn of the surface allowed over one facet."""
+
+LARGEST = 100 * MEGABYTE
+"""bytes: a part with thousands of faces."""
+
+LONGEST = 300.0
+"""s for a conversion: the largest files of parts take a minute."""
+
+_CONVERTER = Path(__file__).with_name("cad_converter.py")
 
 UNIT_NAMES = {"IN": 25.4e-3, "INCH": 25.4e-3, "MM": 1e-3, "M": 1.0, "CM": 1e-2, "FT": 0.3048, "UM": 1e-6}
 
@@ -44,6 +55,9 @@ def read(data: bytes, kind: str, where: str) -> tuple[Array, Indices, float | No
             where=where,
             advice="export the surface again, as STEP AP214 for example",
         )
+    if len(data) > LARGEST:
+        what, advice = f"is larger than {LARGEST / MEGABYTE:g} MB", "export the part alone, without what belongs to it"
+        raise IsfError(ErrorCode.MESH_UNREADABLE, what, where=where, advice=advice)
     binary = _convert(data, is_step, where)
     if not binary:
         raise IsfError(
@@ -60,30 +74,35 @@ def read(data: bytes, kind: str, where: str) -> tuple[Array, Indices, float | No
 
 
 def _convert(data: bytes, is_step: bool, where: str) -> bytes:
-    try:
-        import cascadio
-    except ImportError as error:
+    if importlib.util.find_spec("cascadio") is None:
         raise IsfError(
             ErrorCode.MESH_UNREADABLE,
             "STEP and IGES files need the package cascadio, which is not installed",
             where=where,
             advice="install it (pip install cascadio), or export the surface as STL",
-        ) from error
-    kind: Any = cascadio.FileType.STEP if is_step else cascadio.FileType.IGES
+        )
+    # the converter works in mm
+    arguments = ["step" if is_step else "iges", f"{CHORD_ERROR * 1e3!r}", f"{TURN!r}"]
     try:
-        with output_to_stderr():
-            # the converter works in mm; one thread, so that a plan repeats bit by bit
-            made = cascadio.to_glb_bytes(
-                data, kind, tol_linear=CHORD_ERROR * 1e3, tol_angular=TURN, tol_relative=False, use_parallel=False
-            )
-    except Exception as error:  # whatever the library stumbles over
+        done = subprocess.run(
+            [sys.executable, str(_CONVERTER), *arguments], input=data, capture_output=True, timeout=LONGEST, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        what = (
+            f"could not be converted in {LONGEST:g} s" if isinstance(error, subprocess.TimeoutExpired) else f"{error}"
+        )
+        raise IsfError(
+            ErrorCode.MESH_UNREADABLE, what, where=where, advice="export the part alone, or its surface as STL"
+        ) from error
+    if done.returncode != 0:
+        said = done.stderr.decode("utf-8", "replace").strip().splitlines() or ["the converter ended"]
         raise IsfError(
             ErrorCode.MESH_UNREADABLE,
-            f"could not be converted: {error}",
+            f"could not be converted: {said[-1][:200]}",
             where=where,
             advice="export the surface again",
-        ) from error
-    return bytes(made)
+        )
+    return done.stdout
 
 
 def _step_unit(data: bytes) -> float | None:

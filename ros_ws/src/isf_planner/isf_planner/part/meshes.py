@@ -9,7 +9,6 @@ beyond that is checked, and what can be repaired is repaired, in :mod:`isf_plann
 from __future__ import annotations
 
 import errno
-import io
 import stat
 import struct
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ import numpy as np
 import trimesh
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import METRES
+from isf_core.files.mesh_parser import parse_mesh
 from isf_core.types import Array, Indices
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -147,17 +147,19 @@ def _check_unit(unit: str | None, metres: float, where: str) -> None:
 def _parse(data: bytes, kind: str, where: str) -> tuple[Array, Indices, float | None]:
     """By trimesh; every way a parser can fail becomes MESH_UNREADABLE."""
     metres = None
+    advice = "export the surface again, as binary STL for example"
     try:
-        loaded = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
+        loaded = parse_mesh(data, kind, process=False)
         if kind in MESHES_WITH_UNIT:
             metres = UNITS_3MF[str(loaded.metadata.get("units", "millimeter")).rstrip("s")]
         mesh = loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
         vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
         faces = np.asarray(getattr(mesh, "faces", np.empty((0, 3))), dtype=np.int64).reshape(-1, 3)
-    except MemoryError:
-        raise
-    except Exception as error:  # the parsers raise whatever the damage makes them stumble over
-        advice = "export the surface again, as binary STL for example"
+    except OSError as error:
+        raise IsfError(
+            ErrorCode.MESH_UNREADABLE, f"{error.strerror}", where=where, advice="export it coarser, or as binary STL"
+        ) from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:  # no mesh, or arrays that belong to none
         raise IsfError(
             ErrorCode.MESH_UNREADABLE, f"is not a valid {kind.upper()} file", where=where, advice=advice
         ) from error

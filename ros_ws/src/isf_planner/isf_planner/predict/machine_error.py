@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.bounded import read_text
+from isf_core.files.bounded import read_lines
 from isf_core.types import Array
 
 from isf_planner.part.mesh_checks import place_text
@@ -79,11 +79,14 @@ def fit(points: Array, errors: Array) -> MachineError:
 def load(path: Path) -> MachineError:
     """Map of a CSV file with the columns x_mm, y_mm, z_mm, error_mm; IsfError FILE_NOT_FOUND, FILE_SYNTAX or of fit."""
     try:
-        lines = read_text(path).splitlines()
-    except OSError as error:
+        lines = read_lines(path)
+    except FileNotFoundError as error:
         raise IsfError(
-            ErrorCode.FILE_NOT_FOUND, "cannot be read", where=str(path), advice="path.machine_error of the job"
+            ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="path.machine_error of the job"
         ) from error
+    except OSError as error:
+        what = f"cannot be read: {error.strerror}"
+        raise IsfError(ErrorCode.FILE_SYNTAX, what, where=str(path), advice=f"first line: {COLUMNS}") from error
     if not lines or lines[0].replace(" ", "") != COLUMNS:
         raise IsfError(
             ErrorCode.FILE_SYNTAX, "the columns are not named", where=f"{path}:1", advice=f"first line: {COLUMNS}"

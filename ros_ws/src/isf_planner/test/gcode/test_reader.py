@@ -268,3 +268,10 @@ def test_any_text_gives_points_or_coded_faults(text: str) -> None:
 def test_truncated_programs_give_points_or_coded_faults(end: int) -> None:
     program = readable(SAMPLE[:end])
     assert program is None or "no end" in " ".join(program.remarks) or end > SAMPLE.index("M30")
+
+
+def test_a_text_that_is_no_program_is_not_read_to_its_end() -> None:
+    with pytest.raises(IsfError, match="100,001 words in 100,001 lines are unknown") as refused:
+        read_program("1,2,3\n" * 110_000, name="table.csv")
+    assert refused.value.code is ErrorCode.PROGRAM_UNREADABLE
+    assert refused.value.where == "table.csv:100001"

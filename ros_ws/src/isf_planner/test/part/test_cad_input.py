@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 from isf_core.errors import ErrorCode, IsfError
+from isf_planner.part import cad_input
 from isf_planner.part.mesh_checks import repair
 from isf_planner.part.meshes import Mesh, load_mesh, topology
 from planner_parts import Cone
@@ -70,6 +71,26 @@ def test_damaged_cad_files(kind: str, damage: str, tmp_path: Path) -> None:
     assert caught.value.code in (ErrorCode.MESH_UNREADABLE, ErrorCode.MESH_EMPTY)
     assert str(path) in caught.value.where
     assert caught.value.advice
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "the converter ended"),
+        ("raise RuntimeError('no such entity')", "no such entity"),
+        ("import time; time.sleep(60)", "could not be converted in 1 s"),
+    ],
+)
+def test_a_converter_that_ends_or_hangs_ends_nothing_else(
+    program: str, said: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pytest.importorskip("cascadio")
+    (tmp_path / "converter.py").write_text(program)
+    monkeypatch.setattr(cad_input, "_CONVERTER", tmp_path / "converter.py")
+    monkeypatch.setattr(cad_input, "LONGEST", 1.0 if "sleep" in program else 300.0)
+    with pytest.raises(IsfError, match=said) as caught:
+        load_mesh(DATA / "cone_mm.step", None)
+    assert caught.value.code is ErrorCode.MESH_UNREADABLE
 
 
 def test_without_the_converter_it_is_reported_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,8 +11,10 @@ import time
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_content
 from isf_core.files.job import METRES, JobFile
 from isf_core.files.material import Material, forming_limit
+from isf_core.files.mesh_parser import LARGEST, parse_mesh
 from isf_core.files.rig import Clamp
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SheetKind
@@ -301,11 +303,11 @@ def _part_region(job_file: JobFile, radius: float) -> Array:
     part, clamp = job_file.job.part, np.array(job_file.rig.clamp.size)
     half = 0.25 * clamp
     try:
-        import trimesh  # late: only this sheet needs it
-
         if part is None:
             raise ValueError("a program")
-        mesh = trimesh.load(job_file.base / part.mesh, force="mesh")
+        path = job_file.base / part.mesh
+        kind = path.suffix.lower().lstrip(".")
+        mesh = parse_mesh(read_content(path, LARGEST[kind]), kind)
         size = np.ptp(mesh.bounds, axis=0) * (METRES[part.unit] if part.unit else 1e-3) * part.scale
         if "x" in part.up or "y" in part.up or any(part.turn):
             size = np.full(3, size.max())

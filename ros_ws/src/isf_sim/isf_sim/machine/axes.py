@@ -6,11 +6,13 @@ error map. m, s.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import LARGEST_TABLE, read_lines
 from isf_core.files.rig import Rig, ToolAxis
 from isf_core.types import Array
 from numpy.typing import NDArray
@@ -158,26 +160,33 @@ def read_error_map(path: Path) -> ErrorMap:
     ------
     IsfError : FILE_NOT_FOUND, FILE_SYNTAX (not six columns of numbers), FILE_FIELD (not a complete regular grid)
     """
+    columns = "a line of titles, then in each line x,y,z,ex,ey,ez"
     try:
-        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    except OSError as error:
+        table = np.loadtxt(read_lines(path, LARGEST_TABLE)[1:] or [""], delimiter=",", ndmin=2)
+    except FileNotFoundError as error:
         raise IsfError(
             ErrorCode.FILE_NOT_FOUND,
             "no such error map",
             where=str(path),
             advice="the path is relative to the rig file",
         ) from error
+    except OSError as error:
+        raise IsfError(
+            ErrorCode.FILE_SYNTAX, f"cannot be read: {error.strerror}", where=str(path), advice=columns
+        ) from error
     except ValueError as error:
-        raise IsfError(ErrorCode.FILE_SYNTAX, f"not a table of numbers: {error}", where=str(path)) from error
+        raise IsfError(
+            ErrorCode.FILE_SYNTAX, f"not a table of numbers: {error}", where=str(path), advice=columns
+        ) from error
     if table.shape[1] != 6 or not np.isfinite(table).all():
         raise IsfError(
-            ErrorCode.FILE_SYNTAX, "six columns of finite numbers are needed", where=str(path), advice="x,y,z,ex,ey,ez"
+            ErrorCode.FILE_SYNTAX, "six columns of finite numbers are needed", where=str(path), advice=columns
         )
     axes = [np.unique(table[:, k]) for k in range(3)]
     shape = tuple(len(axis) for axis in axes)
     steps = [np.diff(axis) for axis in axes]
     regular = all(len(step) == 0 or np.allclose(step, step[0], rtol=1e-6, atol=0.0) for step in steps)
-    if len(table) != int(np.prod(shape)) or not regular:
+    if len(table) != math.prod(shape) or not regular:
         raise IsfError(
             ErrorCode.FILE_FIELD,
             f"{len(table)} rows are not a complete regular grid of {' x '.join(map(str, shape))}",

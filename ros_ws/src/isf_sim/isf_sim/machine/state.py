@@ -11,8 +11,6 @@ import ast
 import dataclasses
 import hashlib
 import json
-import zipfile
-import zlib
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +19,8 @@ import numpy as np
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import Event, EventKind
-from isf_core.files.archive import write_archive
+from isf_core.files.archive import read_archive, write_archive
+from isf_core.files.bounded import parse_json, reason
 from isf_core.files.job import JobFile
 from isf_core.object_state import Encoder, StateMismatchError, differing
 
@@ -128,14 +127,17 @@ def _encoder() -> Encoder:
 def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:
     advice = "save one with machine/save"
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            header = json.loads(archive["header"].tobytes())
-            arrays = [archive[f"a{k}"] for k in range(len(archive.files) - 1)]
+        archive = read_archive(path)
+        header = parse_json(archive["header"].tobytes())
+        arrays = [archive[f"a{k}"] for k in range(len(archive) - 1)]
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice=advice) from error
-    except (OSError, EOFError, KeyError, ValueError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, KeyError, ValueError) as error:
         raise IsfError(
-            ErrorCode.FILE_SYNTAX, f"is not a saved machine, or is damaged: {error}", where=str(path), advice=advice
+            ErrorCode.FILE_SYNTAX,
+            f"is not a saved machine, or is damaged: {reason(error)}",
+            where=str(path),
+            advice=advice,
         ) from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise IsfError(ErrorCode.FILE_SYNTAX, "is no saved machine", where=str(path), advice=advice)

@@ -6,7 +6,6 @@ The same tasks go through the same function whether they run in this process, in
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from isf_core.contour import Contour, over_floor
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_json
 from isf_core.files.job import JobFile
 from isf_core.types import Array
 
@@ -194,7 +194,7 @@ def _cached(folder: Path, task: DepthTask) -> Array | None:
     if not path.is_file():
         return None
     try:
-        rows = np.array(json.loads(path.read_text(encoding="utf-8"))["displacement_m"], dtype=np.float64)
+        rows = np.array(read_json(path)["displacement_m"], dtype=np.float64)
     except (ValueError, KeyError, TypeError, OSError):
         return None  # computed again and written over
     fits = rows.shape == (len(task.points), len(task.loads)) and bool(np.isfinite(rows).all())

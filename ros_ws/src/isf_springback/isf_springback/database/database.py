@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.bounded import read_json, reason
 from isf_core.files.job import JobFile
 from isf_core.files.whole_file import replacing
 from isf_core.types import Array
@@ -108,7 +109,7 @@ class Database:
         ------
         IsfError : FILE_NOT_FOUND, DATABASE_UNUSABLE
         """
-        if not path.is_file():
+        if not path.exists():
             raise IsfError(
                 ErrorCode.FILE_NOT_FOUND,
                 "there is no such springback database",
@@ -116,7 +117,7 @@ class Database:
                 advice="make it with: isf springback database JOB",
             )
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
+            data = read_json(path)
             if data["format"] != FORMAT or data["engine"] != ENGINE_VERSION:
                 raise ValueError("made by another version")
             loads = np.array(data["loads_N"], dtype=np.float64)
@@ -126,10 +127,10 @@ class Database:
             database = Database(str(data["job"]), loads, levels, int(data["computed_points"]))
             for level in levels:
                 level.cubic(loads)
-        except (ValueError, KeyError, TypeError, OSError, IsfError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, OSError, IsfError) as error:
             raise IsfError(
                 ErrorCode.DATABASE_UNUSABLE,
-                f"the springback database cannot be used: {error}",
+                f"the springback database cannot be used: {reason(error)}",
                 where=str(path),
                 advice="make it again with: isf springback database JOB",
             ) from error
@@ -140,9 +141,10 @@ def _level(item: dict[str, Any], loads: int) -> DatabaseLevel:
     points = np.array(item["points_m"], dtype=np.float64)
     displacement = np.array(item["displacement_m"], dtype=np.float64)
     central = np.array(item["central"], dtype=bool)
-    if points.ndim != 2 or points.shape[1] != 3 or displacement.shape != (len(points), loads) or len(points) == 0:
+    fits = points.ndim == 2 and points.shape[1] == 3 and len(points) > 0
+    if not fits or displacement.shape != (len(points), loads) or central.shape != (len(points),):
         raise ValueError(f"contour {item['contour']}: points and samples do not belong together")
-    if len(central) != len(points) or not (np.isfinite(points).all() and np.isfinite(displacement).all()):
+    if not (np.isfinite(points).all() and np.isfinite(displacement).all()):
         raise ValueError(f"contour {item['contour']}: a number is missing or not finite")
     return DatabaseLevel(
         int(item["contour"]), int(item["feature"]), float(item["depth_m"]), points, central, displacement

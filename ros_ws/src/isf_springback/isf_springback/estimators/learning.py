@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, Process
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.archive import read_archive
+from isf_core.files.bounded import reason
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 from numpy.typing import NDArray
@@ -87,22 +89,23 @@ def load(path: Path) -> Learned:
     """Read a file of :func:`save`; raises IsfError LEARNING_UNUSABLE."""
     advice = "make it with: isf learn RUN... -o FILE"
     try:
-        with np.load(path, allow_pickle=False) as data:
-            if int(data["format"]) != FORMAT:
-                raise ValueError(f"format {int(data['format'])}, this software reads {FORMAT}")
-            values = {name: data[name] for name in Learned.__dataclass_fields__}
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise IsfError(
-            ErrorCode.LEARNING_UNUSABLE, f"cannot be used: {error}", where=str(path), advice=advice
-        ) from error
-    except Exception as error:  # zipfile and zlib raise their own errors for a damaged file
-        raise IsfError(ErrorCode.LEARNING_UNUSABLE, f"is damaged: {error}", where=str(path), advice=advice) from error
-    learned = Learned(
-        **{**values, "job": str(values["job"]), "contours": int(values["contours"]), "parts": int(values["parts"])}
-    )
-    rows, samples = len(learned.contour), len(learned.springback)
-    shapes = [learned.place.shape == (rows, 2), learned.push.shape == (rows,), learned.feature.shape == (samples, 4)]
-    if not all(shapes) or not np.isfinite(learned.push).all() or not np.isfinite(learned.springback).all():
+        data = read_archive(path)
+        if int(data["format"]) != FORMAT:
+            raise ValueError(f"format {int(data['format'])}, this software reads {FORMAT}")
+        values: dict[str, Any] = {name: data[name] for name in Learned.__dataclass_fields__}
+        values |= {"job": str(values["job"]), "contours": int(values["contours"]), "parts": int(values["parts"])}
+        learned = Learned(**values)
+        rows, samples = len(learned.contour), len(learned.springback)
+        shapes = [
+            learned.place.shape == (rows, 2),
+            learned.push.shape == (rows,),
+            learned.feature.shape == (samples, 4),
+        ]
+        finite = all(np.isfinite(getattr(learned, name)).all() for name in ("place", "push", "feature", "springback"))
+    except (OSError, ValueError, KeyError, TypeError) as error:  # arrays of other types and shapes
+        what = f"cannot be used: {reason(error)}"
+        raise IsfError(ErrorCode.LEARNING_UNUSABLE, what, where=str(path), advice=advice) from error
+    if not all(shapes) or not finite:
         raise IsfError(ErrorCode.LEARNING_UNUSABLE, "its arrays do not fit together", where=str(path), advice=advice)
     return learned
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.bounded import read_text
+from isf_core.files.bounded import read_lines
 from isf_core.types import Array
 from scipy.optimize import minimize_scalar
 
@@ -75,11 +75,14 @@ def read_push_curve(path: Path, place: tuple[float, float] = (0.0, 0.0)) -> Push
     IsfError : FILE_NOT_FOUND, FILE_UNIT, PUSH_CURVE_UNUSABLE
     """
     try:
-        text = read_text(path)
+        lines = read_lines(path)
+    except FileNotFoundError as error:
+        raise IsfError(
+            ErrorCode.FILE_NOT_FOUND, "there is no such push curve", where=str(path), advice="check the path"
+        ) from error
     except OSError as error:
-        what = f"there is no such push curve: {error.strerror}"
-        raise IsfError(ErrorCode.FILE_NOT_FOUND, what, where=str(path)) from error
-    rows = [row for row in csv.reader(text.splitlines()) if row and row[0][:1] != "#"]
+        raise _unusable(f"it cannot be read: {error.strerror}", str(path)) from error
+    rows = [row for row in csv.reader(lines) if row and row[0][:1] != "#"]
     header = [name.strip().lower() for name in rows[0]] if rows else []
     columns = []
     for quantity, units in (("force", ("n", "kn")), ("displacement", ("m", "mm", "um", "µm"))):
