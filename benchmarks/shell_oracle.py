@@ -21,7 +21,7 @@ from isf_core.contour import Contour, Process
 from isf_core.types import Array
 from isf_springback.shell.formed_sheet import FacetSize, formed_sheet, mesh_of
 from isf_springback.shell.load_path import follow_load
-from isf_springback.shell.plan_mesh import mesh_in_plan, rectangle
+from isf_springback.shell.plan_mesh import mesh_in_plan
 from isf_springback.shell.sheet_model import EdgeCondition, SheetMesh, ShellModel, held_freedoms, sine_law_thickness
 
 YOUNG, POISSON, THICKNESS = 70e9, 0.33, 1e-3
@@ -69,7 +69,7 @@ def sheet(name: str, facets: FacetSize) -> SheetMesh:
         points, triangles, edge = mesh_in_plan(outline, np.zeros((1, 2)), size)
         return SheetMesh(np.column_stack([points, np.zeros(len(points))]), triangles, edge, np.array([0]))
     contours = cone(float(name.removeprefix("cone")))
-    return mesh_of(formed_sheet(contours, rectangle(CLAMP)), contours[-1].contact[:1, :2], facets)
+    return mesh_of(formed_sheet(contours, CLAMP), contours[-1].contact[:1, :2], facets)
 
 
 def own(mesh: SheetMesh) -> tuple[Array, float]:

@@ -1,7 +1,7 @@
 """The edge of the sheet that is free to deflect: the clamp, or the opening of the backing plate around the path.
 
-Over a backing plate the sheet bends inside the plate's opening only; beside it the plate carries it. The models take
-this opening in place of the clamp. Whether the edge slides in its plane stays that of the clamp, which holds the sheet.
+Over a backing plate the sheet deflects inside the opening. The closed-form law takes the opening in place of the
+clamp; for the shell the plate holds the sheet up along the edge of its opening, and the clamp holds it further out.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from isf_core.geometry.opening import SMALLEST_GAP, ClampRadius, Opening, clamp_
 from isf_core.types import Array
 
 from isf_springback.loop_path import forming_radius
+from isf_springback.shell.formed_sheet import NO_PLATE
 from isf_springback.shell.plan_mesh import rectangle
 
 CLOSE = 3.0
@@ -33,14 +34,16 @@ def free_size(job_file: JobFile) -> tuple[float, float]:
     return job_file.rig.clamp.size if plate is None else plate.size
 
 
-def free_outline(job_file: JobFile) -> Array:
-    """(P, 2) m, corners of the sheet that is free to deflect, counter-clockwise: a rectangle, or the round opening of a
-    plate as a polygon inside the circle."""
+def plate_edge(job_file: JobFile) -> Array:
+    """(P, 2) m, edge of the opening of the backing plate, counter-clockwise, a round one as a polygon inside the circle
+    and a rectangle with sharp corners; (0, 2) without a plate."""
     plate = job_file.job.backing_plate
-    if plate is not None and plate.shape == "circle":
-        angle = 2.0 * np.pi * np.arange(ROUND_CORNERS) / ROUND_CORNERS
-        return 0.5 * plate.size[0] * np.column_stack([np.cos(angle), np.sin(angle)])
-    return rectangle(free_size(job_file))
+    if plate is None:
+        return NO_PLATE
+    if plate.shape == "rectangle":
+        return rectangle(plate.size)
+    angle = 2.0 * np.pi * np.arange(ROUND_CORNERS) / ROUND_CORNERS
+    return 0.5 * plate.size[0] * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def edge_radius(job_file: JobFile, opening: Opening, points: Array, kind: ClampRadius) -> Array:

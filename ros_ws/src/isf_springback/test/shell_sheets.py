@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from isf_springback.shell.formed_sheet import FacetSize, formed_sheet, mesh_of
-from isf_springback.shell.plan_mesh import mesh_in_plan, rectangle
+from isf_springback.shell.plan_mesh import mesh_in_plan
 from isf_springback.shell.sheet_model import EdgeCondition, SheetMesh, ShellModel, sine_law_thickness
 from springback_parts import cone_contour
 
@@ -51,5 +51,5 @@ def cone_contours(opening, angle, depth, step=1e-3):
 def cone_model(opening, angle, depth, edge=EdgeCondition(), size=FacetSize()):  # noqa: B008
     """Shell of the cone, loaded at the first point of its last contour."""
     contours = cone_contours(opening, angle, depth)
-    mesh = mesh_of(formed_sheet(contours, rectangle((0.25, 0.25))), contours[-1].contact[:1, :2], size)
+    mesh = mesh_of(formed_sheet(contours, (0.25, 0.25)), contours[-1].contact[:1, :2], size)
     return ShellModel(mesh, sine_law_thickness(mesh, 1e-3), YOUNG, POISSON, edge)

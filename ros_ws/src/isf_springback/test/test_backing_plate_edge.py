@@ -1,4 +1,4 @@
-"""The models take the opening of a backing plate as the edge of the sheet."""
+"""What a backing plate is to the models of the sheet."""
 
 from pathlib import Path
 
@@ -11,10 +11,10 @@ from isf_springback.corrector import apply
 from isf_springback.database.database import cached_path
 from isf_springback.database.elastic_samples import depth_task, solve_depth
 from isf_springback.methods import make_corrector
-from isf_springback.sheet_edge import edge_radius, free_outline, free_size, held_by_plate
+from isf_springback.sheet_edge import edge_radius, free_size, held_by_plate, plate_edge
 from isf_springback.shell.formed_sheet import FacetSize
 from isf_springback.shell.load_path import follow_loads
-from isf_springback.shell.plan_mesh import mesh_in_plan
+from isf_springback.shell.plan_mesh import mesh_in_plan, place_along
 from isf_springback.shell.sheet_model import EdgeCondition, SheetMesh, ShellModel
 from scanned_sheet import COUNT, TARGET, Sheet
 from springback_parts import JOB_TEXT, cone_contour, result_of
@@ -63,17 +63,18 @@ def test_a_plate_takes_most_of_the_springback(method, plate):
     assert 0.05 * free < backed < 0.5 * free
 
 
-def test_shell_over_a_plate_is_the_shell_of_a_clamp_of_that_size():
-    contours = [cone_contour(index) for index in range(4)]
-    small = JobFile(JOB_TEXT, Path("."))
-    small.rig = small.rig.model_copy(update={"clamp": small.rig.clamp.model_copy(update={"size": (0.09, 0.08)})})
-    found = [
-        solve_depth(
-            depth_task(contours, contours[-1].contact[:1], one, size=FacetSize.coarse(), loads=np.array([300.0]))
+def test_the_plate_holds_the_sheet_up_and_lets_it_turn():
+    """Between a clamp with the opening for its edge (no turn there) and no plate at all."""
+
+    def pushed(one):
+        task = depth_task(
+            [cone_contour(0)], cone_contour(0).contact[:1], one, size=FacetSize.coarse(), loads=np.array([50.0])
         )
-        for one in (job(SQUARE), small)
-    ]
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
+        return float(solve_depth(task)[0, 0])
+
+    narrow = job()
+    narrow.rig = narrow.rig.model_copy(update={"clamp": narrow.rig.clamp.model_copy(update={"size": (0.09, 0.08)})})
+    assert pushed(narrow) < pushed(job(SQUARE)) < 0.5 * pushed(job())
 
 
 def test_a_part_wider_than_its_plate_is_reported():
@@ -100,25 +101,56 @@ def test_a_plate_close_to_the_opening_is_where_the_wall_begins(diameter):
     assert abs(height[-1]) < 5e-5
 
 
+def test_a_plate_as_wide_as_the_clamp_adds_nothing():
+    wide = job("backing_plate: {shape: rectangle, size: [250 mm, 250 mm]}\n")
+    contours = [cone_contour(0)]
+    found = [
+        solve_depth(depth_task(contours, contours[0].contact[:1], one, size=FacetSize.coarse(), loads=np.array([50.0])))
+        for one in (job(), wide)
+    ]
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
+
+
 def test_elastic_corrects_a_part_that_begins_at_its_plate():
     narrow = "backing_plate: {shape: circle, size: [74 mm, 74 mm]}\n"
     assert 3e-5 < predicted("elastic", narrow) < predicted("elastic", ROUND)
 
 
-def test_a_round_opening_bends_as_a_clamped_round_plate():
-    """Load at the centre: w = F a^2 / (16 pi D) (clamped, Timoshenko)."""
-    free = job(ROUND)
-    load = np.zeros((1, 2))
+def test_a_round_opening_bends_as_a_round_plate_that_runs_on_to_its_clamp():
+    """A load at the centre of a flat sheet, by the theory of round plates (Timoshenko).
+
+    Inside the opening of radius a: w = F a^2 / (16 pi D) with its edge clamped, and M a^2 / (2 D (1 + nu)) by an edge
+    moment M. The ring from a to the clamp at b takes the turn: M = k turn, with k from w = A + B r^2 + C ln r there.
+    """
+    young, poisson, thickness, a, b = 70e9, 0.33, 1e-3, 44e-3, 150e-3
+    stiff = young * thickness**3 / (12.0 * (1.0 - poisson**2))
+    # ring: w(a) = w(b) = w'(b) = 0 with w = A + B r^2 + C ln r + E r^2 ln r, w'(a) = 1 gives its moment at a
+    rows = [
+        [1.0, a**2, np.log(a), a**2 * np.log(a)],
+        [1.0, b**2, np.log(b), b**2 * np.log(b)],
+        [0.0, 2.0 * b, 1.0 / b, b * (2.0 * np.log(b) + 1.0)],
+        [0.0, 2.0 * a, 1.0 / a, a * (2.0 * np.log(a) + 1.0)],
+    ]
+    _, square, log, both = np.linalg.solve(rows, [0.0, 0.0, 0.0, 1.0])
+    curved = 2.0 * square - log / a**2 + both * (2.0 * np.log(a) + 3.0)
+    moment = abs(stiff * (curved + poisson / a))
+    held = moment / (moment + stiff * (1.0 + poisson) / a)  # share of the clamping moment that the ring takes
+    clamped = a**2 / (16.0 * np.pi * stiff)
+    free = clamped * (3.0 + poisson) / (1.0 + poisson)
+    expected = free - held * (free - clamped)
+    disc = 150e-3 * np.column_stack([np.cos(np.arange(64) * np.pi / 32), np.sin(np.arange(64) * np.pi / 32)])
+    plate = plate_edge(job(ROUND))
 
     def size(places):
-        return np.minimum(1e-3 + 0.2 * np.linalg.norm(places, axis=1), 5e-3)
+        return np.minimum(1e-3 + 0.2 * np.linalg.norm(places, axis=1), 6e-3)
 
-    points, triangles, edge = mesh_in_plan(free_outline(free), load, size)
-    mesh = SheetMesh(np.column_stack([points, np.zeros(len(points))]), triangles, edge, np.array([0]))
-    model = ShellModel(mesh, np.full(len(triangles), 1e-3), 70e9, 0.33, EdgeCondition("clamped", np.inf))
+    fixed = np.vstack([np.zeros((1, 2)), place_along(plate, size)])
+    points, triangles, edge = mesh_in_plan(disc, fixed, size)
+    propped = np.arange(1, len(fixed))
+    mesh = SheetMesh(np.column_stack([points, np.zeros(len(points))]), triangles, edge, np.array([0]), propped)
+    model = ShellModel(mesh, np.full(len(triangles), thickness), young, poisson, EdgeCondition("clamped", np.inf))
     moved = follow_loads(model, [0], np.array([0.0, 0.0, -1.0]), np.array([1.0]), model.factor())
-    stiffness = 70e9 * 1e-9 / (12.0 * (1.0 - 0.33**2))
-    assert -moved[0, 0, 2] == pytest.approx(0.044**2 / (16.0 * np.pi * stiffness), rel=0.02)
+    assert -moved[0, 0, 2] == pytest.approx(expected, rel=0.02)
 
 
 def test_databases_with_and_without_plate_have_other_names():

@@ -178,8 +178,8 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "isf" / "springback"
 
 
-PLATE_EDGE = "polygon"
-"""How the opening of a plate bounds the sheet; names the databases over plates that are computed so."""
+PLATE_EDGE = "propped"
+"""How a plate holds the sheet; a part of the name of databases over plates."""
 
 
 def cached_path(job_file: JobFile) -> Path:

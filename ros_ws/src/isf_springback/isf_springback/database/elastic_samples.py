@@ -15,7 +15,7 @@ from isf_core.contour import Contour
 from isf_core.files.job import JobFile
 from isf_core.types import Array
 
-from isf_springback.sheet_edge import free_outline
+from isf_springback.sheet_edge import plate_edge
 from isf_springback.shell.engine_kratos import kratos_displacement
 from isf_springback.shell.formed_sheet import FacetSize, FormedSheet, formed_sheet, mesh_of
 from isf_springback.shell.load_path import follow_loads
@@ -59,7 +59,14 @@ class DepthTask:
     def digest(self) -> str:
         """Name of the result: all inputs at a resolution of 1 um and nine digits."""
         text = hashlib.sha256()
-        for array in (*self.sheet.rims, *self.sheet.floors, self.sheet.places, self.sheet.outline, self.points):
+        for array in (
+            *self.sheet.rims,
+            *self.sheet.floors,
+            self.sheet.places,
+            self.sheet.clamp,
+            self.sheet.plate,
+            self.points,
+        ):
             text.update(np.round(np.asarray(array) * 1e6).astype(np.int64).tobytes())
         for array in (self.direction, self.loads):
             text.update(np.round(np.asarray(array), 9).tobytes())
@@ -90,7 +97,7 @@ def depth_task(
     last = contours[-1]
     return DepthTask(
         index=last.index,
-        sheet=formed_sheet(contours, free_outline(job_file)),
+        sheet=formed_sheet(contours, job_file.rig.clamp.size, plate_edge(job_file)),
         points=np.asarray(points, dtype=np.float64)[:, :2],
         direction=np.array([0.0, 0.0, last.push_sign]) if direction is None else np.asarray(direction, dtype=float),
         loads=load_levels(job.springback.elastic.largest_load) if loads is None else loads,

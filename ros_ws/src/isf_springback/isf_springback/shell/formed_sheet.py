@@ -16,7 +16,7 @@ from isf_core.types import Array
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import cKDTree
 
-from isf_springback.shell.plan_mesh import SizeField, inward_sides, mesh_in_plan, place_along
+from isf_springback.shell.plan_mesh import SizeField, inward_sides, mesh_in_plan, place_along, rectangle
 from isf_springback.shell.sheet_model import SheetMesh
 
 _LOOP_SPACING = 2.5e-3
@@ -33,6 +33,8 @@ _EDGE_ROOM = 2e-3
 
 _LONGEST_CONTINUATION = 6e-3
 """m; a first loop further below the flange than this begins inside another feature and is not continued."""
+
+NO_PLATE = np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -66,29 +68,34 @@ class FormedSheet:
     rims : loops (N, 2) m where the wall of a feature begins
     floors : loops (N, 3) m where the wall of a feature ends now
     places : (N, 3) m, points all over the walls, with rims and floors
-    outline : (P, 2) m, corners of the free sheet, convex, counter-clockwise
+    clamp : (4, 2) m, corners of the sheet in its clamp, counter-clockwise
+    plate : (P, 2) m, edge of the opening of a backing plate, convex, counter-clockwise; (0, 2): none
     """
 
     rims: tuple[Array, ...]
     floors: tuple[Array, ...]
     places: Array
-    outline: Array
+    clamp: Array
+    plate: Array
 
     def height(self, points: Array) -> Array:
         """(N,) m, height at ``points`` (N, 2) m, linear between the places."""
-        known = np.vstack([self.places[:, :2], self.outline])
-        surface = LinearNDInterpolator(known, np.concatenate([self.places[:, 2], np.zeros(len(self.outline))]))
+        flat = np.vstack([self.clamp, self.plate])
+        known = np.vstack([self.places[:, :2], flat])
+        surface = LinearNDInterpolator(known, np.concatenate([self.places[:, 2], np.zeros(len(flat))]))
         return np.nan_to_num(surface(points))
 
 
-def formed_sheet(contours: Sequence[Contour], outline: Array) -> FormedSheet:
-    """Shape after ``contours`` (0 to k, in their order) of a sheet that is free inside ``outline`` (P, 2) m, convex,
-    counter-clockwise: the clamp, or the opening of a plate.
+def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float], plate: Array = NO_PLATE) -> FormedSheet:
+    """Shape after ``contours`` (0 to k, in their order) in a clamp of ``clamp_size`` m, over a backing plate with the
+    opening ``plate`` (P, 2) m, convex, counter-clockwise.
 
     Raises
     ------
-    IsfError : SHEET_MESH_FAILED, no contours, or one outside the free sheet
+    IsfError : SHEET_MESH_FAILED, no contours, or one outside the clamp or the opening
     """
+    clamp = rectangle(clamp_size)
+    outline = plate if len(plate) else clamp
     if not contours:
         raise IsfError(ErrorCode.SHEET_MESH_FAILED, "no contour is formed yet", where="shell mesh")
     features: dict[tuple[int, int], list[Contour]] = {}
@@ -113,7 +120,7 @@ def formed_sheet(contours: Sequence[Contour], outline: Array) -> FormedSheet:
             where=contour_label(contours[-1].index),
             advice="check the clamp size of the rig, the opening of the plate and the unit of the part",
         )
-    return FormedSheet(tuple(rims), tuple(floors), places, outline)
+    return FormedSheet(tuple(rims), tuple(floors), places, clamp, plate)
 
 
 def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> SheetMesh:
@@ -133,14 +140,20 @@ def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> Sheet
         return np.minimum(np.minimum(near, size.wall + size.growth_from_wall * from_wall), size.flange)
 
     fixed = control_points
+    if len(sheet.plate):
+        props = place_along(sheet.plate, wanted)  # close to the clamp, that holds the sheet as well
+        fixed = _with_room(fixed, props[_room(props, sheet.clamp) > _EDGE_ROOM], wanted)
+    propped = np.arange(len(control_points), len(fixed), dtype=np.int64)
     loops = [floor[:, :2] for floor in sheet.floors] + list(sheet.rims)
     for loop in loops:
         start = int(np.argmin(loads.query(loop)[0]))
         fixed = _with_room(fixed, place_along(loop, wanted, start=start), wanted)
-    points, triangles, edge = mesh_in_plan(sheet.outline, fixed, wanted)
+    points, triangles, edge = mesh_in_plan(sheet.clamp, fixed, wanted)
     height = sheet.height(points)
     height[edge] = 0.0
-    return SheetMesh(np.column_stack([points, height]), triangles, edge, np.arange(len(control_points), dtype=np.int64))
+    height[propped] = 0.0
+    loaded = np.arange(len(control_points), dtype=np.int64)
+    return SheetMesh(np.column_stack([points, height]), triangles, edge, loaded, propped)
 
 
 def _spaced(contours: list[Contour]) -> list[Array]:

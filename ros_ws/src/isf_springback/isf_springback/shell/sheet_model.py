@@ -6,7 +6,7 @@ edge does not hold; spins count as metres at a lever of 1 mm, so that one tolera
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -57,12 +57,14 @@ class SheetMesh:
     triangles : (T, 3) node numbers, counter-clockwise from above
     edge : (K,) nodes on the clamped edge, in order around the sheet
     loaded : (M,) nodes that stand on control points, in their order
+    propped : (K,) nodes on the edge of a backing plate, which holds their deflection
     """
 
     points: Array
     triangles: Index
     edge: Index
     loaded: Index
+    propped: Index = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
 def sine_law_thickness(mesh: SheetMesh, initial: float) -> Array:
@@ -285,9 +287,9 @@ def _elimination_order(triangles: Index, count: int) -> Index:
 
 
 def held_freedoms(mesh: SheetMesh, edge: EdgeCondition) -> Index:
-    """Numbers (6 per node: u, spin) that the edge holds; a free edge holds the three rigid modes in its plane."""
+    """Numbers (6 per node: u, spin) that edge and plate hold; a free edge holds the three rigid modes in its plane."""
     nodes = mesh.edge
-    held = [6 * nodes + 2]
+    held = [6 * nodes + 2, 6 * mesh.propped + 2]
     if edge.slope == "clamped":
         held += [6 * nodes + 3, 6 * nodes + 4]
     if edge.immovable:

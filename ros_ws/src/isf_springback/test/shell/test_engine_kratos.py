@@ -13,7 +13,6 @@ from isf_springback.database.elastic_samples import DepthTask, solve_depth
 from isf_springback.shell import engine_kratos
 from isf_springback.shell.engine_kratos import kratos_displacement
 from isf_springback.shell.formed_sheet import FacetSize, formed_sheet
-from isf_springback.shell.plan_mesh import rectangle
 from isf_springback.shell.sheet_model import EdgeCondition
 from shell_sheets import DOWN, POISSON, YOUNG, cone_contours, disc, flat_sheet
 
@@ -29,7 +28,7 @@ def task(engine: str, edge: EdgeCondition = EdgeCondition()) -> DepthTask:  # no
     contours = cone_contours(40e-3, 45.0, 12e-3, step=2e-3)
     return DepthTask(
         index=contours[-1].index,
-        sheet=formed_sheet(contours, rectangle((0.25, 0.25))),
+        sheet=formed_sheet(contours, (0.25, 0.25)),
         points=contours[-1].contact[:1, :2],
         direction=DOWN,
         loads=np.array([200.0, 600.0]),

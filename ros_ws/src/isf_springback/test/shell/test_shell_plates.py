@@ -5,7 +5,6 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_springback.shell.formed_sheet import FacetSize, formed_sheet, mesh_of
 from isf_springback.shell.load_path import PathOptions, follow_load, follow_loads
-from isf_springback.shell.plan_mesh import rectangle
 from isf_springback.shell.sheet_model import EdgeCondition, ShellModel, sine_law_thickness
 from shell_sheets import DOWN, POISSON, YOUNG, cone_contours, cone_model, disc, flat_model, flat_sheet, square
 
@@ -112,7 +111,7 @@ def test_points_of_a_mesh_share_factors():
     """What several points give does not depend on whose factors lead there, and they need few."""
     contours = cone_contours(40e-3, 45, 8e-3)
     places = contours[-1].contact[[0, 12, 37], :2]
-    mesh = mesh_of(formed_sheet(contours, rectangle((0.25, 0.25))), places, FacetSize())
+    mesh = mesh_of(formed_sheet(contours, (0.25, 0.25)), places, FacetSize())
     model = ShellModel(mesh, sine_law_thickness(mesh, 1e-3), YOUNG, POISSON, EdgeCondition())
     start, loads = model.factor(), np.array([150.0, 300, 450, 600, 750, 900])
     directions = np.array([DOWN, [0.6, 0.0, -0.8], DOWN])
