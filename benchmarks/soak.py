@@ -2,11 +2,11 @@
 
 usage: ./isf python benchmarks/soak.py [--hours 6] [--parts 1000] [--clock] [--json]
 
-Starts the nodes of a cell with its recorder once, and forms the quick cone with it, with the corrections `elastic`,
-`none` and `fused` (scans) in turn, until the time is over. After every part the resident memory, threads and open
-files of each node are read from the system, and what lies in the cell's folder beside the bag is counted. A node grows
-when its memory in the last third of the parts is more than a hundredth above that after the first round of methods.
-Ctrl-C ends it and prints what was measured until then.
+Starts the nodes of a cell once, recorded into one bag as by `isf cell --record`, and forms the quick cone with it, with
+the corrections `elastic`, `none` and `fused` (scans) in turn, until the time is over. After every part the resident
+memory, threads and open files of each node are read from the system, and what lies in the cell's folder beside the bag
+is counted. A node grows when the median of its memory in the last third of the parts is more than a hundredth above
+that of the second round of methods, parts 4 to 6. Ctrl-C ends it and prints what was measured until then.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from quick_cone import quick_cone  # noqa: E402
 
 METHODS = ("method: elastic", "method: none", "method: fused\n  scan_every: 1")
 GROWS = 0.01
-"""Share of a node's memory after the first round, above which it is called growing."""
+"""Share of a node's memory in the second round, above which it is called growing."""
 
 
 @dataclass
@@ -56,18 +56,22 @@ class Soak:
     """Files in the cell's folder beside those of the bag, after each part."""
 
     def summary(self) -> dict[str, object]:
-        """Of every node: after the first round, median of the last third, growth; whether anything grew."""
-        first = min(len(METHODS), len(self.codes)) - 1
+        """Of every node: medians of the second round and of the last third, growth; whether anything grew.
+
+        Of fewer than six parts, what there is of them.
+        """
+        first = min(len(METHODS), len(self.codes) - 1)
         nodes = {}
         for name, readings in self.readings.items():
             last = readings[-max(1, len(readings) // 3) :]
-            begin, end = readings[first], median(item.memory for item in last)
+            second = readings[first : first + len(METHODS)]
+            begin, end = (median(item.memory for item in part) for part in (second, last))
             nodes[name] = {
-                "after_first_round_mb": round(begin.memory, 2),
+                "second_round_mb": round(begin, 2),
                 "last_third_mb": round(end, 2),
-                "growth": round(end / begin.memory - 1.0, 4),
-                "threads": [begin.threads, last[-1].threads],
-                "files": [begin.files, last[-1].files],
+                "growth": round(end / begin - 1.0, 4),
+                "threads": [second[0].threads, last[-1].threads],
+                "files": [second[0].files, last[-1].files],
             }
         return {
             "parts": len(self.codes),
@@ -139,12 +143,12 @@ def main() -> None:
         assert isinstance(nodes, dict)
         for name, value in summary.items():
             print(f"{name}: {value}")
-        print("\n| node | MB after the first round | last third | growth | threads | open files |")
+        print("\n| node | MB in the second round | last third | growth | threads | open files |")
         print("|---|---|---|---|---|---|")
         for name, row in nodes.items():
             threads, files = row["threads"], row["files"]
             print(
-                f"| {name} | {row['after_first_round_mb']:.1f} | {row['last_third_mb']:.1f} | {row['growth']:+.1%} | "
+                f"| {name} | {row['second_round_mb']:.1f} | {row['last_third_mb']:.1f} | {row['growth']:+.1%} | "
                 f"{threads[0]} -> {threads[1]} | {files[0]} -> {files[1]} |"
             )
     if summary["growing"] or any(measured.codes):

@@ -7,13 +7,17 @@ each is whole in itself, and ``metadata.yaml`` names them in their order, as tho
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 from zlib import crc32
 
@@ -84,6 +88,9 @@ _UNLIMITED = QosTime(9223372036, 854775807)
 _CHECKSUM = 33
 """Bytes from the begin of a chunk to its checksum: opcode, length, first and last time, size."""
 
+_LENGTH = 4
+"""Bytes before each record of a chunk, that say how long it is."""
+
 _REFUSALS = (OSError, WriterError, sqlite3.Error)
 """What a disk that refuses shows as."""
 
@@ -101,8 +108,66 @@ def check_free(path: Path) -> None:
         )
 
 
+class _ChunkIndex:
+    """What the end of a file says of each of its chunks, which the library takes for a list.
+
+    Until then it lies on the disk, in a file without a name in ``folder``: a recording may go on for weeks. What the
+    disk does not take stays in memory; that the disk is full is for the bag itself to tell.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115, until close
+        self._count = self._end = 0
+        self._waiting = bytearray()
+
+    def append(self, record: BytesIO) -> None:
+        self._waiting += record.tell().to_bytes(_LENGTH, "little") + record.getvalue()
+        self._count += 1
+        with suppress(OSError):
+            taken = os.pwrite(self._file.fileno(), self._waiting, self._end)
+            self._end += taken
+            del self._waiting[:taken]
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[BytesIO]:
+        """The records as the library made them, which measures them by where their next byte would go."""
+        place = 0
+        for _ in range(self._count):
+            size = int.from_bytes(self._bytes(place, _LENGTH), "little")
+            record = BytesIO()
+            record.write(self._bytes(place + _LENGTH, size))
+            place += _LENGTH + size
+            yield record
+
+    def _bytes(self, place: int, size: int) -> bytes:
+        kept = os.pread(self._file.fileno(), size, place)
+        begin = place + len(kept) - self._end
+        return kept + self._waiting[begin : begin + size - len(kept)] if len(kept) < size else kept
+
+    def close(self) -> None:
+        self._file.close()
+
+
 class _CheckedMcap(McapWriter):
     """Chunks with the checksum of their content, which the library leaves at zero: "not known"."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        self.chunks: _ChunkIndex = _ChunkIndex(self.path.parent)  # type: ignore[assignment]
+
+    def close(self, version: int, metadata: str) -> None:
+        """As of the library."""
+        try:
+            super().close(version, metadata)
+        finally:
+            self.chunks.close()
+
+    def abort(self) -> None:
+        """As of the library."""
+        super().abort()
+        self.chunks.close()
 
     def close_chunk(self) -> None:
         """As of the library; what was changed on the disk is noticed by every reader from then on."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -69,6 +72,47 @@ def test_a_flushed_bag_survives_without_being_closed(tmp_path: Path) -> None:
     bag.close()
     with Reader(tmp_path / "bag") as reader:
         assert reader.message_count == 2
+
+
+def filled(bag: BagFile, chunks: range) -> None:
+    """A chunk of one wrench for each of the numbers, which is its time."""
+    wrench = bag._writer.connections[0] if bag._writer.connections else bag.add(WRENCH)
+    for number in chunks:
+        bag.write(wrench, number, DATA)
+        bag.flush()
+
+
+def test_a_bag_takes_no_more_memory_the_longer_it_is(tmp_path: Path) -> None:
+    bag = BagFile(tmp_path / "bag")
+    filled(bag, range(1, 501))
+    tracemalloc.start()
+    filled(bag, range(501, 3001))
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    bag.close()
+    assert grown < 50_000  # bytes, of 2500 chunks: an index in memory has 530,000
+    with Reader(tmp_path / "bag") as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == list(range(1, 3001))
+    assert [item.name for item in sorted((tmp_path / "bag").iterdir())] == ["bag.mcap", "metadata.yaml"]
+
+
+def test_an_index_that_the_disk_takes_in_part_is_whole_in_the_bag(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = 1000
+    take = os.pwrite
+
+    def full(file: int, data: bytearray, place: int) -> int:
+        if place >= room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return take(file, bytes(data[: room - place]), place)
+
+    monkeypatch.setattr(os, "pwrite", full)
+    bag = BagFile(tmp_path / "bag")
+    filled(bag, range(1, 101))
+    bag.close()
+    with Reader(tmp_path / "bag") as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == list(range(1, 101))
 
 
 def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
