@@ -301,10 +301,12 @@ def _table_points(path: Path, kind: str) -> Array:
                 return _numbers(data["points"]).reshape(-1, 3)
             names = [*"xyz", *(name for name in TIMES if name in data)]
             return _newest(np.column_stack([_numbers(data[name]) for name in names]))
-        lines = iter(read_lines(path, LARGEST_TABLE))
-        header = next(csv.reader(lines), [])
+        lines = [line for line in read_lines(path, LARGEST_TABLE) if line.strip()]
+        header = next(csv.reader(lines[:1]), [])
         columns = [header.index(name) for name in (*"xyz", *(name for name in TIMES if name in header))]
-        return _newest(np.loadtxt(lines, delimiter=",", usecols=columns, ndmin=2))
+        if len(lines) < 2:
+            return np.empty((0, 3))
+        return _newest(np.loadtxt(lines[1:], delimiter=",", usecols=columns, ndmin=2))
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path), advice="check the path") from error
     except (OSError, ValueError, KeyError, csv.Error) as error:  # no such file, no such column, not numbers

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -96,9 +97,11 @@ def _convert(data: bytes, is_step: bool, where: str) -> bytes:
         ) from error
     if done.returncode != 0:
         said = done.stderr.decode("utf-8", "replace").strip().splitlines() or ["the converter ended"]
+        fault = done.returncode < 0  # what it wrote then says nothing of the file
+        why = f"the converter ended by {signal.Signals(-done.returncode).name}" if fault else said[-1][:200]
         raise IsfError(
             ErrorCode.MESH_UNREADABLE,
-            f"could not be converted: {said[-1][:200]}",
+            f"could not be converted: {why}",
             where=where,
             advice="export the surface again",
         )

@@ -76,7 +76,7 @@ def test_damaged_cad_files(kind: str, damage: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("program", "said"),
     [
-        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "the converter ended"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "the converter ended by SIGSEGV"),
         ("raise RuntimeError('no such entity')", "no such entity"),
         ("import time; time.sleep(60)", "could not be converted in 1 s"),
     ],
@@ -86,6 +86,7 @@ def test_a_converter_that_ends_or_hangs_ends_nothing_else(
 ) -> None:
     pytest.importorskip("cascadio")
     (tmp_path / "converter.py").write_text(program)
+    monkeypatch.setenv("PYTHONFAULTHANDLER", "1")  # some have it set: a traceback is then the last that is written
     monkeypatch.setattr(cad_input, "_CONVERTER", tmp_path / "converter.py")
     monkeypatch.setattr(cad_input, "LONGEST", 1.0 if "sleep" in program else 300.0)
     with pytest.raises(IsfError, match=said) as caught:

@@ -162,7 +162,8 @@ def read_error_map(path: Path) -> ErrorMap:
     """
     columns = "a line of titles, then in each line x,y,z,ex,ey,ez"
     try:
-        table = np.loadtxt(read_lines(path, LARGEST_TABLE)[1:] or [""], delimiter=",", ndmin=2)
+        rows = [line for line in read_lines(path, LARGEST_TABLE)[1:] if line.strip()]
+        table = np.loadtxt(rows, delimiter=",", ndmin=2) if rows else np.empty((0, 6))
     except FileNotFoundError as error:
         raise IsfError(
             ErrorCode.FILE_NOT_FOUND,
@@ -178,7 +179,7 @@ def read_error_map(path: Path) -> ErrorMap:
         raise IsfError(
             ErrorCode.FILE_SYNTAX, f"not a table of numbers: {error}", where=str(path), advice=columns
         ) from error
-    if table.shape[1] != 6 or not np.isfinite(table).all():
+    if not len(table) or table.shape[1] != 6 or not np.isfinite(table).all():
         raise IsfError(
             ErrorCode.FILE_SYNTAX, "six columns of finite numbers are needed", where=str(path), advice=columns
         )
