@@ -51,6 +51,12 @@ def test_the_page_of_error_codes_names_all_of_them() -> None:
     assert [(int(code), name) for code, name, _, _ in rows] == [(int(c), c.name) for c in ErrorCode if c]
 
 
+def test_every_error_code_is_in_a_test() -> None:
+    tests = [*ROOT.glob("tests/**/*.py"), *ROOT.glob("ros_ws/src/*/test/**/*.py")]
+    text = "\n".join(path.read_text(encoding="utf-8") for path in tests)
+    assert [code.name for code in ErrorCode if code and not re.search(rf"\b({code.name}|{int(code)})\b", text)] == []
+
+
 @pytest.mark.parametrize("name", OUTSIDE, ids=lambda name: str(Path(name).parent.name or name))
 def test_links_of_pages_outside_the_site_lead_somewhere(name: str) -> None:
     page = ROOT / name

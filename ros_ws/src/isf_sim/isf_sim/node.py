@@ -399,7 +399,7 @@ class MachineNode(CellNode[MachineParameters]):
             self._protect(machine)
             sample = machine.sample()
         if failure := machine.plant.worker.new_failure():
-            self.warn(IsfError(ErrorCode.SOLUTION_FAILED, failure, where="machine", advice="the part goes on"))
+            self.warn(failure)
         self.publish(sample, decimated=self._tick() % self._decimation(machine) == 0)
 
     def _decimation(self, machine: SimulatedMachine) -> int:

@@ -15,6 +15,8 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+from isf_core.errors import ErrorCode, IsfError
+
 from isf_sim.shell.shell import Deflection
 
 
@@ -37,7 +39,7 @@ class SolutionWorker:
         self.priority = 0
         self.late = self.failed = 0
         self.longest = 0.0
-        self._failure = ""
+        self._failure: IsfError | None = None
         self._executor: ThreadPoolExecutor | None = None
         self._future: Future[Deflection] | None = None
         self._solve: Callable[[], Deflection] | None = None
@@ -88,9 +90,9 @@ class SolutionWorker:
             "failed_solutions": self.failed,
         }
 
-    def new_failure(self) -> str:
-        """What failed since the last call, for people; empty: nothing."""
-        failure, self._failure = self._failure, ""
+    def new_failure(self) -> IsfError | None:
+        """SOLUTION_FAILED, what failed since the last call; None: nothing."""
+        failure, self._failure = self._failure, None
         return failure
 
     def _in_thread(self, solve: Callable[[], Deflection]) -> Deflection:
@@ -103,8 +105,11 @@ class SolutionWorker:
 
     def _note_failure(self, error: Exception) -> None:
         self.failed += 1
-        self._failure = (
-            f"the tick itself computed a coarse solution that failed in its thread ({type(error).__name__}: {error})"
+        self._failure = IsfError(
+            ErrorCode.SOLUTION_FAILED,
+            f"the tick itself computed a coarse solution that failed in its thread ({type(error).__name__}: {error})",
+            where="machine",
+            advice="the part goes on",
         )
 
     def __deepcopy__(self, memo: dict[int, Any]) -> SolutionWorker:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from isf_core.errors import ErrorCode
 from isf_core.files.job import JobFile
 from isf_core.files.material import load_material
 from isf_core.files.rig import load_rig
@@ -284,8 +285,11 @@ def test_a_solution_that_fails_in_its_thread_is_found_by_the_caller_and_reported
     assert found is not None
     assert found.state[0, 0] == 2.0
     assert worker.failed == 1
-    assert "MemoryError: no room" in worker.new_failure()
-    assert worker.new_failure() == ""
+    failure = worker.new_failure()
+    assert failure is not None
+    assert failure.code is ErrorCode.SOLUTION_FAILED
+    assert "MemoryError: no room" in failure.what
+    assert worker.new_failure() is None
 
 
 def test_a_machine_whose_thread_fails_goes_on_bit_by_bit(monkeypatch: pytest.MonkeyPatch) -> None:
