@@ -34,6 +34,13 @@ def free_size(job_file: JobFile) -> tuple[float, float]:
     return job_file.rig.clamp.size if plate is None else plate.size
 
 
+def holding_size(job_file: JobFile) -> tuple[float, float]:
+    """m, extent in x and y of what holds the sheet of the shell, with equal sides where those of clamp and plate are
+    equal: it tells by which turns the sheet stays the same."""
+    clamp, plate = job_file.rig.clamp.size, job_file.job.backing_plate
+    return clamp if plate is None or clamp[0] != clamp[1] else plate.size
+
+
 def plate_edge(job_file: JobFile) -> Array:
     """(P, 2) m, edge of the opening of the backing plate, counter-clockwise, a round one as a polygon inside the circle
     and a rectangle with sharp corners; (0, 2) without a plate."""

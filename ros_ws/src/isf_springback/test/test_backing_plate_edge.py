@@ -8,10 +8,11 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.opening import Opening
 from isf_springback.corrector import apply
+from isf_springback.database.control_points import part_symmetries
 from isf_springback.database.database import cached_path
 from isf_springback.database.elastic_samples import depth_task, solve_depth
 from isf_springback.methods import make_corrector
-from isf_springback.sheet_edge import edge_radius, free_size, held_by_plate, plate_edge
+from isf_springback.sheet_edge import edge_radius, free_size, held_by_plate, holding_size, plate_edge
 from isf_springback.shell.formed_sheet import FacetSize
 from isf_springback.shell.load_path import follow_loads
 from isf_springback.shell.plan_mesh import mesh_in_plan, place_along
@@ -96,9 +97,9 @@ def test_a_plate_close_to_the_opening_is_where_the_wall_begins(diameter):
     assert (rim <= max(0.5e-3 * diameter - 2e-3, first.mean()) + 1e-6).all()
     down = np.linspace(first.mean() - 3e-3, 0.5e-3 * diameter, 50)
     height = sheet.height(np.column_stack([down, np.zeros(50)]))
-    assert (np.diff(height) > -1e-5).all()
+    assert (np.diff(height) > -1e-5).all()  # loops and polygon are chords, 10 um off at most
     assert height[0] < -1.4e-3
-    assert abs(height[-1]) < 5e-5
+    assert abs(height[-1]) < 1e-5
 
 
 def test_a_plate_as_wide_as_the_clamp_adds_nothing():
@@ -109,6 +110,16 @@ def test_a_plate_as_wide_as_the_clamp_adds_nothing():
         for one in (job(), wide)
     ]
     np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("clamp", "plate", "alike"), [((0.25, 0.25), ROUND, 7), ((0.25, 0.2), ROUND, 3), ((0.25, 0.25), SQUARE, 3)]
+)
+def test_points_are_computed_once_only_where_clamp_and_plate_are_alike(clamp, plate, alike):
+    """A round plate in a clamp of 250 x 200 mm: the sheet runs on to the clamp, and a quarter turn is another sheet."""
+    one = job(plate)
+    one.rig = one.rig.model_copy(update={"clamp": one.rig.clamp.model_copy(update={"size": clamp})})
+    assert len(part_symmetries([cone_contour(3)], holding_size(one), 0.2e-3)) == alike
 
 
 def test_elastic_corrects_a_part_that_begins_at_its_plate():

@@ -78,7 +78,7 @@ def test_damaged_cad_files(kind: str, damage: str, tmp_path: Path) -> None:
     [
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "the converter ended by SIGSEGV"),
         ("raise RuntimeError('no such entity')", "no such entity"),
-        ("import time; time.sleep(60)", "could not be converted in 1 s"),
+        ("import time; time.sleep(60)", "could not be converted in 1 s"),  # the fault itself: a converter that hangs
     ],
 )
 def test_a_converter_that_ends_or_hangs_ends_nothing_else(

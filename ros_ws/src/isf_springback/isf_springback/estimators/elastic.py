@@ -24,7 +24,7 @@ from isf_springback.estimators.estimator import History, Horizontal, Prediction
 from isf_springback.estimators.horizontal_springback import HorizontalSpringback, across_level, outward
 from isf_springback.estimators.sheet_model import AxialForce, ForecastLaw, SheetModel
 from isf_springback.loop_path import LoopPath, forming_radius, nearest_points
-from isf_springback.sheet_edge import free_size
+from isf_springback.sheet_edge import holding_size
 from isf_springback.shell.formed_sheet import FacetSize
 
 MODEL_DEVIATION = 0.07
@@ -241,7 +241,7 @@ class ElasticModel(SheetModel):
     def _control_loop(self, contour: Contour) -> ControlLoop:
         radius = forming_radius(self.job_file, contour.forming_tool)
         options = ControlPointOptions(loop_increment=self._elastic.loop_increment)
-        symmetries = part_symmetries([contour], free_size(self.job_file), options.symmetry_tolerance)
+        symmetries = part_symmetries([contour], holding_size(self.job_file), options.symmetry_tolerance)
         return control_loop(contour, radius, options, symmetries)
 
 
