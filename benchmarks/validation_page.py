@@ -157,7 +157,7 @@ _EVENTS = """## Events and limits
 | fracture | major + k minor strain + b sum(t0/2R) > e_f (1 + 0.16 F_n/200 N), four radii | material; gain calibrated |
 | galling | support force over 0.42 R_m R t0; not reported in ADSIF | calibrated: 120 N and 200 N of Ren 2018, 2.4.1 |
 | buckling | ADSIF: gap below 0.6 t0, below 0.7 t0 at position angles up to 25 deg | published: Ren 2018, 3.2.3 |
-| contact lost | no support force for 0.1 s beside the pressing tool | assumed times |
+| contact lost | no support force for 0.1 s beside the pressing tool, which goes on | assumed times |
 | die contact | sheet under the tool carried by die or backing plate | - |
 | saturation | load cell at the end of its range, axis beyond its following error | - |
 | load cell, force unknown | told by node `load_cell` of the nine channels of spindle cells | - |

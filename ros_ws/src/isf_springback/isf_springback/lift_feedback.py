@@ -1,11 +1,15 @@
 """Tool lifting between contours: what a lift measures, and how it scales the springback of a model.
 
 The forming tool lifts off the sheet while height and force are recorded; the way until the force vanishes is the
-springback at that place (Ren 2018, 4.2.2). At a measured place ``S_true(F) = S_law(F) e^a (F / F_0)^b`` with F_0 the
-force before lifting. ``a`` and ``b`` are estimated over the part as two Gaussian processes: a share common to the whole
-part (sheet thickness, modulus, edge) and a share of the region (shape of the part around the place), which fades with
-the distance from the measured places. Every estimate comes with its standard deviation; without a measurement
-a = b = 0.
+springback at that place (Ren 2018, 4.2.2). At a measured place it is ``S_true(F) = f S_law(F)``, with f from how the
+way changes with the force: while the last of it fades, the ball also leaves the dent that it stands in, and the wall
+beside it, which is a way without springback (on the elasto-plastic sheet 0.5 of 1.1 mm over a backing plate).
+
+Elsewhere, and at other forces, ``S_true = (1 + a) S_law + m``: a by what the law takes for granted (thickness, modulus,
+edge), m by what it does not know of, the springback of what is bent around the tool. They are estimated over the part
+as Gaussian processes: m and a share of a are common to the whole part, another share of a is that of the region (shape
+of the part around the place) and fades with the distance from the measured places. Every estimate comes with its
+standard deviation; without a measurement a = m = 0.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from isf_core.files.job import JobFile
+from isf_core.files.job import JobFile, lift_interval
 from isf_core.types import Array
 
 USED_FROM = 0.3
@@ -64,15 +68,15 @@ def reading_of(rows: Array) -> LiftReading | None:
     return LiftReading(table[0, :3].copy(), force[kept], np.maximum(displacement[kept], 1e-6))
 
 
-def lift_due(job_file: JobFile, index: int, count: int) -> bool:
-    """True when the tool is lifted between contour ``index`` (0-based) and the next one of ``count``."""
-    every = job_file.job.springback.lift_every
+def lift_due(job_file: JobFile, index: int, count: int, method: str) -> bool:
+    """True when a run with ``method`` lifts the tool between contour ``index`` (0-based) and the next of ``count``."""
+    every = lift_interval(job_file.job, method)
     return every > 0 and (index + 1) % every == 0 and index + 1 < count
 
 
-def lift_awaited(job_file: JobFile, index: int) -> bool:
-    """True when contour ``index`` is corrected after a lift made just before it."""
-    return index > 0 and lift_due(job_file, index - 1, index + 1)
+def lift_awaited(job_file: JobFile, index: int, method: str) -> bool:
+    """True when a run with ``method`` corrects contour ``index`` after a lift made just before it."""
+    return index > 0 and lift_due(job_file, index - 1, index + 1, method)
 
 
 COMMON_DEVIATION = 0.20
@@ -82,97 +86,90 @@ REGION_DEVIATION = 0.07
 Ren 2018, 4.2.3)."""
 REGION_SIZE = (30e-3, 10e-3)
 """m in plan and in depth, over which a region is alike (assumed)."""
+MISSING_DEVIATION = 0.3e-3
+"""m, standard deviation of m (assumed). Where a plate close to the opening leaves a law of 0.1 mm, m is most of all."""
 READING_DEVIATION = 0.15e-3
 """m, standard deviation of a lift (published: less than 0.3 mm against a dial gauge, Ren 2018, 4.2.2)."""
-EXPONENT_DEVIATION = 0.15
-"""Standard deviation of b before a measurement (assumed: exponents lie between 1/3, membrane, and 1, plate)."""
-EXPONENT_READING = 0.05
-"""Standard deviation of b from one curve (assumed)."""
-LARGEST_SCALE = 2.0
-"""The measured law stays within this factor of the computed one (assumed)."""
-_FORCE_RANGE = 2.0
+LARGEST_SCALE, LARGEST_MISSING = 2.0, 3.0 * MISSING_DEVIATION
+"""The estimate is between half and twice what the law says, or above it by so many m (assumed)."""
 _MAXIMUM_READINGS = 100
 
 
 @dataclass(frozen=True)
 class _Reading:
+    """m, what the ``law`` says under the force before lifting, and what is ``found``."""
+
     place: Array
-    level: float
-    exponent: float
-    force: float
-    noise: float
+    law: float
+    found: float
 
 
 @dataclass(frozen=True)
-class Scale:
-    """Factor (M,) on the displacement of a law, and its standard deviation (M,) as a part of it; ``measured``: from
-    lifts."""
+class Lifted:
+    """Springback (M,) m and its standard deviation (M,) m; ``measured``: from lifts."""
 
-    factor: Array
+    springback: Array
     deviation: Array
     measured: bool = True
 
 
-class LawScale:
-    """State: the readings of the part in hand."""
+class LiftedLaw:
+    """A law as the tool lifts of the part in hand say it is. State: their readings."""
 
     def __init__(self) -> None:
         self._readings: list[_Reading] = []
-
-    def __len__(self) -> int:
-        return len(self._readings)
 
     def clear(self) -> None:
         """A new part begins."""
         self._readings = []
 
     def add(self, place: Array, reading: LiftReading, law: Array) -> None:
-        """Compare ``reading`` with ``law`` (K,) m, the displacements that the unscaled law gives for its forces at the
-        contact ``place`` (3,) m."""
+        """Compare ``reading`` with ``law`` (K,) m, the displacements that the law gives for its forces at the contact
+        ``place`` (3,) m."""
         usable = np.isfinite(law) & (law > 0.0)
         if usable.sum() < 2:
             return
-        force, ratio = reading.force[usable], np.log(reading.displacement[usable] / law[usable])
-        steps = np.log(force / force[0])
-        if np.ptp(steps) < 0.1:
-            exponent, level = 0.0, float(ratio.mean())
-        else:
-            exponent, level = (float(value) for value in np.polyfit(steps, ratio, 1))
-        noise = READING_DEVIATION / reading.springback
-        made = _Reading(np.array(place), level, exponent, float(force[0]), noise)
+        law, displacement = law[usable], reading.displacement[usable]
+        factor, dent = np.polyfit(law, displacement, 1) if np.ptp(law) > 0.1 * law[0] else (0.0, -1.0)
+        if dent < 0.0:  # the way by which the ball leaves its dent is none or positive
+            factor = law @ displacement / (law @ law)
+        made = _Reading(np.array(place), float(law[0]), float(factor * law[0]))
         self._readings = [*self._readings[-_MAXIMUM_READINGS + 1 :], made]
 
-    def at(self, place: Array, force: Array) -> Scale:
-        """Scale at ``place`` (M, 3) m under ``force`` (M,) N; before a reading 1 with the deviation of not knowing."""
+    def at(self, place: Array, law: Array) -> Lifted:
+        """Springback at ``place`` (M, 3) m where the law says ``law`` (M,) m; before a reading just that."""
         prior = COMMON_DEVIATION**2 + REGION_DEVIATION**2
         if not self._readings:
-            return Scale(np.ones(len(place)), np.full(len(place), np.sqrt(prior)), measured=False)
+            return Lifted(law, np.sqrt(prior) * law, measured=False)
         known = np.array([reading.place for reading in self._readings])
-        latest = self._readings[-1].force
-        steps = np.array([np.log(latest / reading.force) for reading in self._readings])
-        exponents = np.array([reading.exponent for reading in self._readings])
-        levels = np.array([reading.level for reading in self._readings]) + exponents * steps
-        noise = np.array([reading.noise for reading in self._readings]) ** 2 + (EXPONENT_READING * steps) ** 2
-        among, towards = _covariance(known, known), _covariance(place, known)
-        gain = np.linalg.solve(among + np.diag(noise), towards.T).T
-        level = gain @ levels
-        variance = np.maximum(prior - (gain * towards).sum(axis=1), 0.0)
-        share = EXPONENT_DEVIATION**2 / (EXPONENT_DEVIATION**2 + EXPONENT_READING**2 / len(levels))
-        way = np.clip(np.log(np.maximum(force, 1e-9) / latest), -np.log(_FORCE_RANGE), np.log(_FORCE_RANGE))
-        most = np.log(LARGEST_SCALE)
-        return Scale(np.exp(np.clip(level + share * exponents.mean() * way, -most, most)), np.sqrt(variance))
+        said, found = np.array([(reading.law, reading.found) for reading in self._readings]).T
+        missing = MISSING_DEVIATION * np.clip(law / said[-1], 0.0, 1.0)  # without a force there is none
+        among = np.outer(said, said) * _covariance(known, known) + MISSING_DEVIATION**2
+        towards = np.outer(law, said) * _covariance(place, known) + MISSING_DEVIATION * missing[:, None]
+        gain = np.linalg.solve(among + READING_DEVIATION**2 * np.eye(len(said)), towards.T).T
+        variance = prior * law**2 + missing**2 - (gain * towards).sum(axis=1)
+        most = np.maximum(LARGEST_SCALE * law, law + LARGEST_MISSING / MISSING_DEVIATION * missing)
+        estimate = np.clip(law + gain @ (found - said), law / LARGEST_SCALE, most)
+        return Lifted(estimate, np.sqrt(np.maximum(variance, 0.0)))
+
+    def share_at(self, place: Array) -> Array:
+        """(M,) springback at ``place`` (M, 3) m over what the law says, where that is what it said at the newest
+        reading; 1 before one."""
+        law = np.full(len(place), self._readings[-1].law if self._readings else 1.0)
+        return self.at(place, law).springback / law
 
     def remark(self) -> str:
-        """What a person should know: the scale at the newest place; "" before a reading or when the law holds."""
+        """What a person should know: springback at the newest place; "" before a reading or when the law holds."""
         if not self._readings:
             return ""
         newest = self._readings[-1]
-        scale = self.at(newest.place[None], np.array([newest.force]))
-        if abs(float(scale.factor[0]) - 1.0) < 2.0 * float(scale.deviation[0]):
+        lifted = self.at(newest.place[None], np.array([newest.law]))
+        springback, deviation = float(lifted.springback[0]), float(lifted.deviation[0])
+        if abs(springback - newest.law) < 2.0 * deviation:
             return ""
         return (
-            f"tool lifting: the sheet springs back {scale.factor[0]:.2f} times what the model says "
-            f"(standard deviation {scale.deviation[0]:.2f}); the model follows"
+            f"tool lifting: the sheet springs back {1e3 * springback:.2f} mm (standard deviation "
+            f"{1e3 * deviation:.2f} mm) where the model says {1e3 * newest.law:.2f} mm; the correction follows"
         )
 
 

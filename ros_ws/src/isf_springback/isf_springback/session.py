@@ -233,7 +233,7 @@ class CorrectionSession:
         return wanted and self._history[-1].scan is None and self._corrector is not None and self._corrector.uses_scans
 
     def _lift_lacks(self, index: int) -> bool:
-        wanted = self._job is not None and lift_awaited(self._job, index)
+        wanted = self._job is not None and lift_awaited(self._job, index, self._job_method)
         return wanted and self._history[-1].lift is None and self._corrector is not None and self._corrector.uses_lifts
 
     def _with_missing(self, contour: Contour, correction: ContourCorrection) -> ContourCorrection:

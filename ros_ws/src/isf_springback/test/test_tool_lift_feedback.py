@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode
-from isf_core.files.job import JobFile
+from isf_core.files.job import JobFile, lift_interval
 from isf_core.process.deflection import SheetSection
 from isf_springback.corrector import apply
 from isf_springback.estimators.elastic import ElasticModel
@@ -14,7 +14,7 @@ from isf_springback.estimators.fused import FusedEstimator
 from isf_springback.lift_feedback import (
     COMMON_DEVIATION,
     REGION_DEVIATION,
-    LawScale,
+    LiftedLaw,
     LiftReading,
     lift_awaited,
     lift_due,
@@ -68,47 +68,122 @@ def test_a_useless_lift_is_no_reading(rows):
 
 def test_lifts_are_due_between_contours_and_not_after_the_last():
     third, never = job(every=3), job(every=0)
-    assert [k for k in range(10) if lift_due(third, k, 9)] == [2, 5]
-    assert [k for k in range(10) if lift_awaited(third, k)] == [3, 6, 9]
-    assert not any(lift_due(never, k, 9) for k in range(9))
+    assert [k for k in range(10) if lift_due(third, k, 9, "elastic")] == [2, 5]
+    assert [k for k in range(10) if lift_awaited(third, k, "elastic")] == [3, 6, 9]
+    assert not any(lift_due(never, k, 9, "elastic") for k in range(9))
 
 
-def test_a_scale_converges_to_the_truth_and_knows_how_well():
-    """S_true = 1.3 S_law (F / 500 N)^0.1 at places along the loop, read with 0.1 mm of noise."""
+@pytest.mark.parametrize(
+    ("changed", "method", "interval"),
+    [
+        ({}, "", 4),
+        ({}, "auto", 4),
+        ({}, "none", 0),
+        ({}, "fused", 0),
+        ({"method: elastic": "method: analytic"}, "", 0),
+        ({"method: elastic": "method: analytic"}, "elastic", 4),
+        ({"method: elastic": "method: elastic, lift_every: auto"}, "", 4),
+        ({"method: elastic": "method: elastic, lift_every: 0"}, "", 0),
+        ({"method: elastic": "method: elastic, lift_every: 7"}, "none", 7),
+        ({"incremental_depth:": "style: spiral, incremental_depth:"}, "", 0),
+    ],
+)
+def test_elastic_has_lifts_unless_the_job_says_otherwise(changed, method, interval):
+    text = JOB_TEXT.replace("method: analytic", "method: elastic")
+    for old, new in changed.items():
+        assert old in text
+        text = text.replace(old, new)
+    assert lift_interval(JobFile(text, Path(".")).job, method) == interval
+
+
+def read(law, factor, dent=0.0, place=(30e-3, 0.0, -5e-3), noise=0.0, rng=None):
+    """Arguments of ``add``: springback of ``factor`` times ``law`` (K,) m, and ``dent`` m that the force does not
+    change."""
+    force = np.linspace(LOAD, 0.3 * LOAD, len(law))
+    errors = 0.0 if rng is None else rng.normal(0.0, noise, len(law))
+    return np.array(place), LiftReading(np.array(place), force, factor * law + dent + errors), law
+
+
+WHOLE_SHEET = 3e-3 * np.linspace(1.0, 0.3, 30) ** 0.5
+"""m, law of an unbacked sheet under the forces of :func:`read`."""
+OVER_A_PLATE = 0.14e-3 * np.linspace(1.0, 0.3, 30)
+"""m, law over a plate close to the opening."""
+
+
+def test_an_estimate_converges_to_the_truth_and_knows_how_well():
+    """S_true = 1.3 S_law at places along the loop, read with 0.05 mm of noise."""
     rng = np.random.default_rng(3)
-    scale, there = LawScale(), np.array([[30e-3, 0.0, -5e-3]])
-    nothing = scale.at(there, np.array([LOAD]))
-    assert nothing.factor[0] == 1.0
-    assert nothing.deviation[0] == pytest.approx(np.hypot(COMMON_DEVIATION, REGION_DEVIATION))
-    spread = [float(nothing.deviation[0])]
+    lifted, there, law = LiftedLaw(), np.array([[30e-3, 0.0, -5e-3]]), WHOLE_SHEET[:1]
+    nothing = lifted.at(there, law)
+    assert nothing.springback[0] == law[0]
+    assert nothing.deviation[0] == pytest.approx(np.hypot(COMMON_DEVIATION, REGION_DEVIATION) * law[0])
+    spread = [float(np.hypot(nothing.deviation[0], 0.3e-3))]  # with what a law does not know of
     for turn in range(6):
         place = np.array([30e-3 * np.cos(turn), 30e-3 * np.sin(turn), -5e-3 - 1e-3 * turn])
-        force = np.linspace(LOAD, 0.3 * LOAD, 30)
-        law = 3e-3 * (force / LOAD) ** 0.5
-        true = 1.3 * law * (force / LOAD) ** 0.1
-        reading = LiftReading(place, force, true * (1.0 + rng.normal(0.0, 0.02)))
-        scale.add(place, reading, law)
-        spread.append(float(scale.at(there, np.array([LOAD])).deviation[0]))
-    found = scale.at(there, np.array([LOAD, 0.5 * LOAD])[:1])
-    assert found.factor[0] == pytest.approx(1.3, rel=0.04)
-    assert abs(np.log(found.factor[0] / 1.3)) < 2.0 * found.deviation[0]
-    assert np.all(np.diff(spread) <= 1e-12)
+        lifted.add(*read(WHOLE_SHEET, 1.3, 0.1e-3, place, 0.05e-3, rng))
+        spread.append(float(lifted.at(there, law).deviation[0]))
+    found = lifted.at(there, law)
+    assert found.springback[0] == pytest.approx(1.3 * law[0], rel=0.04)
+    assert abs(found.springback[0] - 1.3 * law[0]) < 2.0 * found.deviation[0]
+    assert np.all(np.diff(spread) <= 1e-9)
     assert spread[-1] < 0.3 * spread[0]
-    half = scale.at(there, np.array([0.5 * LOAD])).factor[0]
-    assert half == pytest.approx(1.3 * 0.5**0.1, rel=0.05)
-    assert "1.3" in scale.remark()
+    assert "springs back 3.8" in lifted.remark()
+    assert lifted.share_at(there)[0] == pytest.approx(1.3, rel=0.04)
+
+
+@pytest.mark.parametrize("dent", [0.0, 0.2e-3, 0.6e-3])
+@pytest.mark.parametrize(("law", "factor"), [(WHOLE_SHEET, 1.0), (WHOLE_SHEET, 0.7), (OVER_A_PLATE, 4.0)])
+def test_a_way_that_the_force_does_not_change_is_no_springback(law, factor, dent):
+    lifted = LiftedLaw()
+    for depth in range(1, 5):
+        place = (30e-3, 0.0, -2e-3 * depth)
+        lifted.add(*read(law, factor, dent, place))
+    assert lifted.at(np.array([place]), law[:1]).springback[0] == pytest.approx(factor * law[0], rel=0.06)
+
+
+def test_a_curve_that_bends_more_than_the_law_is_no_way_of_less_than_none():
+    """S_true = 1.3 S_law (F / 500 N)^0.1: between 1.3 and what is left of it at the least force."""
+    lifted, steps = LiftedLaw(), np.linspace(1.0, 0.3, 30)
+    for depth in range(1, 9):
+        place = np.array([30e-3, 0.0, -2e-3 * depth])
+        lifted.add(place, LiftReading(place, LOAD * steps, 1.3 * WHOLE_SHEET * steps**0.1), WHOLE_SHEET)
+    assert 1.3 * 0.3**0.1 < lifted.at(place[None], WHOLE_SHEET[:1]).springback[0] / WHOLE_SHEET[0] < 1.3
+
+
+def test_what_the_law_does_not_know_of_is_the_same_where_the_law_says_more():
+    """Over a plate 0.43 mm more than the law's 0.14 mm: where that says 0.4 mm it is 0.8 to 0.9 mm, not four times as
+    much; and without a force nothing springs back."""
+    lifted = LiftedLaw()
+    for depth in range(1, 9):
+        place = (30e-3, 0.0, -2e-3 * depth)
+        lifted.add(*read(OVER_A_PLATE, 4.0, 0.5e-3, place))
+    here = np.tile(place, (3, 1))
+    more, same, none = lifted.at(here, np.array([0.4e-3, 0.14e-3, 0.0])).springback
+    assert 0.8e-3 < more < 0.9e-3
+    assert same == pytest.approx(0.56e-3, abs=0.02e-3)
+    assert none == 0.0
+
+
+@pytest.mark.parametrize(
+    ("law", "factor", "least", "most"),
+    [(WHOLE_SHEET, 5.0, 1.99, 2.0), (OVER_A_PLATE, 20.0, 7.3, 7.5), (WHOLE_SHEET, 0.1, 0.5, 0.51)],
+)
+def test_an_estimate_stays_within_what_is_believed(law, factor, least, most):
+    """At most twice the law, or 0.9 mm more, and at least half of it."""
+    lifted = LiftedLaw()
+    for depth in range(1, 9):
+        place = (30e-3, 0.0, -2e-3 * depth)
+        lifted.add(*read(law, factor, 0.0, place))
+    assert least <= lifted.at(np.array([place]), law[:1]).springback[0] / law[0] <= most
 
 
 def test_a_region_of_its_own_is_reported_from_the_whole_part():
-    """One place 15 % above the others: near it the scale follows, far from it the others count."""
-    scale = LawScale()
-    force, law = np.linspace(LOAD, 200.0, 20), np.linspace(3e-3, 2e-3, 20)
+    """One place 15 % above the others: near it the estimate follows, far from it the others count."""
+    lifted = LiftedLaw()
     for turn in range(6):
         place = 40e-3 * np.array([np.cos(turn), np.sin(turn), 0.0])
-        factor = 1.15 if turn == 0 else 1.0
-        scale.add(place, LiftReading(place, force, factor * law), law)
-    near = scale.at(np.array([[40e-3, 0.0, 0.0]]), np.array([LOAD])).factor[0]
-    far = scale.at(np.array([[-40e-3, 0.0, 0.0]]), np.array([LOAD])).factor[0]
+        lifted.add(*read(2.0 * WHOLE_SHEET, 1.15 if turn == 0 else 1.0, 0.0, place))
+    near, far = lifted.share_at(np.array([[40e-3, 0.0, 0.0], [-40e-3, 0.0, 0.0]]))
     assert near > 1.06
     assert abs(far - 1.0) < 0.04
 

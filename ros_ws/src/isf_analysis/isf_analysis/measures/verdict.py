@@ -34,6 +34,8 @@ FLATTERED = (
 )
 """What a shape on the fast sheet does not say."""
 
+NOT = "not corrected"
+
 Numbers = dict[str, Any]
 
 
@@ -51,7 +53,7 @@ def verdict(numbers: Numbers) -> Numbers:
 
 def _shape(numbers: Numbers) -> list[str]:
     deviation, remarks = numbers["deviation"], numbers["remarks"]
-    failed = [f"not corrected: {item['text']}" for item in remarks if item["failed"]][:MAXIMUM_REMARKS]
+    failed = [f"{NOT}: {item['text']}" for item in remarks if item["failed"]][:MAXIMUM_REMARKS]
     if deviation is None:
         return ["the shape was not measured", *failed]
     within = deviation["regions"]["wall_and_base"]["within_tolerance_fraction"]
@@ -65,7 +67,10 @@ def _shape(numbers: Numbers) -> list[str]:
     told = [out, *_floor(numbers)]
     if numbers["correction"] in ("", "none"):
         return [*told, "springback was not corrected"]
-    return [*told, *(f"not corrected: {item['text']}" for item in remarks[:MAXIMUM_REMARKS])]
+    return [
+        *told,
+        *(f"{NOT if item['failed'] else 'correction'}: {item['text']}" for item in remarks[:MAXIMUM_REMARKS]),
+    ]
 
 
 def _floor(numbers: Numbers) -> list[str]:

@@ -67,7 +67,9 @@ def between(run: RecordedRun, job_file: JobFile, place: int) -> tuple[Stamped | 
     following = part.nominal[place + 1].index if place + 1 < len(part.nominal) else -1
     since = results[contour.index].end
     until = results[following].start if following in results else float("inf")
-    lift = _first(run.lifts, since, until) if lift_due(job_file, contour.index, contour.count) else None
+    lift = (
+        _first(run.lifts, since, until) if lift_due(job_file, contour.index, contour.count, part.correction) else None
+    )
     scan = _first(run.scans, since, until) if scan_due(job_file, contour.index, contour.count) else None
     return lift, scan
 

@@ -59,11 +59,13 @@ def replay_force(
     results: tuple[ContourResult, ...],
     job_file: JobFile,
     config: ControlConfig,
+    method: str,
     progress: Callable[[int, int], None] | None = None,
 ) -> ForceReplay:
     """Feed ``ticks`` to a controller of ``config`` that forms the corrected ``contours``.
 
-    Every contour begins at the tick at which the recorded one began (``results``), whatever the one before took.
+    ``method`` is that of the springback in the recorded run, which says where tools were lifted. Every contour begins
+    at the tick at which the recorded one began (``results``), whatever the one before took.
     """
     started = {result.index: round(result.start * NANO) for result in results if len(result.tick_time)}
     ended = {result.index: round(result.end * NANO) for result in results}
@@ -96,7 +98,7 @@ def replay_force(
             notes.append(f"{contour_label(contour.index)}: {result.message}")
             break
         if ticks.exact:
-            _between(controller, feed, contour, job_file, end)
+            _between(controller, feed, contour, job_file, method, end)
         if progress is not None:
             progress(k + 1, len(wanted))
     contour_of, tick_of = (np.array(item, dtype=np.int64) for item in (feed.contour, feed.tick))
@@ -105,10 +107,12 @@ def replay_force(
     return ForceReplay(contour_of, tick_of, target, tuple(found), unfed, notes)
 
 
-def _between(controller: ForceController, feed: _Feed, contour: Contour, job_file: JobFile, end: int) -> None:
+def _between(
+    controller: ForceController, feed: _Feed, contour: Contour, job_file: JobFile, method: str, end: int
+) -> None:
     """What the executive had done before the next contour, as the job says."""
     index, count = contour.index, contour.count
-    if lift_due(job_file, index, count):
+    if lift_due(job_file, index, count, method):
         try:
             lift_tool(controller, SETTINGS)
         except IsfError:  # the tools are not on the sheet, as between two features

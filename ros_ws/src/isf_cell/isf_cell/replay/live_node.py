@@ -375,7 +375,7 @@ class _ForceControlFeed:
                 return
             index, count, label = contour.index, contour.count, contour_label(contour.index)
             yield self._contour(contour, label)
-            if lift_due(self._job_file, index, count):
+            if lift_due(self._job_file, index, count, self._run.part.correction):
                 goal = LiftTool.Goal(speed=SETTINGS.speed, zero_force=SETTINGS.zero_force, max_lift=SETTINGS.max_lift)
                 yield self._action(LiftTool, "lift_tool", goal, index, f"tool lift after {label}")
             if scan_due(self._job_file, index, count) and self._job_file.job.springback.scan_clear and contour.closed:

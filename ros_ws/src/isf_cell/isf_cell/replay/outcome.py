@@ -277,7 +277,9 @@ def replay(
         if run.armed is None:
             notes.append("recorded without force_ctrl/armed: parameters of force control are those of the job")
         phase("force control")
-        force = replay_force(run.ticks, armed, part.corrected, part.results, job_file, config, count("force control"))
+        force = replay_force(
+            run.ticks, armed, part.corrected, part.results, job_file, config, part.correction, count("force control")
+        )
         notes += force.notes
         lost = int(_lost(run.ticks, force).sum())
         if lost:

@@ -97,7 +97,7 @@ class PartRun:
             formed = self._form_contour(index)
             if index + 1 < planned.count:
                 self._check_operator()
-            if lift_due(job_file, index, planned.count):
+            if lift_due(job_file, index, planned.count, goal.method):
                 cell.lift(formed)
             if scan_due(job_file, index, planned.count):
                 cell.scan(formed, aside=job_file.job.springback.scan_clear and formed.nominal.closed)

@@ -580,9 +580,9 @@ class SpringbackSpec(FileModel):
     """Both tools are lifted clear and moved aside before a scan, and approach the sheet again after it; otherwise the
     scan is made with the tools where the contour ended, and what they hide is a hole in it. Open contours (spirals)
     are always scanned so: a tool lifted off in the middle of one leaves a mark."""
-    lift_every: int = Field(default=0, ge=0)
+    lift_every: Literal["auto"] | Annotated[int, Field(ge=0)] = "auto"
     """The forming tool is lifted after every so many contours and measures springback where it stands, for methods
-    that use it; 0: never."""
+    that use it; 0: never. auto: 4 where `elastic` corrects a part of SPIF or DSIF made of separate contours, else 0."""
     scan_sensor: bool = False
     """Simulated machine: scans as a scanner sees the part (noise, holes, registration) instead of exact ones."""
     open_loop_contours: int = Field(default=3, ge=0)
@@ -606,6 +606,10 @@ class ToleranceSpec(FileModel):
     """Of the points of wall and base that must be good; 1: all of them. The default is that of Lu 2016, 4.4."""
 
 
+LIFT_EVERY = 4
+"""Contours between two tool lifts where the job leaves it open: without scans, lifts are all that tells how far a sheet
+springs back (docs/results/index.md has what a part gains)."""
+
 AUTO = "auto"
 """Springback method that stands for another one, see :func:`springback_method`."""
 
@@ -620,6 +624,15 @@ def springback_method(job: Job, name: str | None = None) -> str:
     if job.process in ("SPIF", "DSIF"):
         return "learned" if spec.learning else "fused" if spec.scan_every else "elastic"
     return "mpc_tpif" if job.process == "TPIF" and spec.scan_every else "none"
+
+
+def lift_interval(job: Job, method: str | None = None) -> int:
+    """Contours from one tool lift to the next in a run with ``method`` (None or empty: the job's), 0: no lifts."""
+    every = job.springback.lift_every
+    if every != "auto":
+        return every
+    fits = job.process in ("SPIF", "DSIF") and job.path.style == "contours"
+    return LIFT_EVERY if fits and springback_method(job, method) == "elastic" else 0
 
 
 def correction_refusal(process: str, method: str) -> str:

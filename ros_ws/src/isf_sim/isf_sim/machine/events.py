@@ -5,7 +5,8 @@ fracture      strain of the wall beside the tool above the forming limit of the 
               c_n from the later failure of the funnel with force control (Ren 2018, 2.4.1)
 galling       support force above c_g R_m R t0: 120 N is fine and 200 N sheds chips on AA1100-O with R 4.5 mm (same)
 buckling      accumulative forming outside the stable gaps (Ren 2018, 3.2.3)
-contact lost  the support tool carried load and carries none for 0.1 s, still beside the pressing forming tool
+contact lost  the support tool carried load and carries none for 0.1 s, still beside the forming tool, which presses and
+              goes on, by more than 1 mm in plan: while it stands, a measurement may move the support tool aside
 die contact   the sheet under the tool reaches the die or the backing plate
 saturation    a load cell is at the end of its range, or an axis is not driven as hard as its controller asks
 
@@ -46,6 +47,8 @@ LOADED, ENGAGED = 50.0, 10.0
 """N, forming tool presses; support tool carries load."""
 LOST_AFTER, ABSENT_AFTER, ENGAGED_AFTER, BRIEF = 0.1, 0.5, 0.1, 0.01
 """s"""
+LOST_WAY = 1e-3
+"""m in plan that the forming tool goes on before contact counts as lost."""
 TOUCHING = 1.0
 """N between sheet and support, from which on they touch."""
 
@@ -231,15 +234,18 @@ class EventWatch:
     occurrences: dict[str, _Occurrence] = field(default_factory=lambda: {k.name: _Occurrence() for k in EventKind})
     engaged: float = 0.0
     carrying: bool = False
+    freed_x: float = math.nan
+    freed_y: float = math.nan
     thinned_from: float = -1.0
     broken: bool = False
 
-    def update(self, bits: int, travelled: float) -> list[EventKind]:
-        """Kinds of the events that begin with a tick of conditions ``bits``; ``travelled`` m of path."""
+    def update(self, bits: int, travelled: float, x: float, y: float) -> list[EventKind]:
+        """Kinds of the events that begin with a tick of conditions ``bits``; ``travelled`` m of path, forming tool at
+        ``x``, ``y`` m."""
         found = []
         if self._begins(EventKind.GALLING, bits & CHIPS, BRIEF):
             found.append(EventKind.GALLING)
-        if self._begins(EventKind.CONTACT_LOST, self._lost(bits), LOST_AFTER):
+        if self._begins(EventKind.CONTACT_LOST, self._lost(bits, x, y), LOST_AFTER):
             found.append(EventKind.CONTACT_LOST)
         if self._begins(EventKind.BUCKLING, bits & BUCKLES, BRIEF):
             found.append(EventKind.BUCKLING)
@@ -261,15 +267,20 @@ class EventWatch:
         self.broken = travelled - self.thinned_from >= TORN_WAY * self.limits.radius
         return self.broken
 
-    def _lost(self, bits: int) -> int:
+    def _lost(self, bits: int, x: float, y: float) -> bool:
         self.engaged = self.engaged + 1.0 / self.limits.rate if bits & CARRIES else 0.0
         if self.engaged >= ENGAGED_AFTER:
             self.carrying = True
         elif not bits & BESIDE:
             self.carrying = False  # lifted or sent away, not lost
-        return bits & FREE if self.carrying else 0
+        if not self.carrying or not bits & FREE:
+            self.freed_x = self.freed_y = math.nan
+            return False
+        if math.isnan(self.freed_x):
+            self.freed_x, self.freed_y = x, y
+        return math.hypot(x - self.freed_x, y - self.freed_y) > LOST_WAY
 
-    def _begins(self, kind: EventKind, holds: int, after: float) -> bool:
+    def _begins(self, kind: EventKind, holds: int | bool, after: float) -> bool:
         """True at the tick at which a condition has held for ``after`` s, once until it was absent for long enough."""
         seen = self.occurrences[kind.name]
         step = 1.0 / self.limits.rate

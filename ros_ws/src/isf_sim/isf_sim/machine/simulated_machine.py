@@ -640,7 +640,8 @@ class SimulatedMachine:
                 self.latch(*finding)
 
     def _update_events(self, bits: int) -> None:
-        kinds = self._watch.update(bits, float(self.plant.contact.path[TRAVELLED]))
+        x, y, _ = self._axes.tips[self.plant.pressing - 1]
+        kinds = self._watch.update(bits, float(self.plant.contact.path[TRAVELLED]), float(x), float(y))
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
         if kinds and len(self.events) < MAXIMUM_EVENTS:
             buckles = float(self._adsif.local[1]) if self._adsif is not None and bits & BUCKLES else math.nan

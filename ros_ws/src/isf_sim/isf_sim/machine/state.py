@@ -30,7 +30,7 @@ from isf_sim.shell.shell_assembly import SupportPoints
 
 _SOURCES = Path(__file__).resolve().parents[1]
 
-FORMAT, VERSION = "isf-machine-state", 10
+FORMAT, VERSION = "isf-machine-state", 11
 
 
 def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:

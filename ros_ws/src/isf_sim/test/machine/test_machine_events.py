@@ -32,9 +32,17 @@ class Run:
     def __init__(self) -> None:
         self.watch = EventWatch(LIMITS)
         self.tick = 0
+        self.x = 0.0
 
     def hold(
-        self, seconds: float, *, gap: float = 1e-3, on_support: bool = False, saturated: bool = False, **facts: object
+        self,
+        seconds: float,
+        *,
+        gap: float = 1e-3,
+        on_support: bool = False,
+        saturated: bool = False,
+        speed: float = 30e-3,
+        **facts: object,
     ) -> list[Event]:
         found = []
         for _ in range(round(seconds * RATE)):
@@ -51,7 +59,8 @@ class Run:
                 BOUNDS,
             )
             bits |= 0 if math.isnan(reported.buckles) else BUCKLES
-            kinds = self.watch.update(bits, self.tick * 30e-3 / RATE)
+            self.x += speed / RATE
+            kinds = self.watch.update(bits, self.tick * 30e-3 / RATE, self.x, 0.0)
             found += [event_of(kind, reported, LIMITS) for kind in kinds]
         return found
 
@@ -87,6 +96,17 @@ def test_contact_is_lost_only_after_it_was_there_and_while_the_tool_presses() ->
     lost = run.hold(1.0)
     assert [event.kind for event in lost] == [EventKind.CONTACT_LOST]
     assert lost[0].position == QUIET.support
+
+
+def test_a_support_tool_that_is_moved_aside_while_the_forming_tool_stands_loses_nothing() -> None:
+    """As for a tool lift: 2 mm aside, and back; once the forming tool goes on without it, it is lost."""
+    run = Run()
+    run.hold(0.5, support_force=80.0)
+    assert run.hold(3.0, gap=2e-3, speed=0.0) == []
+    run.hold(0.5, support_force=80.0, speed=0.0)
+    assert run.hold(0.5, support_force=80.0) == []
+    run.hold(1.0, gap=2e-3, speed=0.0)
+    assert [event.kind for event in run.hold(1.0)] == [EventKind.CONTACT_LOST]
 
 
 def test_tools_that_are_lifted_lose_nothing() -> None:

@@ -80,14 +80,13 @@ class AnalyticModel(SheetModel):
         samples = LoopSamples.of(contour, self._options.control_points)
         expected = self.force.at(contour, samples.tip, samples.wall_angle)
         springback = self._springback(contour, samples.contact[:, :2], samples.wall_angle, expected)
-        scale = self.scale.at(samples.contact, expected.force)
-        springback = scale.factor * springback
-        along, deviation = samples.along(springback, scale.deviation * springback)
+        lifted = self.lifted.at(samples.contact, springback)
+        along, deviation = samples.along(lifted.springback, lifted.deviation)
         return Prediction(
             along,
-            deviation=deviation if scale.measured else np.empty(0),
+            deviation=deviation if lifted.measured else np.empty(0),
             control_point=samples.contact,
-            control_point_springback=springback,
+            control_point_springback=lifted.springback,
             control_point_force=expected.force,
             remarks=self.lift_remarks,
         )

@@ -151,12 +151,12 @@ class ElasticModel(SheetModel):
         order = np.argsort(path.position[place], kind="stable")
         place, cubic = place[order], CubicLaw(laws.cubic.k[order])
         force = _around(path, self.force.at(contour, contour.forming_tip[:, :2], contour.wall_angle).force, place)
-        springback = cubic.displacement(force)
-        stiffness = np.maximum(cubic.stiffness(springback), 1.0)
-        scale = self.scale.at(contour.contact[place], force)
-        springback = scale.factor * springback
-        part = scale.deviation if len(self.scale) else MODEL_DEVIATION
-        deviation = np.hypot(part * springback, np.where(force > 0.0, scale.factor * FORCE_DEVIATION / stiffness, 0.0))
+        law = cubic.displacement(force)
+        lifted = self.lifted.at(contour.contact[place], law)
+        springback = lifted.springback
+        by_force = np.where(force > 0.0, FORCE_DEVIATION / np.maximum(cubic.stiffness(law), 1.0), 0.0)
+        by_force *= np.divide(springback, law, out=np.ones_like(law), where=law > 0.0)
+        deviation = np.hypot(lifted.deviation if lifted.measured else MODEL_DEVIATION * law, by_force)
         period = path.length if path.closed else None
         along, spread = (
             np.interp(path.position, path.position[place], values, period=period) for values in (springback, deviation)

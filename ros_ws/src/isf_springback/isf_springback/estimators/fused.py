@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from isf_core.contour import Contour, ContourResult
 from isf_core.errors import IsfError
-from isf_core.files.job import JobFile
+from isf_core.files.job import JobFile, lift_interval
 from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
@@ -229,8 +229,8 @@ class FusedEstimator(Estimator):
         """A remark with the first contour that is corrected, when nothing will be measured between contours."""
         if self._first is None or self._first[0] != contour.plan_id:
             self._first = (contour.plan_id, contour.index)
-        spec = self.job_file.job.springback
-        measured = spec.scan_every or spec.lift_every
+        job = self.job_file.job
+        measured = job.springback.scan_every or lift_interval(job, self.name)
         return () if measured or self._first[1] != contour.index else (MODEL_ALONE,)
 
     def _unconfirmed(self) -> bool:

@@ -37,7 +37,7 @@ from isf_core.process.forming_force import aerens_axial_force
 from isf_core.types import Array
 
 from isf_springback.estimators.estimator import Estimator, History, Prediction
-from isf_springback.lift_feedback import LawScale, LiftReading
+from isf_springback.lift_feedback import LiftedLaw, LiftReading
 from isf_springback.loop_path import LoopPath, forming_radius, moving_average, nearest_points
 
 SMALLEST_SQUEEZE_ANGLE = np.radians(10.0)
@@ -263,10 +263,6 @@ class AxialForce:
         """True when the force of this very contour was measured."""
         return bool(self._loads) and self._loads[-1].index == contour.index
 
-    def last_at(self, place: Array) -> Array:
-        """(M,) N, newest measured load at ``place`` (M, 2) m; 0 before one."""
-        return self._loads[-1].seen_from(place).load if self._loads else np.zeros(len(place))
-
     def steepest(self, angle: Array, place: Array) -> Array:
         """(M,) rad, steepest wall met so far at ``place`` (M, 2) m where it is ``angle`` (M,) rad now."""
         return np.maximum(angle, self._loads[-1].seen_from(place).steepest) if self._loads else np.array(angle)
@@ -334,7 +330,7 @@ class SheetModel(Estimator):
     Attributes
     ----------
     force : measured loads and their forecast
-    scale : factor on the computed springback, from tool lifts
+    lifted : what tool lifts make of the computed springback
     lift_remarks : what the newest tool lift says, for a person
     """
 
@@ -343,7 +339,7 @@ class SheetModel(Estimator):
     def __init__(self, job_file: JobFile, force: AxialForce) -> None:
         super().__init__(job_file)
         self.force = force
-        self.scale = LawScale()
+        self.lifted = LiftedLaw()
         self._contour: Contour | None = None
         self.lift_remarks: tuple[str, ...] = ()
 
@@ -358,13 +354,13 @@ class SheetModel(Estimator):
 
     @abstractmethod
     def springback_under(self, contour: Contour, point: int, force: Array) -> Array:
-        """(K,) m, springback at path point ``point`` under ``force`` (K,) N, before the scale; raises as predict."""
+        """(K,) m, springback at path point ``point`` under ``force`` (K,) N, before tool lifts; raises as predict."""
 
     def begin(self, contour: Contour, history: History) -> None:
         """As the base class."""
         before = self._contour
         if before is not None and before.plan_id != contour.plan_id:
-            self.scale.clear()
+            self.lifted.clear()
             self.lift_remarks = ()
         self.force.begin(contour, before)
         self._contour = contour
@@ -379,7 +375,7 @@ class SheetModel(Estimator):
         self.force.add(contour, result, history)
 
     def add_lift(self, reading: LiftReading | None, index: int) -> None:
-        """Scale the law by the tool lift after contour ``index``; a useless one is reported by a remark."""
+        """Change the law by the tool lift after contour ``index``; a useless one is reported by a remark."""
         contour = self._contour
         if reading is None or contour is None or contour.index != index:
             self.lift_remarks = (
@@ -392,13 +388,13 @@ class SheetModel(Estimator):
         except IsfError as error:
             self.lift_remarks = (f"the tool lift after {contour_label(index)} is not used: {error.message}",)
             return
-        self.scale.add(contour.contact[point], reading, law)
-        remark = self.scale.remark()
+        self.lifted.add(contour.contact[point], reading, law)
+        remark = self.lifted.remark()
         self.lift_remarks = (remark,) if remark else ()
 
     def lifted_share(self, place: Array) -> Array:
-        """(M,) factor on the springback at ``place`` (M, 3) m by tool lifts, at the last measured forces; 1: none."""
-        return self.scale.at(place, self.force.last_at(place[:, :2])).factor
+        """(M,) factor on the springback at ``place`` (M, 3) m by tool lifts; 1: none."""
+        return self.lifted.share_at(place)
 
     def hindsight(self) -> Array | None:
         """(N,) m, springback of the contour formed last under the force measured on it; None: not known."""
