@@ -141,6 +141,16 @@ def test_a_way_that_the_force_does_not_change_is_no_springback(law, factor, dent
     assert lifted.at(np.array([place]), law[:1]).springback[0] == pytest.approx(factor * law[0], rel=0.06)
 
 
+def test_more_than_a_dent_is_springback():
+    """1.2 mm that the force does not change: no dent is deeper than 0.6 mm."""
+    lifted = LiftedLaw()
+    for depth in range(1, 9):
+        place = (30e-3, 0.0, -2e-3 * depth)
+        lifted.add(*read(WHOLE_SHEET, 0.3, 1.2e-3, place))
+    found = lifted.at(np.array([place]), WHOLE_SHEET[:1]).springback[0] / WHOLE_SHEET[0]
+    assert 0.5 < found < (0.3 * 3.0 + 0.9) / 3.0
+
+
 def test_a_curve_that_bends_more_than_the_law_is_no_way_of_less_than_none():
     """S_true = 1.3 S_law (F / 500 N)^0.1: between 1.3 and what is left of it at the least force."""
     lifted, steps = LiftedLaw(), np.linspace(1.0, 0.3, 30)
