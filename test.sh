@@ -35,11 +35,7 @@ trap 'rm -rf "$ISF_CACHE_DIR"' EXIT
 end_all() {
   python scripts/end_processes.py "$ISF_TEST_RUN"
 }
-end_everything() {
-  end_all
-  python scripts/end_processes.py "$ISF_TEST_RUN.without" 0
-}
-trap 'end_everything; exit 130' INT TERM
+trap 'end_all; exit 130' INT TERM
 
 started=$SECONDS
 failed=()
@@ -88,66 +84,51 @@ result() {
   return "$code"
 }
 
-# tests PRIORITY MARKERS ARGUMENTS... - PRIORITY: a command that runs another one, or none
+# tests NICENESS MARKERS ARGUMENTS...
 tests() {
   # Plugins are named, so that what happens to be installed (launch_testing of an apt ROS) does not take part.
-  # shellcheck disable=SC2086 # a command and its options
-  PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $1 python -m pytest -p pytest_cov.plugin -p xdist.plugin \
+  PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 nice -n "$1" python -m pytest -p pytest_cov.plugin -p xdist.plugin \
     -p _hypothesis_pytestplugin -m "$2" "${random[@]}" "${@:3}"
 }
 
 run_tests() {
   local code=0
-  tests "" "$markers" "$@" || code=1
+  tests 0 "$markers" "$@" || code=1
   end_all || code=1
   return "$code"
 }
 
-# The tests without a node graph run beside all others, on the time that these leave: nothing that has a clock waits for
-# them.
-begin_without_graph() {
-  local and=${markers:+ and $markers} cores
-  cores=$(getconf _NPROCESSORS_ONLN)
-  rm -f .isf/coverage.*
-  ISF_TEST_RUN=$ISF_TEST_RUN.without ISF_TEST_DOMAINS="${domains[*]:4}" COVERAGE_PROCESS_START="$root/pyproject.toml" \
-    COVERAGE_FILE="$root/.isf/coverage.without" \
-    tests "chrt --idle 0" "not graph$and" --dist loadfile -n "$((cores < 4 ? cores : 4))" >"$without_log" 2>&1 &
-  without=$!
-}
-without='' without_log=.isf/log/tests_without_graph.log
-
-end_without_graph() {
-  local code=0
-  printf '\nTests without a node graph, run meanwhile (%s):\n' "$without_log"
-  if wait "$without"; then
-    sed -n '/short test summary info/,$p' "$without_log"
-  else
-    cat "$without_log"
-    code=1
-  fi
-  python scripts/end_processes.py "$ISF_TEST_RUN.without" || code=1
-  return "$code"
-}
-
-# Cells that tick by the clock: no other node graph beside them, for what keeps them waiting is a fault to them.
+# Cells that tick by the clock have the computer to themselves: what keeps them waiting is a fault to them.
 run_clock() {
   local and=${markers:+ and $markers} code=0
+  rm -f .isf/coverage.*
   # every Python process measures itself
   COVERAGE_PROCESS_START="$root/pyproject.toml" COVERAGE_FILE="$root/.isf/coverage.with" \
-    tests "" "graph and clock$and" || code=1
+    tests 0 "graph and clock$and" || code=1
   end_all || code=1
   return "$code"
 }
 
-# The other tests with a node graph mostly wait for their processes: several at a time, in a domain each. A file is a
-# unit, since tests of a file may share their nodes.
+# The other tests with a node graph mostly wait for their processes: several at a time, in a domain each. Those without
+# one run beside them, at a lower priority. A file is a unit, since tests of a file may share their nodes.
 run_all() {
-  local and=${markers:+ and $markers} code=0 cores
+  local and=${markers:+ and $markers} log=.isf/log/tests_without_graph.log code=0 cores
   cores=$(getconf _NPROCESSORS_ONLN)
-  ISF_TEST_DOMAINS="${domains[*]::4}" COVERAGE_PROCESS_START="$root/pyproject.toml" \
-    COVERAGE_FILE="$root/.isf/coverage.with" \
-    tests "" "graph and not clock$and" --dist loadfile -n "$((cores < 4 ? cores + 1 : 4))" || code=1
-  end_without_graph || code=1
+  [ "$cores" -le 4 ] || cores=4
+  export COVERAGE_PROCESS_START="$root/pyproject.toml"
+  ISF_TEST_DOMAINS="${domains[*]:4}" COVERAGE_FILE="$root/.isf/coverage.without" \
+    tests 10 "not graph$and" --dist loadfile -n "$cores" >"$log" 2>&1 &
+  local without=$!
+  ISF_TEST_DOMAINS="${domains[*]::4}" COVERAGE_FILE="$root/.isf/coverage.with" \
+    tests 0 "graph and not clock$and" --dist loadfile -n "$((cores < 4 ? cores + 1 : 4))" || code=1
+  printf '\nTests without a node graph, run meanwhile (%s):\n' "$log"
+  if wait "$without"; then
+    sed -n '/short test summary info/,$p' "$log"
+  else
+    cat "$log"
+    code=1
+  fi
+  unset COVERAGE_PROCESS_START
   end_all || code=1
   export COVERAGE_FILE=.isf/coverage.all
   python scripts/combine_coverage.py "$COVERAGE_FILE" coverage.with || code=1
@@ -159,10 +140,7 @@ run_all() {
 if [ $# -eq 0 ]; then
   gate "format" ruff format --check --quiet .
   gate "lint" ruff check --quiet .
-  if [ -z "$quick" ]; then
-    begin_without_graph
-    gate "tests by the clock" run_clock
-  fi
+  [ -n "$quick" ] || gate "tests by the clock" run_clock
   beside "types" python -m mypy
   beside "imports" lint-imports
   beside "docs" scripts/site.sh

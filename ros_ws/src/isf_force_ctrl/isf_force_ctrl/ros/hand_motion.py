@@ -261,8 +261,10 @@ class HandMotion:
         with self._lock:
             if self._desk.owner == client:
                 self._desk.release()
-        if not move.ended and move.code is ErrorCode.OK:
-            move.give_up(ErrorCode.STOPPED, "the movement was ended from outside", stay=True)
+            if not move.ended and move.code is ErrorCode.OK:
+                move.give_up(ErrorCode.STOPPED, "the movement was ended from outside", stay=True)
+            self._settle()
+            self._publish()  # before the result: who hears of its end may ask at once for what takes a standing tool
         if move.code is ErrorCode.OK:
             handle.succeed()
         elif handle.is_cancel_requested:

@@ -45,6 +45,7 @@ class Stretch(NamedTuple):
     on_die: float
     clipped: int
     saturated: int
+    stands: bool
 
 
 STRETCHES = st.builds(
@@ -59,6 +60,7 @@ STRETCHES = st.builds(
     on_die=st.sampled_from([0.0, 1.0, 1.1]),
     clipped=st.sampled_from([0, 0, 0, 1]),
     saturated=st.sampled_from([0, 0, 0, 4]),
+    stands=st.sampled_from([False, False, True]),
 )
 
 
@@ -71,7 +73,7 @@ def test_a_watch_that_looks_only_when_something_changes_finds_the_same(stretches
     axes = parked_axes(np.zeros(3), np.zeros(3), make_axis_errors(RIG))
     squeeze, contact = no_squeeze(), PLANT.contact
     cell = CellState(np.zeros(3), np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(1, dtype=np.int64))
-    known, looks, tick = NEVER, 0, 0
+    known, looks, tick, x = NEVER, 0, 0, 0.0
     contact.path[TRAVELLED] = 0.0
     for stretch in stretches:
         axes.tips[1] = 0.0, 0.0, 4.0 * RADIUS + stretch.gap
@@ -83,15 +85,16 @@ def test_a_watch_that_looks_only_when_something_changes_finds_the_same(stretches
             tick += 1
             contact.path[TRAVELLED] += way
             travelled = contact.path[TRAVELLED]
+            x += 0.0 if stretch.stands else way
             bits = conditions(False, RADIUS, axes, PLANT.surface, contact, squeeze, cell, cell, bounds)
-            found[0].extend((tick, kind) for kind in always.update(bits, travelled))
+            found[0].extend((tick, kind) for kind in always.update(bits, travelled, x, 0.0))
             if bits != known:
                 looks += 1
-                found[1].extend((tick, kind) for kind in seldom.update(bits, travelled))
+                found[1].extend((tick, kind) for kind in seldom.update(bits, travelled, x, 0.0))
                 known = bits if settled(seldom, bits) else NEVER
     assert found[0] == found[1]
     assert always.broken == seldom.broken
-    if not any(stretch.clipped for stretch in stretches):
+    if not any(stretch.clipped or stretch.stands for stretch in stretches):
         quiet = [item for item in stretches if item.strain < 0.9 * LIMITS.forming.strain]
         # nothing is counted longer than half a second: 250 ticks
         assert looks <= tick - sum(max(item.ticks - 260, 0) for item in quiet)
