@@ -452,7 +452,7 @@ def test_all_is_used_as_the_page_says(cells: Cells) -> None:
     # a part
     plan = act("plan_part", job)
     assert ask("planner/get_contour", f"{{plan_id: {plan.plan_id}, index: 1}}").contour.index == 1
-    formed = act("form_part", job + "support_force: .nan\n", hold)
+    formed = act("form_part", job + "support_force: 300.0\n", hold)  # so much that it sheds chips: an event
     assert formed.contours == plan.count == 3
     ask("springback/save", "{path: formed}")
     ask("springback/load", "{path: formed}")

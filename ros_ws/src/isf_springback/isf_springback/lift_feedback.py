@@ -69,9 +69,12 @@ def reading_of(rows: Array) -> LiftReading | None:
 
 
 def lift_due(job_file: JobFile, index: int, count: int, method: str) -> bool:
-    """True when a run with ``method`` lifts the tool between contour ``index`` (0-based) and the next of ``count``."""
+    """True when a run with ``method`` lifts the tool between contour ``index`` (0-based) and the next of ``count``.
+
+    After the first one too: the contours at the opening are what nothing mends later.
+    """
     every = lift_interval(job_file.job, method)
-    return every > 0 and (index + 1) % every == 0 and index + 1 < count
+    return every > 0 and (index == 0 or (index + 1) % every == 0) and index + 1 < count
 
 
 def lift_awaited(job_file: JobFile, index: int, method: str) -> bool:

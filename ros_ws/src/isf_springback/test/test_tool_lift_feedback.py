@@ -68,8 +68,8 @@ def test_a_useless_lift_is_no_reading(rows):
 
 def test_lifts_are_due_between_contours_and_not_after_the_last():
     third, never = job(every=3), job(every=0)
-    assert [k for k in range(10) if lift_due(third, k, 9, "elastic")] == [2, 5]
-    assert [k for k in range(10) if lift_awaited(third, k, "elastic")] == [3, 6, 9]
+    assert [k for k in range(10) if lift_due(third, k, 9, "elastic")] == [0, 2, 5]
+    assert [k for k in range(10) if lift_awaited(third, k, "elastic")] == [1, 3, 6, 9]
     assert not any(lift_due(never, k, 9, "elastic") for k in range(9))
 
 
@@ -297,9 +297,9 @@ def test_the_session_waits_for_a_lift_and_goes_on_without_it():
     before = None
     for index in range(5):
         session.add_contour(cone_contour(index))
-        if index in (2, 4):
-            assert session.advance() is None  # a lift is due after contours 1 and 3
-            if index == 2:
+        if index in (1, 2, 4):
+            assert session.advance() is None  # a lift is due after contours 0, 1 and 3
+            if index < 4:
                 session.add_lift(rows_of(6e-3, place=tuple(before.corrected.forming_tip[-1])), 1.0)
             else:
                 session.add_lift(rows_of(6e-3), 0.5)  # older than the contour: of an earlier part

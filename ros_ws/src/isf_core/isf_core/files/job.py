@@ -581,8 +581,9 @@ class SpringbackSpec(FileModel):
     scan is made with the tools where the contour ended, and what they hide is a hole in it. Open contours (spirals)
     are always scanned so: a tool lifted off in the middle of one leaves a mark."""
     lift_every: Literal["auto"] | Annotated[int, Field(ge=0)] = "auto"
-    """The forming tool is lifted after every so many contours and measures springback where it stands, for methods
-    that use it; 0: never. auto: 4 where `elastic` corrects a part of SPIF or DSIF made of separate contours, else 0."""
+    """The forming tool is lifted after the first contour and after every so many, and measures springback where it
+    stands, for methods that use it; 0: never. auto: 4 where `elastic` corrects a part of SPIF or DSIF made of separate
+    contours, else 0."""
     scan_sensor: bool = False
     """Simulated machine: scans as a scanner sees the part (noise, holes, registration) instead of exact ones."""
     open_loop_contours: int = Field(default=3, ge=0)
