@@ -161,8 +161,8 @@ def test_a_torn_part_ends_after_the_contour(contours: tuple[Contour, ...]) -> No
 def test_lifts_and_scans_come_when_the_job_asks_for_them(contours: tuple[Contour, ...]) -> None:
     cell = ScriptedCell(contours)
     assert _run(cell, Watching(), MEASURED) is None
-    formed = ["contour 0", "contour 1", "lift 1", "contour 2", "scan 2 aside", "contour 3", "lift 3", "contour 4"]
-    assert cell.asked == [*BEGIN, *formed, "finish"]
+    first, then = ["contour 0", "lift 0", "contour 1", "lift 1"], ["contour 2", "scan 2 aside", "contour 3", "lift 3"]
+    assert cell.asked == [*BEGIN, *first, *then, "contour 4", "finish"]
 
 
 @pytest.mark.parametrize("step", [*BEGIN, "contour 2", "lift 1", "scan 2 aside", "check"])
@@ -190,7 +190,7 @@ def test_cancelled_after_two_contours_no_lift_follows(contours: tuple[Contour, .
     failed = _run(cell, Watching(patience=2), "method: fused\n  lift_every: 2")
     assert failed is not None
     assert failed.code is ErrorCode.CANCELLED
-    assert cell.asked == [*BEGIN, "contour 0", "contour 1", "stop CANCELLED", "finish"]
+    assert cell.asked == [*BEGIN, "contour 0", "lift 0", "contour 1", "stop CANCELLED", "finish"]
 
 
 def test_cancelled_when_all_is_formed_the_part_is_complete(contours: tuple[Contour, ...]) -> None:
