@@ -48,7 +48,7 @@ def main() -> None:
 def run(case: Case, method: str, first_contour: str) -> str:
     """Largest / mean error in mm of one run, or how it ended early."""
     job_file, name = job_of(case)
-    springback = job_file.job.springback.model_copy(update={"first_contour": first_contour})
+    springback = job_file.job.springback.model_copy(update={"first_contour": first_contour, "lift_every": 0})
     job_file.job = job_file.job.model_copy(update={"springback": springback})
     options = RunOptions(correction=name, variant=case.world, seed=0)
     record = in_process.form(job_file, options, part_plan=plan_for(job_file, method))
