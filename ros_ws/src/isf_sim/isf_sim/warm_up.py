@@ -10,9 +10,11 @@ import numpy as np
 from isf_core import warm_up as core
 from isf_core.files.job import JobFile
 
+from isf_sim.machine.events import EventBounds, wall_strain
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.sheet.die_plant import DiePlant
 from isf_sim.sheet.sheet_plant import SheetPlant
+from isf_sim.sheet.squeeze import no_squeeze
 from isf_sim.sheet.thickness import strain_up_the_wall
 from isf_sim.sheet.turned_sheet import turn_over
 
@@ -39,6 +41,8 @@ def warm_up() -> float:
     _go_round(plant)
     contact, tip = plant.contact, plant.contact.formed_tip
     strain_up_the_wall(plant.surface, tip[0], tip[1], contact.wall, plant.radius, 1.0, 0.0, np.zeros(3))
+    bounds = EventBounds(0.0, 1.0, 1.0, 0.0, 0.0, plant.radius, plant.radius, plant.thickness)
+    wall_strain(plant.surface, contact, no_squeeze(), plant.radius, 0.0, bounds, np.zeros(3))  # as an event is told
     machine.measured_shape()
     turn_over(plant, np.array([0.0, 0.0, 0.02]))
     _go_over_a_die(machine)
