@@ -150,12 +150,13 @@ class LiftedLaw:
             return Lifted(law, np.sqrt(prior) * law, measured=False)
         known = np.array([reading.place for reading in self._readings])
         said, found = np.array([(reading.law, reading.found) for reading in self._readings]).T
-        missing = MISSING_DEVIATION * np.clip(law / said[-1], 0.0, 1.0)  # without a force there is none
+        share = np.clip(law / said[-1], 0.0, 1.0)  # without a force nothing springs back
+        missing = MISSING_DEVIATION * share
         among = np.outer(said, said) * _covariance(known, known) + MISSING_DEVIATION**2
         towards = np.outer(law, said) * _covariance(place, known) + MISSING_DEVIATION * missing[:, None]
         gain = np.linalg.solve(among + READING_DEVIATION**2 * np.eye(len(said)), towards.T).T
         variance = prior * law**2 + missing**2 - (gain * towards).sum(axis=1)
-        most = np.maximum(LARGEST_SCALE * law, law + LARGEST_MISSING / MISSING_DEVIATION * missing)
+        most = np.maximum(LARGEST_SCALE * law, law + LARGEST_MISSING * share)
         estimate = np.clip(law + gain @ (found - said), law / LARGEST_SCALE, most)
         return Lifted(estimate, np.sqrt(np.maximum(variance, 0.0)))
 
