@@ -96,7 +96,11 @@ def test_elastic_has_lifts_unless_the_job_says_otherwise(changed, method, interv
     assert lift_interval(JobFile(text, Path(".")).job, method) == interval
 
 
-def read(law, factor, dent=0.0, place=(30e-3, 0.0, -5e-3), noise=0.0, rng=None):
+USUAL = 0.3e-3
+"""m, dent that a tool usually stands in."""
+
+
+def read(law, factor, dent=USUAL, place=(30e-3, 0.0, -5e-3), noise=0.0, rng=None):
     """Arguments of ``add``: springback of ``factor`` times ``law`` (K,) m, and ``dent`` m that the force does not
     change."""
     force = np.linspace(LOAD, 0.3 * LOAD, len(law))
@@ -120,7 +124,7 @@ def test_an_estimate_converges_to_the_truth_and_knows_how_well():
     spread = [float(np.hypot(nothing.deviation[0], 0.3e-3))]  # with what a law does not know of
     for turn in range(6):
         place = np.array([30e-3 * np.cos(turn), 30e-3 * np.sin(turn), -5e-3 - 1e-3 * turn])
-        lifted.add(*read(WHOLE_SHEET, 1.3, 0.1e-3, place, 0.05e-3, rng))
+        lifted.add(*read(WHOLE_SHEET, 1.3, USUAL, place, 0.05e-3, rng))
         spread.append(float(lifted.at(there, law).deviation[0]))
     found = lifted.at(there, law)
     assert found.springback[0] == pytest.approx(1.3 * law[0], rel=0.04)
@@ -131,14 +135,26 @@ def test_an_estimate_converges_to_the_truth_and_knows_how_well():
     assert lifted.share_at(there)[0] == pytest.approx(1.3, rel=0.04)
 
 
-@pytest.mark.parametrize("dent", [0.0, 0.2e-3, 0.6e-3])
+@pytest.mark.parametrize(("dent", "missed"), [(USUAL, 0.03e-3), (0.0, 0.25e-3), (0.2e-3, 0.25e-3), (0.6e-3, 0.25e-3)])
 @pytest.mark.parametrize(("law", "factor"), [(WHOLE_SHEET, 1.0), (WHOLE_SHEET, 0.7), (OVER_A_PLATE, 4.0)])
-def test_a_way_that_the_force_does_not_change_is_no_springback(law, factor, dent):
+def test_a_way_that_the_force_does_not_change_is_no_springback(law, factor, dent, missed):
+    """A usual dent is told apart to 0.03 mm; of another one less is missed than it differs by."""
     lifted = LiftedLaw()
     for depth in range(1, 5):
         place = (30e-3, 0.0, -2e-3 * depth)
         lifted.add(*read(law, factor, dent, place))
-    assert lifted.at(np.array([place]), law[:1]).springback[0] == pytest.approx(factor * law[0], rel=0.06)
+    assert abs(lifted.at(np.array([place]), law[:1]).springback[0] - factor * law[0]) < missed
+
+
+def test_a_curve_over_a_plate_tells_its_dent_better_than_one_of_a_whole_sheet():
+    """Where the law is small, the way that the force leaves standing is the dent."""
+    missed = []
+    for law, factor in ((WHOLE_SHEET, 1.0), (OVER_A_PLATE, 4.0)):
+        lifted = LiftedLaw()
+        for depth in range(1, 9):
+            lifted.add(*read(law, factor, 0.55e-3, (30e-3, 0.0, -2e-3 * depth)))
+        missed.append(abs(lifted.at(np.array([[30e-3, 0.0, -16e-3]]), law[:1]).springback[0] - factor * law[0]))
+    assert missed[1] < 0.6 * missed[0] < 0.6 * 0.25e-3
 
 
 def test_more_than_a_dent_is_springback():
@@ -166,7 +182,7 @@ def test_what_the_law_does_not_know_of_is_the_same_where_the_law_says_more():
     lifted = LiftedLaw()
     for depth in range(1, 9):
         place = (30e-3, 0.0, -2e-3 * depth)
-        lifted.add(*read(OVER_A_PLATE, 4.0, 0.5e-3, place))
+        lifted.add(*read(OVER_A_PLATE, 4.0, USUAL, place))
     here = np.tile(place, (3, 1))
     more, same, none = lifted.at(here, np.array([0.4e-3, 0.14e-3, 0.0])).springback
     assert 0.8e-3 < more < 0.9e-3
@@ -183,7 +199,7 @@ def test_an_estimate_stays_within_what_is_believed(law, factor, least, most):
     lifted = LiftedLaw()
     for depth in range(1, 9):
         place = (30e-3, 0.0, -2e-3 * depth)
-        lifted.add(*read(law, factor, 0.0, place))
+        lifted.add(*read(law, factor, USUAL, place))
     assert least <= lifted.at(np.array([place]), law[:1]).springback[0] / law[0] <= most
 
 
@@ -192,7 +208,7 @@ def test_a_region_of_its_own_is_reported_from_the_whole_part():
     lifted = LiftedLaw()
     for turn in range(6):
         place = 40e-3 * np.array([np.cos(turn), np.sin(turn), 0.0])
-        lifted.add(*read(2.0 * WHOLE_SHEET, 1.15 if turn == 0 else 1.0, 0.0, place))
+        lifted.add(*read(2.0 * WHOLE_SHEET, 1.15 if turn == 0 else 1.0, USUAL, place))
     near, far = lifted.share_at(np.array([[40e-3, 0.0, 0.0], [-40e-3, 0.0, 0.0]]))
     assert near > 1.06
     assert abs(far - 1.0) < 0.04
@@ -235,7 +251,7 @@ def test_an_off_nominal_sheet_is_recognised_and_the_error_is_lower_than_without(
             if every and index % every == 1:
                 force = np.append(np.linspace(LOAD, 100.0, 40), 0.0)
                 x, y, z = corrected.forming_tip[-1]
-                gone = np.append(truth(nominal, force[:-1]), 0.0)
+                gone = np.append(truth(nominal, force[:-1]) + USUAL, 0.0)
                 method.add_lift(
                     reading_of(np.column_stack([np.full((41, 2), (x, y)), z + gone[0] - gone, force])), index
                 )

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from isf_core.contour import ContourCorrection
 from isf_core.files.job import JobFile
 from isf_core.types import Array
-from isf_springback.lift_feedback import lift_due, reading_of
+from isf_springback.lift_feedback import reading_of
 from isf_springback.methods import make_corrector
 from isf_springback.scan.feedback import scan_due
 from isf_springback.session import STAMP_TOLERANCE
@@ -43,7 +43,7 @@ def replay_corrections(
         if result is None or formed is None:
             break
         corrector.add_result(formed, result)
-        lift, scan = between(run, job_file, k)
+        lift, scan = lift_after(run, k), scan_after(run, job_file, k)
         if lift is not None:
             corrector.add_lift(reading_of(lift[1]), contour.index)
         if scan is not None:
@@ -57,21 +57,31 @@ Stamped = tuple[float, Array]
 """Stamp, s, and (P, 3) m of a scan or (K, 4) m and N of a tool lift."""
 
 
-def between(run: RecordedRun, job_file: JobFile, place: int) -> tuple[Stamped | None, Stamped | None]:
-    """Tool lift and scan that were due after the contour at ``place`` of the record, as far as they are in it."""
-    part = run.part
-    contour = part.nominal[place]
-    results = {result.index: result for result in part.results}
-    if contour.index not in results:
-        return None, None
-    following = part.nominal[place + 1].index if place + 1 < len(part.nominal) else -1
-    since = results[contour.index].end
-    until = results[following].start if following in results else float("inf")
-    lift = (
-        _first(run.lifts, since, until) if lift_due(job_file, contour.index, contour.count, part.correction) else None
-    )
-    scan = _first(run.scans, since, until) if scan_due(job_file, contour.index, contour.count) else None
-    return lift, scan
+def lift_after(run: RecordedRun, place: int) -> Stamped | None:
+    """The tool lift made after the contour at ``place`` of the record; None where the tool was not lifted."""
+    return _first(run.lifts, *_pause_after(run, place))
+
+
+def lifted_after(run: RecordedRun) -> frozenset[int]:
+    """Indices of the contours after which the tool was lifted."""
+    return frozenset(contour.index for k, contour in enumerate(run.part.nominal) if lift_after(run, k) is not None)
+
+
+def scan_after(run: RecordedRun, job_file: JobFile, place: int) -> Stamped | None:
+    """The scan due after the contour at ``place`` of the record, as far as it is in it: scans are made at other times,
+    too."""
+    contour = run.part.nominal[place]
+    return _first(run.scans, *_pause_after(run, place)) if scan_due(job_file, contour.index, contour.count) else None
+
+
+def _pause_after(run: RecordedRun, place: int) -> tuple[float, float]:
+    """s, end of the contour at ``place`` of the record and start of the next; nothing lies between them where it was
+    not formed."""
+    nominal, results = run.part.nominal, {result.index: result for result in run.part.results}
+    if nominal[place].index not in results:
+        return float("inf"), 0.0
+    following = nominal[place + 1].index if place + 1 < len(nominal) else -1
+    return results[nominal[place].index].end, results[following].start if following in results else float("inf")
 
 
 def _first(items: tuple[Stamped, ...], begin: float, end: float) -> Stamped | None:

@@ -18,7 +18,6 @@ from isf_core.types import Array, Indices
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.measurements.tool_lift import lift_tool
-from isf_springback.lift_feedback import lift_due
 from isf_springback.scan.feedback import scan_due
 
 from isf_cell.replay.recorded_run import NANO, Armed, Ticks
@@ -59,13 +58,13 @@ def replay_force(
     results: tuple[ContourResult, ...],
     job_file: JobFile,
     config: ControlConfig,
-    method: str,
+    lifted: frozenset[int],
     progress: Callable[[int, int], None] | None = None,
 ) -> ForceReplay:
     """Feed ``ticks`` to a controller of ``config`` that forms the corrected ``contours``.
 
-    ``method`` is that of the springback in the recorded run, which says where tools were lifted. Every contour begins
-    at the tick at which the recorded one began (``results``), whatever the one before took.
+    The tool is lifted after the contours ``lifted``, by index, as it was. Every contour begins at the tick at which the
+    recorded one began (``results``), whatever the one before took.
     """
     started = {result.index: round(result.start * NANO) for result in results if len(result.tick_time)}
     ended = {result.index: round(result.end * NANO) for result in results}
@@ -98,7 +97,7 @@ def replay_force(
             notes.append(f"{contour_label(contour.index)}: {result.message}")
             break
         if ticks.exact:
-            _between(controller, feed, contour, job_file, method, end)
+            _between(controller, feed, contour, job_file, lifted, end)
         if progress is not None:
             progress(k + 1, len(wanted))
     contour_of, tick_of = (np.array(item, dtype=np.int64) for item in (feed.contour, feed.tick))
@@ -108,11 +107,11 @@ def replay_force(
 
 
 def _between(
-    controller: ForceController, feed: _Feed, contour: Contour, job_file: JobFile, method: str, end: int
+    controller: ForceController, feed: _Feed, contour: Contour, job_file: JobFile, lifted: frozenset[int], end: int
 ) -> None:
-    """What the executive had done before the next contour, as the job says."""
+    """What the executive had done before the next contour."""
     index, count = contour.index, contour.count
-    if lift_due(job_file, index, count, method):
+    if index in lifted:
         try:
             lift_tool(controller, SETTINGS)
         except IsfError:  # the tools are not on the sheet, as between two features

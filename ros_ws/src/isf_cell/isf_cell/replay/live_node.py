@@ -33,7 +33,6 @@ from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
 from isf_ros.lifecycle import failure
 from isf_ros.process import join_graph
-from isf_springback.lift_feedback import lift_due
 from isf_springback.scan.feedback import scan_due
 from lifecycle_msgs.srv import GetState
 from rclpy.duration import Duration
@@ -43,7 +42,7 @@ from sensor_msgs.msg import PointCloud2
 
 from isf_cell.processes.cell_nodes import operator_arguments
 from isf_cell.processes.process_group import NodeProcess, ProcessGroup
-from isf_cell.replay.correction_replay import between
+from isf_cell.replay.correction_replay import lift_after, lifted_after, scan_after
 from isf_cell.replay.differences import Difference, difference
 from isf_cell.replay.recorded_run import Armed, RecordedRun, Ticks
 from isf_cell.run.graph_cell import NOT_HEARD_YET
@@ -368,14 +367,15 @@ class _ForceControlFeed:
             yield f"armed with other parameters than recorded: {', '.join(other)}; --param NAME:=VALUE sets them"
 
     def _activities(self) -> Iterator[_Activity]:
-        """What the executive had done, as the job says."""
+        """What the executive had done."""
+        lifted = lifted_after(self._run)
         formed = {result.index for result in self._run.part.results if len(result.tick_time)}
         for contour in self._run.part.corrected:
             if contour.index not in formed:
                 return
             index, count, label = contour.index, contour.count, contour_label(contour.index)
             yield self._contour(contour, label)
-            if lift_due(self._job_file, index, count, self._run.part.correction):
+            if index in lifted:
                 goal = LiftTool.Goal(speed=SETTINGS.speed, zero_force=SETTINGS.zero_force, max_lift=SETTINGS.max_lift)
                 yield self._action(LiftTool, "lift_tool", goal, index, f"tool lift after {label}")
             if scan_due(self._job_file, index, count) and self._job_file.job.springback.scan_clear and contour.closed:
@@ -509,7 +509,7 @@ def _play_into_springback(live: _Live, run: RecordedRun, job_file: JobFile, prog
         if result is None:
             break
         results.publish(conversion.result_to_message(result, stamps.from_seconds(result.end)))
-        lift, scan = between(run, job_file, k)
+        lift, scan = lift_after(run, k), scan_after(run, job_file, k)
         if lift is not None:
             lifts.publish(conversion.lift_to_cloud(lift[1], stamps.from_seconds(lift[0])))
         if scan is not None:

@@ -16,7 +16,7 @@ from isf_core.contour import ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array, Mask
 
-from isf_cell.replay.correction_replay import replay_corrections
+from isf_cell.replay.correction_replay import lifted_after, replay_corrections
 from isf_cell.replay.differences import Difference, difference
 from isf_cell.replay.force_replay import ForceReplay, replay_force
 from isf_cell.replay.recorded_run import Armed, RecordedRun, Ticks
@@ -278,7 +278,7 @@ def replay(
             notes.append("recorded without force_ctrl/armed: parameters of force control are those of the job")
         phase("force control")
         force = replay_force(
-            run.ticks, armed, part.corrected, part.results, job_file, config, part.correction, count("force control")
+            run.ticks, armed, part.corrected, part.results, job_file, config, lifted_after(run), count("force control")
         )
         notes += force.notes
         lost = int(_lost(run.ticks, force).sum())
