@@ -31,7 +31,9 @@ def test_sizes_of_the_source_are_planned(name: str, opening: float, depth: float
 
     made = plan(job_file)
     reported = [text for text in made.warnings if not text.startswith("compensated: machine error")]
-    assert reported == []
+    # 20 to 50 mm of free sheet: the source's clamp is that wide
+    assert len(reported) == 1
+    assert reported[0].startswith("the sheet is free for ")
     # the wall of a cone is 60 deg steep on one circle only, which lies between two contours
     steepest, below = (45.0, 0.5) if name == "praveen_free_form" else (60.0, 4.0)
     assert steepest - below < np.degrees(made.largest_wall_angle) < steepest + 0.5
@@ -44,7 +46,8 @@ def test_sizes_of_the_source_are_planned(name: str, opening: float, depth: float
 
 def test_the_machine_error_of_the_large_cone_is_the_published_one() -> None:
     """+0.10 to -0.27 mm over the opening of 610 mm (Praveen 2020, 2.4), within the 0.03 mm of the map."""
-    (text,) = plan(load_job(JOBS / "praveen_cone_610.yaml")).warnings
+    told = plan(load_job(JOBS / "praveen_cone_610.yaml")).warnings
+    (text,) = (one for one in told if one.startswith("compensated"))
     low, high = (float(word) for word in text.removeprefix("compensated: machine error ").split(" mm")[0].split(" to "))
     assert low == pytest.approx(-0.27, abs=0.03)
     assert high == pytest.approx(0.10, abs=0.03)

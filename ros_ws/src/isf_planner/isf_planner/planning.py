@@ -77,6 +77,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
     part_checks.check_machine(contours, job, rig)
     part_checks.check_backing_plate(contours, job)
+    warnings += part_checks.check_held(contours, job, rig)
     last = tuple(contour for contour in contours if contour.stage == len(part.preforms))
     part_checks.check_floors(last, planned, job)
     warnings += part_checks.check_support(last, planned, job)

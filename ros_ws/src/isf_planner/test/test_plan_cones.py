@@ -13,7 +13,7 @@ from isf_core.files.job import ControlSpec, load_job
 from isf_planner import Plan, plan
 from isf_planner.loops.tip_loops import TipLoop
 from isf_planner.paths.contour_making import contour_of, path_of
-from planner_parts import EXAMPLES, Cone, job_for, write
+from planner_parts import EXAMPLES, Cone, job_for, told, write
 
 R = 5e-3
 CONE = Cone()
@@ -132,7 +132,7 @@ def test_target(cone_plan: Plan) -> None:
 
 
 def test_predictions(cone_plan: Plan) -> None:
-    assert cone_plan.warnings == ()
+    assert told(cone_plan) == ()
     assert np.degrees(cone_plan.largest_wall_angle) == pytest.approx(45.0, abs=0.5)
     # sine law (Ren 2018, 1.1.2): 0.7071 mm at 45 deg
     assert cone_plan.smallest_thickness == pytest.approx(0.7071e-3, abs=7e-6)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import trimesh
 from isf_core.contour import over_floor
-from isf_core.files.job import load_job
+from isf_core.files.job import JobFile, load_job
 from isf_planner import plan
-from planner_parts import EXAMPLES
+from planner_parts import EXAMPLES, told
 from scipy.spatial import cKDTree
 
 NAMES = (
@@ -49,6 +49,29 @@ def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_par
 
 
 @pytest.mark.parametrize(
+    ("name", "changed", "free"),
+    [
+        ("ren_cone", {}, "88 mm between the part and the clamp"),
+        ("ren_cone_plate", {}, ""),
+        ("ren_cone_plate", {"[76 mm, 76 mm]": "[90 mm, 90 mm]"}, ""),
+        ("ren_cone_plate", {"[76 mm, 76 mm]": "[120 mm, 120 mm]"}, "23 mm between the part and the backing plate"),
+        ("tpif_cone", {}, ""),
+        ("adsif_cone", {}, ""),
+    ],
+)
+def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, changed: dict[str, str], free: str) -> None:
+    """The cone begins at r = 37 mm; it is clamped in a square of 250 mm."""
+    path = EXAMPLES / "jobs" / f"{name}.yaml"
+    text = path.read_text()
+    for old, new in changed.items():
+        assert old in text
+        text = text.replace(old, new)
+    warned = [one for one in plan(JobFile(text, path.parent)).warnings if one.startswith("the sheet is free for")]
+    assert len(warned) == bool(free)
+    assert not free or free in warned[0]
+
+
+@pytest.mark.parametrize(
     ("name", "angle", "depth", "contours"),
     [
         ("ren_cone", 50, 21, 42),
@@ -60,7 +83,7 @@ def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_par
 )
 def test_examples_are_planned_without_a_warning(name: str, angle: float, depth: float, contours: int) -> None:
     result = plan(load_job(EXAMPLES / "jobs" / f"{name}.yaml"))
-    assert result.warnings == ()
+    assert told(result) == ()
     made = result.contours
     walls = [made[0], *(one for before, one in itertools.pairwise(made) if not over_floor(one, before))]
     assert len(walls) == contours

@@ -14,7 +14,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile
 from isf_planner import plan
 from isf_planner.checks import part_checks
-from planner_parts import Cone, job_for, revolve, write
+from planner_parts import Cone, job_for, revolve, told, write
 from scipy.spatial import cKDTree
 
 
@@ -155,16 +155,16 @@ def test_pocket_in_which_the_tool_does_not_reach_the_bottom(tmp_path: Path) -> N
 
 def test_floor_fillet_smaller_than_the_tool_is_warned_of(tmp_path: Path) -> None:
     path = write(Cone(floor=1.5e-3).mesh(10e-6), tmp_path / "cone.stl")
-    (warning,) = plan(job_for(path, depth="2 mm", process="SPIF")).warnings
+    (warning,) = told(plan(job_for(path, depth="2 mm", process="SPIF")))
     assert "smaller than the tool" in warning
     assert "z = -1" in warning  # at the floor, -12 mm, or just above
 
 
 def test_entry_fillet_too_tight_for_the_support_tool_is_warned_of(tmp_path: Path) -> None:
     path = write(Cone(entry=2e-3).mesh(10e-6), tmp_path / "cone.stl")
-    (warning,) = plan(job_for(path, depth="1 mm")).warnings
+    (warning,) = told(plan(job_for(path, depth="1 mm")))
     assert "support tool" in warning
-    assert plan(job_for(path, depth="2 mm", process="SPIF")).warnings == ()
+    assert told(plan(job_for(path, depth="2 mm", process="SPIF"))) == ()
 
 
 def test_part_beside_the_centre_is_placed_and_reported(tmp_path: Path) -> None:

@@ -48,6 +48,10 @@ PLATE_TOLERANCE = 0.1e-3
 """m, by which the sheet may be pressed into a backing plate: against its edge it is, where the opening is that of the
 part."""
 
+FREE_SHEET = 10e-3
+"""m from the part to what holds the sheet, beyond which it is warned of (assumed; on the elasto-plastic sheet the 10 mm
+around the opening sink by 0.3 mm with a plate 8 mm away, by 1.0 mm with one 26 mm away, by 4 mm without)."""
+
 NOWHERE = -10.0
 """m, height of nodes that are to be left out."""
 
@@ -244,6 +248,25 @@ def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
             advice=f"give its opening {_tenths(missing[worst])} mm more on each side (backing_plate.size), or form "
             "with one tool (process SPIF)",
         )
+
+
+def check_held(contours: Sequence[Contour], job: Job, rig: Rig) -> tuple[str, ...]:
+    """Warning where nothing holds the sheet close to the part: metal bends for good there, with any correction."""
+    if job.process not in ("SPIF", "DSIF") or job.path.support == "on_blank":
+        return ()
+    _, contact = _points([(contour.index, contour.contact) for contour in contours])
+    x, y = contact[:, 0], contact[:, 1]
+    plate = job.backing_plate
+    clamp = np.minimum(0.5 * rig.clamp.size[0] - np.abs(x), 0.5 * rig.clamp.size[1] - np.abs(y))
+    free = float((clamp if plate is None else plate.inside(x, y)).min())
+    if free <= FREE_SHEET:
+        return ()
+    holds, remedy = ("clamp", "put") if plate is None else ("backing plate", "bring")
+    return (
+        f"the sheet is free for {free * 1e3:.0f} mm between the part and the {holds}: it bends there for good while "
+        "the part is formed and sinks around the opening, by millimetres where it is wide; "
+        f"{remedy} a backing_plate closer to the opening, and see what is left with --sheet shell_coarse",
+    )
 
 
 def _tool_over_plate(

@@ -16,7 +16,7 @@ from isf_core.files import adsif_surface
 from isf_core.files.job import JobFile, load_job
 from isf_planner import Plan, plan
 from isf_planner.checks import part_checks
-from planner_parts import EXAMPLES, Cone, job_for, write
+from planner_parts import EXAMPLES, Cone, job_for, told, write
 
 R = 5e-3
 T0 = 1e-3
@@ -73,7 +73,7 @@ def test_a_dome_is_the_pocket_seen_from_below(folder: Path) -> None:
 
 def test_roles_swap_within_one_part() -> None:
     result = plan(load_job(EXAMPLES / "jobs" / "two_features.yaml"))
-    assert result.warnings == ()
+    assert told(result) == ()
     tools = [contour.forming_tool for contour in result.contours]
     assert tools == [1] * 8 + [2] * 8
     assert [contour.retract for contour in result.contours] == [k == 8 for k in range(16)]
@@ -140,7 +140,7 @@ def test_support_too_large_for_the_curvature_is_reported(folder: Path) -> None:
 
     def reported(name: str, tool_1: float, tool_2: float, options: str = "") -> list[str]:
         radii = {"tool_1": f"radius: {tool_1:g} mm", "tool_2": f"radius: {tool_2:g} mm"}
-        return list(planned(folder, name, options, force="0 N", **radii).warnings)
+        return list(told(planned(folder, name, options, force="0 N", **radii)))
 
     def pressing(texts: list[str]) -> float:
         (text,) = texts
@@ -160,7 +160,7 @@ def test_a_flat_support_that_stands_too_high_is_reported(folder: Path) -> None:
     """The check alone: in place nothing is told, 0.5 mm higher the ring of the flat presses into the wall."""
     flat = "radius: 8 mm, corner_radius: 5 mm"
     made = planned(folder, "cone", tool_2=flat, force="0 N")
-    assert made.warnings == ()
+    assert told(made) == ()
     assert made.base is not None
     up = tuple(replace(contour, support_tip=contour.support_tip + [0, 0, 0.5e-3]) for contour in made.contours)
     (reported,) = part_checks.check_support(up, made.base.sides, made.base.job)
