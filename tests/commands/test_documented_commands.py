@@ -82,18 +82,21 @@ def test_benchmarks_and_scripts_that_pages_name_exist(line: str) -> None:
 
 
 def test_the_first_own_part_is_made_as_its_page_says(tmp_path: Path) -> None:
-    """Part, job and plan of the page, and its last simulation; the other ones differ by their method."""
+    """Part, job and plan of the page, and its corrected simulation; the others differ by method and sheet."""
     page = ROOT / "docs" / "first_part.md"
     (job,) = re.findall(r"^```yaml\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     (tmp_path / "my_part.yaml").write_text(job, encoding="utf-8")
     part, plan, *simulations, form = documented(page)
     assert form == "./isf form my_part.yaml"
-    for line in (part, plan, simulations[-1]):
+    (corrected,) = (line for line in simulations if line.endswith("-o corrected"))
+    for line in (part, plan, corrected):
         done = isf(*shlex.split(line)[1:], cwd=tmp_path)
         assert done.returncode == Exit.OK, done.stderr
+        assert "warning" not in done.stdout + done.stderr
     assert (tmp_path / "plan" / "plan.png").is_file()
     summary = json.loads((tmp_path / "corrected" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["deviation"]["max_mm"] < 1.0
+    assert summary["verdict"]["good"]
+    assert summary["deviation"]["max_mm"] < 0.45
 
 
 def test_plan_draws_a_job_and_a_bare_mesh(tmp_path: Path) -> None:
