@@ -133,11 +133,12 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     contours, expected = finish(made, job_file)
     part_checks.check_machine(contours, job, job_file.rig)
     part_checks.check_backing_plate(contours, job)
+    held = part_checks.check_held(contours, job, job_file.rig)
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
     shank = check_shank(contours, before.target, job_file) if job_file.tilts else None
     left = tool_paths.left_to_sine_law(sides, job)
-    reported = tuple(dict.fromkeys((*base.reported, *ruled, *left, *expected, *pressing)))
+    reported = tuple(dict.fromkeys((*base.reported, *ruled, *left, *expected, *held, *pressing)))
     tree, ball = merged(sides), job.tool_1.ball_radius
     return replace(
         before,

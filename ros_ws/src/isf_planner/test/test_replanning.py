@@ -30,6 +30,8 @@ def test_contacts_and_normals_stay_and_tips_follow(made: tuple[Plan, JobFile]) -
     before, job_file = made
     after = replan(before, changed(job_file, "tool_1: {radius: 5 mm}", "tool_1: {radius: 6 mm}"))
     assert after.plan_id != before.plan_id
+    assert after.warnings == before.warnings
+    assert any(text.startswith("the sheet is free for") for text in after.warnings)
     for a, b in zip(before.contours, after.contours, strict=True):
         np.testing.assert_allclose(b.normal, a.normal, atol=1e-12)
         # where the ball was moved out of facets it cuts a little, its contact moves with it

@@ -24,6 +24,9 @@ USED_FROM = 0.3
 """Part of the force before lifting above which the curve is compared with a law (assumed: below, the contact patch
 shrinks, and the way of the ball into the sheet counts)."""
 
+NOTHING = 1e-9
+"""m, a law that says no more is not compared."""
+
 _FEWEST = 4
 _KEPT = 40
 _LARGEST_SPRINGBACK = 30e-3
@@ -138,7 +141,7 @@ class LiftedLaw:
     def add(self, place: Array, reading: LiftReading, law: Array) -> None:
         """Compare ``reading`` with ``law`` (K,) m, the displacements that the law gives for its forces at the contact
         ``place`` (3,) m."""
-        usable = np.isfinite(law) & (law > 0.0)
+        usable = np.isfinite(law) & (law > NOTHING)
         if usable.sum() < 2:
             return
         law, displacement = law[usable], reading.displacement[usable]
