@@ -282,6 +282,7 @@ def test_ctrl_c_cancels_the_part_and_keeps_what_was_formed(tmp_path: Path) -> No
     os.kill(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=300)  # a bound against hanging: lifting, scan and report take their time
     assert process.returncode == Exit.CANCELLED, out + err
+    assert sum(line.startswith("warning the sheet is free for ") for line in reported) == 1  # of the planner
     data = json.loads(out)
     assert data["error"]["name"] == "CANCELLED"
     assert 2 <= data["contours"] < read_bag(output / "bag").planned

@@ -47,7 +47,7 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 
 from isf_cell.options import RunOptions
-from isf_cell.run.cell import PartGoal
+from isf_cell.run.cell import PLAN_WARNING, PartGoal
 from isf_cell.run.checkpoint import Checkpoint, CheckpointFolder, folder_below
 from isf_cell.run.graph_cell import GraphCell, GraphSettings, managed_nodes
 from isf_cell.run.graph_client import GraphClient
@@ -197,6 +197,9 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
                 phase=text, index=index, count=count, support_force=nan, predicted_springback=nan, correction=nan
             )
         )
+
+    def warned(self, text: str) -> None:
+        self.phase(f"{PLAN_WARNING}{text}")
 
     def formed(self, step: PartStep) -> None:
         self._publish_feedback(

@@ -29,9 +29,14 @@ from isf_cell.run.part_step import PartStep
 class _Operator:
     progress: Callable[[PartStep], None] | None
     stopped: Callable[[], bool] | None
+    told: Callable[[str], None] | None
 
     def phase(self, text: str, index: int = 0, count: int = 0) -> None:
         """Nobody looks."""
+
+    def warned(self, text: str) -> None:
+        if self.told:
+            self.told(text)
 
     def formed(self, step: PartStep) -> None:
         if self.progress:
@@ -53,11 +58,13 @@ def form(
     change: PartChange | None = None,
     progress: Callable[[PartStep], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    warned: Callable[[str], None] | None = None,
 ) -> PartRecord:
     """Plan (unless ``part_plan`` is given), form and scan one part; returns its record.
 
     ``control`` : parameters of force control (ControlConfig) in place of the job's and the defaults
     ``change`` : settings that change in the middle of the part
+    ``warned`` : gets each warning of the planner, before the part is formed
 
     A part that ends early (fault, cancel) returns what was formed, with the code in its last result; only
     faults before the first contour raise. A part whose final scan fails has none; the log says why.
@@ -69,7 +76,7 @@ def form(
     options = options or RunOptions()
     started = time.perf_counter()
     cell = InProcessCell(part_plan, control=control, change=change)
-    error = PartRun(cell, PartGoal(job_file, options), _Operator(progress, cancelled)).run()
+    error = PartRun(cell, PartGoal(job_file, options), _Operator(progress, cancelled, warned)).run()
     reported = (
         error is None
         or error.code in (ErrorCode.CANCELLED, ErrorCode.SHEET_TORN)

@@ -20,6 +20,7 @@ from isf_cell.commands.run_folder import make_folder, run_folder
 from isf_cell.options import UNCORRECTED, RunOptions
 from isf_cell.processes.reference_run import ReferenceRun
 from isf_cell.run import graph_run
+from isf_cell.run.cell import PLAN_WARNING
 from isf_cell.run.part_keeper import NOT_KEPT
 from isf_cell.run.part_step import PartStep
 
@@ -129,8 +130,8 @@ def _form(
             if message.phase == "paused":
                 progress.phase(f"waits after {contour_label(message.index - 1)}; in another terminal: isf go-on")
                 return
-            if message.phase.startswith(NOT_KEPT):
-                terminal.warn(message.phase)
+            if message.phase.startswith((NOT_KEPT, PLAN_WARNING)):
+                terminal.warn(message.phase.removeprefix(PLAN_WARNING))
                 return
             if message.phase != "forming":
                 progress.phase(message.phase)

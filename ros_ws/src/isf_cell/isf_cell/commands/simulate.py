@@ -65,7 +65,9 @@ def _form(job_file: JobFile, options: RunOptions, progress: terminal.PartProgres
             progress.contour(step)
 
         progress.phase("planning")
-        return in_process.form(job_file, options, progress=formed, cancelled=lambda: request.wanted)
+        return in_process.form(
+            job_file, options, progress=formed, cancelled=lambda: request.wanted, warned=terminal.warn
+        )
 
 
 def stopped(record: PartRecord) -> IsfError | None:

@@ -46,11 +46,13 @@ class PartGoal:
 
 @dataclass(frozen=True)
 class PlannedPart:
-    """A plan, how many contours it has, and after which of them (from 1) the part waits for ``executive/go_on``."""
+    """A plan, how many contours it has, after which of them (from 1) the part waits for ``executive/go_on``, and what
+    the planner warns of."""
 
     plan_id: str
     count: int
     hold_after: tuple[int, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -107,11 +109,18 @@ class Cell(Protocol):
         """Measure the part in its clamp and take the cell down; never raises."""
 
 
+PLAN_WARNING = "planned, with a warning: "
+"""How an operator behind the action is told, as a phase, what the planner warns of."""
+
+
 class Operator(Protocol):
     """Who watches the part and may stop it."""
 
     def phase(self, text: str, index: int = 0, count: int = 0) -> None:
         """What is being done."""
+
+    def warned(self, text: str) -> None:
+        """The planner has something to look at before the part is formed."""
 
     def formed(self, step: PartStep) -> None:
         """A contour was formed."""

@@ -286,7 +286,8 @@ class GraphCell:
         if result.code:
             raise IsfError(ErrorCode(result.code), result.message)
         self._plan_id = result.plan_id
-        return PlannedPart(result.plan_id, int(result.count), tuple(int(number) for number in result.hold_after))
+        holds = tuple(int(number) for number in result.hold_after)
+        return PlannedPart(result.plan_id, int(result.count), holds, tuple(result.warnings))
 
     def arm(self, goal: PartGoal, planned: PlannedPart) -> None:
         """As in the protocol."""

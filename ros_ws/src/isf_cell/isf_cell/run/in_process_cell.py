@@ -121,7 +121,8 @@ class InProcessCell:
     def plan(self, goal: PartGoal) -> PlannedPart:
         """Plan, unless a plan was given."""
         self.part_plan = self.part_plan or plan(goal.job_file)
-        return PlannedPart(self.part_plan.plan_id, len(self.part_plan.contours))
+        made = self.part_plan
+        return PlannedPart(made.plan_id, len(made.contours), warnings=made.warnings)
 
     def arm(self, goal: PartGoal, planned: PlannedPart) -> None:
         """As in the protocol."""

@@ -91,6 +91,8 @@ class PartRun:
         operator.phase("planning")
         self.planned = planned = cell.plan(goal)
         self._check_plan(planned)
+        for text in planned.warnings:
+            operator.warned(text)
         cell.arm(goal, planned)
         for index in range(goal.first_index, planned.count):
             self._pause_before(index, planned.count)

@@ -53,7 +53,7 @@ class ScriptedCell:
 
     def plan(self, goal: PartGoal) -> PlannedPart:
         self._note("plan")
-        return PlannedPart("cone-1", len(self.contours))
+        return PlannedPart("cone-1", len(self.contours), warnings=("thin at (0, 0, -5) mm",))
 
     def arm(self, goal: PartGoal, planned: PlannedPart) -> None:
         self._note("arm")
@@ -113,6 +113,10 @@ class Watching:
     pauses: int = 0
     steps: list[PartStep] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def warned(self, text: str) -> None:
+        self.warnings.append(text)
 
     def phase(self, text: str, index: int = 0, count: int = 0) -> None:
         self.phases.append(text)
@@ -144,6 +148,7 @@ def test_the_whole_part(contours: tuple[Contour, ...]) -> None:
     assert _run(cell, operator, keeper=keeper) is None
     assert cell.asked == [*BEGIN, *(f"contour {k}" for k in range(CONTOURS)), "finish"]
     assert [step.index for step in operator.steps] == list(range(CONTOURS))
+    assert operator.warnings == ["thin at (0, 0, -5) mm"]
     assert keeper.kept == list(range(1, CONTOURS + 1))
 
 
