@@ -77,7 +77,7 @@ def scan_after(run: RecordedRun, job_file: JobFile, place: int) -> Stamped | Non
 def _pause_after(run: RecordedRun, place: int) -> tuple[float, float]:
     """s, end of the contour at ``place`` of the record and start of the next; nothing lies between them where it was
     not formed."""
-    nominal, results = run.part.nominal, {result.index: result for result in run.part.results}
+    nominal, results = run.part.nominal, run.result_of
     if nominal[place].index not in results:
         return float("inf"), 0.0
     following = nominal[place + 1].index if place + 1 < len(nominal) else -1

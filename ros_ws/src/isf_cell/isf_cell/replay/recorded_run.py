@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from isf_analysis.bag.open_bag import ENDED_BY_FORCE
 from isf_analysis.bag.tables import Bag, read_tables
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.scan_cloud import stamp_of
+from isf_core.contour import ContourResult
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.tool_axis import UPRIGHT
@@ -93,6 +95,11 @@ class RecordedRun:
     scans: tuple[tuple[float, Array], ...]
     lifts: tuple[tuple[float, Array], ...]
     retuned: tuple[str, ...] = ()
+
+    @cached_property
+    def result_of(self) -> dict[int, ContourResult]:
+        """Result of each contour that got so far, by its index."""
+        return {result.index: result for result in self.part.results}
 
     @property
     def simulated(self) -> bool:
