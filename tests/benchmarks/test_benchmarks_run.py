@@ -20,6 +20,11 @@ SMALLEST = [
     ("both_loops", "--jobs mini_cone --corrections none --factors 0 --worlds 0", r"\| mini_cone \| none \| 120 N \|"),
     ("force_control", "--jobs mini_cone --contours 3", r"\| mini_cone, 3 contours \| 120 \| 0 \|"),
     ("steep_parts", "--facets 12000", r"\d+ facets; processor time [\d.]+ s for features, [\d.]+ s for shapes"),
+    (
+        "tent_effect",
+        "--sheets fast --half 35 --upper 18 --lower 5 --step 2",
+        r"\| fast \| \+0\.0\d \|",
+    ),
     ("hostile_files", "--count 40 --kinds job points mesh.obj-text request", r"unexpected 0, over 5 s 0, over 1 GB 0"),
     ("springback", "--jobs mini_cone --methods none --worlds 0", r"\| mini_cone \| none \| 1 \|"),
 ]

@@ -126,6 +126,7 @@ def test_the_command_ends_with_the_code_and_the_report_says_why(tmp_path: Path) 
     assert ended.returncode == Exit.PROCESS, ended.stderr
     data = json.loads(ended.stdout)
     assert data["complete"] is False
+    assert data["torn"] is True
     assert data["error"]["name"] == "SHEET_TORN"
     assert data["failure"]["code"] == 1413
     assert data["verdict"]["good"] is False

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from isf_core.contour import contour_label, over_floor
+from isf_core.events import torn
 from isf_core.files.job import ToleranceSpec
 
 from isf_analysis.measures.contour_scan import ScanError, left_out, scan_errors
@@ -106,6 +107,7 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "software": record.software,
         "complete": failure is None,
         "failure": None if failure is None else {"code": failure[0], "message": failure[1]},
+        "torn": torn(record.events) is not None,
         "contours": record.formed,
         "contours_planned": record.planned,
         "floor_passes": sum(over_floor(contour, before) for before, contour in pairwise(record.nominal)),

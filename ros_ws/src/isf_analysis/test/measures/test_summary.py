@@ -43,6 +43,7 @@ def test_the_numbers_are_those_of_the_metrics_in_the_units_of_their_names() -> N
     assert (numbers["bag"], numbers["report"]) == ("runs/x/bag", "runs/x/report.html")
     assert numbers["complete"]
     assert numbers["failure"] is numbers["reference"] is numbers["improvement"] is None
+    assert numbers["torn"] is False
 
 
 def test_points_within_the_published_band_are_counted_by_region() -> None:

@@ -18,7 +18,7 @@ def test_every_material_says_what_it_bears_and_why(name: str) -> None:
     material = load_material(name)
     limit = forming_limit(material)
     assert not limit.estimated
-    assert 0.4 < limit.strain < 1.7
+    assert 0.4 < limit.strain < 2.3  # 76 deg in one pass (Behera 2015) are 2.2
     for field in ("fracture_strain", "fracture_slope", "bending_share"):
         assert material.provenance[field].startswith(("published", "calibrated", "assumed"))
     estimate = forming_limit(material.model_copy(update={"fracture_strain": None}))

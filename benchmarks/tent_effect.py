@@ -1,0 +1,119 @@
+"""Tent effect on the simulated sheets: how far a shallow lower wall pulls the finished wall above it inwards.
+
+Published: about 5 mm on ordinary two-slope parts (AA3103 of 1.5 mm, upper wall 35 mm and lower 17.5 mm deep, Behera
+2015, on interactions of features). Assumed: half opening 75 mm, radii, a backing plate whose opening is 2 mm wider, 60
+and 25 deg for the ordinary part, steps of 1 mm.
+
+The part is formed twice along one tool path, until the upper wall is whole and to its end. What the second scan adds to
+the first is told along the normal of the upper wall, in the middle of its four sides, inwards positive; scans are of
+the sheet in the clamp, without a tool.
+
+usage: ./isf python benchmarks/tent_effect.py [--sheets shell_coarse,fast] [--angles 60,25] [--json]
+
+shell_coarse takes 6 minutes of one core, fast half a minute.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import trimesh
+from isf_cell import in_process
+from isf_cell.options import RunOptions
+from isf_cell.run.part_step import PartStep
+from isf_core.files.job import JobFile
+from isf_core.simulated_sheet import SheetKind, sheet_kind
+from isf_core.types import Array
+from isf_planner import plan
+from isf_planner.part_library.catalogue import ribbed_pyramid
+from isf_planner.part_library.part_mesh import part_mesh
+
+CLEAR = 8.0
+"""mm of depth below the opening and above the rib that are left out: more than a tool radius."""
+
+FRAME = 2.0
+"""mm from the part's opening to that of the backing plate."""
+
+JOB = """
+name: tent_effect
+part: {{mesh: part.stl, unit: mm}}
+process: SPIF
+rig: behera2015
+sheet: {{material: AA3103, thickness: 1.5 mm}}
+tool_1: {{radius: 5 mm}}
+backing_plate: {{shape: rectangle, size: [{opening} mm, {opening} mm], corner_radius: 8 mm}}
+path: {{incremental_depth: {step} mm, point_spacing: 0.5 mm, feed: 33 mm/s}}
+control: {{rate: 100 Hz}}
+springback: {{method: none}}
+"""
+
+
+def job(given: argparse.Namespace, folder: Path) -> JobFile:
+    """Of the part with two walls, its mesh in ``folder``."""
+    upper, lower = np.radians(given.angles)
+    radii = {"rib": 6e-3, "entry": 3e-3, "transition": 6e-3, "floor": 5e-3}
+    part = ribbed_pyramid(1e-3 * given.half, upper, 1e-3 * given.upper, lower, 1e-3 * given.lower, **radii)
+    mesh = part_mesh(part, 1e-5)
+    trimesh.Trimesh(1e3 * mesh.vertices, mesh.faces, process=False).export(folder / "part.stl")
+    return JobFile(JOB.format(opening=2.0 * (given.half + FRAME), step=given.step), folder)
+
+
+def pull(job_file: JobFile, sheet: SheetKind, places: Array, upper: float) -> Array:
+    """(N,) m, by how much the surface is higher at ``places`` (N, 2) m of a wall down to ``upper`` m, once there is a
+    wall below it."""
+    made = plan(job_file)
+    above = tuple(contour for contour in made.contours if contour.forming_tip[:, 2].min() > -upper)
+    heights = []
+    for contours in (above, made.contours):
+        part = replace(made, contours=contours)
+        record = in_process.form(job_file, RunOptions(sheet=sheet), part_plan=part, progress=_tell)
+        if record.scan is None or not record.results[-1].completed:
+            raise SystemExit(f"{sheet}: ended early, {record.results[-1].code}")
+        heights.append(record.scan.at(places))
+    return np.asarray(heights[1] - heights[0])
+
+
+def _tell(step: PartStep) -> None:
+    if sys.stderr.isatty():
+        print(f"\rcontour {step.index + 1} of {step.count} ", end="", file=sys.stderr, flush=True)
+
+
+def main() -> None:
+    """Form and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sheets", default="shell_coarse,fast")
+    parser.add_argument("--angles", default="60,25", type=lambda text: [float(one) for one in text.split(",")])
+    parser.add_argument("--half", default=75.0, type=float, help="mm, half of the side of the opening")
+    parser.add_argument("--upper", default=35.0, type=float, help="mm, depth of the upper wall")
+    parser.add_argument("--lower", default=17.5, type=float, help="mm, depth of the lower wall")
+    parser.add_argument("--step", default=1.0, type=float, help="mm, incremental depth")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    angle = math.radians(given.angles[0])
+    depth = np.linspace(CLEAR, given.upper - CLEAR, 5)
+    out = 1e-3 * (given.half - depth / math.tan(angle))
+    places = np.vstack([np.column_stack([out * x, out * y]) for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1))])
+    rows = {}
+    with TemporaryDirectory() as folder:
+        job_file = job(given, Path(folder))
+        for sheet in map(sheet_kind, given.sheets.split(",")):
+            moved = 1e3 * math.cos(angle) * pull(job_file, sheet, places, 1e-3 * given.upper)
+            rows[sheet] = moved.reshape(4, -1).mean(axis=0).round(2).tolist()
+    if given.json:
+        print(json.dumps({"depth_mm": depth.round(2).tolist(), "inwards_mm": rows}))
+        return
+    print(f"| upper wall moves inwards by [mm], depth [mm] | {' | '.join(f'{one:.1f}' for one in depth)} |")
+    print(f"|---|{'---|' * len(depth)}")
+    for sheet, inwards in rows.items():
+        print(f"| {sheet} | {' | '.join(f'{one:+.2f}' for one in inwards)} |")
+
+
+if __name__ == "__main__":
+    main()
