@@ -1,6 +1,7 @@
 """Features, morphed shapes and sequenced partial paths of a part of 200,000 facets: processor time, memory, a picture.
 
 usage: ./isf python benchmarks/steep_parts.py [--facets N] [--picture FILE]
+       ./isf python benchmarks/steep_parts.py --formed "one pass=RUN" "morphed=RUN" --picture FILE   (their sections)
 The part is the pyramid of examples/jobs/behera_80_25.yaml with its facets divided. Times are of one core; run it with
 OMP_NUM_THREADS=1 where numpy's libraries use more.
 """
@@ -15,6 +16,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import trimesh
+from isf_analysis.bag.bag_reader import read_bag
 from isf_core.files.job import JobFile, load_job
 from isf_planner import plan
 from isf_planner.features.segmentation import find_features
@@ -52,6 +54,27 @@ def draw(made: Preforms, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
+def draw_formed(runs: list[str], path: Path) -> None:
+    """Section along x through parts that were formed, ``runs`` as LABEL=RUN, and their target."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 4.4), layout="constrained")
+    axes = figure.add_subplot()
+    for number, run in enumerate(runs):
+        label, _, where = run.partition("=")
+        record = read_bag(Path(where))
+        if record.scan is None or record.target is None:
+            raise SystemExit(f"{where}: no scan or no target in it")
+        x = np.arange(record.target.x[0], record.target.x[-1], 0.25e-3)
+        line = np.column_stack([x, 0.0 * x])
+        if number == 0:
+            axes.plot(x * 1e3, record.target.at(line) * 1e3, "k--", label="part", linewidth=1.2)
+        axes.plot(x * 1e3, record.scan.at(line) * 1e3, label=label)
+    axes.set(aspect="equal", xlabel="x in mm", ylabel="z in mm")
+    axes.legend(frameon=False, fontsize=9, loc="lower left")
+    figure.savefig(path, dpi=110)
+
+
 def sequenced(part: Mesh) -> float:
     """s of processor time to plan ``part``, reading included, with four shapes and a path for every feature."""
     text = JOB.read_text().replace("shapes: 3", "shapes: 4").replace("path:\n", "path:\n  partial_paths: true\n")
@@ -68,7 +91,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--facets", type=int, default=200_000)
     parser.add_argument("--picture", type=Path)
+    parser.add_argument("--formed", nargs="+", metavar="LABEL=RUN", help="draw these, measure nothing")
     given = parser.parse_args()
+    if given.formed:
+        draw_formed(given.formed, given.picture or parser.error("--formed needs --picture"))
+        return
     job_file = load_job(JOB)
     loaded = load_mesh(job_file.mesh, job_file.job.part.unit)
     part = divided(mesh_checks.check_and_place(loaded, (0.182, 0.182), 5e-3).mesh, given.facets)

@@ -99,8 +99,9 @@ class MorphSpec(FileModel):
     """Where the next wall is farther away than the tool bridges (Behera 2015 eq. 1): warn, or refuse the plan."""
     gap: Literal["horizontal", "normal"] = "horizontal"
     """Direction in which that distance is measured: the source leaves it open."""
-    method: Literal["diffusion", "laplacian"] = "diffusion"
-    """How the part is morphed: diffusion, which gets flatter everywhere, or as published, which overshoots."""
+    method: Literal["scaling", "diffusion", "laplacian"] = "diffusion"
+    """How the part is morphed: scaling, the part less deep; diffusion, which rounds and gets flatter everywhere; or as
+    published, which overshoots."""
     chi: float = Field(default=3e-4, gt=0.0, le=10.0)
     """Method laplacian: weight of the old shape, every node anchored; larger ones give more and smaller steps."""
     joint_width: Length | None = Field(default=None, gt=0.5e-3, lt=0.1)

@@ -1,8 +1,9 @@
 """The chain of shapes from a part to the flat blank, and the joint of each to the flange (Behera 2015).
 
 Shapes are made from the part on, by the rules of :mod:`isf_planner.morphing.rules`, and formed the other way round: the
-flattest first. Two methods:
+flattest first. Three methods:
 
+* ``scaling``: shape k is the part, less deep: walls stay walls, and what lies below them goes along.
 * ``diffusion`` (default): shape k is the part diffused over the length l_k, each by half longer than the one before,
   times the speed of the feature. Depth and slope fall from shape to shape.
 * ``laplacian``: the published one, least squares with the weight chi, repeated on what came out; the weight of a
@@ -26,7 +27,7 @@ from isf_planner.morphing.laplacian import AnchoredLaplacian, diffused, grid_edg
 from isf_planner.morphing.rules import MOST, MorphRules
 from isf_planner.surface import height_grid
 
-Method = Literal["diffusion", "laplacian"]
+Method = Literal["scaling", "diffusion", "laplacian"]
 
 SHORTEST = 3.0
 """Shortest length of a diffusion, over the pitch of the grid."""
@@ -36,6 +37,9 @@ LONGER = 1.5
 
 FLAT = 0.02
 """Depth of the last shape of a chain, over that of the part."""
+
+SCALED = 50
+"""Shapes from the part to the flat blank by scaling; between two of them any is in proportion."""
 
 MOST_SHAPES = 60
 """Shapes after which a chain ends, flat or not."""
@@ -93,7 +97,12 @@ def make_chain(
     chi: float = 3e-4,
 ) -> Chain:
     """Chain of the ``part``, whose flange lies at z = 0; ``chi``: weight of the old shape in method laplacian."""
-    shapes = _by_diffusion(part, rules) if method == "diffusion" else _by_least_squares(part, rules, chi)
+    if method == "scaling":
+        shapes = [part.z * (1.0 - k / SCALED) for k in range(SCALED + 1)]
+    elif method == "diffusion":
+        shapes = _by_diffusion(part, rules)
+    else:
+        shapes = _by_least_squares(part, rules, chi)
     return Chain(part.x, part.y, np.array(shapes), rules, joint)
 
 

@@ -264,6 +264,19 @@ def test_first_shape_has_the_angle_and_steps_keep_the_limit(chain: Chain) -> Non
     np.testing.assert_allclose(np.diff(volume), np.mean(np.diff(volume)), rtol=0.25)
 
 
+def test_scaled_shapes_keep_their_walls_and_never_lie_below_the_part(part: tuple[HeightMap, MorphRules]) -> None:
+    heights, rules = part
+    chain = make_chain(heights, rules, (RADIUS, 1 / 3), "scaling")
+    np.testing.assert_array_equal(chain.shape(0.0).z, heights.z)
+    assert np.abs(chain.shape(chain.length).z).max() < 1e-9
+    half = chain.shape(0.5 * chain.length)
+    assert (half.z >= heights.z).all()
+    assert -half.z.min() == pytest.approx(16e-3, abs=1e-6)  # the part is 32 mm deep
+    wall = (np.abs(heights.y)[:, None] < 20e-3) & (heights.z > -14e-3) & (heights.z < -8e-3)
+    slope = np.hypot(*half.gradient())[wall]
+    assert np.degrees(np.arctan(np.median(slope))) == pytest.approx(40.9, abs=0.5)  # half of tan 60 deg
+
+
 def test_depths_of_the_worked_pyramid() -> None:
     """60 deg over 60 mm, then 30 deg over 30 mm, 200 mm wide, 91 x 91 nodes: computed beforehand by another program."""
     axis = np.linspace(-100e-3, 100e-3, 91)
