@@ -8,7 +8,7 @@ The part is formed twice along one tool path, until the upper wall is whole and 
 the first is told along the normal of the upper wall, in the middle of its four sides, inwards positive; scans are of
 the sheet in the clamp, without a tool.
 
-usage: ./isf python benchmarks/tent_effect.py [--sheets shell_coarse,fast] [--angles 60,25] [--json]
+usage: ./isf python benchmarks/tent_effect.py [--sheets shell_coarse,fast] [--angles 60 25] [--json]
 
 shell_coarse takes 6 minutes of one core, fast half a minute.
 """
@@ -89,13 +89,15 @@ def main() -> None:
     """Form and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sheets", default="shell_coarse,fast")
-    parser.add_argument("--angles", default="60,25", type=lambda text: [float(one) for one in text.split(",")])
+    parser.add_argument("--angles", default=(60.0, 25.0), nargs=2, type=float, help="deg, of upper and lower wall")
     parser.add_argument("--half", default=75.0, type=float, help="mm, half of the side of the opening")
     parser.add_argument("--upper", default=35.0, type=float, help="mm, depth of the upper wall")
     parser.add_argument("--lower", default=17.5, type=float, help="mm, depth of the lower wall")
     parser.add_argument("--step", default=1.0, type=float, help="mm, incremental depth")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
+    if given.upper <= 2.0 * CLEAR:
+        parser.error(f"--upper: {CLEAR:g} mm at either end are left out, so more than {2.0 * CLEAR:g} mm are needed")
     angle = math.radians(given.angles[0])
     depth = np.linspace(CLEAR, given.upper - CLEAR, 5)
     out = 1e-3 * (given.half - depth / math.tan(angle))

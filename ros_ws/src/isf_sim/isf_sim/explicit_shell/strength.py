@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 from isf_core.files.material import FormingLimit
 from isf_core.types import Array
-from numpy.typing import NDArray
 
 from isf_sim.explicit_shell.shell import ExplicitShell
 from isf_sim.sheet.surface import LONG_AGO
@@ -26,7 +25,7 @@ class Strength:
     ----------
     bending : (e,) 1/m, curvatures of the tools that an element was bent to, a pass each, summed up
     touched : (e,) m, path of the tool at which an element was last touched
-    strain, place : beside the tool when it was judged last, as the forming limit counts it, and where, (3,) m
+    strain, place : largest one when it was judged last, as the forming limit counts it, and where, (3,) m
     """
 
     def __init__(self, shell: ExplicitShell, limit: FormingLimit, window: float) -> None:
@@ -51,28 +50,23 @@ class Strength:
             self.bending[begins] += 1.0 / tool["radius"]
             self.touched[touched] = path
 
-    def judge(self, shell: ExplicitShell, tip: Array, reach: float) -> None:
-        """Find the largest strain within ``reach`` m of ``tip`` (3,) m in the plane."""
-        middle = _middles(shell)
-        chosen = np.flatnonzero(np.hypot(middle[0] - tip[0], middle[1] - tip[1]) < reach)
-        if not chosen.size:
-            self.strain, self.place = 0.0, np.zeros(3)
-            return
-        strain = self._used(shell, chosen)
+    def judge(self, shell: ExplicitShell) -> None:
+        """Find the largest strain, wherever it is: a wall is also pulled thin after the tool has passed."""
+        strain = self._used(shell)
         worst = int(np.argmax(strain))
-        self.strain, self.place = float(strain[worst]), middle[:, chosen[worst]].copy()
+        self.strain, self.place = float(strain[worst]), _middles(shell)[:, worst].copy()
 
     def margin(self, shell: ExplicitShell) -> Array:
         """(e,) true strain that is left of the elements before the forming limit, negative beyond it."""
-        return np.asarray(self._limit.strain - self._used(shell, np.arange(self.bending.size)))
+        return np.asarray(self._limit.strain - self._used(shell))
 
-    def _used(self, shell: ExplicitShell, chosen: NDArray[np.intp]) -> Array:
-        """Strain of the ``chosen`` elements as the forming limit counts it."""
+    def _used(self, shell: ExplicitShell) -> Array:
+        """(e,) strain as the forming limit counts it."""
         limit = self._limit
-        strain = np.log(self._blank / shell.state.thickness[chosen])
+        strain = np.log(self._blank / shell.state.thickness)
         if limit.slope != 1.0:
-            strain = strain + (limit.slope - 1.0) * principal_strains(shell)[1][chosen]
-        return np.asarray(strain + 0.5 * self._blank * limit.bending_share * self.bending[chosen])
+            strain = strain + (limit.slope - 1.0) * principal_strains(shell)[1]
+        return np.asarray(strain + 0.5 * self._blank * limit.bending_share * self.bending)
 
 
 def principal_strains(shell: ExplicitShell) -> tuple[Array, Array]:

@@ -1,8 +1,9 @@
 """Events of a part: what happened to sheet or machine, each told once with place, time, value and limit.
 
-fracture      strain of the wall beside the tool above the forming limit of the material times 1 + c_n F_n / 200 N over
-              four tool radii of way (:class:`isf_core.files.material.FormingLimit`: strains and bends of all passes);
-              c_n from the later failure of the funnel with force control (Ren 2018, 2.4.1)
+fracture      strain of the wall beside the tool (elasto-plastic sheet: of any place) above the forming limit of the
+              material times 1 + c_n F_n / 200 N over four tool radii of way (strains and bends of all passes:
+              :class:`isf_core.files.material.FormingLimit`); c_n from the later failure of the funnel with force
+              control (Ren 2018, 2.4.1)
 galling       support force above c_g R_m R t0: 120 N is fine and 200 N sheds chips on AA1100-O with R 4.5 mm (same)
 buckling      accumulative forming outside the stable gaps (Ren 2018, 3.2.3)
 contact lost  the support tool carried load and carries none for 0.1 s, still beside the forming tool, which presses and

@@ -624,7 +624,7 @@ class SimulatedMachine:
             upper, lower = axes.tips + np.array([[0.0, 0.0, bounds.upper], [0.0, 0.0, -bounds.lower]])
             gap = float(np.linalg.norm(upper - lower)) - bounds.upper - bounds.lower
         if self.tick_count % THINNING_TICKS == 0:
-            shell.strength.judge(shell.shell, axes.tips[0], 2.0 * bounds.upper)
+            shell.strength.judge(shell.shell)
         support = float(np.linalg.norm(axes.force_2))
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
         saturated = int(axes.saturated[0])

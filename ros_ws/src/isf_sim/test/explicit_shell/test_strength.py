@@ -36,7 +36,7 @@ def test_minor_strain_counts_by_the_slope_of_the_fracture_line() -> None:
     used = []
     for slope in (1.0, 0.5):
         strength = Strength(shell, FormingLimit(1.0, slope, 0.0), 15e-3)
-        strength.judge(shell, np.zeros(3), 5e-3)
+        strength.judge(shell)
         used.append(strength.strain)
     assert used == pytest.approx([2.0 * np.log(1.25), 1.5 * np.log(1.25)], abs=1e-9)
 
@@ -50,6 +50,17 @@ def test_a_tool_that_comes_again_after_a_while_bends_again_where_it_touches() ->
         strength.note(shell, path)
     assert strength.bending.max() == pytest.approx(2.0 / 5e-3)
     assert 0 < np.count_nonzero(strength.bending) < 9
-    strength.judge(shell, np.zeros(3), 5e-3)
+    strength.judge(shell)
     assert strength.strain == pytest.approx(0.15 * 2.0 * 0.5 * BLANK / 5e-3)
     assert np.hypot(*strength.place[:2]) < 3e-3
+
+
+def test_a_wall_that_is_pulled_thin_after_the_tool_has_passed_is_judged() -> None:
+    shell = flat_shell()
+    shell.set_tool(0, Ball(5e-3), np.array([-8e-3, -8e-3, 0.5 * BLANK]))
+    shell.state.thickness[-1] = BLANK / np.e  # at the corner (8, 8) mm, 23 mm away
+    strength = Strength(shell, FormingLimit(0.9, 1.0, 0.15), 15e-3)
+    strength.judge(shell)
+    assert strength.strain == pytest.approx(1.0)
+    assert strength.place[:2] == pytest.approx([8e-3, 8e-3])
+    assert strength.margin(shell).min() == pytest.approx(-0.1)
