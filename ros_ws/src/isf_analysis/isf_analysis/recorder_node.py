@@ -410,7 +410,8 @@ LOG_PERIOD = round(0.05 * NANO)
 class TextSamples:
     """Rows of the text log from messages as they come; only those that a row is made of are looked into.
 
-    ``numbers`` of LOGGED_TOPICS in the recording, None for one that is not recorded. Time begins with the first row.
+    ``numbers`` of LOGGED_TOPICS in the recording, None for one that is not recorded. Time begins with the first row,
+    the first wrench after the first pose: which of the two a recorder hears first is chance.
     """
 
     def __init__(self, file: LogFile, numbers: Sequence[int | None]) -> None:
@@ -425,7 +426,7 @@ class TextSamples:
         if number not in (self._pose, self._wrench, self._lower):
             return
         self._newest[number] = data
-        if number != self._wrench:
+        if number != self._wrench or (self._pose is not None and self._pose not in self._newest):
             return
         seconds, fraction = unpack_from("<iI", data, 4)  # the stamp is what a message with a header begins with
         stamp = seconds * NANO + fraction
