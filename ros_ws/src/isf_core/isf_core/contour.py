@@ -178,13 +178,16 @@ class Contour:
         """z component of the push direction of the forming tool: -1 for the upper tool, +1 for the lower one."""
         return -1.0 if self.forming_tool == 1 else 1.0
 
-    def shifted(self, offset: Array) -> Contour:
-        """Contact and both tips moved by ``offset`` (N, 3) m: gap, normals and angles stay."""
+    def shifted(self, offset: Array, *, support: bool = True) -> Contour:
+        """Contact and both tips moved by ``offset`` (N, 3) m: gap, normals and angles stay.
+
+        Without ``support`` the tip of the support tool stays, and the gap does not.
+        """
         return replace(
             self,
             contact=self.contact + offset,
             forming_tip=self.forming_tip + offset,
-            support_tip=self.support_tip + offset if self.has_support else self.support_tip,
+            support_tip=self.support_tip + offset if support and self.has_support else self.support_tip,
         )
 
     def arc_length(self) -> Array:
@@ -201,7 +204,7 @@ class ContourCorrection:
     ----------
     plan_id, index : the contour
     method : name of the method ("none" when nothing was corrected)
-    offset : (N, 3) m, added to contact and both tips
+    offset : (N, 3) m, added to contact and both tips; with ``path.support: on_blank`` not to the support tool's
     springback : (N,) m, predicted elastic recovery along +z of an upward springback
     control_point : (M, 3) m, where the model was evaluated
     control_point_springback : (M,) m, prediction there

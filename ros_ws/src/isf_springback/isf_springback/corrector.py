@@ -74,10 +74,12 @@ class Corrector:
     ----------
     estimator : the method
     history : what was applied to the part so far, for reading
+    support_stays : the support tool is under the blank, where no correction moves it (:func:`apply`)
     """
 
     def __init__(self, estimator: Estimator, job_file: JobFile) -> None:
         self.estimator = estimator
+        self.support_stays = job_file.job.support_stays
         self._job_file = job_file
         self.history = History(ScanMemory(job_file, over_die=estimator.over_die))
         self._floor = FloorFeedback()
@@ -129,6 +131,11 @@ class Corrector:
         last = self.history.last(contour)
         push = self._push(contour, last.push, prediction, bounds)
         horizontal, limited, far = self._horizontal(contour, last.offset[:, :2], prediction, bounds)
+        if self.support_stays and self.history.base is None:
+            # the support tool is opposite: what moves the forming tool alone would squeeze the sheet between them
+            none = np.zeros(len(contour))
+            push, far = _Push(none, none, none > 0.0, over_floor=False, remarks=()), 0.0
+            horizontal, limited = np.zeros((len(contour), 2)), none > 0.0
         up = -contour.push_sign
         offset = np.column_stack([horizontal, -up * push.given])
         limited |= push.limited
@@ -276,8 +283,11 @@ class Corrector:
         return faded, limited | far, largest
 
 
-def apply(contour: Contour, correction: ContourCorrection) -> Contour:
+def apply(contour: Contour, correction: ContourCorrection, *, support_stays: bool = False) -> Contour:
     """The contour as it is to be formed: contact and both tips moved alike, so the gap of the tools stays.
+
+    ``support_stays``: the support tool is under the blank (:attr:`isf_core.files.job.Job.support_stays`). It holds the
+    sheet at the opening in place, as a backing plate does, and would press it down where the correction moved it, too.
 
     Raises
     ------
@@ -296,7 +306,7 @@ def apply(contour: Contour, correction: ContourCorrection) -> Contour:
             f"the offset of shape {correction.offset.shape} is not {len(contour)} finite points",
             where=contour_label(contour.index),
         )
-    return contour.shifted(correction.offset)
+    return contour.shifted(correction.offset, support=not support_stays)
 
 
 def _too_large(contour: Contour, asked: float, largest: float) -> IsfError:

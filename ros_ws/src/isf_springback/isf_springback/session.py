@@ -199,7 +199,7 @@ class CorrectionSession:
                 )
             corrector = self._corrector_for(contour)
             correction = self._with_missing(contour, corrector.correct(contour))
-            corrected = apply(contour, correction)
+            corrected = apply(contour, correction, support_stays=corrector.support_stays)
         except Exception as fault:  # a method may be of another package; whoever waits for the contour learns of it
             if not isinstance(fault, IsfError):
                 _log.exception("%s: method '%s' failed", contour_label(contour.index), self.method_name)

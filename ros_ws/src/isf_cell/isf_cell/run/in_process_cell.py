@@ -149,7 +149,7 @@ class InProcessCell:
         if self._successor is not None:
             same = self._successor.name == self._corrector.name
             self._successor.follow(nominal, correction, predict=same)
-        corrected = apply(nominal, correction)
+        corrected = apply(nominal, correction, support_stays=self._corrector.support_stays)
         self._controller.start(corrected)
         self._run()
         result = self._controller.take_result()

@@ -574,7 +574,8 @@ class SpringbackSpec(FileModel):
     """Factor on the predicted springback."""
     first_contour: Literal["predicted", "zero"] = "predicted"
     """Contours before which no force was measured: corrected for the force that the plan predicts (methods with a
-    model of the sheet), or not corrected, as published (Ren 2018, 4.3.1)."""
+    model of the sheet), or not corrected, as published (Ren 2018, 4.3.1). Left out it is ``zero`` with path.support
+    on_blank, whose support tool holds the sheet there: a push would only bend it."""
     scan_every: int = Field(default=0, ge=0)
     """The shape is measured after every so many contours, for methods that use it; 0: never."""
     scan_clear: bool = True
@@ -753,6 +754,10 @@ class Job(FileModel):
             raise ValueError(f"part.accuracy_surfaces needs process SPIF or DSIF: nothing is learned of {self.process}")
         if self.path.support == "on_blank" and self.control.force_controlled:
             raise ValueError("path.support on_blank has no force control: control.support_force must be 0 N")
+        if self.support_stays and self.springback.first_contour == "predicted":
+            raise ValueError(
+                "path.support on_blank holds the sheet under the first contour: first_contour must be zero"
+            )
         return self
 
     @model_validator(mode="after")
@@ -857,6 +862,18 @@ class Job(FileModel):
 
     @model_validator(mode="before")
     @classmethod
+    def _first_contour_left_out(cls, data: Any) -> Any:
+        """See ``SpringbackSpec.first_contour``."""
+        path = data.get("path") if isinstance(data, dict) and data.get("process") == "DSIF" else None
+        if not isinstance(path, dict) or path.get("support") != "on_blank":
+            return data
+        springback = data.get("springback", {})
+        if not isinstance(springback, dict) or "first_contour" in springback:
+            return data
+        return {**data, "springback": {**springback, "first_contour": "zero"}}
+
+    @model_validator(mode="before")
+    @classmethod
     def _own_process(cls, data: Any) -> Any:
         """A process of another package: its kind is the process, its name the strategy. The last one runs first."""
         name = data.get("process") if isinstance(data, dict) else None
@@ -866,6 +883,11 @@ class Job(FileModel):
         if kind not in BUILT_IN:
             raise ValueError(f"the process {name} has the kind {kind!r}: it must be one of {', '.join(BUILT_IN)}")
         return {**data, "process": kind, "strategy": name}
+
+    @property
+    def support_stays(self) -> bool:
+        """Whether the support tool stays under the blank, where no correction moves it."""
+        return self.process == "DSIF" and self.path.support == "on_blank"
 
     @property
     def force_refusal(self) -> str:

@@ -84,3 +84,13 @@ def test_no_force_control_under_the_blank() -> None:
     job(", support: on_blank")
     with pytest.raises(IsfError, match="support_force must be 0 N"):
         job(", support: on_blank", more="\ncontrol: {support_force: 100 N}")
+
+
+def test_nothing_is_pushed_on_a_first_contour_that_the_support_tool_holds() -> None:
+    assert job("", "DSIF").springback.first_contour == "predicted"
+    assert not job("", "DSIF").support_stays
+    on_blank = job(", support: on_blank")
+    assert on_blank.support_stays
+    assert on_blank.springback.first_contour == "zero"
+    with pytest.raises(IsfError, match="first_contour must be zero"):
+        job(", support: on_blank", more="\nspringback: {first_contour: predicted}")

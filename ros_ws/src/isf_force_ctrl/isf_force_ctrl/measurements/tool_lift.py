@@ -258,8 +258,11 @@ class ToolLift:
 
 
 def _zero_of(rise: Array, force: Array, zero_force: float, average: int) -> float:
-    """m, rise (K,) at which the force (K,) N vanishes, from means over ``average`` ticks of its last, small part."""
+    """m, rise (K,) at which the force (K,) N vanishes, from means over ``average`` ticks of its last, small part; NaN
+    where the tool was free before that many ticks."""
     blocks = len(rise) // average
+    if not blocks:
+        return math.nan
     first = len(rise) - blocks * average
     rise = rise[first:].reshape(blocks, average).mean(axis=1)
     force = force[first:].reshape(blocks, average).mean(axis=1)

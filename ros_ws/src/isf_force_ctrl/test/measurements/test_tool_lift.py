@@ -94,6 +94,22 @@ def test_a_lift_that_is_too_short_is_reported_and_returns(cell):
     assert targets[:, 2].max() - before.tip_1[2] == pytest.approx(0.3e-3, abs=1e-6)
 
 
+def test_a_tool_that_is_free_at_once_tells_nothing(cell):
+    """Before the force is averaged once, as after a support tool under the blank that carried the sheet."""
+    lift = lift_tool(cell.controller, SETTINGS)
+    targets = cell.controller.targets
+    for tick in range(2000):
+        axial = 0.0 if lift.phase in ("lifting", "returning") else 6.0
+        lift.step(0.002 * tick, targets, (0.0, 0.0, axial, 0.0, 0.0, 0.0))
+        if lift.ended:
+            break
+    assert lift.ended
+    assert lift.code is ErrorCode.OK
+    assert np.isnan(lift.record().springback)
+    assert lift.record().force == pytest.approx(6.0)
+    cell.run()
+
+
 @pytest.mark.parametrize("ticks", [50, 350, 450, 700, 1100])
 def test_cancelling_returns_from_any_phase(cell, ticks):
     before = cell.controller.targets

@@ -1,0 +1,48 @@
+"""A support tool under the blank (``path.support: on_blank``) holds the sheet where it is, whatever is corrected."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from isf_core.files.job import JobFile
+from isf_springback.corrector import apply
+from isf_springback.methods import make_corrector
+from springback_parts import JOB_TEXT, cone_contour, result_of
+
+FREE = JOB_TEXT.replace("control: {support_force: 120 N}\n", "").replace(
+    "0.5 mm, feed", "0.5 mm, support: SUPPORT, feed"
+)
+
+
+def corrected_contours(support, method):
+    """(nominal, correction, corrected) of a few contours under 500 N."""
+    job = JobFile(FREE.replace("SUPPORT", support), Path("."))
+    corrector, found = make_corrector(method, job), []
+    for index in range(4):
+        nominal = cone_contour(index)
+        correction = corrector.correct(nominal)
+        corrected = apply(nominal, correction, support_stays=corrector.support_stays)
+        corrector.add_result(corrected, result_of(corrected, 500.0))
+        found.append((nominal, correction, corrected))
+    return found
+
+
+@pytest.mark.parametrize("method", ["analytic", "elastic"])
+def test_the_support_tool_stays_and_the_forming_tool_is_corrected(method):
+    made = corrected_contours("on_blank", method)
+    for nominal, correction, corrected in made:
+        np.testing.assert_array_equal(corrected.support_tip, nominal.support_tip)
+        np.testing.assert_array_equal(corrected.forming_tip, nominal.forming_tip + correction.offset)
+        np.testing.assert_array_equal(corrected.contact, nominal.contact + correction.offset)
+    # nothing moves where the tools are opposite, and from then on what the force asks for
+    np.testing.assert_array_equal(made[0][1].offset, 0.0)
+    assert made[0][1].code == 0
+    assert made[3][1].offset[:, 2].max() < -1e-3
+
+
+@pytest.mark.parametrize("method", ["analytic", "elastic"])
+def test_an_opposite_support_tool_moves_alike(method):
+    made = corrected_contours("opposite", method)
+    for nominal, correction, corrected in made:
+        np.testing.assert_array_equal(corrected.support_tip, nominal.support_tip + correction.offset)
+    assert made[3][1].offset[:, 2].max() < -1e-3
