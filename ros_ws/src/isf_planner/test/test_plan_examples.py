@@ -52,6 +52,7 @@ def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_par
     ("name", "changed", "free"),
     [
         ("ren_cone", {}, "88 mm between the part and the clamp"),
+        ("ren_cone_on_blank", {}, ""),
         ("ren_cone_plate", {}, ""),
         ("ren_cone_plate", {"[76 mm, 76 mm]": "[90 mm, 90 mm]"}, ""),
         ("ren_cone_plate", {"[76 mm, 76 mm]": "[120 mm, 120 mm]"}, "23 mm between the part and the backing plate"),
@@ -69,6 +70,7 @@ def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, change
     warned = [one for one in plan(JobFile(text, path.parent)).warnings if one.startswith("the sheet is free for")]
     assert len(warned) == bool(free)
     assert not free or free in warned[0]
+    assert not free or ("path.support: on_blank" in warned[0]) == ("process: DSIF" in text)
 
 
 @pytest.mark.parametrize(
@@ -78,6 +80,7 @@ def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, change
         ("ren_pyramid", 50, 20, 40),
         ("spif_cone", 45, 15, 30),
         ("mini_cone", 45, 5, 10),
+        ("ren_cone_on_blank", 50, 21, 42),
         ("ren_cone_plate", 50, 21, 42),
     ],
 )

@@ -131,11 +131,6 @@ class Corrector:
         last = self.history.last(contour)
         push = self._push(contour, last.push, prediction, bounds)
         horizontal, limited, far = self._horizontal(contour, last.offset[:, :2], prediction, bounds)
-        if self.support_stays and self.history.base is None:
-            # the support tool is opposite: what moves the forming tool alone would squeeze the sheet between them
-            none = np.zeros(len(contour))
-            push, far = _Push(none, none, none > 0.0, over_floor=False, remarks=()), 0.0
-            horizontal, limited = np.zeros((len(contour), 2)), none > 0.0
         up = -contour.push_sign
         offset = np.column_stack([horizontal, -up * push.given])
         limited |= push.limited
@@ -231,9 +226,22 @@ class Corrector:
             smallest=-np.inf if bounds.pulls_back else 0.0,
         )
         start = None if base is None else float(base.push[-1])
-        given, limited = limit_along(contour, admitted, limits, last, start)
-        limited |= asked - admitted > NEGLIGIBLE
+        room = self._room_to_support(contour)
+        given, limited = limit_along(contour, np.minimum(admitted, room), limits, last, start)
+        given = np.minimum(given, room)
+        limited |= asked - np.minimum(admitted, room) > NEGLIGIBLE
         return _Push(asked, given, limited, pressed is not None, remarks)
+
+    def _room_to_support(self, contour: Contour) -> Array:
+        """(N,) m, push that leaves the thickness of the blank between the balls of the tools, where the support tool
+        does not move with it: the sheet is thinner there, by how much nobody knows for sure."""
+        if not (self.support_stays and contour.has_support):
+            return np.full(len(contour), np.inf)
+        up = -contour.push_sign
+        radius, other = self._radius[contour.forming_tool], self._radius[3 - contour.forming_tool]
+        apart = contour.forming_tip - contour.support_tip + [0.0, 0.0, up * (radius + other)]
+        least = (radius + other + self._job_file.job.sheet.thickness) ** 2 - (apart[:, :2] ** 2).sum(axis=1)
+        return np.where(least > 0.0, np.maximum(up * apart[:, 2] - np.sqrt(np.maximum(least, 0.0)), 0.0), np.inf)
 
     def _asked(self, prediction: Prediction) -> Array:
         if prediction.push is not None:

@@ -262,10 +262,11 @@ def check_held(contours: Sequence[Contour], job: Job, rig: Rig) -> tuple[str, ..
     if free <= FREE_SHEET:
         return ()
     holds, remedy = ("clamp", "put") if plate is None else ("backing plate", "bring")
+    or_else = ", or keep the support tool under the blank (path.support: on_blank)" if job.process == "DSIF" else ""
     return (
         f"the sheet is free for {free * 1e3:.0f} mm between the part and the {holds}: it bends there for good while "
         "the part is formed and sinks around the opening, by millimetres where it is wide; "
-        f"{remedy} a backing_plate closer to the opening, and see what is left with --sheet shell_coarse",
+        f"{remedy} a backing_plate closer to the opening{or_else}, and see what is left with --sheet shell_coarse",
     )
 
 

@@ -35,6 +35,7 @@ SLOW = {
     "behera_80_25",
     "behera_80_25_ordinary",
     "ren_cone",
+    "ren_cone_on_blank",
     "ren_cone_plate",
     "ren_funnel",
     "free_form",

@@ -106,6 +106,13 @@ class SimulatedMachine:
         sheet: SheetKind = "fast",
     ) -> None:
         job, rig = job_file.job, job_file.rig
+        if sheet == "fast" and job.support_stays:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                "the fast sheet does not know a support tool that holds the blank beside the contact",
+                where="path.support: on_blank",
+                advice="take --sheet shell_coarse",
+            )
         self.job_file = job_file
         self.variant_number, self.seed, self.blank = variant, seed, blank
         self.variant: Variant = make_variant(variant, seed, blank)

@@ -237,6 +237,15 @@ def test_accumulative_forming_is_refused() -> None:
     assert "SPIF, DSIF and TPIF" in str(refused.value)
 
 
+def test_the_fast_sheet_refuses_a_support_tool_under_the_blank() -> None:
+    job = JobFile((EXAMPLES / "ren_cone_on_blank.yaml").read_text(encoding="utf-8"), EXAMPLES, "job")
+    with pytest.raises(IsfError, match="does not know a support tool that holds the blank") as refused:
+        SimulatedMachine(job)
+    assert refused.value.code == ErrorCode.FILE_FIELD
+    assert refused.value.advice == "take --sheet shell_coarse"
+    SimulatedMachine(job, constants=COARSE, sheet="shell")
+
+
 @pytest.mark.parametrize("sheet", ["fast", "shell"])
 def test_a_tool_driven_into_the_die_ends_at_the_force_limit_with_its_place(sheet: SheetKind) -> None:
     """The die stands under the sheet, rigid: within 1.5 mm the machine is at its 2 kN, and the sheet stays whole."""
