@@ -226,7 +226,7 @@ class Corrector:
             smallest=-np.inf if bounds.pulls_back else 0.0,
         )
         start = None if base is None else float(base.push[-1])
-        room = self._room_to_support(contour)
+        room = self._room_to_support(contour) if self.support_stays and contour.has_support else np.inf
         given, limited = limit_along(contour, np.minimum(admitted, room), limits, last, start)
         given = np.minimum(given, room)
         limited |= asked - np.minimum(admitted, room) > NEGLIGIBLE
@@ -235,8 +235,6 @@ class Corrector:
     def _room_to_support(self, contour: Contour) -> Array:
         """(N,) m, push that leaves the thickness of the blank between the balls of the tools, where the support tool
         does not move with it: the sheet is thinner there, by how much nobody knows for sure."""
-        if not (self.support_stays and contour.has_support):
-            return np.full(len(contour), np.inf)
         up = -contour.push_sign
         radius, other = self._radius[contour.forming_tool], self._radius[3 - contour.forming_tool]
         apart = contour.forming_tip - contour.support_tip + [0.0, 0.0, up * (radius + other)]
