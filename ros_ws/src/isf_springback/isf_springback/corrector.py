@@ -31,7 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label, makes_floor, over_floor
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
+from isf_core.files.job import Job, JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Mask
 from scipy.ndimage import distance_transform_edt, median_filter
@@ -54,6 +54,7 @@ from isf_springback.scan.feedback import ScanMemory, contour_over_die
 from isf_springback.scan.sections import heights_at
 
 DIE_REMARK = "the die leaves no room for more correction where the contour works over it"
+SUPPORT_REMARK = "the support tool under the blank leaves no room for more correction"
 
 
 @dataclass(frozen=True)
@@ -226,20 +227,16 @@ class Corrector:
             smallest=-np.inf if bounds.pulls_back else 0.0,
         )
         start = None if base is None else float(base.push[-1])
-        room = self._room_to_support(contour) if self.support_stays and contour.has_support else np.inf
-        given, limited = limit_along(contour, np.minimum(admitted, room), limits, last, start)
-        given = np.minimum(given, room)
-        limited |= asked - np.minimum(admitted, room) > NEGLIGIBLE
+        if not (self.support_stays and contour.has_support):
+            given, limited = limit_along(contour, admitted, limits, last, start)
+        else:
+            room = room_to_support(contour, self._job_file.job)
+            remarks += (SUPPORT_REMARK,) if bool((admitted - room > NEGLIGIBLE).any()) else ()
+            admitted = np.minimum(admitted, room)
+            given, limited = limit_along(contour, admitted, limits, last, start)
+            given = np.minimum(given, room)
+        limited |= asked - admitted > NEGLIGIBLE
         return _Push(asked, given, limited, pressed is not None, remarks)
-
-    def _room_to_support(self, contour: Contour) -> Array:
-        """(N,) m, push that leaves the thickness of the blank between the balls of the tools, where the support tool
-        does not move with it: the sheet is thinner there, by how much nobody knows for sure."""
-        up = -contour.push_sign
-        radius, other = self._radius[contour.forming_tool], self._radius[3 - contour.forming_tool]
-        apart = contour.forming_tip - contour.support_tip + [0.0, 0.0, up * (radius + other)]
-        least = (radius + other + self._job_file.job.sheet.thickness) ** 2 - (apart[:, :2] ** 2).sum(axis=1)
-        return np.where(least > 0.0, np.maximum(up * apart[:, 2] - np.sqrt(np.maximum(least, 0.0)), 0.0), np.inf)
 
     def _asked(self, prediction: Prediction) -> Array:
         if prediction.push is not None:
@@ -313,6 +310,19 @@ def apply(contour: Contour, correction: ContourCorrection, *, support_stays: boo
             where=contour_label(contour.index),
         )
     return contour.shifted(correction.offset, support=not support_stays)
+
+
+def room_to_support(contour: Contour, job: Job) -> Array:
+    """(N,) m, push of the forming tool alone that leaves the thickness of the blank between the balls of both tools.
+
+    The sheet is thinner there, by how much nobody knows for sure. Infinite where the balls pass beside each other.
+    """
+    upper, lower = job.tool_1.ball_radius, 0.0 if job.tool_2 is None else job.tool_2.ball_radius
+    up = -contour.push_sign
+    apart = contour.forming_tip - contour.support_tip + [0.0, 0.0, up * (upper + lower)]
+    least = (upper + lower + job.sheet.thickness) ** 2 - (apart[:, :2] ** 2).sum(axis=1)
+    room = np.maximum(up * apart[:, 2] - np.sqrt(np.maximum(least, 0.0)), 0.0)
+    return np.where(least > 0.0, room, np.inf)
 
 
 def _too_large(contour: Contour, asked: float, largest: float) -> IsfError:

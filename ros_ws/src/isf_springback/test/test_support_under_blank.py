@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ball_gap import tool_gap
 from isf_core.files.job import JobFile
-from isf_springback.corrector import apply
+from isf_springback.corrector import SUPPORT_REMARK, apply
 from isf_springback.loop_path import nearest_points
 from isf_springback.methods import make_corrector
 from springback_parts import JOB_TEXT, cone_contour, result_of
@@ -41,15 +42,14 @@ def test_the_support_tool_stays_and_the_forming_tool_is_corrected(method):
         np.testing.assert_array_equal(corrected.forming_tip, nominal.forming_tip + correction.offset)
         np.testing.assert_array_equal(corrected.contact, nominal.contact + correction.offset)
         assert correction.code == 0
-        # the sheet of 1 mm is not squeezed more than planned between the balls, of 5 mm radius both
-        planned, left = (
-            np.linalg.norm(one.forming_tip - one.support_tip + [0.0, 0.0, 10e-3], axis=1) - 10e-3
-            for one in (nominal, corrected)
-        )
+        # the sheet of 1 mm is not squeezed more than planned between the balls
+        planned, left = (tool_gap(one.forming_tip, one.support_tip, 5e-3, 5e-3) for one in (nominal, corrected))
         assert (left - np.minimum(planned, 1e-3)).min() > -1e-9
     np.testing.assert_allclose(made[0][1].offset, 0.0, atol=1e-9)  # the tools are opposite
-    # at last the tools are as far apart as the force asks for
+    # at last the tools are as far apart as the force asks for; who reads the report learns where they were not
     assert made[-1][1].offset[:, 2].max() < -1e-3
+    told = [SUPPORT_REMARK in correction.remarks for _, correction, _ in made]
+    assert (told[0], told[1], told[-1]) == (False, True, False)
 
 
 @pytest.mark.parametrize("method", ["analytic", "elastic"])

@@ -220,6 +220,9 @@ class ToolLift:
                     f"the force is still {self.force:.0f} N after {1e3 * self._lifted:.2f} mm (raise max_lift, or "
                     "zero_force where the load cell has drifted)"
                 )
+            elif not self.code and len(self._log) < len(self._recent):
+                self.code = ErrorCode.MEASUREMENT_FAILED
+                self.message = f"the force was gone after {1e3 * self._lifted:.2f} mm, too soon to tell a springback"
             self._turn_back()
         elif self.phase == "returning":
             self._support_back()
@@ -258,11 +261,9 @@ class ToolLift:
 
 
 def _zero_of(rise: Array, force: Array, zero_force: float, average: int) -> float:
-    """m, rise (K,) at which the force (K,) N vanishes, from means over ``average`` ticks of its last, small part; NaN
-    where the tool was free before that many ticks."""
+    """m, rise (K,) at which the force (K,) N vanishes, from means over ``average`` ticks of its last, small part; K is
+    at least ``average``."""
     blocks = len(rise) // average
-    if not blocks:
-        return math.nan
     first = len(rise) - blocks * average
     rise = rise[first:].reshape(blocks, average).mean(axis=1)
     force = force[first:].reshape(blocks, average).mean(axis=1)
