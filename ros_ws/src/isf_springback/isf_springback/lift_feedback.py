@@ -112,7 +112,7 @@ _MAXIMUM_READINGS = 100
 
 @dataclass(frozen=True)
 class _Reading:
-    """m, what the ``law`` says under the force before lifting, and what is ``found``."""
+    """m, what the ``law`` says under the load of forming, and what is ``found``."""
 
     place: Array
     law: float
@@ -138,9 +138,15 @@ class LiftedLaw:
         """A new part begins."""
         self._readings = []
 
-    def add(self, place: Array, reading: LiftReading, law: Array) -> None:
+    def add(self, place: Array, reading: LiftReading, law: Array, said: float | None = None) -> None:
         """Compare ``reading`` with ``law`` (K,) m, the displacements that the law gives for its forces at the contact
-        ``place`` (3,) m."""
+        ``place`` (3,) m.
+
+        ``said`` m, what the law says of this place under the load measured while the contour was formed, with which it
+        is asked for the coming ones; None: what it says under the largest force of the reading. The two loads differ
+        where the support tool stands beside the contact: 140 N while both tools hold the sheet, 90 N once the forming
+        tool holds it alone in the same place.
+        """
         usable = np.isfinite(law) & (law > NOTHING)
         if usable.sum() < 2:
             return
@@ -149,7 +155,8 @@ class LiftedLaw:
         if not 0.0 <= dent <= LARGEST_DENT:
             dent = min(max(dent, 0.0), LARGEST_DENT)
             factor = float(law @ (displacement - dent) / (law @ law))
-        made = _Reading(np.array(place), float(law[0]), factor * float(law[0]))
+        found = factor * float(law[0])
+        made = _Reading(np.array(place), said if said is not None and said > NOTHING else float(law[0]), found)
         self._readings = [*self._readings[-_MAXIMUM_READINGS + 1 :], made]
 
     def at(self, place: Array, law: Array) -> Lifted:

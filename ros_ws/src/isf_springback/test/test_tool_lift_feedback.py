@@ -27,9 +27,12 @@ from springback_parts import JOB_TEXT, cone_contour, corrector_of, result_of
 LOAD = 500.0
 
 
-def job(method="analytic", every=1):
+def job(method="analytic", every=1, support="opposite"):
     options = f"lift_every: {every}, elastic: {{loop_increment: 4 mm}}, method: {method}"
-    return JobFile(JOB_TEXT.replace("method: analytic", options), Path("."))
+    text = JOB_TEXT.replace("method: analytic", options).replace("path: {", f"path: {{support: {support}, ")
+    if support == "on_blank":
+        text = text.replace("control: {support_force: 120 N}\n", "")
+    return JobFile(text, Path("."))
 
 
 def rows_of(springback, force=LOAD, exponent=0.6, place=(0.0, 0.0, -5e-3), points=60):
@@ -259,6 +262,27 @@ def test_an_off_nominal_sheet_is_recognised_and_the_error_is_lower_than_without(
     assert error[2] < 0.35 * error[0]
     assert error[2] < 0.15e-3
     assert any("tool lifting" in remark for remark in correction.remarks)
+
+
+@pytest.mark.parametrize("name", ["analytic", "elastic", "fused"])
+def test_a_sheet_that_the_forming_tool_holds_alone_with_less_than_both_tools_springs_back_by_what_the_lift_finds(name):
+    """The support tool is beside the contact: while forming, both forces sum up to LOAD; 0.65 of it holds the sheet."""
+    method = make_corrector(name, job(name, 2, "on_blank"))
+    model = getattr(method.estimator, "_model", method.estimator)
+    held = np.append(0.65 * np.linspace(LOAD, 0.2 * LOAD, 40), 0.0)
+    for index in range(10):
+        contour = cone_contour(index)
+        correction = method.correct(contour)
+        corrected = apply(contour, correction, support_stays=True)
+        method.add_result(corrected, result_of(corrected, LOAD))
+        springback, asked = (float(model.springback_under(contour, len(contour) - 1, f)[0]) for f in (held, [LOAD]))
+        if index % 2 == 1:
+            x, y, z = corrected.forming_tip[-1]
+            gone = np.append(model.springback_under(contour, len(contour) - 1, held[:-1]) + USUAL, 0.0)
+            rows = np.column_stack([np.full((41, 2), (x, y)), z + gone[0] - gone, held])
+            method.add_lift(reading_of(rows), index)
+    assert asked > springback + 0.5e-3
+    assert float(correction.springback[-1]) == pytest.approx(springback, abs=0.15e-3)
 
 
 def test_what_scans_have_fixed_stays_when_a_lift_changes_the_model():

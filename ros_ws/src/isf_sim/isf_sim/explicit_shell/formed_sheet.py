@@ -135,6 +135,7 @@ class FormedSheet:
             friction=material.friction * variant.friction,
             tool_speed=haste_of_two * constants.shell_speed if job.tool_2 else haste * constants.shell_speed_alone,
             plunge_speed=haste * constants.shell_plunge_speed,
+            withdrawal_speed=min(1.0, haste) * constants.shell_plunge_speed,
             damping=constants.shell_damping,
         )
         self.shell.state.position[2] = -0.5 * thickness

@@ -49,6 +49,19 @@ PLUNGE_SHARE = 0.02
 """Of the speed along the sheet, that across it in contact, unless told otherwise: the whole sheet has to follow, and
 swings through once in some 10 ms."""
 
+CALM_DAMPING = 500.0
+"""1/s of every motion while tools stand or leave the sheet: about critical for the first mode of 250 mm of it."""
+
+STANDS, REST_BEGINS = 1.0e-6, 2
+"""m by which a tool that stands may move, and after how many moves in which all stand the sheet comes to rest."""
+
+REST_MOVES, REST_TIME = 6, 12.0e-3
+"""Moves in which it does, and s that they take together: a machine that stands gives a sheet all the time it needs."""
+
+WITHDRAWAL_START, WITHDRAWAL_RAMP = 0.1, 5.0e-3
+"""Share of its speed at which a tool begins to leave the sheet, and s until it has all of it: the sheet follows without
+swinging, so that the force over the way is that of a sheet at rest."""
+
 SLIP_SHARE = 0.02
 """Of the speed of the tools, below which friction fades: a step in it would make the sheet ring."""
 
@@ -167,17 +180,20 @@ class ExplicitShell:
     x, y : lines ; sheet, edge ; state : State
     load : (3, n) N on the nodes, as long as it is not changed ; None: none
     step : s, time step ; steps : done so far ; tools : (2,) of library.TOOL
-    tool_speed, plunge_speed : m/s of the tools along the sheet, and across it while they touch it
+    tool_speed, plunge_speed, withdrawal_speed : m/s of the tools along the sheet, across it while they touch it, and
+        straight away from it
     threads : that compute it, 1 or 2, with the same result ; beside : s of the processor that the second one took
     """
 
     def __init__(
         self, x: Array, y: Array, sheet: Sheet, edge: Edge | None = None, *, friction: float = 0.1,
-        tool_speed: float = 20.0, plunge_speed: float | None = None, damping: float = 600.0,
+        tool_speed: float = 20.0, plunge_speed: float | None = None, withdrawal_speed: float | None = None,
+        damping: float = 600.0,
     ) -> None:  # fmt: skip
         self.x, self.y, self.sheet, self.edge = x, y, sheet, edge or Edge()
         self.tool_speed = tool_speed
         self.plunge_speed = PLUNGE_SHARE * tool_speed if plunge_speed is None else plunge_speed
+        self.withdrawal_speed = self.plunge_speed if withdrawal_speed is None else withdrawal_speed
         dx, dy = np.meshgrid(np.diff(x), np.diff(y))
         shortest = np.minimum(dx, dy)
         wave = np.sqrt(sheet.young_modulus / (sheet.density * (1.0 - sheet.poisson_ratio**2)))
@@ -202,6 +218,8 @@ class ExplicitShell:
         self._flow = curve[0] + (1.0 - sheet.kinematic) * (curve - curve[0])
         self._hardening = np.append(np.diff(self._flow) / TABLE_STEP, 0.0)
         self._damping, self._friction = damping, friction
+        self._leaving = 0.0  # s since a tool began to leave the sheet straight
+        self._stood = 0  # moves in which all tools stood
         self._contact = CONTACT_SHARE * sheet.density * sheet.thickness / self.step**2
         self.tools = np.zeros(TOOLS, dtype=TOOL)
         self._support: Support | None = None
@@ -292,17 +310,27 @@ class ExplicitShell:
 
         ``least``: steps at least, also for tools that rest ; ``raised`` m, the support is brought to that offset.
         """
-        tools, time = self.tools, 0.0
+        tools, time, leaving, farthest = self.tools, 0.0, False, 0.0
         tools["begin"] = tools["end"]
         for tool, tip in zip(tools, tips, strict=True):
             if tool["radius"] > 0.0:
                 tool["end"] = _centre(tool["radius"], tool["side"], tip)
                 dx, dy, dz = (tool["end"] - tool["begin"]).tolist()
+                farthest = max(farthest, math.hypot(dx, dy, dz))
                 across = self.plunge_speed if tool["touching"] > 0 else self.tool_speed / APPROACH
+                if tool["touching"] > 0 and tool["side"] * dz > math.hypot(dx, dy):
+                    leaving = True
+                    across = self.withdrawal_speed * min(1.0, max(WITHDRAWAL_START, self._leaving / WITHDRAWAL_RAMP))
                 time = max(time, math.hypot(dx / self.tool_speed, dy / self.tool_speed, dz / across))
         raised = self.raised if raised is None or self._support is None else raised
         time = max(time, abs(raised - self.raised) / self.plunge_speed)
-        self._advance(max(least, math.ceil(time / self.step)), self._damping, raised)
+        self._leaving = self._leaving + time if leaving else 0.0
+        self._stood = self._stood + 1 if farthest <= STANDS and raised == self.raised else 0
+        comes_to_rest = REST_BEGINS < self._stood <= REST_BEGINS + REST_MOVES
+        if comes_to_rest:
+            time = max(time, REST_TIME / REST_MOVES)
+        damping = CALM_DAMPING if leaving or comes_to_rest else self._damping
+        self._advance(max(least, math.ceil(time / self.step)), damping, raised)
         if self._support:
             self._support.offset = raised
         return np.array(tools["mean"])

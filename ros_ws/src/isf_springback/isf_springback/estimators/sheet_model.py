@@ -385,12 +385,25 @@ class SheetModel(Estimator):
         point = int(nearest_points(reading.place[None, :2], contour.forming_tip[:, :2])[0])
         try:
             law = self.springback_under(contour, point, reading.force)
+            said = self._said_of(contour, point)
         except IsfError as error:
             self.lift_remarks = (f"the tool lift after {contour_label(index)} is not used: {error.message}",)
             return
-        self.lifted.add(contour.contact[point], reading, law)
+        self.lifted.add(contour.contact[point], reading, law, said)
         remark = self.lifted.remark()
         self.lift_remarks = (remark,) if remark else ()
+
+    def _said_of(self, contour: Contour, point: int) -> float | None:
+        """m, springback at ``point`` of ``contour`` under the load measured on it, before tool lifts.
+
+        None: what it is under the force with which a lift begins. Only a support tool under the blank, beside the
+        contact, bends the sheet while it is formed by more than the sum of both forces; it leaves before a lift.
+        """
+        if not (self.job_file.job.support_stays and contour.has_support and self.force.measured(contour)):
+            return None
+        tip = contour.forming_tip[point : point + 1, :2]
+        load = self.force.at(contour, tip, contour.wall_angle[point : point + 1]).force
+        return float(self.springback_under(contour, point, load)[0])
 
     def lifted_share(self, place: Array) -> Array:
         """(M,) factor on the springback at ``place`` (M, 3) m by tool lifts; 1: none."""
