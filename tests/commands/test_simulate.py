@@ -28,7 +28,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("simulate")
     done = isf("simulate", str(quick_cone_file(folder)), "--json", "-o", "run", cwd=folder)
     assert done.returncode == Exit.OK, done.stderr
-    assert done.stderr.count("warning the sheet is free for 110 mm") == 1
+    assert done.stderr.count("warning the sheet is free for 114 mm") == 1
     data: dict[str, Any] = json.loads(done.stdout)
     return data
 

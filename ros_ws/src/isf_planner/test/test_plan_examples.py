@@ -51,17 +51,23 @@ def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_par
 @pytest.mark.parametrize(
     ("name", "changed", "free"),
     [
-        ("ren_cone", {}, "88 mm between the part and the clamp"),
+        ("ren_cone", {}, "99 mm between the part and the clamp"),
         ("ren_cone_on_blank", {}, ""),
         ("ren_cone_plate", {}, ""),
         ("ren_cone_plate", {"[76 mm, 76 mm]": "[90 mm, 90 mm]"}, ""),
         ("ren_cone_plate", {"[76 mm, 76 mm]": "[120 mm, 120 mm]"}, "23 mm between the part and the backing plate"),
+        # 6 mm away beside the plate's long sides, 37 mm beside the short ones
+        (
+            "ren_cone_plate",
+            {"[76 mm, 76 mm]": "[146 mm, 86 mm]", "shape: circle": "shape: rectangle"},
+            "37 mm between the part and the backing plate",
+        ),
         ("tpif_cone", {}, ""),
         ("adsif_cone", {}, ""),
     ],
 )
 def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, changed: dict[str, str], free: str) -> None:
-    """The cone begins at r = 37 mm; it is clamped in a square of 250 mm."""
+    """The cone begins at r = 37 mm; its clamp is a square of 250 mm, farthest away in the directions of the corners."""
     path = EXAMPLES / "jobs" / f"{name}.yaml"
     text = path.read_text()
     for old, new in changed.items():
@@ -70,6 +76,8 @@ def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, change
     warned = [one for one in plan(JobFile(text, path.parent)).warnings if one.startswith("the sheet is free for")]
     assert len(warned) == bool(free)
     assert not free or free in warned[0]
+    sinks = {"99": 6.0, "23": 2.9, "37": 3.6}  # mm: 0.6 times the root
+    assert not free or f"sinks by about {sinks[free[:2]]} mm" in warned[0]
     assert not free or ("path.support: on_blank" in warned[0]) == ("process: DSIF" in text)
 
 

@@ -49,8 +49,11 @@ PLATE_TOLERANCE = 0.1e-3
 part."""
 
 FREE_SHEET = 10e-3
-"""m from the part to what holds the sheet, beyond which it is warned of (assumed; on the elasto-plastic sheet the 10 mm
-around the opening sink by 0.3 mm with a plate 8 mm away, by 1.0 mm with one 26 mm away, by 4 mm without)."""
+"""m from the opening to what holds the sheet, beyond which it is warned of (assumed)."""
+
+SAG = 0.6e-3
+"""m by which the opening sinks, over the root of the mm of free sheet around it (14 parts of 1 mm of aluminium under
+one tool on the elasto-plastic sheet within a factor of 1.4; scanned cones 0.7 to 1.3 mm: docs/methods/planning.md)."""
 
 NOWHERE = -10.0
 """m, height of nodes that are to be left out."""
@@ -251,21 +254,27 @@ def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
 
 
 def check_held(contours: Sequence[Contour], job: Job, rig: Rig) -> tuple[str, ...]:
-    """Warning where nothing holds the sheet close to the part: metal bends for good there, with any correction."""
+    """Warning where nothing holds the sheet close to the part: metal bends for good there, with any correction.
+
+    What counts is the place of an opening, the first contour of a feature, that is farthest from what holds the sheet.
+    """
     if job.process not in ("SPIF", "DSIF") or job.path.support == "on_blank":
         return ()
-    _, contact = _points([(contour.index, contour.contact) for contour in contours])
-    x, y = contact[:, 0], contact[:, 1]
+    openings: dict[int, Array] = {}
+    for contour in contours:
+        openings.setdefault(contour.feature, contour.contact)
+    x, y, _ = np.vstack([np.empty((0, 3)), *openings.values()]).T
     plate = job.backing_plate
     clamp = np.minimum(0.5 * rig.clamp.size[0] - np.abs(x), 0.5 * rig.clamp.size[1] - np.abs(y))
-    free = float((clamp if plate is None else plate.inside(x, y)).min())
+    free = float((clamp if plate is None else plate.inside(x, y)).max(initial=0.0))
     if free <= FREE_SHEET:
         return ()
     holds, remedy = ("clamp", "put") if plate is None else ("backing plate", "bring")
     or_else = ", or keep the support tool under the blank (path.support: on_blank)" if job.process == "DSIF" else ""
     return (
-        f"the sheet is free for {free * 1e3:.0f} mm between the part and the {holds}: it bends there for good while "
-        "the part is formed and sinks around the opening, by millimetres where it is wide; "
+        f"the sheet is free for {1e3 * free:.0f} mm between the part and the {holds}: it bends there for good while "
+        f"the part is formed, and the opening sinks by about {1e3 * SAG * np.sqrt(1e3 * free):.1f} mm with any "
+        "correction (1 mm of aluminium; less where the part is shallow or a second tool supports it); "
         f"{remedy} a backing_plate closer to the opening{or_else}, and see what is left with --sheet shell_coarse",
     )
 
