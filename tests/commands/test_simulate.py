@@ -80,3 +80,23 @@ def test_without_force_set_point_the_support_is_position_controlled() -> None:
     record = in_process.form(quick_cone(), RunOptions(support_force=0.0))
     assert record.failure() is None
     assert not any(result.tick_engaged.any() for result in record.results)
+
+
+@pytest.mark.parametrize("command", ["simulate", "form"])
+@pytest.mark.parametrize(
+    ("job", "options", "message"),
+    [
+        ("ren_cone_on_blank", (), "the fast sheet does not know a support tool that holds the blank"),
+        ("adsif_cone", ("--sheet", "shell"), "the elasto-plastic sheet forms SPIF, DSIF and TPIF, not ADSIF"),
+    ],
+)
+def test_a_sheet_that_cannot_be_formed_so_is_refused_before_anything_starts(
+    tmp_path: Path, command: str, job: str, options: tuple[str, ...], message: str
+) -> None:
+    file = Path(__file__).parents[2] / "examples" / "jobs" / f"{job}.yaml"
+    done = isf(command, str(file), *options, "-o", "run", cwd=tmp_path)
+    assert done.returncode == Exit.INPUT
+    assert "error 1003 FILE_FIELD" in done.stderr
+    assert message in done.stderr
+    assert "starting the nodes" not in done.stderr
+    assert not (tmp_path / "run" / "bag").exists()

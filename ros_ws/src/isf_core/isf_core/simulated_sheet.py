@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import Job
 
 SheetKind = Literal["fast", "shell", "shell_coarse", "shell_fine"]
 """``fast``: reduced model, seconds per part; ``shell``: elasto-plastic shell elements, minutes per part;
@@ -45,3 +46,26 @@ def sheet_kind(name: str, where: str = "sheet") -> SheetKind:
             advice=f"known: {', '.join(SHEET_KINDS)}",
         )
     return name or DEFAULT_SHEET
+
+
+def check_sheet(kind: SheetKind, job: Job) -> None:
+    """A sheet of ``kind`` can be formed as ``job`` says.
+
+    Raises
+    ------
+    IsfError : FILE_FIELD, the model has no place for the process, or for where the support tool stands
+    """
+    if kind == "fast" and job.support_stays:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "the fast sheet does not know a support tool that holds the blank beside the contact",
+            where="path.support: on_blank",
+            advice="take --sheet shell_coarse",
+        )
+    if kind != "fast" and job.process not in ("SPIF", "DSIF", "TPIF"):
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"the elasto-plastic sheet forms SPIF, DSIF and TPIF, not {job.process}",
+            where="--sheet",
+            advice="take --sheet fast",
+        )

@@ -81,7 +81,7 @@ class FormedSheet:
 
     Raises
     ------
-    IsfError : FILE_FIELD for processes it does not form yet, SHEET_MESH_COARSE for a tool too small for its cells
+    IsfError : SHEET_MESH_COARSE for a tool too small for its cells
     """
 
     def __init__(
@@ -96,13 +96,6 @@ class FormedSheet:
         support: Array | None,
     ) -> None:
         job, rig = job_file.job, job_file.rig
-        if job.process not in ("SPIF", "DSIF", "TPIF"):
-            raise IsfError(
-                ErrorCode.FILE_FIELD,
-                f"the elasto-plastic sheet forms SPIF, DSIF and TPIF, not {job.process}",
-                where="--sheet",
-                advice="take --sheet fast",
-            )
         self.thickness = thickness
         self.kind = kind
         coarseness, haste, haste_of_two = FIDELITY[kind]

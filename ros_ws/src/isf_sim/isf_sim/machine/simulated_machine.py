@@ -20,7 +20,7 @@ from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics
 from isf_core.geometry.tool_axis import UPRIGHT, between, point_on_axis, tilt_of
 from isf_core.geometry.tool_solid import tool_solid
-from isf_core.simulated_sheet import SheetKind
+from isf_core.simulated_sheet import SheetKind, check_sheet
 from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 
@@ -106,13 +106,7 @@ class SimulatedMachine:
         sheet: SheetKind = "fast",
     ) -> None:
         job, rig = job_file.job, job_file.rig
-        if sheet == "fast" and job.support_stays:
-            raise IsfError(
-                ErrorCode.FILE_FIELD,
-                "the fast sheet does not know a support tool that holds the blank beside the contact",
-                where="path.support: on_blank",
-                advice="take --sheet shell_coarse",
-            )
+        check_sheet(sheet, job)
         self.job_file = job_file
         self.variant_number, self.seed, self.blank = variant, seed, blank
         self.variant: Variant = make_variant(variant, seed, blank)
