@@ -758,6 +758,13 @@ class Job(FileModel):
             raise ValueError(
                 "path.support on_blank holds the sheet under the first contour: first_contour must be zero"
             )
+        if self.support_stays and "sheet" in self.path.compensation:
+            raise FieldError(
+                "sheet computes the deflection of a sheet that the clamp or a plate alone holds, not one that "
+                "path.support on_blank holds at the opening",
+                field="path.compensation",
+                advice="leave sheet out: springback.method corrects what is measured",
+            )
         return self
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from isf_core.errors import IsfError
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile
 
 ADSIF = "\nadsif: {surface: AA5754-O_1mm_R5}"
@@ -84,6 +84,14 @@ def test_no_force_control_under_the_blank() -> None:
     job(", support: on_blank")
     with pytest.raises(IsfError, match="support_force must be 0 N"):
         job(", support: on_blank", more="\ncontrol: {support_force: 100 N}")
+
+
+def test_no_deflection_of_a_free_sheet_is_compensated_where_the_support_tool_holds_it() -> None:
+    job(", compensation: [sheet]", "DSIF")
+    with pytest.raises(IsfError, match="not one that path") as refused:
+        job(", support: on_blank, compensation: [sheet]")
+    assert refused.value.code == ErrorCode.FILE_FIELD
+    assert "path.compensation" in refused.value.message
 
 
 def test_nothing_is_pushed_on_a_first_contour_that_the_support_tool_holds() -> None:
