@@ -49,14 +49,18 @@ PLUNGE_SHARE = 0.02
 """Of the speed along the sheet, that across it in contact, unless told otherwise: the whole sheet has to follow, and
 swings through once in some 10 ms."""
 
-CALM_DAMPING = 500.0
-"""1/s of every motion while tools stand or leave the sheet: about critical for the first mode of 250 mm of it."""
+REST_DAMPING, WITHDRAWAL_DAMPING = 700.0, 500.0
+"""1/s of every motion while tools stand, and while one leaves the sheet: about critical for the first mode of 250 mm of
+it, and less, so that the sheet follows."""
 
 STANDS, REST_BEGINS = 1.0e-6, 2
 """m by which a tool that stands may move, and after how many moves in which all stand the sheet comes to rest."""
 
-REST_MOVES, REST_TIME = 6, 12.0e-3
+REST_MOVES, REST_TIME = 4, 8.0e-3
 """Moves in which it does, and s that they take together: a machine that stands gives a sheet all the time it needs."""
+
+AT_REST = 1.0e-5
+"""J, kinetic energy of a sheet that needs no more of it: one of 250 mm swings by some 0.03 mm with that."""
 
 WITHDRAWAL_START, WITHDRAWAL_RAMP = 0.1, 5.0e-3
 """Share of its speed at which a tool begins to leave the sheet, and s until it has all of it: the sheet follows without
@@ -326,10 +330,10 @@ class ExplicitShell:
         time = max(time, abs(raised - self.raised) / self.plunge_speed)
         self._leaving = self._leaving + time if leaving else 0.0
         self._stood = self._stood + 1 if farthest <= STANDS and raised == self.raised else 0
-        comes_to_rest = REST_BEGINS < self._stood <= REST_BEGINS + REST_MOVES
+        comes_to_rest = REST_BEGINS < self._stood <= REST_BEGINS + REST_MOVES and self.kinetic_energy > AT_REST
         if comes_to_rest:
             time = max(time, REST_TIME / REST_MOVES)
-        damping = CALM_DAMPING if leaving or comes_to_rest else self._damping
+        damping = WITHDRAWAL_DAMPING if leaving else REST_DAMPING if comes_to_rest else self._damping
         self._advance(max(least, math.ceil(time / self.step)), damping, raised)
         if self._support:
             self._support.offset = raised
