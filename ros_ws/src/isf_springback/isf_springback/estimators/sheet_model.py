@@ -396,8 +396,9 @@ class SheetModel(Estimator):
     def _said_of(self, contour: Contour, point: int) -> float | None:
         """m, springback at ``point`` of ``contour`` under the load measured on it, before tool lifts.
 
-        None: what it is under the force with which a lift begins. Only a support tool under the blank, beside the
-        contact, bends the sheet while it is formed by more than the sum of both forces; it leaves before a lift.
+        None: the law is compared under the force with which a lift begins. Only with the support tool under the blank,
+        beside the contact, is that another load: what both forces sum up to is then more than what holds the sheet
+        alone, once the support tool has left for the lift.
         """
         if not (self.job_file.job.support_stays and contour.has_support and self.force.measured(contour)):
             return None
