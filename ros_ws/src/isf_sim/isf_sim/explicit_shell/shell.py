@@ -54,7 +54,8 @@ REST_DAMPING, WITHDRAWAL_DAMPING = 700.0, 500.0
 it, and less, so that the sheet follows."""
 
 STANDS, REST_BEGINS = 1.0e-6, 2
-"""m by which a tool that stands may move, and after how many moves in which all stand the sheet comes to rest."""
+"""m by which a tool that stands may move, and after how many moves in which all stand a sheet that one has left comes
+to rest: the other one would feel how it swings."""
 
 REST_MOVES, REST_TIME = 4, 8.0e-3
 """Moves in which it does, and s that they take together: a machine that stands gives a sheet all the time it needs."""
@@ -223,6 +224,7 @@ class ExplicitShell:
         self._hardening = np.append(np.diff(self._flow) / TABLE_STEP, 0.0)
         self._damping, self._friction = damping, friction
         self._leaving = 0.0  # s since a tool began to leave the sheet straight
+        self._left = False  # one has, and none has moved on the sheet since
         self._stood = 0  # moves in which all tools stood
         self._contact = CONTACT_SHARE * sheet.density * sheet.thickness / self.step**2
         self.tools = np.zeros(TOOLS, dtype=TOOL)
@@ -314,23 +316,28 @@ class ExplicitShell:
 
         ``least``: steps at least, also for tools that rest ; ``raised`` m, the support is brought to that offset.
         """
-        tools, time, leaving, farthest = self.tools, 0.0, False, 0.0
+        tools, time, leaving, on_sheet, farthest = self.tools, 0.0, False, False, 0.0
         tools["begin"] = tools["end"]
         for tool, tip in zip(tools, tips, strict=True):
             if tool["radius"] > 0.0:
                 tool["end"] = _centre(tool["radius"], tool["side"], tip)
                 dx, dy, dz = (tool["end"] - tool["begin"]).tolist()
-                farthest = max(farthest, math.hypot(dx, dy, dz))
+                way = math.hypot(dx, dy, dz)
+                farthest = max(farthest, way)
                 across = self.plunge_speed if tool["touching"] > 0 else self.tool_speed / APPROACH
                 if tool["touching"] > 0 and tool["side"] * dz > math.hypot(dx, dy):
                     leaving = True
                     across = self.withdrawal_speed * min(1.0, max(WITHDRAWAL_START, self._leaving / WITHDRAWAL_RAMP))
+                elif tool["touching"] > 0 and way > STANDS:
+                    on_sheet = True
                 time = max(time, math.hypot(dx / self.tool_speed, dy / self.tool_speed, dz / across))
         raised = self.raised if raised is None or self._support is None else raised
         time = max(time, abs(raised - self.raised) / self.plunge_speed)
         self._leaving = self._leaving + time if leaving else 0.0
+        self._left = leaving or (self._left and not on_sheet)
         self._stood = self._stood + 1 if farthest <= STANDS and raised == self.raised else 0
-        comes_to_rest = REST_BEGINS < self._stood <= REST_BEGINS + REST_MOVES and self.kinetic_energy > AT_REST
+        swings = self._left and tools["touching"].any() and self.kinetic_energy > AT_REST
+        comes_to_rest = REST_BEGINS < self._stood <= REST_BEGINS + REST_MOVES and swings
         if comes_to_rest:
             time = max(time, REST_TIME / REST_MOVES)
         damping = WITHDRAWAL_DAMPING if leaving else REST_DAMPING if comes_to_rest else self._damping
