@@ -224,7 +224,7 @@ class ExplicitShell:
         self._hardening = np.append(np.diff(self._flow) / TABLE_STEP, 0.0)
         self._damping, self._friction = damping, friction
         self._leaving = 0.0  # s since a tool began to leave the sheet straight
-        self._left = False  # one has, and none has moved on the sheet since
+        self._left = False  # one has lost contact, and none has moved on the sheet since
         self._stood = 0  # moves in which all tools stood
         self._contact = CONTACT_SHARE * sheet.density * sheet.thickness / self.step**2
         self.tools = np.zeros(TOOLS, dtype=TOOL)
@@ -328,20 +328,21 @@ class ExplicitShell:
                 if tool["touching"] > 0 and tool["side"] * dz > math.hypot(dx, dy):
                     leaving = True
                     across = self.withdrawal_speed * min(1.0, max(WITHDRAWAL_START, self._leaving / WITHDRAWAL_RAMP))
-                elif tool["touching"] > 0 and way > STANDS:
-                    on_sheet = True
+                on_sheet |= bool(tool["touching"] > 0 and way > STANDS)
                 time = max(time, math.hypot(dx / self.tool_speed, dy / self.tool_speed, dz / across))
         raised = self.raised if raised is None or self._support is None else raised
         time = max(time, abs(raised - self.raised) / self.plunge_speed)
         self._leaving = self._leaving + time if leaving else 0.0
-        self._left = leaving or (self._left and not on_sheet)
+        self._left &= not on_sheet
         self._stood = self._stood + 1 if farthest <= STANDS and raised == self.raised else 0
         swings = self._left and tools["touching"].any() and self.kinetic_energy > AT_REST
         comes_to_rest = REST_BEGINS < self._stood <= REST_BEGINS + REST_MOVES and swings
         if comes_to_rest:
             time = max(time, REST_TIME / REST_MOVES)
         damping = WITHDRAWAL_DAMPING if leaving else REST_DAMPING if comes_to_rest else self._damping
+        touched = tools["touching"] > 0
         self._advance(max(least, math.ceil(time / self.step)), damping, raised)
+        self._left |= bool((touched & (tools["touching"] == 0)).any())
         if self._support:
             self._support.offset = raised
         return np.array(tools["mean"])

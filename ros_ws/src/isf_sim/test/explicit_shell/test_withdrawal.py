@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 
 import numpy as np
+import pytest
 from isf_sim.explicit_shell.grid import graded_lines
 from isf_sim.explicit_shell.shell import Ball, ExplicitShell, Sheet
 
@@ -40,3 +41,35 @@ def test_force_over_the_way_of_a_withdrawal_is_that_of_a_sheet_at_rest() -> None
     # with the tool twice as fast from the start and the damping of forming it is 28 N short of it after 2.4 mm
     np.testing.assert_allclose([force[k] for k in at_rest], list(at_rest.values()), atol=10.0)
     assert len(force) * 0.05e-3 > 3.2e-3  # m, it follows so far; else 2.9 mm
+
+
+@pytest.mark.parametrize("aside", [1.0, 2.0])
+def test_a_sheet_that_one_tool_has_left_is_at_rest_when_the_other_one_has_stood_for_a_moment(aside: float) -> None:
+    """The lower tool leaves sideways, as along the normal of a wall; 10 moves are 20 ms at 500 Hz."""
+    shell, tips = pressed()
+    tips[1] = 12e-3, 0.0, -8e-3
+    shell.set_tool(1, Ball(RADIUS, -1), tips[1])
+    while shell.tools["mean"][1, 2] > -700.0:
+        tips[1, 2] += 0.05e-3
+        shell.move(tips)
+    for _ in range(40):  # as along a contour: the sheet swings
+        tips[0, 1] += 0.5e-3
+        shell.move(tips)
+    for _ in range(10):
+        tips[1] += 0.3e-3 * np.array([aside, 0.0, -1.0])
+        shell.move(tips)
+    assert shell.tools["touching"][1] == 0
+    force = [float(shell.move(tips)[0, 2]) for _ in range(11)]
+    still = copy.deepcopy(shell)
+    still.settle(1e-6)
+    still.advance(1)
+    # N, of 396; 9 and 45 away where the sheet goes on swinging
+    np.testing.assert_allclose(force[-1], still.tools["mean"][0, 2], atol=6.0)
+
+
+def test_a_tool_that_stands_in_the_middle_of_a_contour_costs_nothing() -> None:
+    shell, tips = pressed()
+    before = shell.steps
+    for _ in range(10):
+        shell.move(tips)
+    assert shell.steps - before == 20  # two of each move
