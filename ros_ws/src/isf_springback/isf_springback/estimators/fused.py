@@ -3,11 +3,11 @@
 Springback of the coming contour = prediction of the model from the measured force + bias of the model, estimated from
 the scans. Without scans, or with scans that cannot be used, it is the model alone with the last bias: nothing jumps.
 
-Two biases are kept. The wall is final once the contact has passed (Lu 2016, zone A), so that the *wall* bias is read
-just above the contact. The floor is made by the last contours alone; the *bottom* bias is read under and inside the
-tip, and takes over where the remaining depth is less than the height of the contact above the tip. A feature formed
-from below, by the lower tool, is corrected by the model alone: what a scan from above says of the wall and floor of a
-pocket is not true of it.
+Two biases are kept. The *wall* bias is read just above the contact. Where scans show that the wall still moves after
+the contact has passed (that of a stiff sheet does not: Lu 2016, zone A), the correction allows for what is to come. The
+floor is made by the last contours alone; the *bottom* bias is read under and inside the tip, and takes over where the
+remaining depth is less than the height of the contact above the tip. A feature formed from below, by the lower tool, is
+corrected by the model alone: what a scan from above says of the wall and floor of a pocket is not true of it.
 
 The state of a bias stands at M places around the contour: the bias (measured minus predicted springback, positive when
 the sheet springs back more than the model says) and its covariance. From contour to contour it is carried by place and
@@ -24,6 +24,7 @@ import numpy as np
 from isf_core.contour import Contour, ContourResult
 from isf_core.errors import IsfError
 from isf_core.files.job import JobFile, lift_interval
+from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
@@ -34,7 +35,14 @@ from isf_springback.estimators.sheet_model import SheetModel
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import LoopSamples, change_per_contour, forming_radii, nearest_points
 from isf_springback.scan import FormedShape
-from isf_springback.scan.readings import PLACES, READING_DEVIATION, read_errors, shape_remarks
+from isf_springback.scan.readings import (
+    CONTOURS_PER_PLACE,
+    PLACES,
+    READING_DEVIATION,
+    movement_to_come,
+    read_errors,
+    shape_remarks,
+)
 from isf_springback.sheet_edge import held_by_plate
 
 LARGEST_BIAS = 3e-3
@@ -42,8 +50,6 @@ LARGEST_BIAS = 3e-3
 altogether (assumed: more than half of all published springback)."""
 DEEPER = 0.2e-3
 """m of more push than on the contour before, beyond which a contour wipes out the traces of that one."""
-CONTOURS_PER_PLACE = 4
-"""Contours that make the wall at one place: the ball touches it again and again."""
 EDGE_CONTOURS = 2
 """Contours whose scans show the edge of the opening alone where a backing plate is close and holds it; else
 :data:`CONTOURS_PER_PLACE`, since a free edge bends down with each of them."""
@@ -57,6 +63,13 @@ UNCONFIRMED_RISE = 0.5
 formed too deep stays)."""
 REPORTED_BIAS = 1.5e-3
 """m of disagreement of model and shape that is reported."""
+LARGEST_MOVEMENT = 1e-3
+"""m by which a wall may be formed too deep or too high, for what it will move by later (assumed: twice what the
+elasto-plastic sheet shows over a plate)."""
+MOVEMENT_DRIFT = 10.0
+"""Contours of drift of the movement to come per contour: it turns from sinking, beside the opening, to rising."""
+REPORTED_MOVEMENT = 0.3e-3
+"""m of movement to come that is reported."""
 MODEL_ALONE = "no scans and no tool lifts (springback.scan_every, lift_every): the correction is the model's alone"
 FROM_BELOW = "scans steer the upper tool only: the feature formed from below is corrected by the model"
 
@@ -107,6 +120,8 @@ class FusedEstimator(Estimator):
         self._doubtful = 0.0
         self._first: tuple[str, int] | None = None
         self._before: Contour | None = None
+        self._movement: BiasField | None = None
+        self._scanned: tuple[Contour, FormedShape] | None = None
         self._predicted: tuple[Contour, Array] | None = None
 
     def begin(self, contour: Contour, history: History) -> None:
@@ -118,6 +133,8 @@ class FusedEstimator(Estimator):
             self._confirmed = False
             self._doubtful = 0.0
             self._remarks = ()
+        if before is not None and not _same_wall(before, contour):
+            self._movement = self._scanned = None
         self._before = contour
         self._predicted = None
         self._model.begin(contour, history)
@@ -126,7 +143,7 @@ class FusedEstimator(Estimator):
         """As the base class; raises as the model does."""
         model = self._model.estimate(contour, history)
         self._predicted = contour, model.springback
-        place, disagreement, deviation = self._bias(contour, history)
+        place, disagreement, deviation, movement = self._bias(contour, history)
         bias = np.clip(disagreement, -np.maximum(model.springback, LARGEST_BIAS), LARGEST_BIAS)
         remarks = [*model.remarks, *self._remarks, *self._model_alone(contour)]
         if np.abs(disagreement).max() >= REPORTED_BIAS:
@@ -137,8 +154,15 @@ class FusedEstimator(Estimator):
             remarks.append(
                 f"the last scan is implausible at {100 * self._doubtful:.0f} % of the places: it is given less weight"
             )
+        later = float(movement[np.argmax(np.abs(movement))])
+        if abs(later) >= REPORTED_MOVEMENT:
+            way = "rises" if later > 0.0 else "sinks"
+            remarks.append(
+                f"scans show that a finished wall {way} by {1e3 * abs(later):.1f} mm while what is below it is formed: "
+                "the correction allows for it"
+            )
         return Prediction(
-            model.springback + bias,
+            model.springback + bias + movement,
             deviation=deviation,
             control_point=place,
             remarks=tuple(remarks),
@@ -162,7 +186,9 @@ class FusedEstimator(Estimator):
                 self._predicted = contour, np.zeros(len(contour))
         if formed.over_floor:
             return  # it says nothing of the wall
-        before = [step for step in self._steps if step.contour.index < contour.index and _same_wall(step, contour)]
+        before = [
+            step for step in self._steps if step.contour.index < contour.index and _same_wall(step.contour, contour)
+        ]
         if not before:
             self._wall_begins = contour.index
         self._steps = [*before[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, self._predicted[1])]
@@ -217,6 +243,7 @@ class FusedEstimator(Estimator):
             return
         last = self._steps[-1]
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
+        self._add_movement(contour, shape, target)
         self._wall, doubt_wall = updated(known[0], surprise, noise)
         self._bottom, _ = updated(known[1], reading.bottom - (last.model - last.pushed)[near], noise)
         self._confirmed = True
@@ -233,6 +260,15 @@ class FusedEstimator(Estimator):
         measured = job.springback.scan_every or lift_interval(job, self.name)
         return () if measured or self._first[1] != contour.index else (MODEL_ALONE,)
 
+    def _add_movement(self, contour: Contour, shape: FormedShape, target: HeightMap) -> None:
+        """Update the movement to come from the last two shapes of one wall."""
+        before, self._scanned = self._scanned, (contour, shape)
+        if before is None or before[0].index >= contour.index:
+            return
+        moved, deviation = movement_to_come(contour, shape, *before, target, self._radius[contour.forming_tool])
+        place = LoopSamples.of(contour, PLACES).contact[:, :2]
+        self._movement, _ = updated(self._moving(place), moved, deviation)
+
     def _unconfirmed(self) -> bool:
         """True while scans are to come and none has confirmed the model, or the last one contradicts it."""
         if self.job_file.job.springback.scan_every != 1:
@@ -246,16 +282,24 @@ class FusedEstimator(Estimator):
         bottom = first_field(place) if self._bottom is None else carried(self._bottom, place, drift)
         return wall, bottom
 
-    def _bias(self, contour: Contour, history: History) -> tuple[Array, Array, Array]:
-        """Places (M, 3) m, bias and its standard deviation along the contour (N,), (N,) m."""
+    def _moving(self, place: Array) -> BiasField:
+        """The movement to come at ``place`` (M, 2) m, one contour later than last time."""
+        if self._movement is None:
+            return first_field(place)
+        return carried(self._movement, place, MOVEMENT_DRIFT)
+
+    def _bias(self, contour: Contour, history: History) -> tuple[Array, Array, Array, Array]:
+        """Places (M, 3) m; bias, its standard deviation and the movement to come along the contour, (N,) m each."""
         samples = LoopSamples.of(contour, PLACES)
         wall, bottom = self._fields(samples.contact[:, :2])
+        moving = self._moving(samples.contact[:, :2])
         share = self._floor_share(contour, history)
-        on_wall, on_floor, wall_deviation, floor_deviation = samples.along(
-            wall.bias, bottom.bias, wall.deviation, bottom.deviation
+        on_wall, on_floor, wall_deviation, floor_deviation, movement = samples.along(
+            wall.bias, bottom.bias, wall.deviation, bottom.deviation, moving.bias
         )
         bias = (1.0 - share) * on_wall + share * on_floor
-        return samples.contact, bias, np.maximum(wall_deviation, floor_deviation)
+        movement = (1.0 - share) * np.clip(movement, -LARGEST_MOVEMENT, LARGEST_MOVEMENT)
+        return samples.contact, bias, np.maximum(wall_deviation, floor_deviation), movement
 
     def _floor_share(self, contour: Contour, history: History) -> Array:
         """(N,) 0 on the wall .. 1 where the contour makes the floor."""
@@ -294,9 +338,8 @@ def expected_error(steps: Sequence[ModelledContour], place: Array) -> Array:
     return np.asarray(total / count)
 
 
-def _same_wall(step: ModelledContour, contour: Contour) -> bool:
+def _same_wall(known: Contour, contour: Contour) -> bool:
     """True when both contours belong to one feature, stage and forming tool of one plan."""
-    known = step.contour
     return (known.plan_id, known.feature, known.stage, known.forming_tool) == (
         contour.plan_id,
         contour.feature,

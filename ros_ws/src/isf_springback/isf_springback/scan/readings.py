@@ -11,12 +11,15 @@ from isf_core.contour import Contour, Process
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
+from scipy.spatial import cKDTree
 
 from isf_springback.loop_path import LoopPath
 from isf_springback.scan import sections
-from isf_springback.scan.formed_shape import FormedShape, regions
+from isf_springback.scan.formed_shape import OPENING_DEPTH, PITCH, FormedShape, regions
 from isf_springback.scan.sections import heights_at
 
+CONTOURS_PER_PLACE = 4
+"""Contours that make the wall at one place: the ball touches it again and again."""
 PLACES = 36
 """Places around a contour at which bias is kept (assumed)."""
 WALL_REACH = (-0.75e-3, 0.1e-3)
@@ -24,6 +27,15 @@ WALL_REACH = (-0.75e-3, 0.1e-3)
 READING_DEVIATION = 0.15e-3
 """m, of an error read in a section: 0.05 mm of the scanner (published: Lu 2016, 3.5.2), the rest for what one contour
 leaves of the next one's wall (assumed)."""
+
+WALL_LENGTH = 40e-3
+"""m of wall in plan, up from the contact, over which its movement is summed at most."""
+SMALLEST_ADVANCE = 0.1e-3
+"""m in plan between the contacts of two scans, below which movement cannot be told from noise (assumed)."""
+LARGEST_PILLOW = 0.5e-3
+"""m by which a place of the bottom may differ from the rest; what lies farther off was formed before (assumed)."""
+BOTTOM_HEIGHT = 0.1e-3
+"""m over the lowest place of the target, where its bottom begins."""
 
 
 @dataclass(frozen=True)
@@ -48,16 +60,68 @@ def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius:
     wall = _median(formed[:, near] - wanted[:, near])
     tip = radius * np.sin(angle)
     level = directions.tip_level
-    inside = (reach[None, :] >= tip[:, None] - 0.5e-3) & (reach[None, :] <= tip[:, None] + _inner(contour))
+    inner = _inner(contour)
+    inside = (reach[None, :] >= tip[:, None] - 0.5e-3) & (reach[None, :] <= tip[:, None] + inner)
     flat = wanted <= level[:, None] + 0.05e-3
-    bottom = _median(np.where(inside & flat, formed - level[:, None], np.nan))
+    bottom = np.where(inside & flat, formed - level[:, None], np.nan)
+    middle = _median(bottom)
+    # By area: beside the tip the bottom lies deeper than in the middle, and there is more of it.
+    area = np.maximum(tip[:, None] + 2.0 * inner - reach[None, :], 0.0)
+    pillow = np.clip(bottom - middle[:, None], -LARGEST_PILLOW, LARGEST_PILLOW)
+    bottom = middle + _mean(pillow, area)
     return Reading(directions.origin, wall, bottom)
+
+
+def movement_to_come(
+    contour: Contour, shape: FormedShape, before: Contour, shape_before: FormedShape, target: HeightMap, radius: float
+) -> tuple[Array, Array]:
+    """How far the wall that ``contour`` makes will still rise while the part below it is formed, and the standard
+    deviation of that, at :data:`PLACES` places of ``contour``; (M,) m each, NaN where it cannot be told.
+
+    ``shape`` is the one after ``contour``, ``shape_before`` that after the earlier contour ``before`` of the same wall.
+    What every place of the wall has moved by between the two, from the contact up to the opening, is what one place
+    will move by while the contact leaves it behind, as long as the process stays the same: the movement summed over the
+    wall in steps of the way of the contact in plan. It is summed over no more wall than is still to come, and not where
+    the ball touches it again, nor beside the opening, within the ball's ``radius`` m: the sheet is drawn over an edge
+    there that the coming wall does not have.
+    """
+    path = LoopPath.of(contour)
+    directions = sections.directions_of(contour, path.even_positions(PLACES))
+    away = sections.STEP * np.arange(round(WALL_LENGTH / sections.STEP), dtype=np.float64)
+    moved = sections.vertical_sections(shape.surface, directions, -away)
+    moved = moved - sections.vertical_sections(shape_before.surface, directions, -away)
+    advance, _ = cKDTree(before.contact[:, :2]).query(directions.origin)
+    bottom = sections.vertical_sections(target, directions, away) <= np.nanmin(target.z) + BOTTOM_HEIGHT
+    to_come = np.where(bottom.any(axis=1), sections.STEP * np.argmax(bottom, axis=1), WALL_LENGTH)
+    begin = np.maximum(advance - WALL_REACH[0], CONTOURS_PER_PLACE * advance / (contour.index - before.index))
+    wall = np.logical_and.accumulate(sections.vertical_sections(target, directions, -away) < -OPENING_DEPTH, axis=1)
+    end = np.minimum(begin + to_come, sections.STEP * wall.sum(axis=1) - radius)
+    counts = (away >= begin[:, None]) & (away <= end[:, None])
+    known = counts & np.isfinite(moved)
+    seen = (known.sum(axis=1) >= np.maximum(0.5 * counts.sum(axis=1), 1)) & (advance >= SMALLEST_ADVANCE)
+    steps = sections.STEP * counts.sum(axis=1) / np.maximum(advance, SMALLEST_ADVANCE)
+    movement = steps * np.where(known, moved, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    cells = np.maximum(sections.STEP * known.sum(axis=1) / PITCH, 1.0)
+    noise = np.hypot(shape.noise, shape_before.noise)
+    # A change of the process, as of the push between the two scans, is an error that all places share.
+    deviation = np.hypot(np.sqrt(PLACES) * READING_DEVIATION, steps * noise / np.sqrt(cells))
+    return np.where(seen, movement, np.nan), deviation
 
 
 def _inner(contour: Contour) -> float:
     """m, how far inside the tip the bottom is read: half of the way to the middle."""
     place = contour.forming_tip[:, :2]
     return float(np.clip(0.25 * np.ptp(place, axis=0).min(), 0.5e-3, 15e-3))
+
+
+def _mean(values: Array, weight: Array) -> Array:
+    """(M,) weighted mean of the known values of each row; NaN where fewer than two are known."""
+    known = np.isfinite(values)
+    total = np.where(known, weight, 0.0).sum(axis=1)
+    enough = (known.sum(axis=1) >= 2) & (total > 0.0)
+    result = np.full(len(values), np.nan)
+    result[enough] = np.where(known, weight * values, 0.0).sum(axis=1)[enough] / total[enough]
+    return result
 
 
 def _median(values: Array) -> Array:

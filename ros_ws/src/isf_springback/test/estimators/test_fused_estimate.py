@@ -9,7 +9,8 @@ from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_springback.corrector import apply
 from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
-from isf_springback.estimators.fused import CONTOURS_PER_PLACE, DEEPER, FusedEstimator, ModelledContour, expected_error
+from isf_springback.estimators.fused import DEEPER, FusedEstimator, ModelledContour, expected_error
+from isf_springback.scan.readings import CONTOURS_PER_PLACE
 from springback_parts import JOB_TEXT, cone_contour, corrector_of, result_of
 
 COMPLIANCE = 6e-6
@@ -28,11 +29,17 @@ class LinearModel(AnalyticModel):
         return COMPLIANCE * expected.force
 
 
-def formed(true, stiffness, bump=0.0, edge=0.0):
+def gone(passed):
+    """Share of the movement to come that a place has made which the contact has passed by ``passed`` m."""
+    return np.clip((passed - 2e-3) / 4e-3, 0.0, 1.0)
+
+
+def formed(true, stiffness, bump=0.0, edge=0.0, later=0.0):
     """(COUNT,) m, corrections of a part on which the force is 700 N + ``stiffness`` x (growth of the push).
 
     The sheet springs back ``true`` times what the model says; at contour 14 the force is ``bump`` N more. The edge of
-    the opening, which is all that the first scans show, stands ``edge`` m higher.
+    the opening, which is all that the first scans show, stands ``edge`` m higher. A place of the wall rises by
+    ``later`` m while the contact goes from 2 to 6 mm further inwards.
     """
     job_file = JobFile(JOB_TEXT.replace("method: analytic", "scan_every: 1, method: fused"), Path("."))
     rig_size = GRID[-1] - GRID[0]
@@ -42,6 +49,7 @@ def formed(true, stiffness, bump=0.0, edge=0.0):
     method = corrector_of(FusedEstimator, job_file, lambda job: LinearModel(job, AnalyticOptions(law="hold")))
     method.set_target(TARGET)
     pushes: list[float] = []
+    radii: list[float] = []
     error = np.zeros_like(X)
     for index in range(COUNT):
         contour = cone_contour(index, count=COUNT)
@@ -53,7 +61,10 @@ def formed(true, stiffness, bump=0.0, edge=0.0):
         method.add_result(apply(contour, correction), result_of(contour, force))
         inside = np.hypot(X, Y) <= np.hypot(*contour.contact[0, :2]) + 0.2e-3
         bottom = float(contour.forming_tip[0, 2])
-        error = np.where(inside, true * COMPLIANCE * force - pushes[-1], error)
+        radii.append(float(np.hypot(*contour.contact[0, :2])))
+        passed, way = np.hypot(X, Y) - radii[-1], radii[max(index - 1, 0)] - radii[-1]
+        rise = later * (gone(passed) - gone(passed - way))
+        error = np.where(inside, true * COMPLIANCE * force - pushes[-1], error + np.where(TARGET.z < 0.0, rise, 0.0))
         shape = (
             np.maximum(TARGET.z, bottom)
             + error
@@ -74,6 +85,13 @@ def test_a_force_that_the_push_raises_does_not_make_it_swing():
     assert np.ptp(pushes[15:18]) > 0.05e-3
     assert np.ptp(pushes[-8:]) < 0.05e-3
     assert pushes[-1] == pytest.approx(COMPLIANCE * 700.0, abs=0.1e-3)
+
+
+@pytest.mark.parametrize("later", [0.5e-3, -0.4e-3])
+def test_a_wall_that_moves_after_the_tool_has_passed_is_formed_as_much_too_deep_or_high(later):
+    """Where it ends is what counts; a wall that stays is formed where it is wanted, as the tests above hold."""
+    pushes = formed(1.0, 0.0, later=later)
+    assert pushes[26:34] == pytest.approx(np.full(8, COMPLIANCE * 700.0 + later), abs=0.15e-3)
 
 
 def test_an_edge_that_stands_too_high_is_left_and_one_that_lies_too_deep_is_not_pressed_deeper():
