@@ -33,7 +33,10 @@ export ISF_CACHE_DIR
 trap 'rm -rf "$ISF_CACHE_DIR"' EXIT
 
 end_all() {
-  python scripts/end_processes.py "$ISF_TEST_RUN"
+  local code=0
+  python scripts/end_processes.py "$ISF_TEST_RUN.clock" || code=1
+  python scripts/end_processes.py "$ISF_TEST_RUN" || code=1
+  return "$code"
 }
 trap 'end_all; exit 130' INT TERM
 
@@ -41,6 +44,8 @@ started=$SECONDS
 failed=()
 passed=()
 number=0
+cores=$(getconf _NPROCESSORS_ONLN)
+[ "$cores" -le 4 ] || cores=4
 total=7
 [ -z "$quick" ] || total=6
 [ $# -eq 0 ] || total=1
@@ -62,6 +67,15 @@ gate() {
   fi
 }
 
+# idle COMMAND... - run it in the time that nothing else wants: tests by the clock do not notice it
+idle() {
+  if command -v chrt >/dev/null; then chrt --idle 0 "$@"; else nice -n 19 "$@"; fi
+}
+
+now() {
+  "$@"
+}
+
 # beside NAME COMMAND... - run the command of a gate beside the tests; "gate NAME result NAME" waits for it
 declare -A process taken
 beside() {
@@ -69,7 +83,7 @@ beside() {
   shift
   (
     begin=$SECONDS code=0
-    nice -n 10 "$@" >".isf/log/gate_$name.log" 2>&1 || code=$?
+    idle "$@" >".isf/log/gate_$name.log" 2>&1 || code=$?
     printf '%d' "$((SECONDS - begin))" >".isf/log/gate_$name.seconds"
     exit "$code"
   ) &
@@ -84,48 +98,49 @@ result() {
   return "$code"
 }
 
-# tests NICENESS MARKERS ARGUMENTS...
+# tests WAY MARKERS ARGUMENTS... ; WAY: now or idle
 tests() {
   # Plugins are named, so that what happens to be installed (launch_testing of an apt ROS) does not take part.
-  PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 nice -n "$1" python -m pytest -p pytest_cov.plugin -p xdist.plugin \
+  PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 "$1" python -m pytest -p pytest_cov.plugin -p xdist.plugin \
     -p _hypothesis_pytestplugin -m "$2" "${random[@]}" "${@:3}"
 }
 
 run_tests() {
   local code=0
-  tests 0 "$markers" "$@" || code=1
+  tests now "$markers" "$@" || code=1
   end_all || code=1
   return "$code"
 }
 
-# Cells that tick by the clock have the computer to themselves: what keeps them waiting is a fault to them.
-run_clock() {
-  local and=${markers:+ and $markers} code=0
+# Tests without a node graph run beside those with one. A file is a unit, since tests of a file may share their nodes.
+without_log=.isf/log/tests_without_graph.log
+begin_without_graph() {
   rm -f .isf/coverage.*
-  # every Python process measures itself
-  COVERAGE_PROCESS_START="$root/pyproject.toml" COVERAGE_FILE="$root/.isf/coverage.with" \
-    tests 0 "graph and clock$and" || code=1
-  end_all || code=1
+  export COVERAGE_PROCESS_START="$root/pyproject.toml" # every Python process measures itself
+  ISF_TEST_DOMAINS="${domains[*]:4}" COVERAGE_FILE="$root/.isf/coverage.without" \
+    tests idle "not graph${markers:+ and $markers}" --dist loadfile -n "$cores" >"$without_log" 2>&1 &
+  process[without]=$!
+}
+
+# Cells that tick by the clock, one after the other: what keeps them waiting is a fault to them.
+run_clock() {
+  local code=0
+  ISF_TEST_RUN=$ISF_TEST_RUN.clock COVERAGE_FILE="$root/.isf/coverage.with" \
+    tests now "graph and clock${markers:+ and $markers}" || code=1
+  python scripts/end_processes.py "$ISF_TEST_RUN.clock" || code=1 # those without a graph go on
   return "$code"
 }
 
-# The other tests with a node graph mostly wait for their processes: several at a time, in a domain each. Those without
-# one run beside them, at a lower priority. A file is a unit, since tests of a file may share their nodes.
+# The other tests with a node graph mostly wait for their processes: several at a time, in a domain each.
 run_all() {
-  local and=${markers:+ and $markers} log=.isf/log/tests_without_graph.log code=0 cores
-  cores=$(getconf _NPROCESSORS_ONLN)
-  [ "$cores" -le 4 ] || cores=4
-  export COVERAGE_PROCESS_START="$root/pyproject.toml"
-  ISF_TEST_DOMAINS="${domains[*]:4}" COVERAGE_FILE="$root/.isf/coverage.without" \
-    tests 10 "not graph$and" --dist loadfile -n "$cores" >"$log" 2>&1 &
-  local without=$!
+  local code=0
   ISF_TEST_DOMAINS="${domains[*]::4}" COVERAGE_FILE="$root/.isf/coverage.with" \
-    tests 0 "graph and not clock$and" --dist loadfile -n "$((cores < 4 ? cores + 1 : 4))" || code=1
-  printf '\nTests without a node graph, run meanwhile (%s):\n' "$log"
-  if wait "$without"; then
-    sed -n '/short test summary info/,$p' "$log"
+    tests now "graph and not clock${markers:+ and $markers}" --dist loadfile -n "$((cores < 4 ? cores + 1 : 4))" || code=1
+  printf '\nTests without a node graph, run meanwhile (%s):\n' "$without_log"
+  if wait "${process[without]}"; then
+    sed -n '/short test summary info/,$p' "$without_log"
   else
-    cat "$log"
+    cat "$without_log"
     code=1
   fi
   unset COVERAGE_PROCESS_START
@@ -140,12 +155,13 @@ run_all() {
 if [ $# -eq 0 ]; then
   gate "format" ruff format --check --quiet .
   gate "lint" ruff check --quiet .
-  [ -n "$quick" ] || gate "tests by the clock" run_clock
   beside "types" python -m mypy
   beside "imports" lint-imports
   beside "docs" scripts/site.sh
 fi
 if [ $# -eq 0 ] && [ -z "$quick" ]; then
+  begin_without_graph
+  gate "tests by the clock" run_clock
   gate "tests" run_all
 else
   gate "tests" run_tests "$@"
