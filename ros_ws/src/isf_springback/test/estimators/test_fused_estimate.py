@@ -10,7 +10,8 @@ from isf_core.geometry.height_map import HeightMap
 from isf_springback.corrector import apply
 from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
 from isf_springback.estimators.fused import DEEPER, FusedEstimator, ModelledContour, expected_error
-from isf_springback.scan.readings import CONTOURS_PER_PLACE
+from isf_springback.scan import FormedShape
+from isf_springback.scan.readings import CONTOURS_PER_PLACE, read_errors
 from springback_parts import JOB_TEXT, cone_contour, corrector_of, result_of
 
 COMPLIANCE = 6e-6
@@ -114,3 +115,21 @@ def test_a_wall_is_made_by_several_contours_until_one_goes_deeper():
     assert expected_error(even, place) == pytest.approx(np.full(len(place), 0.1e-3))
     deeper = [*even[:2], step(8, 5.1e-3 + 1.1 * DEEPER, 5.4e-3)]
     assert expected_error(deeper, place) == pytest.approx(np.full(len(place), 0.3e-3 - 1.1 * DEEPER))
+
+
+def shape_of(heights):
+    return FormedShape(HeightMap(GRID, GRID, heights), 1.0, 0, None, None, np.zeros(2), 0.0, 0.0)
+
+
+def test_the_bottom_is_read_by_area_and_what_was_formed_long_before_does_not_count():
+    """A ring beside the tip, nearly half of the area from there to half of the way to the middle, lies deeper."""
+    contour = cone_contour(20)
+    tip, level = float(np.hypot(*contour.forming_tip[0, :2])), float(contour.forming_tip[0, 2])
+    ring = np.hypot(X, Y) > 0.8 * tip
+    floor = np.maximum(TARGET.z, level)
+    assert bottom(contour, floor + np.where(ring, -0.3e-3, 0.1e-3)) == pytest.approx(-0.09e-3, abs=0.03e-3)
+    assert bottom(contour, floor + np.where(ring, -4.0e-3, 0.1e-3)) == pytest.approx(-0.14e-3, abs=0.05e-3)  # 1 mm grid
+
+
+def bottom(contour, heights):
+    return float(read_errors(contour, shape_of(heights), TARGET, 5e-3).bottom.mean())
