@@ -179,6 +179,7 @@ def test_bad_wrench_holds(value, code, tick):
     (result,) = outcome.results
     assert (result.completed, result.code) == (False, code)
     assert "tool_2" in result.message
+    assert ("limits.force" if code is ErrorCode.WRENCH_OUT_OF_RANGE else "check the load cell") in result.message
     assert outcome.controller.mode is Mode.HOLD
     assert np.isfinite(outcome.targets).all()
     _, acceleration = largest_step_and_acceleration(outcome.targets)

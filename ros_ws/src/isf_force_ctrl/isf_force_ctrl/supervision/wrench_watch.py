@@ -162,7 +162,8 @@ def fault_of(wrench_1: Sequence[float], wrench_2: Sequence[float], limit: Vector
             axis = int(np.argmax(beyond))
             return (
                 ErrorCode.WRENCH_OUT_OF_RANGE,
-                f"tool_{tool} reads {values[axis]:.0f} N in {'xyz'[axis]}, the rig allows {limit[axis]:.0f} N",
+                f"tool_{tool} reads {values[axis]:.0f} N in {'xyz'[axis]}, the rig allows {limit[axis]:.0f} N "
+                "(smaller steps, path.incremental_depth, or less support force; limits.force if the rig bears more)",
             )
     return ErrorCode.WRENCH_NOT_FINITE, "the sum of the wrenches is not finite"
 
