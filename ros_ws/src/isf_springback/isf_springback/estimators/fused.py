@@ -68,8 +68,6 @@ LARGEST_MOVEMENT = 1e-3
 elasto-plastic sheet shows over a plate)."""
 MOVEMENT_DRIFT = 10.0
 """Contours of drift of the movement to come per contour: it turns from sinking, beside the opening, to rising."""
-REPORTED_MOVEMENT = 0.3e-3
-"""m of movement to come that is reported."""
 MODEL_ALONE = "no scans and no tool lifts (springback.scan_every, lift_every): the correction is the model's alone"
 FROM_BELOW = "scans steer the upper tool only: the feature formed from below is corrected by the model"
 
@@ -143,7 +141,8 @@ class FusedEstimator(Estimator):
         """As the base class; raises as the model does."""
         model = self._model.estimate(contour, history)
         self._predicted = contour, model.springback
-        place, disagreement, deviation, movement = self._bias(contour, history)
+        place, disagreement, deviation, moving = self._bias(contour, history)
+        movement = np.clip(moving, -LARGEST_MOVEMENT, LARGEST_MOVEMENT)
         bias = np.clip(disagreement, -np.maximum(model.springback, LARGEST_BIAS), LARGEST_BIAS)
         remarks = [*model.remarks, *self._remarks, *self._model_alone(contour)]
         if np.abs(disagreement).max() >= REPORTED_BIAS:
@@ -154,12 +153,12 @@ class FusedEstimator(Estimator):
             remarks.append(
                 f"the last scan is implausible at {100 * self._doubtful:.0f} % of the places: it is given less weight"
             )
-        later = float(movement[np.argmax(np.abs(movement))])
-        if abs(later) >= REPORTED_MOVEMENT:
-            way = "rises" if later > 0.0 else "sinks"
+        if not np.array_equal(moving, movement):
+            far = float(moving[np.argmax(np.abs(moving))])
+            way = "rises" if far > 0.0 else "sinks"
             remarks.append(
-                f"scans show that a finished wall {way} by {1e3 * abs(later):.1f} mm while what is below it is formed: "
-                "the correction allows for it"
+                f"scans show that a finished wall {way} by {1e3 * abs(far):.1f} mm while what is below it is formed: "
+                f"the correction allows for {1e3 * LARGEST_MOVEMENT:.0f} mm"
             )
         return Prediction(
             model.springback + bias + movement,
@@ -298,8 +297,7 @@ class FusedEstimator(Estimator):
             wall.bias, bottom.bias, wall.deviation, bottom.deviation, moving.bias
         )
         bias = (1.0 - share) * on_wall + share * on_floor
-        movement = (1.0 - share) * np.clip(movement, -LARGEST_MOVEMENT, LARGEST_MOVEMENT)
-        return samples.contact, bias, np.maximum(wall_deviation, floor_deviation), movement
+        return samples.contact, bias, np.maximum(wall_deviation, floor_deviation), (1.0 - share) * movement
 
     def _floor_share(self, contour: Contour, history: History) -> Array:
         """(N,) 0 on the wall .. 1 where the contour makes the floor."""
