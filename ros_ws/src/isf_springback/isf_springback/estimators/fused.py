@@ -242,7 +242,7 @@ class FusedEstimator(Estimator):
             return
         last = self._steps[-1]
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
-        self._add_movement(contour, shape, target)
+        self._add_movement(contour, shape, target, reading.place)
         self._wall, doubt_wall = updated(known[0], surprise, noise)
         self._bottom, _ = updated(known[1], reading.bottom - (last.model - last.pushed)[near], noise)
         self._confirmed = True
@@ -259,13 +259,12 @@ class FusedEstimator(Estimator):
         measured = job.springback.scan_every or lift_interval(job, self.name)
         return () if measured or self._first[1] != contour.index else (MODEL_ALONE,)
 
-    def _add_movement(self, contour: Contour, shape: FormedShape, target: HeightMap) -> None:
-        """Update the movement to come from the last two shapes of one wall."""
+    def _add_movement(self, contour: Contour, shape: FormedShape, target: HeightMap, place: Array) -> None:
+        """Update the movement to come, at ``place`` (M, 2) m, from the last two shapes of one wall."""
         before, self._scanned = self._scanned, (contour, shape)
         if before is None or before[0].index >= contour.index:
             return
         moved, deviation = movement_to_come(contour, shape, *before, target, self._radius[contour.forming_tool])
-        place = LoopSamples.of(contour, PLACES).contact[:, :2]
         self._movement, _ = updated(self._moving(place), moved, deviation)
 
     def _unconfirmed(self) -> bool:

@@ -11,9 +11,8 @@ from isf_core.contour import Contour, Process
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
-from scipy.spatial import cKDTree
 
-from isf_springback.loop_path import LoopPath
+from isf_springback.loop_path import LoopPath, nearest_points
 from isf_springback.scan import sections
 from isf_springback.scan.formed_shape import OPENING_DEPTH, PITCH, FormedShape, regions
 from isf_springback.scan.sections import heights_at
@@ -90,7 +89,8 @@ def movement_to_come(
     away = sections.STEP * np.arange(round(WALL_LENGTH / sections.STEP), dtype=np.float64)
     moved = sections.vertical_sections(shape.surface, directions, -away)
     moved = moved - sections.vertical_sections(shape_before.surface, directions, -away)
-    advance, _ = cKDTree(before.contact[:, :2]).query(directions.origin)
+    came_from = before.contact[nearest_points(directions.origin, before.contact[:, :2]), :2]
+    advance = np.linalg.norm(directions.origin - came_from, axis=1)
     bottom = sections.vertical_sections(target, directions, away) <= np.nanmin(target.z) + BOTTOM_HEIGHT
     to_come = np.where(bottom.any(axis=1), sections.STEP * np.argmax(bottom, axis=1), WALL_LENGTH)
     begin = np.maximum(advance - WALL_REACH[0], CONTOURS_PER_PLACE * advance / (contour.index - before.index))
