@@ -67,7 +67,7 @@ gate() {
   fi
 }
 
-# idle COMMAND... - run it in the time that nothing else wants: tests by the clock do not notice it
+# idle COMMAND... - run it in the time that nothing else wants: tests by the clock go first, at once
 idle() {
   if chrt --idle 0 true 2>/dev/null; then chrt --idle 0 "$@"; else nice -n 19 "$@"; fi
 }
