@@ -79,6 +79,8 @@ def test_the_bag_holds_the_whole_part(graph_record: PartRecord) -> None:
     assert graph_record.formed == graph_record.planned == len(graph_record.corrections)
     assert graph_record.job_name == "mini_cone"
     assert graph_record.lockstep
+    (warned,) = graph_record.plan_warnings
+    assert warned.startswith("the sheet is free for 114 mm between the part and the clamp")
     assert graph_record.scan is not None
     assert graph_record.target is not None
 
@@ -109,6 +111,7 @@ def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
     """The contract of docs/reference/architecture.md: 1 um and 0.1 N, contour by contour and in the final shape."""
     alone = in_process.form(half_the_ticks(), RunOptions(seed=3))
     assert len(alone.results) == len(graph_record.results)
+    assert alone.plan_warnings == graph_record.plan_warnings
     for mine, theirs in zip(alone.results, graph_record.results, strict=True):
         assert len(mine.tick_time) == len(theirs.tick_time)
         np.testing.assert_allclose(theirs.forming_target, mine.forming_target, atol=1e-6)

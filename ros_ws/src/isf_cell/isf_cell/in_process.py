@@ -114,6 +114,7 @@ def form(
         scans=tuple(cell.scans),
         sheet=cell.machine.sheet_values(),
         base_folder=str(job_file.base.resolve()),
+        plan_warnings=tuple(part_plan.warnings),
         tool_compliance=(job_file.rig.tool_1.compliance, job_file.rig.tool_2.compliance),
         axis_error=cell.machine.legs.following() if cell.machine.legs is not None else None,
         formed_sheet=cell.machine.thinned_sheet(scan) if scan is not None else None,

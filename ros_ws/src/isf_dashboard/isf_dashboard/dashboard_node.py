@@ -283,6 +283,7 @@ class DashboardNode(CellNode[DashboardParameters]):
             message.base_folder,
             message.first_index,
             stamps.to_seconds(message.header.stamp),
+            tuple(message.plan_warnings),
         )
         self._feed.job(now, job)
 

@@ -53,6 +53,7 @@ class Job:
     base_folder: str
     first_index: int = 0
     began: float = 0.0
+    plan_warnings: tuple[str, ...] = ()
 
 
 @dataclass
@@ -83,6 +84,8 @@ class PartFeed:
         self.history.add("job", time, **_of_job(job))
         if goes_on:
             return
+        for text in job.plan_warnings:
+            self.history.add("event", time, severity="note", text=f"the plan warned: {text}")
         if self._target is not None:
             self._tell_target(time, self._target)
         for tool, tips in self._paths.items():  # the target may come later, they are not told again

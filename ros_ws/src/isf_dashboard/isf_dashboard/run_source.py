@@ -77,6 +77,7 @@ def _job(record: PartRecord) -> Job:
         record.lockstep,
         record.software,
         record.base_folder,
+        plan_warnings=record.plan_warnings,
     )
 
 

@@ -120,6 +120,7 @@ def test_a_part_that_broke_off_and_lacks_much_is_told_as_far_as_it_goes() -> Non
         corrections=(),
         faults=((int(ErrorCode.STOP_REQUESTED), "stopped at the dashboard"),),
         notes=("not in the bag: scan",),
+        plan_warnings=("steep",),
         job_text="not a job",
     )
     items = items_of(history_of(cut))
@@ -128,6 +129,7 @@ def test_a_part_that_broke_off_and_lacks_much_is_told_as_far_as_it_goes() -> Non
     assert items["job"][0]["force_limits"] is None
     told = {(item["severity"], item.get("code")) for item in items["event"]}
     assert {("fault", 1207), ("fault", 1406), ("note", None)} <= told
+    assert "the plan warned: steep" in [item["text"] for item in items["event"]]
 
 
 def test_time_that_began_anew_goes_on() -> None:

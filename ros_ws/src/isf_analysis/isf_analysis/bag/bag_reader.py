@@ -222,6 +222,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
         scans=_between(scans[: len(scans) - len(final)], results),
         sheet=_sheet(job),
         base_folder=getattr(job, "base_folder", ""),
+        plan_warnings=tuple(getattr(job, "plan_warnings", ())),
         axis_error=_axis_error(after),
         tool_compliance=_tool_compliance(messages, job),
         formed_sheet=formed_sheet,

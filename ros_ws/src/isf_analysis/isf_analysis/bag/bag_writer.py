@@ -125,6 +125,7 @@ def _job(record: PartRecord) -> Any:
         software=record.software,
         sheet=str(record.sheet.get("model", "")),
         base_folder=record.base_folder,
+        plan_warnings=list(record.plan_warnings),
     )
 
 

@@ -52,6 +52,7 @@ class PartRecord:
     tool_compliance : m/N of tool 1 and of tool 2, each of the tip in x, y and z, as force control has it; None: unknown
     formed_sheet : thickness and strain margin of the simulated sheet at the end; None: of a real machine, or not told
     base_folder : that relative paths in the job refer to; empty: not known
+    plan_warnings : what the planner warned of; empty too when the record is older than this
     """
 
     job_name: str
@@ -85,6 +86,7 @@ class PartRecord:
     axis_error: tuple[float, float] | None = None
     tool_compliance: tuple[Vector, Vector] | None = None
     formed_sheet: ThinnedSheet | None = None
+    plan_warnings: tuple[str, ...] = ()
 
     @property
     def planned(self) -> int:

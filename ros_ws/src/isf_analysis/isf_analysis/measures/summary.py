@@ -122,6 +122,7 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "saturations": sum(result.saturations for result in record.results),
         "sim_s": _number(record.sim_time),
         "wall_s": _number(record.wall_time),
+        "plan_warnings": list(record.plan_warnings),
         "notes": [*record.notes, *_warned(record), *force_remarks(force)],
         **findings(record, None if deviation is None else deviation.error),
     }

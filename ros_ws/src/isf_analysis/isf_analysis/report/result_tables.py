@@ -55,6 +55,7 @@ def banners(numbers: Numbers, has_reference: bool) -> str:
     if numbers["deviation"] is None:
         parts.append(banner("warn", "No shape to compare", "The record holds no scan or no target."))
     parts += [banner("warn", "Note", f"{note}.") for note in numbers["notes"]]
+    parts += [banner("warn", "The plan warned", f"{text}.") for text in numbers["plan_warnings"]]
     parts += [banner("bad", f"Event: {event['kind']}", f"{event['text']}.") for event in _lost_part(numbers)]
     other = numbers["reference"]
     if other is not None and not other["complete"]:

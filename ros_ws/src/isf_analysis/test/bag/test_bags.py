@@ -76,6 +76,11 @@ def test_faults_of_the_machine_come_back(tmp_path: Path) -> None:
     assert read_bag(write_bag(part, tmp_path / "bag")).faults == part.faults
 
 
+def test_what_the_plan_warned_of_comes_back(tmp_path: Path) -> None:
+    part = replace(PART, plan_warnings=("a wall of 62 deg at x = 1.0 mm", "two lines\nof text"))
+    assert read_bag(write_bag(part, tmp_path / "bag")).plan_warnings == part.plan_warnings
+
+
 def test_the_formed_sheet_comes_back_and_one_that_is_none_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -310,12 +315,13 @@ def test_a_bag_without_what_can_be_missed_is_read(topic: topics.Topic, field: st
         assert any(topic.name in note for note in record.notes)
 
 
-def older(bag: Path, path: Path, fields: str) -> Path:
-    """The bag as a version wrote it whose results had none of ``fields`` (a pattern): it explains its own types."""
-    kind, types = topics.RESULT.type, get_typestore(Stores.ROS2_JAZZY)
+def older(bag: Path, path: Path, fields: str, kind: str = topics.RESULT.type) -> Path:
+    """The bag as a version wrote it whose messages ``kind`` had none of ``fields`` (a pattern): it explains its own
+    types."""
+    types = get_typestore(Stores.ROS2_JAZZY)
     for message in sorted(message_folder().glob("*.msg")):
         text = message.read_text(encoding="utf-8")
-        if message.stem == "ContourResult":
+        if message.stem == kind.rpartition("/")[2]:
             text = re.sub(rf"^\S+ ({fields}) .*\n", "", text, flags=re.MULTILINE)
         types.register(get_types_from_msg(text, f"isf_msgs/msg/{message.stem}"))
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer, Reader(bag) as reader:
@@ -338,6 +344,10 @@ def test_a_bag_of_an_older_version_names_what_it_lacks(bag: Path, tmp_path: Path
     error = error_of(older(bag, tmp_path / "very old", "forming_force|tick_time|backoffs"))
     assert error.code == ErrorCode.BAG_INCOMPLETE
     assert "another version of the software: contour/result has no forming_force, tick_time, backoffs" in error.what
+
+
+def test_a_bag_from_before_warnings_of_the_plan_were_kept_is_read(bag: Path, tmp_path: Path) -> None:
+    assert_same(PART, read_bag(older(bag, tmp_path / "old", "plan_warnings", topics.JOB.type)))
 
 
 def test_a_part_of_another_version_is_noted(tmp_path: Path) -> None:

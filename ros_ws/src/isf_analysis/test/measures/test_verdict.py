@@ -146,6 +146,15 @@ def test_a_force_out_of_its_band_is_a_red_card_and_a_note_and_leaves_a_part_good
     assert summary(EXACT)["notes"] == []
 
 
+def test_what_the_plan_warned_of_is_told_and_leaves_a_part_good() -> None:
+    part = replace(EXACT, plan_warnings=("walls of 62 deg <at x = 1.0 mm>",))
+    numbers = summary(part)
+    assert reported(part) == []
+    assert numbers["plan_warnings"] == ["walls of 62 deg <at x = 1.0 mm>"]
+    assert "The plan warned</strong>" in banners(numbers, has_reference=True)
+    assert "walls of 62 deg &lt;at x = 1.0 mm&gt;." in banners(numbers, has_reference=True)
+
+
 def test_a_correction_that_failed_is_reported_even_of_a_part_in_tolerance() -> None:
     failed = ContourCorrection(
         EXACT.plan_id,

@@ -87,6 +87,9 @@ def finish(
     if as_json:
         terminal.print_json(data)
     terminal.show_summary(data, made.numbers.get("reference"))
+    if not own:  # who formed the part was told before it began
+        for text in record.plan_warnings:
+            terminal.warn(f"the plan warned: {text}")
     terminal.say(f"report  {made.html}")
     for path in exported:
         terminal.say(f"shape   {path}")

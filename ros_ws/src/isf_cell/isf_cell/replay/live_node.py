@@ -534,4 +534,5 @@ def _info(run: RecordedRun, job_file: JobFile) -> isf.JobInfo:
         lockstep=part.lockstep,
         software=part.software,
         base_folder=str(job_file.base),
+        plan_warnings=list(part.plan_warnings),
     )

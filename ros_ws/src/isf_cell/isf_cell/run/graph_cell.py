@@ -705,6 +705,7 @@ class GraphCell:
             software=__version__,
             base_folder=str(goal.job_file.base),
             first_index=goal.first_index,
+            plan_warnings=list(planned.warnings),
         )
 
 
