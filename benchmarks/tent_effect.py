@@ -4,13 +4,14 @@ Published: about 5 mm on ordinary two-slope parts (AA3103 of 1.5 mm, upper wall 
 2015, on interactions of features). Assumed: half opening 75 mm, radii, a backing plate whose opening is 2 mm wider, 60
 and 25 deg for the ordinary part, steps of 1 mm.
 
-The part is formed twice along one tool path, until the upper wall is whole and to its end. What the second scan adds to
-the first is told along the normal of the upper wall, in the middle of its four sides, inwards positive; scans are of
-the sheet in the clamp, without a tool.
+The part is formed along one tool path, until the upper wall is whole, to its end, and after every finishing pass asked
+for. What a scan adds to the first is told along the normal of the upper wall, in the middle of its four sides, inwards
+positive; scans are of the sheet in the clamp, without a tool.
 
 usage: ./isf python benchmarks/tent_effect.py [--sheets shell_coarse,fast] [--angles 60 25] [--json]
+           [--finishing-passes N]
 
-shell_coarse takes 6 minutes of one core, fast half a minute.
+shell_coarse takes 6 minutes of one core and 8 more for a finishing pass, fast half a minute.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ rig: behera2015
 sheet: {{material: AA3103, thickness: 1.5 mm}}
 tool_1: {{radius: 5 mm}}
 backing_plate: {{shape: rectangle, size: [{opening} mm, {opening} mm], corner_radius: 8 mm}}
-path: {{incremental_depth: {step} mm, point_spacing: 0.5 mm, feed: 33 mm/s}}
+path: {{incremental_depth: {step} mm, point_spacing: 0.5 mm, feed: 33 mm/s, finishing_passes: {finishing}}}
 control: {{rate: 100 Hz}}
 springback: {{method: none}}
 """
@@ -62,22 +63,24 @@ def job(given: argparse.Namespace, folder: Path) -> JobFile:
     part = ribbed_pyramid(1e-3 * given.half, upper, 1e-3 * given.upper, lower, 1e-3 * given.lower, **radii)
     mesh = part_mesh(part, 1e-5)
     trimesh.Trimesh(1e3 * mesh.vertices, mesh.faces, process=False).export(folder / "part.stl")
-    return JobFile(JOB.format(opening=2.0 * (given.half + FRAME), step=given.step), folder)
+    opening, passes = 2.0 * (given.half + FRAME), given.finishing_passes
+    return JobFile(JOB.format(opening=opening, step=given.step, finishing=passes), folder)
 
 
 def pull(job_file: JobFile, sheet: SheetKind, places: Array, upper: float) -> Array:
-    """(N,) m, by how much the surface is higher at ``places`` (N, 2) m of a wall down to ``upper`` m, once there is a
-    wall below it."""
+    """(P, N) m, by how much the surface is higher at ``places`` (N, 2) m of a wall down to ``upper`` m, once there is a
+    wall below it, and after every finishing pass."""
     made = plan(job_file)
-    above = tuple(contour for contour in made.contours if contour.forming_tip[:, 2].min() > -upper)
+    passes = [tuple(c for c in made.contours if c.stage <= stage) for stage in range(made.contours[-1].stage + 1)]
+    above = tuple(contour for contour in passes[0] if contour.forming_tip[:, 2].min() > -upper)
     heights = []
-    for contours in (above, made.contours):
+    for contours in (above, *passes):
         part = replace(made, contours=contours)
         record = in_process.form(job_file, RunOptions(sheet=sheet), part_plan=part, progress=_tell)
         if record.scan is None or not record.results[-1].completed:
             raise SystemExit(f"{sheet}: ended early, {record.results[-1].code}")
         heights.append(record.scan.at(places))
-    return np.asarray(heights[1] - heights[0])
+    return np.array(heights[1:]) - heights[0]
 
 
 def _tell(step: PartStep) -> None:
@@ -94,6 +97,7 @@ def main() -> None:
     parser.add_argument("--upper", default=35.0, type=float, help="mm, depth of the upper wall")
     parser.add_argument("--lower", default=17.5, type=float, help="mm, depth of the lower wall")
     parser.add_argument("--step", default=1.0, type=float, help="mm, incremental depth")
+    parser.add_argument("--finishing-passes", default=0, type=int, help="over the whole part")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     if given.upper <= 2.0 * CLEAR:
@@ -102,12 +106,13 @@ def main() -> None:
     depth = np.linspace(CLEAR, given.upper - CLEAR, 5)
     out = 1e-3 * (given.half - depth / math.tan(angle))
     places = np.vstack([np.column_stack([out * x, out * y]) for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1))])
-    rows = {}
+    rows: dict[str, list[float]] = {}
     with TemporaryDirectory() as folder:
         job_file = job(given, Path(folder))
         for sheet in map(sheet_kind, given.sheets.split(",")):
             moved = 1e3 * math.cos(angle) * pull(job_file, sheet, places, 1e-3 * given.upper)
-            rows[sheet] = moved.reshape(4, -1).mean(axis=0).round(2).tolist()
+            for passes, one in enumerate(moved.reshape(len(moved), 4, -1).mean(axis=1).round(2).tolist()):
+                rows[sheet if not passes else f"{sheet}, {passes} finishing"] = one
     if given.json:
         print(json.dumps({"depth_mm": depth.round(2).tolist(), "inwards_mm": rows}))
         return

@@ -131,6 +131,7 @@ LIBRARY = {
     "praveen_cone_610": funnel(305e-3, np.radians(25), np.radians(60), 50e-3, 10e-3, 10e-3),
     "free_form": free_form(0.75, np.radians(40), 6e-3, 5e-3),
     "behera_80_25": two_slopes(75.0, (80.0, 35.0), (25.0, 25.0)),
+    "behera_60_25": two_slopes(75.0, (60.0, 35.0), (25.0, 17.5)),
     "behera_60_30": two_slopes(100.0, (60.0, 60.0), (30.0, 30.0)),
     "behera_airfoil": airfoil_ridge(),
     "praveen_free_form": first_feature(free_form(1.94, np.radians(45), 40e-3)),
@@ -145,6 +146,7 @@ LIBRARY = {
 LIBRARY_CHORD = {
     "ren_funnel": 10e-6,
     "behera_80_25": 10e-6,
+    "behera_60_25": 10e-6,
     "behera_60_30": 10e-6,
     "behera_airfoil": 10e-6,
     "praveen_cone_150": 10e-6,

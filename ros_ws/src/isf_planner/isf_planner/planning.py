@@ -79,6 +79,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     part_checks.check_backing_plate(contours, job)
     warnings += part_checks.check_held(contours, job, rig)
     last = tuple(contour for contour in contours if contour.stage == len(part.preforms))
+    warnings += part_checks.check_slopes(last, job)
     part_checks.check_floors(last, planned, job)
     warnings += part_checks.check_support(last, planned, job)
     nominal = moved.nominal if moved else part.mesh
@@ -120,7 +121,15 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     base, job = before.base, job_file.job
     staged = before.stages or job.path.stages or job.path.morph
     partial = before.partial or job.path.partial_paths
-    if base is None or staged or partial or before.moved or job.strategy:
+    if (
+        base is None
+        or base.job.path.finishing_passes
+        or job.path.finishing_passes
+        or staged
+        or partial
+        or before.moved
+        or job.strategy
+    ):
         return plan(job_file)
     if not replanning.same_contacts(base.job, job):
         return plan(job_file)
@@ -133,7 +142,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     contours, expected = finish(made, job_file)
     part_checks.check_machine(contours, job, job_file.rig)
     part_checks.check_backing_plate(contours, job)
-    held = part_checks.check_held(contours, job, job_file.rig)
+    held = (*part_checks.check_held(contours, job, job_file.rig), *part_checks.check_slopes(contours, job))
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
     shank = check_shank(contours, before.target, job_file) if job_file.tilts else None

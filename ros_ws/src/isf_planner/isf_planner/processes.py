@@ -109,7 +109,7 @@ class IncrementalForming(FormingProcess):
         """As the base class."""
         make = sequencing.make_contours if job_file.job.path.partial_paths else tool_paths.make_contours
         groups = [make(sides, job_file, plan_id) for sides in (*([side] for side in part.preforms), list(part.sides))]
-        return stages.joined(groups), ()
+        return stages.joined([*groups, *[groups[-1]] * job_file.job.path.finishing_passes]), ()
 
 
 class DoubleSidedForming(IncrementalForming):

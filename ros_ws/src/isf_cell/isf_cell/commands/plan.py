@@ -75,6 +75,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         data |= {"features": found.counts()}
     data |= {"files": [str(path) for path in _write(result, wanted, found, job_file.rig)]}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
+    data |= {"finishing_passes": job_file.job.path.finishing_passes}
     data |= {"tool_axis": tool_axis(result), "accuracy_surfaces": moved_target(result)}
     data |= reach(result, job_file.job, job_file.rig, folder)
     if as_json:
@@ -92,6 +93,8 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         if fold := stage.fold_over:
             text += f", {fold.gap_text} to the wall of the stage before, {fold.ratio:.2f} of the limit"
         terminal.say(text)
+    if passes := data["finishing_passes"]:
+        terminal.say(f"{passes} finishing pass{'es' if passes > 1 else ''} over the whole part on the same path")
     if partial := data["partial_paths"]:
         terminal.say(
             f"partial paths: {partial['paths']} of {partial['curves']} curves, joined to {partial['closed']} closed "

@@ -178,6 +178,8 @@ class PathSpec(FileModel):
     """SPIF and DSIF: largest wall angles of the preforms formed before the part itself, ascending; none: one stage."""
     morph: MorphSpec | None = None
     """SPIF and DSIF: shapes morphed from the part that are formed before it; ``{}``: all defaults; None: one stage."""
+    finishing_passes: int = Field(default=0, ge=0, le=5)
+    """SPIF and DSIF: how often the tool passes over the whole part again, on the same path, once it is formed."""
     partial_paths: bool = False
     """SPIF and DSIF: a path for every feature of the surface, with levels of its own under spacing scallop or arc; all
     are merged by depth and start away from ribs."""
@@ -232,6 +234,8 @@ class PathSpec(FileModel):
             raise ValueError("stages must be ascending wall angles between 0 and 90 deg")
         if self.stages and self.morph is not None:
             raise ValueError("stages and morph both say what is formed before the part: use one of them")
+        if self.finishing_passes and self.islands == "swap":
+            raise ValueError("finishing_passes needs islands around: what two tools form in turn is formed once")
         return self
 
     @model_validator(mode="after")
@@ -290,6 +294,8 @@ class PathSpec(FileModel):
             return f"path.stages needs process SPIF or DSIF: {process} forms in one stage"
         if self.morph is not None:
             return f"path.morph needs process SPIF or DSIF: {process} forms in one stage"
+        if self.finishing_passes:
+            return f"path.finishing_passes needs process SPIF or DSIF: {process} forms in one pass"
         if self.partial_paths:
             return f"path.partial_paths needs process SPIF or DSIF: {process} has no passes over single features"
         if self.floor_step is not None:

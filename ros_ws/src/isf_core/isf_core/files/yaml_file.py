@@ -12,7 +12,7 @@ import os
 import sysconfig
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, cast, get_args
+from typing import Any, Literal, TypeVar, cast, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
@@ -218,7 +218,7 @@ def _explain(error: ValidationError, model: type[BaseModel], files: Sequence[tup
         advice = _meant(str(place[-1]), place[:-1], model)
     elif first["type"] == "missing":
         what = f"field '{field}' is missing"
-        advice = "add it; see the examples"
+        advice = _to_add(str(place[-1]), place[:-1], model)
     else:
         what = f"{field}: {_bound(first, model) or first['msg'].removeprefix('Value error, ')}"
         cause = first.get("ctx", {}).get("error")
@@ -251,6 +251,23 @@ def _meant(name: str, place: tuple[int | str, ...], model: type[BaseModel]) -> s
     if near:
         return f"did you mean {' or '.join(repr(item) for item in near)}?"
     return f"known here: {', '.join(here)}"
+
+
+def _to_add(name: str, place: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    """Advice for the field ``name`` that the section ``place`` lacks: what is written there."""
+    section = _section(model, place)
+    info = section.model_fields.get(name) if section is not None else None
+    annotation = info.annotation if info is not None else None
+    reading = next(_readings([*(info.metadata if info is not None else ()), annotation]), None)
+    words = [str(word) for word in get_args(annotation)] if get_origin(annotation) is Literal else []
+    if reading is not None:
+        return f"add '{name}', a number in {reading.unit}"
+    if words:
+        return f"add '{name}', one of {', '.join(words)}"
+    if (inner := _model_in(annotation)) is not None:
+        needed = [field for field, one in inner.model_fields.items() if one.is_required()]
+        return f"add the section '{name}', with {', '.join(needed)}" if needed else f"add the section '{name}'"
+    return f"add '{name}'"
 
 
 _BOUNDS = {

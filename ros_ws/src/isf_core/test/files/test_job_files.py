@@ -114,6 +114,21 @@ def test_a_wrong_field_is_reported_with_its_place(old: str, new: str, code: Erro
     assert words in caught.value.message
 
 
+@pytest.mark.parametrize(
+    ("old", "advice"),
+    [
+        ("  feed: 30 mm/s\n", "add 'feed', a number in mm/s"),
+        ("process: DSIF\n", "add 'process'"),
+        ("tool_1: {radius: 5 mm}\n", "add the section 'tool_1', with "),
+    ],
+)
+def test_what_to_write_for_a_missing_field_is_told(old: str, advice: str) -> None:
+    assert old in GOOD
+    with pytest.raises(IsfError) as caught:
+        parse(GOOD.replace(old, ""))
+    assert caught.value.advice.startswith(advice)
+
+
 @pytest.mark.parametrize("text", ["", "- a\n- b\n", "42"])
 def test_what_is_not_a_mapping_is_refused(text: str) -> None:
     with pytest.raises(IsfError) as caught:

@@ -55,6 +55,15 @@ SAG = 0.6e-3
 """m by which the opening sinks, over the root of the mm of free sheet around it (14 parts of 1 mm of aluminium under
 one tool on the elasto-plastic sheet within a factor of 1.4; scanned cones 0.7 to 1.3 mm: docs/methods/planning.md)."""
 
+BENT = float(np.radians(20.0))
+"""rad, between a steep wall and the one below it, from which on the tent effect is warned of (assumed)."""
+
+EVEN = float(np.radians(10.0))
+"""rad, that a wall may change its angle by and still be one."""
+
+SHALLOWEST = float(np.radians(10.0))
+"""rad; what is flatter is a floor."""
+
 NOWHERE = -10.0
 """m, height of nodes that are to be left out."""
 
@@ -276,6 +285,41 @@ def check_held(contours: Sequence[Contour], job: Job, rig: Rig) -> tuple[str, ..
         f"the part is formed, and the opening sinks by about {1e3 * SAG * np.sqrt(1e3 * free):.1f} mm with any "
         "correction (1 mm of aluminium; less where the part is shallow or a second tool supports it); "
         f"{remedy} a backing_plate closer to the opening{or_else}, and see what is left with --sheet shell_coarse",
+    )
+
+
+def check_slopes(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
+    """Warning where a shallow wall is formed below a steep one, which it pulls inwards (tent effect, Behera 2015).
+
+    ``contours`` of the part itself. A steep wall is two tool radii deep, a shallow one three wide seen from above, and
+    what bends between them one diameter at most. By the median angle of a contour: a part that is so on one side alone
+    is not told.
+    """
+    if job.process != "SPIF" or job.path.morph is not None or job.path.finishing_passes:
+        return ()
+    radius = job.tool_1.ball_radius
+    features: dict[int, list[tuple[float, float]]] = {}
+    for contour in contours:
+        row = float(np.median(contour.contact[:, 2])), float(np.median(contour.wall_angle))
+        features.setdefault(contour.feature, []).append(row)
+    found = []
+    for rows in features.values():
+        z, angle = np.array(rows).T
+        run = np.concatenate([[0.0], np.cumsum(-np.diff(z) / np.tan(np.maximum(angle[1:], 0.01)))])
+        for k in np.flatnonzero(z < z[0] - 2.0 * radius):
+            steep = angle[(z <= z[k] + 2.0 * radius) & (z >= z[k])].min()
+            below = angle[(run >= run[k] + 2.0 * radius) & (run <= run[k] + 5.0 * radius)]
+            if run[-1] < run[k] + 5.0 * radius or not len(below) or np.ptp(below) > EVEN or below.min() < SHALLOWEST:
+                continue
+            if steep - below.max() >= BENT:
+                found.append((round(float(steep), 2), -float(z[k]), float(below.max())))
+    if not found:
+        return ()
+    steep, depth, shallow = max(found)
+    return (
+        f"a wall of {np.degrees(shallow):.0f} deg is formed below one of {np.degrees(steep):.0f} deg, from "
+        f"{1e3 * depth:.0f} mm of depth on, and pulls it inwards, by millimetres (tent effect); "
+        "path.finishing_passes: 1 forms it back, see what is left with --sheet shell_coarse",
     )
 
 

@@ -8,6 +8,8 @@ A wall steeper than the material bears in one pass is formed in stages. Two kind
 * ``path.morph``: shapes between the flat blank and the part, which get deeper and steeper at once, so that no floor is
   formed long before the walls around it (Behera 2015; :mod:`isf_planner.morphing`).
 
+A finishing pass (``path.finishing_passes``) forms the part once more and is a stage of its own.
+
 Of every stage it is known how near the sheet comes to folding over after the stage before
 (:mod:`isf_planner.morphing.fold_over`).
 """
@@ -29,7 +31,7 @@ from numpy.typing import NDArray
 from isf_planner.features.segmentation import find_features
 from isf_planner.forming.sides import HalfPart
 from isf_planner.morphing.chain import Chain, make_chain, on_finer_grid, steepest
-from isf_planner.morphing.fold_over import FoldOver, fold_over
+from isf_planner.morphing.fold_over import UNCHANGED, FoldOver, fold_over
 from isf_planner.morphing.rules import rules_of
 from isf_planner.morphing.selection import FIRST_SHARE, Spacing, not_reached, select
 from isf_planner.part.mesh_checks import place_text
@@ -86,7 +88,7 @@ class Preforms:
     Attributes
     ----------
     parts : what the upper tool forms, in order
-    stages : of these and of the part itself; none when nothing is formed before it
+    stages : of these, of the part itself and of its finishing passes; none of a part formed in one stage
     warnings : what to look at
     """
 
@@ -110,8 +112,8 @@ def preforms(
     IsfError : FEATURES_MIXED when the part also rises above the blank; PART_TOO_SMALL_FOR_TOOL; MORPH_NOT_REACHED
     """
     job = job_file.job
-    morph = job.path.morph
-    if not job.path.stages and morph is None:
+    morph, finishing = job.path.morph, job.path.finishing_passes
+    if not job.path.stages and morph is None and (not finishing or list(forming_tools) != [1]):
         return Preforms()
     where = "path.stages" if morph is None else "path.morph"
     if list(forming_tools) != [1]:
@@ -124,6 +126,8 @@ def preforms(
     radius = job.tool_1.ball_radius
     part = height_grid.sample(mesh, _pitch(mesh, PITCH_PER_RADIUS * radius, LARGEST_GRID), 0.0)
     reported: list[str] = []
+    if morph is None and not job.path.stages:
+        return Preforms(stages=(Stage(part, None), *[Stage(part, UNCHANGED)] * finishing))
     if morph is None:
         shapes = [preform(part, angle, radius) for angle in job.path.stages]
         steep = job.path.stages[0] - STEEP_MARGIN
@@ -144,7 +148,8 @@ def preforms(
             f"({fold.limit * 1e3:.1f} mm)"
         )
     halves = tuple(HalfPart(height_grid.as_mesh(shape), 1) for shape in shapes)
-    return Preforms(halves, stages if shapes else (), tuple(reported))
+    stages += (Stage(part, UNCHANGED),) * finishing
+    return Preforms(halves, stages if len(stages) > 1 else (), tuple(reported))
 
 
 def joined(groups: Sequence[Sequence[Contour]]) -> tuple[Contour, ...]:

@@ -45,7 +45,7 @@ def fold_over_limit(radius: float, wall_angle: Array | float) -> Array:
 @dataclass(frozen=True)
 class FoldOver:
     """How near a shape comes to folding: ``ratio`` gap over limit (above 1 it may fold), ``gap`` and ``limit`` m at
-    ``place`` (3,) m. All zero where the shape has no wall; ``at_least``: the wall before is farther away than was
+    ``place`` (3,) m. All zero where the shape has no wall, or is the one before; ``at_least``: the wall before is farther away than was
     looked, so ``gap`` and ``ratio`` are more."""
 
     ratio: float
@@ -60,7 +60,7 @@ class FoldOver:
         return f"{'at least ' if self.at_least else ''}{self.gap * 1e3:.1f} mm"
 
 
-NONE = FoldOver(0.0, 0.0, 0.0, np.zeros(3))
+UNCHANGED = FoldOver(0.0, 0.0, 0.0, np.zeros(3))
 
 
 def fold_over(
@@ -75,7 +75,7 @@ def fold_over(
     whole = slope > INSIDE * ndimage.maximum_filter(slope, 3)
     rows, columns = np.nonzero(whole & (slope > np.tan(steep)))
     if len(rows) == 0:
-        return NONE
+        return UNCHANGED
     z, tilt = after.z[rows, columns], slope[rows, columns]
     gap = np.full(len(z), np.inf)
     levels = np.linspace(z.min(), z.max(), LEVELS)

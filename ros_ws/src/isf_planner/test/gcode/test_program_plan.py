@@ -31,6 +31,7 @@ ROUNDING = 0.5e-7 * 1.001
 """m: the export writes four decimals of a millimetre."""
 
 SLOW = {
+    "behera_60_25",
     "behera_60_30_sequenced",
     "behera_80_25",
     "behera_80_25_ordinary",
