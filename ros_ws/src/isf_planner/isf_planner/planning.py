@@ -119,17 +119,9 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     IsfError : as :func:`plan`; PART_TOO_SMALL_FOR_TOOL where the new tool does not fit
     """
     base, job = before.base, job_file.job
-    staged = before.stages or job.path.stages or job.path.morph
+    staged = before.stages or job.path.stages or job.path.morph or job.path.finishing_passes
     partial = before.partial or job.path.partial_paths
-    if (
-        base is None
-        or base.job.path.finishing_passes
-        or job.path.finishing_passes
-        or staged
-        or partial
-        or before.moved
-        or job.strategy
-    ):
+    if base is None or base.job.path.finishing_passes or staged or partial or before.moved or job.strategy:
         return plan(job_file)
     if not replanning.same_contacts(base.job, job):
         return plan(job_file)

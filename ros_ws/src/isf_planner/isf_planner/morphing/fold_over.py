@@ -45,8 +45,8 @@ def fold_over_limit(radius: float, wall_angle: Array | float) -> Array:
 @dataclass(frozen=True)
 class FoldOver:
     """How near a shape comes to folding: ``ratio`` gap over limit (above 1 it may fold), ``gap`` and ``limit`` m at
-    ``place`` (3,) m. All zero where the shape has no wall, or is the one before; ``at_least``: the wall before is farther away than was
-    looked, so ``gap`` and ``ratio`` are more."""
+    ``place`` (3,) m. All zero where the shape has no wall, or is the one before; ``at_least``: the wall before is
+    farther away than was looked, so ``gap`` and ``ratio`` are more."""
 
     ratio: float
     gap: float
