@@ -292,19 +292,21 @@ def check_slopes(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
     """Warning where a shallow wall is formed below a steep one, which it pulls inwards (tent effect, Behera 2015).
 
     ``contours`` of the part itself. A steep wall is two tool radii deep, a shallow one three wide seen from above, and
-    what bends between them one diameter at most. By the median angle of a contour: a part that is so on one side alone
-    is not told.
+    what bends between them one diameter at most. By the median angle at a depth: a part that is so on one side alone is
+    not told.
     """
     if job.process != "SPIF" or job.path.morph is not None or job.path.finishing_passes:
         return ()
     radius = job.tool_1.ball_radius
-    features: dict[int, list[tuple[float, float]]] = {}
-    for contour in contours:
-        row = float(np.median(contour.contact[:, 2])), float(np.median(contour.wall_angle))
-        features.setdefault(contour.feature, []).append(row)
     found = []
-    for rows in features.values():
-        z, angle = np.array(rows).T
+    for feature in {contour.feature for contour in contours}:
+        mine = [contour for contour in contours if contour.feature == feature]
+        height, angles = (
+            np.concatenate(rows) for rows in zip(*((c.contact[:, 2], c.wall_angle) for c in mine), strict=True)
+        )
+        level = np.floor(-height / job.path.incremental_depth)
+        levels = np.unique(level)
+        z, angle = (np.array([np.median(values[level == one]) for one in levels]) for values in (height, angles))
         run = np.concatenate([[0.0], np.cumsum(-np.diff(z) / np.tan(np.maximum(angle[1:], 0.01)))])
         for k in np.flatnonzero(z < z[0] - 2.0 * radius):
             steep = angle[(z <= z[k] + 2.0 * radius) & (z >= z[k])].min()

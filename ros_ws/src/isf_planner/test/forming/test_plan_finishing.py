@@ -81,6 +81,7 @@ def test_a_process_that_forms_in_one_pass_refuses_them() -> None:
     ("lower", "fields", "told"),
     [
         (25.0, "", True),
+        (25.0, "partial_paths: true", True),
         (50.0, "", False),
         (25.0, "finishing_passes: 1", False),
     ],
