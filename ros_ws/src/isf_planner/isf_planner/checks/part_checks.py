@@ -320,8 +320,8 @@ def check_slopes(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
     steep, depth, shallow = max(found)
     return (
         f"a wall of {np.degrees(shallow):.0f} deg is formed below one of {np.degrees(steep):.0f} deg, from "
-        f"{1e3 * depth:.0f} mm of depth on, and pulls it inwards, by millimetres (tent effect); "
-        "path.finishing_passes: 1 forms it back, see what is left with --sheet shell_coarse",
+        f"{1e3 * depth:.0f} mm of depth on, and pulls it inwards (tent effect), flat walls by millimetres, round "
+        "ones by less; path.finishing_passes: 1 forms it back, see what is left with --sheet shell_coarse",
     )
 
 
