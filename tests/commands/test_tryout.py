@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.measures.deviation import compare
 from isf_cell import in_process
@@ -133,6 +134,24 @@ def test_another_job_does_not_go_on_in_its_folder(done: Done, tmp_path: Path) ->
     with pytest.raises(IsfError, match="another job") as caught:
         try_out(Tryout(job, sheet="fast"), done.folder, as_json=False)
     assert caught.value.code == ErrorCode.FILE_NOT_WRITABLE
+
+
+def test_scans_of_the_real_part_are_held_against_those_of_the_chosen_one(tmp_path: Path) -> None:
+    """The parts tried are not scanned between contours; the chosen one is, and its plan says what was seen."""
+    scans = ("method: analytic", "method: analytic\n  scan_every: 1\n  scan_sensor: true")
+    job = faster(quick_cone_file(tmp_path, step="2.5 mm"), scans)
+    try_out(Tryout(job, sheet="fast", steps=1, checks=(21,)), tmp_path / "out", as_json=False)
+    folder, chosen = tmp_path / "out", str(summary_of(tmp_path / "out")["chosen"])
+    scanned = {path.parent.name for path in folder.glob("*/variant_*") if read_bag(path).scans}
+    assert scanned == {"first", f"scans of {chosen}".replace(" ", "_"), f"check of {chosen}".replace(" ", "_")}
+    text = read_bag(folder / f"scans_of_{chosen.replace(' ', '_')}" / "variant_0").job_text
+    assert yaml.safe_load(text)["springback"]["scan_sensor"] is False
+    plan = learning.load(folder / "plan.npz")
+    assert plan.seen is not None
+    assert np.isfinite(plan.seen[plan.contour == 0]).any()
+    assert np.array_equal(plan.push, learning.load(folder / f"{chosen.replace(' ', '_')}.npz").push)
+    found = load_job(folder / "job.yaml").job.springback
+    assert (found.method, found.scan_every, found.scan_sensor) == ("learned", 1, True)
 
 
 def test_sealed_variants_are_kept_for_the_judgement(done: Done, tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from isf_planner.accuracy.surfaces import with_held_out
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import Learned, learn_part
 from isf_springback.loop_path import forming_radius
+from isf_springback.scan import FormedShape
+from isf_springback.scan.feedback import ScanMemory
 
 from isf_cell.commands import terminal
 
@@ -149,4 +151,14 @@ def learn_record(record: PartRecord, base: Path, known: Learned | None = None) -
         forming_radius(job_file, record.nominal[0].forming_tool if record.nominal else 1),
         record.job_name,
         known,
+        _shapes(record, job_file),
     )
+
+
+def _shapes(record: PartRecord, job_file: JobFile) -> dict[int, FormedShape]:
+    """What the scans between the contours of ``record`` show, after the contours of their index."""
+    memory = ScanMemory(job_file)
+    memory.target = record.target
+    contours = {contour.index: contour for contour in record.nominal if contour.forming_tool == 1}
+    taken = [(scan.index, memory.take(scan.points(), contours.get(scan.index), scan.index)) for scan in record.scans]
+    return {index: shape for index, shape in taken if shape is not None}

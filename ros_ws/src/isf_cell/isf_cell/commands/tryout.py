@@ -6,6 +6,8 @@
 3. Steps of Gauss and Newton, the Jacobian brought up to date after each (Broyden 1965), with a ridge and bounds.
 4. Passes of displacement adjustment place by place (:mod:`isf_springback.estimators.learning`), for what changes around
    the part; as long as they help.
+5. Where the job scans between contours, the best part once more with these scans: what they showed goes into the plan,
+   so that on a real sheet what scans show to be different is corrected.
 
 With several variants of the plant all of this is for their errors together. The best part is the result; it is formed
 once more on variants that had no say in it, which tells what to expect of a sheet nobody knows.
@@ -21,7 +23,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -31,6 +33,7 @@ from isf_analysis.figures import style
 from isf_analysis.measures.deviation import BANDS, Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_core import __version__
+from isf_core.contour import Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
 from isf_core.files import yaml_file
@@ -73,6 +76,9 @@ ENOUGH = 0.95
 
 IDLE_STEPS = 2
 """Steps in a row that have not helped, after which there are no more."""
+
+Scans = Literal["none", "exact", "as wanted"]
+"""Between the contours of a part with a plan: none, those of the job without a scanner's errors, those of the job."""
 
 STATE = "tryout.json"
 """What a folder was begun for."""
@@ -189,7 +195,8 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
     search = Search(wanted, job_file, folder)
     try:
         search.run()
-        (check,) = search.form([(f"check of {search.best.name}", search.best.plan)], wanted.checks)
+        search.scan_best()
+        (check,) = search.form([(f"check of {search.best.name}", search.plan)], wanted.checks, scans="as wanted")
     except IsfError:
         if [item.name for item in folder.iterdir()] == [STATE]:  # refused before a part was formed
             shutil.rmtree(folder)
@@ -211,12 +218,14 @@ class Search:
     ----------
     wanted, job_file, folder ; parts : formed so far, in order ; best : of them
     correction : method of the parts without a plan; None: the job's
+    plan : what was found, once :meth:`scan_best` was called; None: the method of the first part
     """
 
     def __init__(self, wanted: Tryout, job_file: JobFile, folder: Path) -> None:
         self.wanted, self.job_file, self.folder = wanted, job_file, folder
         self.correction = wanted.correction
         self.parts: list[Tried] = []
+        self.plan: Path | None = None
 
     @property
     def best(self) -> Tried:
@@ -244,9 +253,26 @@ class Search:
             self._newton(start, bands, self._probed(start, bands, base.error), base)
         self._place_by_place()
 
-    def form(self, wanted: Sequence[tuple[str, Path | None]], variants: Sequence[int]) -> list[Tried]:
-        """Parts of the names and plans ``wanted``, on each of ``variants``."""
-        jobs = [_tried(self.job_file, plan, self.correction) for _, plan in wanted]
+    def scan_best(self) -> None:
+        """The best part is the plan; where the job scans between contours, with what these show of it."""
+        self.plan = best = self.best.plan
+        job = self.job_file.job
+        if best is None or not job.springback.scan_every or job.process_type is Process.TPIF:
+            return
+        name = f"scans of {self.best.name}"
+        (part,) = self.form([(name, best)], self.wanted.variants, scans="exact")
+        if part.failures:
+            terminal.warn(f"{part.failures[0].message}; a real part is not corrected by scans")
+            return
+        seen = together([learn_record(trial.record, self.job_file.base) for trial in part.trials])
+        self.plan = self.folder / "scanned.npz"
+        learning.save(replace(seen, push=learning.load(best).push), self.plan)
+
+    def form(
+        self, wanted: Sequence[tuple[str, Path | None]], variants: Sequence[int], scans: Scans = "none"
+    ) -> list[Tried]:
+        """Parts of the names and plans ``wanted``, on each of ``variants``; ``scans`` of those with a plan."""
+        jobs = [_tried(self.job_file, plan, self.correction, scans) for _, plan in wanted]
         tasks = [
             _Task(job.text, job.base, job.job.name, self.wanted.sheet, variant, self.wanted.seed,
                   self.folder / name.replace(" ", "_") / f"variant_{variant}", name)
@@ -285,7 +311,7 @@ class Search:
         """File of a part, by its name; a part that was formed by another one is formed anew."""
         path = self.folder / f"{name.replace(' ', '_')}.npz"
         before = path.read_bytes() if path.exists() else None
-        learning.save(replace(knowledge, push=np.clip(push, LEAST_PUSH, LARGEST_CORRECTION)), path)
+        learning.save(replace(knowledge, push=np.clip(push, LEAST_PUSH, LARGEST_CORRECTION), seen=None), path)
         if before is not None and path.read_bytes() != before:
             shutil.rmtree(path.with_suffix(""), ignore_errors=True)
         return name, path
@@ -370,12 +396,18 @@ def _folder(wanted: Tryout, job_file: JobFile, output: Path | None) -> Path:
     return folder
 
 
-def _tried(job_file: JobFile, plan: Path | None, correction: str | None, rate: float = CONTROL_RATE) -> JobFile:
-    """``job_file`` with what was learned in ``plan``, or with method ``correction`` before there is one; its text names
-    files by absolute paths."""
+def _tried(
+    job_file: JobFile, plan: Path | None, correction: str | None, scans: Scans, rate: float = CONTROL_RATE
+) -> JobFile:
+    """``job_file`` with what was learned in ``plan`` and ``scans``, or with method ``correction`` before there is a
+    plan; its text names files by absolute paths."""
     data = _absolute(yaml_file.content(job_file.text, job_file.job.name), job_file.base)
     if plan is not None:
         data["springback"] = {**data.get("springback", {}), "method": "learned", "learning": str(plan)}
+        if scans == "none":
+            data["springback"].pop("scan_every", None)
+        elif scans == "exact":
+            data["springback"]["scan_sensor"] = False
     elif correction is not None:
         data["springback"] = {**data.get("springback", {}), "method": correction}
     if job_file.job.control.rate > rate:
@@ -476,12 +508,13 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
     wanted, folder, best = search.wanted, search.folder, search.best
     name = search.job_file.job.name
     plan = None
-    if best.plan is not None:
+    if search.plan is not None:
         plan = Path("plan.npz")  # beside the job
-        shutil.copyfile(best.plan, folder / plan)
+        shutil.copyfile(search.plan, folder / plan)
     job = folder / "job.yaml"
     head = f"# {name} with the correction of a try-out on the simulated sheet {wanted.sheet}\n"
-    job.write_text(head + _tried(search.job_file, plan, search.correction, rate=np.inf).text, encoding="utf-8")
+    found = _tried(search.job_file, plan, search.correction, "as wanted", rate=np.inf)
+    job.write_text(head + found.text, encoding="utf-8")
     picture = _draw(search, check.trials, folder / "tryout.png")
     prevented, expected = _prevented(search, check), check.trials or best.trials
     data = {

@@ -603,7 +603,8 @@ class SpringbackSpec(FileModel):
     fused: FusedSpec = FusedSpec()
     """Of the method fused."""
     learning: str | None = None
-    """Correction file made by ``isf learn`` from parts formed before, relative to the job file."""
+    """Correction file made by ``isf learn`` from parts formed before, or by ``isf tryout``, relative to the job file.
+    With `scan_every`, scans correct what they show to be different from that part."""
 
 
 class ToleranceSpec(FileModel):

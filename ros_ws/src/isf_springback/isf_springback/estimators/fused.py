@@ -9,16 +9,14 @@ floor is made by the last contours alone; the *bottom* bias is read under and in
 remaining depth is less than the height of the contact above the tip. A feature formed from below, by the lower tool, is
 corrected by the model alone: what a scan from above says of the wall and floor of a pocket is not true of it.
 
-The state of a bias stands at M places around the contour: the bias (measured minus predicted springback, positive when
-the sheet springs back more than the model says) and its covariance. From contour to contour it is carried by place and
-drifts as a random walk; a measurement updates it place by place (Kalman), neighbours within the correlation length
-share it.
+A bias is measured minus predicted springback, positive when the sheet springs back more than the model says
+(:mod:`isf_springback.estimators.shape_bias`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult
@@ -26,11 +24,24 @@ from isf_core.errors import IsfError
 from isf_core.files.job import JobFile, lift_interval
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
-from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
 from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
+from isf_springback.estimators.shape_bias import (
+    DOUBTFUL_SHARE,
+    DRIFT_AFTER_SURPRISE,
+    LARGEST_BIAS,
+    REPORTED_BIAS,
+    START_DEVIATION,
+    BiasField,
+    ModelledContour,
+    carried,
+    expected_error,
+    first_field,
+    floor_share,
+    same_wall,
+    updated,
+)
 from isf_springback.estimators.sheet_model import SheetModel
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import LoopSamples, change_per_contour, forming_radii, nearest_points
@@ -45,24 +56,12 @@ from isf_springback.scan.readings import (
 )
 from isf_springback.sheet_edge import held_by_plate
 
-LARGEST_BIAS = 3e-3
-"""m; the shape may ask for that much more than the model and no more, and may take back the model's correction
-altogether (assumed: more than half of all published springback)."""
-DEEPER = 0.2e-3
-"""m of more push than on the contour before, beyond which a contour wipes out the traces of that one."""
 EDGE_CONTOURS = 2
 """Contours whose scans show the edge of the opening alone where a backing plate is close and holds it; else
 :data:`CONTOURS_PER_PLACE`, since a free edge bends down with each of them."""
-DRIFT_AFTER_SURPRISE = 40.0
-"""Contours of drift after a scan that surprised everywhere (assumed): a surprise that comes again is a change of the
-process, and is then followed within two scans."""
-DOUBTFUL_SHARE = 0.25
-"""Share of doubtful places from which a scan contradicts the model."""
 UNCONFIRMED_RISE = 0.5
 """Incremental depths by which a correction may grow per contour until a scan has confirmed the model (assumed: what was
 formed too deep stays)."""
-REPORTED_BIAS = 1.5e-3
-"""m of disagreement of model and shape that is reported."""
 LARGEST_MOVEMENT = 1e-3
 """m by which a wall may be formed too deep or too high, for what it will move by later (assumed: twice what the
 elasto-plastic sheet shows over a plate)."""
@@ -85,16 +84,6 @@ def steady_model(job_file: JobFile) -> SheetModel:
     from isf_springback.estimators.elastic import ElasticModel  # numba and its kernels: only who uses them waits
 
     return ElasticModel(job_file, law="hold", axial_only=True)
-
-
-@dataclass(frozen=True)
-class ModelledContour:
-    """One contour of N points: how it was pushed, and what the model says of it, with the force measured on it once
-    that is known; (N,) m each."""
-
-    contour: Contour
-    pushed: Array
-    model: Array
 
 
 class FusedEstimator(Estimator):
@@ -131,7 +120,7 @@ class FusedEstimator(Estimator):
             self._confirmed = False
             self._doubtful = 0.0
             self._remarks = ()
-        if before is not None and not _same_wall(before, contour):
+        if before is not None and not same_wall(before, contour):
             self._movement = self._scanned = None
         self._before = contour
         self._predicted = None
@@ -186,7 +175,7 @@ class FusedEstimator(Estimator):
         if formed.over_floor:
             return  # it says nothing of the wall
         before = [
-            step for step in self._steps if step.contour.index < contour.index and _same_wall(step.contour, contour)
+            step for step in self._steps if step.contour.index < contour.index and same_wall(step.contour, contour)
         ]
         if not before:
             self._wall_begins = contour.index
@@ -291,21 +280,15 @@ class FusedEstimator(Estimator):
         samples = LoopSamples.of(contour, PLACES)
         wall, bottom = self._fields(samples.contact[:, :2])
         moving = self._moving(samples.contact[:, :2])
-        share = self._floor_share(contour, history)
+        target = history.scans.target
+        share = np.zeros(len(contour))
+        if target is not None and self.job_file.job.path.floor_step is None:  # else passes over the floor make it
+            share = floor_share(contour, target, self._radius[contour.forming_tool])
         on_wall, on_floor, wall_deviation, floor_deviation, movement = samples.along(
             wall.bias, bottom.bias, wall.deviation, bottom.deviation, moving.bias
         )
         bias = (1.0 - share) * on_wall + share * on_floor
         return samples.contact, bias, np.maximum(wall_deviation, floor_deviation), (1.0 - share) * movement
-
-    def _floor_share(self, contour: Contour, history: History) -> Array:
-        """(N,) 0 on the wall .. 1 where the contour makes the floor."""
-        target = history.scans.target
-        if target is None or self.job_file.job.path.floor_step is not None:
-            return np.zeros(len(contour))  # passes over the floor make it
-        remaining = np.abs(contour.forming_tip[:, 2] - float(np.nanmin(target.z)))
-        height = self._radius[contour.forming_tool] * (1.0 - np.cos(np.radians(50.0)))
-        return np.asarray(np.clip(1.0 - remaining / height, 0.0, 1.0))
 
 
 def _shifted(field: BiasField | None, contour: Contour, grown: Array) -> BiasField | None:
@@ -315,124 +298,3 @@ def _shifted(field: BiasField | None, contour: Contour, grown: Array) -> BiasFie
     measured = 1.0 - np.clip(field.deviation / START_DEVIATION, 0.0, 1.0) ** 2
     shift = measured * grown[nearest_points(field.place, contour.contact[:, :2])]
     return BiasField(field.place, field.bias - shift, field.covariance)
-
-
-def expected_error(steps: Sequence[ModelledContour], place: Array) -> Array:
-    """(M,) m, error of the wall at ``place`` (M, 2) m by the model alone: mean over the contours that made it.
-
-    A contour that went deeper than the one before it by more than :data:`DEEPER` is the first that counts.
-    """
-    total, count, counts = np.zeros(len(place)), np.zeros(len(place)), np.ones(len(place))
-    later: Array | None = None
-    for step in reversed(steps):
-        near = nearest_points(place, step.contour.forming_tip[:, :2])
-        pushed, model = step.pushed[near], step.model[near]
-        if later is not None:
-            counts = np.where(later > pushed + DEEPER, 0.0, counts)
-        total += counts * (model - pushed)
-        count += counts
-        later = pushed
-    return np.asarray(total / count)
-
-
-def _same_wall(known: Contour, contour: Contour) -> bool:
-    """True when both contours belong to one feature, stage and forming tool of one plan."""
-    return (known.plan_id, known.feature, known.stage, known.forming_tool) == (
-        contour.plan_id,
-        contour.feature,
-        contour.stage,
-        contour.forming_tool,
-    )
-
-
-START_DEVIATION = 1.0e-3
-"""m, standard deviation of the bias before anything was measured (assumed: a fifth of the springback of an unsupported
-sheet, as models calibrated on one rig miss that of another)."""
-DRIFT = 0.03e-3
-"""m per contour, standard deviation of the change of the bias (published: the contour-to-contour change of springback
-after the first contours has one of 0.03-0.05 mm, Lu 2016, 4.3.1)."""
-CORRELATION = 30e-3
-"""m of path over which bias is alike (assumed, as for tool lifts: a sheet bends over tens of mm; what differs within a
-few mm, as the mark where contours begin, is no springback, and no correction takes it back)."""
-COMMON = 0.5
-"""Share of the bias's variance that is alike all around (assumed: half). Sheet and clamp are off everywhere, so that
-what was measured elsewhere tells of places in the shadow of the tool."""
-GATE = 4.0
-"""Standard deviations beyond which a measurement counts as doubtful and is believed less."""
-
-
-@dataclass(frozen=True)
-class BiasField:
-    """Bias at M places.
-
-    Attributes
-    ----------
-    place : (M, 2) m ; bias : (M,) m ; covariance : (M, M) m^2
-    """
-
-    place: Array
-    bias: Array
-    covariance: Array
-
-    @property
-    def deviation(self) -> Array:
-        """(M,) m, standard deviation."""
-        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
-
-
-def first_field(place: Array) -> BiasField:
-    """Nothing known at ``place`` (M, 2) m."""
-    return BiasField(place, np.zeros(len(place)), START_DEVIATION**2 * _correlation(place))
-
-
-def carried(field: BiasField, place: Array, contours: float = 1.0) -> BiasField:
-    """``field`` at the places (M, 2) m of a later contour, after ``contours`` steps of drift."""
-    weights = _weights(place, field.place)
-    spread = weights @ field.covariance @ weights.T
-    drift = contours * DRIFT**2 * _correlation(place)
-    covariance = spread + drift
-    most = START_DEVIATION**2
-    scale = np.sqrt(np.minimum(1.0, most / np.maximum(np.diagonal(covariance), 1e-30)))
-    return BiasField(place, weights @ field.bias, covariance * scale[:, None] * scale[None, :])
-
-
-def updated(field: BiasField, measured: Array, deviation: Array) -> tuple[BiasField, NDArray[np.bool_]]:
-    """``field`` after ``measured`` (M,) m (NaN: not seen) with standard deviation (M,) m; and which were doubtful.
-
-    A doubtful one (beyond :data:`GATE` standard deviations of what was expected) is not thrown away, which would make
-    the estimator blind to a true change; its deviation is widened until it lies at the gate.
-    """
-    seen = np.isfinite(measured)
-    doubtful = np.zeros(len(measured), dtype=bool)
-    if not seen.any():
-        return field, doubtful
-    index = np.flatnonzero(seen)
-    innovation = measured[index] - field.bias[index]
-    prior = field.covariance[np.ix_(index, index)]
-    noise = deviation[index] ** 2
-    expected = np.diagonal(prior) + noise
-    excess = innovation**2 > GATE**2 * expected
-    noise = np.where(excess, innovation**2 / GATE**2 - np.diagonal(prior), noise)
-    doubtful[index] = excess
-    gain = np.linalg.solve(prior + np.diag(noise), field.covariance[index]).T
-    bias = field.bias + gain @ innovation
-    covariance = field.covariance - gain @ field.covariance[index]
-    return BiasField(field.place, bias, 0.5 * (covariance + covariance.T)), doubtful
-
-
-def _correlation(place: Array) -> Array:
-    """(M, M) correlation of the places: a part common to all, one that falls with distance, a small one of its own."""
-    square = (cdist(place, place) / CORRELATION) ** 2
-    near = (0.95 - COMMON) * np.exp(-0.5 * square)
-    return np.asarray(COMMON + near + 0.05 * np.eye(len(place)))
-
-
-def _weights(place: Array, known: Array) -> Array:
-    """(M, K) interpolation weights from places ``known``: the two nearest, by inverse distance."""
-    distance = cdist(place, known)
-    nearest = np.argsort(distance, axis=1)[:, :2]
-    rows = np.arange(len(place))[:, None]
-    inverse = 1.0 / np.maximum(distance[rows, nearest], 1e-6)
-    weights = np.zeros_like(distance)
-    weights[rows, nearest] = inverse / inverse.sum(axis=1, keepdims=True)
-    return weights

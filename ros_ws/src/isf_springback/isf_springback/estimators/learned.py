@@ -1,6 +1,8 @@
 """Methods "learned" and "learned_map": corrections from parts formed before (``springback.learning`` of the job).
 
-"learned" replays the correction field of the same part. "learned_map" predicts springback on any part from wall
+"learned" replays the correction field of the same part. Where the file holds what scans between contours showed of that
+part, and this one is scanned, too, it follows what they show to be different: another sheet springs back more or less.
+"learned_map" predicts springback on any part from wall
 angle, curvature, depth and distance to the floor: a smooth additive model, the baseline of the published MARS maps
 (Behera 2015, introduction). Both stay inside the limits of every correction; outside of what was learned the map
 answers with the edge of it, and says so.
@@ -12,16 +14,32 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, makes_floor
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
 
 from isf_springback.estimators import learning
-from isf_springback.estimators.estimator import Bounds, Estimator, History, Prediction
+from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
 from isf_springback.estimators.learning import FEATURES, Learned, features
-from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, nearest_points
+from isf_springback.estimators.shape_bias import (
+    DOUBTFUL_SHARE,
+    DRIFT_AFTER_SURPRISE,
+    LARGEST_BIAS,
+    REPORTED_BIAS,
+    BiasField,
+    ModelledContour,
+    carried,
+    expected_error,
+    first_field,
+    floor_share,
+    same_wall,
+    updated,
+)
+from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, LoopSamples, forming_radii, nearest_points
+from isf_springback.scan import FormedShape
 from isf_springback.scan.feedback import contour_over_die
+from isf_springback.scan.readings import CONTOURS_PER_PLACE, PLACES, READING_DEVIATION, read_errors
 
 FEWEST_SAMPLES = 200
 KNOTS = 5
@@ -32,29 +50,197 @@ RIDGES = tuple(10.0**k for k in range(-2, 4))
 Predict = Callable[[Contour, list[str]], Array]
 
 
+NOTHING_SEEN = (
+    "the file of the part before holds no scans between contours: those of this one change nothing (isf learn adds "
+    "them, for the next)"
+)
+
+
 class LearnedEstimator(Estimator):
-    """Predicts what ``predict`` says of a contour; ``check`` raises where the file does not belong to its plan."""
+    """Predicts what ``predict`` says of a contour and, with ``before``, what scans show to differ from that part;
+    ``check`` raises where the file does not belong to its plan."""
 
     def __init__(
-        self, name: str, job_file: JobFile, predict: Predict, check: Callable[[Contour], None] = lambda _: None
+        self,
+        name: str,
+        job_file: JobFile,
+        predict: Predict,
+        check: Callable[[Contour], None] = lambda _: None,
+        before: Learned | None = None,
     ) -> None:
         super().__init__(job_file)
         self.name = name
         self._predict = predict
         self._check = check
+        self._difference: Difference | None = None
+        if before is not None and job_file.job.springback.scan_every and job_file.job.process != "TPIF":
+            self.uses_scans = True
+            self._difference = Difference(before, job_file)
 
     def begin(self, contour: Contour, history: History) -> None:
         """As the base class; raises LEARNING_UNUSABLE."""
         self._check(contour)
+        if self._difference is not None:
+            self._difference.begin(contour)
 
     def estimate(self, contour: Contour, history: History) -> Prediction:
         """As the base class."""
         remarks: list[str] = []
-        return Prediction(self._predict(contour, remarks), remarks=tuple(remarks))
+        push = self._predict(contour, remarks)
+        if self._difference is None:
+            return Prediction(push, remarks=tuple(remarks))
+        bias, deviation = self._difference.along(contour, history)
+        remarks += self._difference.remarks
+        if np.abs(bias).max() >= REPORTED_BIAS:
+            far = 1e3 * float(bias[np.argmax(np.abs(bias))])
+            remarks.append(f"scans show {far:+.1f} mm of springback relative to the part before")
+        return Prediction(
+            push + np.clip(bias, -LARGEST_BIAS, LARGEST_BIAS),
+            deviation=deviation,
+            remarks=tuple(remarks),
+            fault=history.scans.fault_before(contour),
+        )
 
     def bounds(self, contour: Contour, history: History) -> Bounds:
         """Parts formed before may have come out too deep."""
         return Bounds(pulls_back=True, at_floor=False)
+
+    def add_formed(self, formed: FormedContour, history: History) -> None:
+        """As the base class; asking again for a contour replaces it."""
+        if self._difference is not None:
+            self._difference.add_formed(formed)
+
+    def add_shape(self, shape: FormedShape | None, history: History) -> None:
+        """Update the difference from the part before."""
+        if self._difference is not None:
+            self._difference.add_shape(shape, history)
+
+
+class Difference:
+    """What scans show of this part that the same scans of the part before, in ``before``, did not show.
+
+    A contour pushed deeper than then is expected to leave the wall deeper by as much. What is measured beyond that is
+    the bias of :mod:`isf_springback.estimators.shape_bias`: of the wall, and where the last contours make the floor, of
+    the bottom. What a wall still does once the contact has passed was learned with the correction.
+
+    Attributes
+    ----------
+    remarks : what a person should know of the newest scan
+    """
+
+    def __init__(self, before: Learned, job_file: JobFile) -> None:
+        self._before = before
+        self._seen = _seen_everywhere(before)
+        self._radius = forming_radii(job_file)
+        self._floor_passes = job_file.job.path.floor_step is not None
+        self.remarks: tuple[str, ...] = ()
+        self._contour: Contour | None = None
+        self._wall: BiasField | None = None
+        self._bottom: BiasField | None = None
+        self._steps: list[ModelledContour] = []
+        self._doubtful = 0.0
+
+    def begin(self, contour: Contour) -> None:
+        """``contour`` is next; a difference is one of one wall, formed from one side."""
+        if self._contour is not None and not same_wall(self._contour, contour):
+            self._wall = self._bottom = None
+            self._steps, self._doubtful, self.remarks = [], 0.0, ()
+        self._contour = contour
+
+    def along(self, contour: Contour, history: History) -> tuple[Array, Array]:
+        """(N,) m, springback of ``contour`` beyond that of the part before, and its standard deviation."""
+        samples = LoopSamples.of(contour, PLACES)
+        wall, bottom = self._fields(samples.contact[:, :2])
+        on_wall, on_floor, wall_deviation, floor_deviation = samples.along(
+            wall.bias, bottom.bias, wall.deviation, bottom.deviation
+        )
+        share, target = np.zeros(len(contour)), history.scans.target
+        if self._floor_passes:
+            share += makes_floor(contour)
+        elif target is not None:
+            share = floor_share(contour, target, self._radius[contour.forming_tool])
+        return (1.0 - share) * on_wall + share * on_floor, np.maximum(wall_deviation, floor_deviation)
+
+    def add_formed(self, formed: FormedContour) -> None:
+        """The contour is formed so."""
+        contour = formed.contour
+        place, applied = self._known(contour, self._before.applied)
+        then = _along(contour, place, applied)
+        earlier = [step for step in self._steps if step.contour.index < contour.index]
+        self._steps = [*earlier[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, then)]
+
+    def add_shape(self, shape: FormedShape | None, history: History) -> None:
+        """The shape measured after the contour in work."""
+        current, target = history.current, history.scans.target
+        if shape is None or current is None or target is None or not self._steps:
+            return
+        contour = current.contour
+        if contour.forming_tool != 1:
+            return
+        self.remarks = (*shape.remarks, *(() if self._before.seen is not None else (NOTHING_SEEN,)))
+        reading = read_errors(contour, shape, target, self._radius[contour.forming_tool])
+        noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
+        place, seen = self._known(contour, self._seen)
+        then = seen[nearest_points(reading.place, place)]
+        wall, bottom = self._fields(reading.place)
+        last = self._steps[-1]
+        near = nearest_points(reading.place, contour.forming_tip[:, :2])
+        if not current.over_floor:  # which says nothing of the wall
+            surprise = reading.wall - then[:, 0] - expected_error(self._steps, reading.place)
+            self._wall, doubt = updated(wall, surprise, noise)
+            self._doubtful = float(doubt.mean())
+        surprise = reading.bottom - then[:, 1] - (last.model - last.pushed)[near]
+        self._bottom, _ = updated(bottom, surprise, noise)
+        if self._doubtful > DOUBTFUL_SHARE:
+            self.remarks += (
+                f"the last scan is implausible at {100 * self._doubtful:.0f} % of the places: it is given less weight",
+            )
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    def _fields(self, place: Array) -> tuple[BiasField, BiasField]:
+        """Both biases at ``place`` (M, 2) m, one contour later than last time."""
+        drift = 1.0 + DRIFT_AFTER_SURPRISE * self._doubtful
+        wall = first_field(place) if self._wall is None else carried(self._wall, place, drift)
+        bottom = first_field(place) if self._bottom is None else carried(self._bottom, place, drift)
+        return wall, bottom
+
+    def _known(self, contour: Contour, values: Array) -> tuple[Array, Array]:
+        """Places (M, 2) m of ``contour`` in the file, and ``values`` (K, ...) of them."""
+        rows = self._before.contour == contour.index
+        return self._before.place[rows], values[rows]
+
+
+def _seen_everywhere(before: Learned) -> Array:
+    """(K, 2) m, what was seen, between the contours that were scanned as well; NaN where a place never was."""
+    if before.seen is None:
+        return np.full((len(before.contour), 2), np.nan)
+    seen = before.seen.copy()
+    scanned = np.array([k for k in range(before.contours) if np.isfinite(seen[before.contour == k]).any()])
+    if not len(scanned):
+        return seen
+    for k in range(before.contours):
+        rows = np.flatnonzero(before.contour == k)
+        if not len(rows) or k in scanned:
+            continue
+        after = int(np.searchsorted(scanned, k))
+        around = scanned[max(after - 1, 0) : after + 1]
+        values = []
+        for other in around:
+            theirs = np.flatnonzero(before.contour == other)
+            values.append(seen[theirs[nearest_points(before.place[rows], before.place[theirs])]])
+        share = 0.0 if len(values) == 1 else (k - around[0]) / (around[1] - around[0])
+        seen[rows] = (1.0 - share) * values[0] + (share * values[-1] if share else 0.0)
+    return seen
+
+
+def _along(contour: Contour, place: Array, values: Array) -> Array:
+    """(N,) ``values`` (M,), known at ``place`` (M, 2) m, along ``contour``."""
+    path = LoopPath.of(contour)
+    position = path.position[nearest_points(place, contour.contact[:, :2])]
+    order = np.argsort(position)
+    period = path.length if path.closed else None
+    return np.asarray(np.interp(path.position, position[order], values[order], period=period))
 
 
 def learned(job_file: JobFile) -> LearnedEstimator:
@@ -71,14 +257,9 @@ def learned(job_file: JobFile) -> LearnedEstimator:
             )
 
     def predict(contour: Contour, remarks: list[str]) -> Array:
-        place, push = known.of_contour(contour.index)
-        path = LoopPath.of(contour)
-        position = path.position[nearest_points(place, contour.contact[:, :2])]
-        order = np.argsort(position)
-        period = path.length if path.closed else None
-        return np.asarray(np.interp(path.position, position[order], push[order], period=period))
+        return _along(contour, *known.of_contour(contour.index))
 
-    return LearnedEstimator("learned", job_file, predict, check)
+    return LearnedEstimator("learned", job_file, predict, check, known)
 
 
 def learned_map(job_file: JobFile) -> LearnedEstimator:

@@ -13,9 +13,10 @@ the samples, springback with wall angle, curvature and distance to the rim, carr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, nearest_points
-from isf_springback.scan import ScanExpectation, process_scan
+from isf_springback.scan import FormedShape, ScanExpectation, process_scan
 from isf_springback.scan.feedback import contour_over_die, shape_over_die, target_over_die
 from isf_springback.scan.readings import read_errors
 
@@ -54,6 +55,8 @@ class Learned:
     gain : (K,) part of the error that is put into the next correction
     feature : (S, 4), see :data:`FEATURES` ; springback : (S,) m
     history : (P, 2) m, mean and largest error of the wall and floor below the rim, per part
+    seen : (K, 2) m, errors of the wall just above the contact and of the bottom inside the tip, in the scan made after
+        that contour of the last part; NaN where nothing was seen. None: no scans were made between its contours
     """
 
     job: str
@@ -68,6 +71,7 @@ class Learned:
     feature: Array
     springback: Array
     history: Array
+    seen: Array | None = None
 
     def of_contour(self, index: int) -> tuple[Array, Array]:
         """Places (M, 2) m and push (M,) m of contour ``index``."""
@@ -77,7 +81,7 @@ class Learned:
 
 def save(learned: Learned, path: Path) -> None:
     """Write ``learned``; raises IsfError FILE_NOT_WRITABLE."""
-    values: dict[str, Any] = {name: np.asarray(value) for name, value in vars(learned).items()}
+    values: dict[str, Any] = {name: np.asarray(value) for name, value in vars(learned).items() if value is not None}
     try:
         with path.open("wb") as stream:
             np.savez_compressed(stream, format=np.asarray(FORMAT), **values)
@@ -92,16 +96,21 @@ def load(path: Path) -> Learned:
         data = read_archive(path)
         if int(data["format"]) != FORMAT:
             raise ValueError(f"format {int(data['format'])}, this software reads {FORMAT}")
-        values: dict[str, Any] = {name: data[name] for name in Learned.__dataclass_fields__}
+        values: dict[str, Any] = {name: data[name] for name in Learned.__dataclass_fields__ if name != "seen"}
+        seen = data.get("seen")
+        values["seen"] = None if seen is None else np.where(np.isfinite(seen), seen, np.nan)
         values |= {"job": str(values["job"]), "contours": int(values["contours"]), "parts": int(values["parts"])}
         learned = Learned(**values)
         rows, samples = len(learned.contour), len(learned.springback)
         shapes = [
             learned.place.shape == (rows, 2),
             learned.push.shape == (rows,),
+            learned.applied.shape == (rows,),
+            learned.seen is None or learned.seen.shape == (rows, 2),
             learned.feature.shape == (samples, 4),
         ]
-        finite = all(np.isfinite(getattr(learned, name)).all() for name in ("place", "push", "feature", "springback"))
+        needed = ("place", "push", "applied", "feature", "springback")
+        finite = all(np.isfinite(getattr(learned, name)).all() for name in needed)
     except (OSError, ValueError, KeyError, TypeError) as error:  # arrays of other types and shapes
         what = f"cannot be used: {reason(error)}"
         raise IsfError(ErrorCode.LEARNING_UNUSABLE, what, where=str(path), advice=advice) from error
@@ -133,6 +142,7 @@ def learn_part(
     radius: float,
     job: str,
     known: Learned | None = None,
+    shapes: Mapping[int, FormedShape] = MappingProxyType({}),
 ) -> Learned:
     """Knowledge after one more part.
 
@@ -141,6 +151,7 @@ def learn_part(
     nominal, corrections : of every contour, in order ; scan : (P, 3) m, points of the finished part in the clamp, the
     flange at z = 0, over a die as well
     radius : m, of the forming tool ; known : from earlier parts of the same job, or other jobs (samples only)
+    shapes : scanned after some of the contours, by their index
 
     Raises
     ------
@@ -161,7 +172,7 @@ def learn_part(
         lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
         shape = process_scan(scan, ScanExpectation(target, clamp, lowest))
     floor = float(np.nanmin(target.z))
-    index, place, applied, error, feature = [], [], [], [], []
+    index, place, applied, error, feature, seen = [], [], [], [], [], []
     for contour, correction in zip(nominal, corrections, strict=True):
         reading = read_errors(contour, shape, target, radius)
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
@@ -174,6 +185,9 @@ def learn_part(
         applied.append(contour.push_sign * np.asarray(correction.offset)[near, 2])
         error.append((1.0 - share) * wall + share * bottom)
         feature.append(features(contour, floor)[near])
+        then = read_errors(contour, shapes[contour.index], target, radius) if contour.index in shapes else None
+        nothing = np.full((len(near), 2), np.nan)
+        seen.append(nothing if then is None else np.column_stack([then.wall, then.bottom]))
     now = Learned(
         job,
         len(nominal),
@@ -187,6 +201,7 @@ def learn_part(
         np.concatenate(feature),
         np.zeros(0),
         np.zeros((0, 2)),
+        np.vstack(seen) if shapes else None,
     )
     before = known if known is not None and known.job == job and known.contours == len(nominal) else None
     return _with_samples(_adjusted(now, before), known)
@@ -241,7 +256,7 @@ def _adjusted(now: Learned, before: Learned | None) -> Learned:
 
 
 def together(several: Sequence[Learned]) -> Learned:
-    """Knowledge of one plan from parts formed on several sheets: the mean of what each of them asks for.
+    """Knowledge of one plan from parts formed on several sheets: the mean of what each of them asks for and showed.
 
     Raises
     ------
@@ -252,8 +267,10 @@ def together(several: Sequence[Learned]) -> Learned:
         raise IsfError(
             ErrorCode.LEARNING_UNUSABLE, "parts of different plans", where=first.job, advice="take parts of one job"
         )
-    at_first = [first.push, *(other.push[_nearest(first, other)] for other in several[1:])]
-    return replace(first, push=np.mean(at_first, axis=0))
+    nearest = [_nearest(first, other) for other in several]
+    push = np.mean([other.push[rows] for other, rows in zip(several, nearest, strict=True)], axis=0)
+    seen = [other.seen[rows] for other, rows in zip(several, nearest, strict=True) if other.seen is not None]
+    return replace(first, push=push, seen=np.mean(seen, axis=0) if seen else None)
 
 
 def _earlier(now: Learned, before: Learned) -> tuple[Array, Array, Array]:
