@@ -275,15 +275,19 @@ def test_ctrl_c_cancels_the_part_and_keeps_what_was_formed(tmp_path: Path) -> No
     process = subprocess.Popen(
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    assert process.stderr is not None
-    reported: list[str] = []
-    for line in process.stderr:
-        reported.append(line)
-        if "contour 2/" in line:
-            break
-    assert "contour 2/" in "".join(reported), "ended early: " + "".join(reported)
-    os.kill(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=300)  # a bound against hanging: lifting, scan and report take their time
+    try:
+        assert process.stderr is not None
+        reported: list[str] = []
+        for line in process.stderr:
+            reported.append(line)
+            if "contour 2/" in line:
+                break
+        assert "contour 2/" in "".join(reported), "ended early: " + "".join(reported)
+        os.kill(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=300)  # a bound against hanging: lifting, scan, report take their time
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == Exit.CANCELLED, out + err
     assert sum(line.startswith("warning the sheet is free for ") for line in reported) == 1  # of the planner
     data = json.loads(out)
