@@ -122,6 +122,11 @@ def two_slopes(half_side: float, upper: tuple[float, float], lower: tuple[float,
     return ribbed_pyramid(1e-3 * half_side, **slopes, rib=6e-3, entry=3e-3, transition=6e-3, floor=5e-3)
 
 
+def steep_pyramid(angle: float, depth: float) -> LibraryPart:
+    """A pyramid of Behera 2015, Table 1: ``angle`` deg and ``depth`` mm are published, its opening and radii are not."""
+    return two_slopes(75.0, (angle, 0.5 * depth), (angle, 0.5 * depth))
+
+
 LIBRARY = {
     "ren_funnel": funnel_65(np.radians(66)),
     "lu_pyramid": pyramid(75e-3, 62e-3, np.radians(40), 35e-3, 8e-3, 14e-3),
@@ -133,6 +138,11 @@ LIBRARY = {
     "behera_80_25": two_slopes(75.0, (80.0, 35.0), (25.0, 25.0)),
     "behera_60_25": two_slopes(75.0, (60.0, 35.0), (25.0, 17.5)),
     "behera_60_30": two_slopes(100.0, (60.0, 60.0), (30.0, 30.0)),
+    "behera_pyramid_60": steep_pyramid(60.0, 35.0),
+    "behera_pyramid_76": steep_pyramid(76.0, 37.5),
+    "behera_pyramid_80": steep_pyramid(80.0, 35.0),
+    "behera_cone_65": cone(75e-3, np.radians(65), 35e-3, 3e-3, 5e-3),
+    "behera_cone_80": cone(75e-3, np.radians(80), 30e-3, 3e-3, 5e-3),
     "behera_airfoil": airfoil_ridge(),
     "praveen_free_form": first_feature(free_form(1.94, np.radians(45), 40e-3)),
     "torrao_cone_70": cone(60e-3, np.radians(70), 30e-3, 6e-3, 8e-3),
@@ -148,6 +158,11 @@ LIBRARY_CHORD = {
     "behera_80_25": 10e-6,
     "behera_60_25": 10e-6,
     "behera_60_30": 10e-6,
+    "behera_pyramid_60": 20e-6,
+    "behera_pyramid_76": 20e-6,
+    "behera_pyramid_80": 20e-6,
+    "behera_cone_65": 20e-6,
+    "behera_cone_80": 20e-6,
     "behera_airfoil": 10e-6,
     "praveen_cone_150": 10e-6,
     "praveen_cone_250": 10e-6,

@@ -79,18 +79,24 @@ def measured_points(
 
 
 def _middles(line: Array) -> Array:
-    """(K,) m, middles of cells of SPACING from the first to the last of ``line`` m, evenly over what is left."""
-    count = int((line[-1] - line[0]) / SPACING + 1e-6)
-    return np.asarray(0.5 * (line[0] + line[-1]) + SPACING * (np.arange(count) - 0.5 * (count - 1)))
+    """(K,) m, middles of cells of SPACING over the sheet of which ``line`` m are coordinates, evenly over the rest."""
+    count = int(2.0 * _half(line) / SPACING + 1e-6)
+    return np.asarray(SPACING * (np.arange(count) - 0.5 * (count - 1)))
+
+
+def _half(line: Array) -> float:
+    """m from the middle of the clamp to the edge of the sheet; ``line`` m may reach beyond it on one side."""
+    return float(min(-line[0], line[-1]))
 
 
 def _clamp_beside(shape: HeightMap, width: float) -> Array:
     """(N, 3) m, points of the clamp that a scanner sees ``width`` m beyond the free sheet, without disorder."""
     if width <= 0.0:
         return np.zeros((0, 3))
-    lines = [np.arange(line[0] - width, line[-1] + width, CLAMP_SPACING) for line in (shape.x, shape.y)]
+    half = [_half(line) for line in (shape.x, shape.y)]
+    lines = [np.arange(-edge - width, edge + width, CLAMP_SPACING) for edge in half]
     x, y = (grid.ravel() for grid in np.meshgrid(*lines))
-    beside = (x < shape.x[0]) | (x > shape.x[-1]) | (y < shape.y[0]) | (y > shape.y[-1])
+    beside = (np.abs(x) > half[0]) | (np.abs(y) > half[1])
     return np.column_stack([x[beside], y[beside], np.full(np.count_nonzero(beside), CLAMP_HEIGHT)])
 
 

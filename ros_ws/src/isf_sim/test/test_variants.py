@@ -252,3 +252,15 @@ def test_what_is_wrong_with_a_scanner() -> None:
     assert len(outside) > 1000
     assert outside[:, 2].mean() == pytest.approx(10e-3, abs=0.1e-3)
     assert np.abs(nominal[:, :2]).max() < 62e-3
+
+
+def test_a_scan_is_of_the_whole_sheet_wherever_its_heights_are_known() -> None:
+    """The grid of heights of a sheet of any width begins at one edge; the sheet ends at both alike."""
+    x = np.arange(-60.3e-3, 60.8e-3, 1e-3)
+    away = np.array([[0.0, 0.0, 0.1], [0.0, 0.0, -0.1]])
+    surface, generator = flat_surface((0.12, 0.12), 1e-3), np.random.default_rng(1)
+    flat = HeightMap(x, x, np.zeros((len(x), len(x))))
+    points = measured_points(flat, surface, away, np.full(2, 5e-3), Variant(scan_beyond=20e-3), generator, True)
+    sheet, frame = points[points[:, 2] < 5e-3, :2], points[points[:, 2] > 5e-3, :2]
+    assert sheet.max(axis=0) + sheet.min(axis=0) == pytest.approx([0.0, 0.0], abs=0.1e-3)
+    assert np.abs(frame).max(axis=1).min() == pytest.approx(60.3e-3, abs=2.1e-3)

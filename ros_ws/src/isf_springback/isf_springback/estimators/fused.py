@@ -31,8 +31,8 @@ from isf_springback.estimators.shape_bias import (
     DOUBTFUL_SHARE,
     DRIFT_AFTER_SURPRISE,
     LARGEST_BIAS,
+    OF_A_MODEL,
     REPORTED_BIAS,
-    START_DEVIATION,
     BiasField,
     ModelledContour,
     carried,
@@ -295,6 +295,6 @@ def _shifted(field: BiasField | None, contour: Contour, grown: Array) -> BiasFie
     """``field`` after the model has ``grown`` by (N,) m along ``contour``: less where measured, as it was elsewhere."""
     if field is None:
         return None
-    measured = 1.0 - np.clip(field.deviation / START_DEVIATION, 0.0, 1.0) ** 2
+    measured = 1.0 - np.clip(field.deviation / OF_A_MODEL.deviation, 0.0, 1.0) ** 2
     shift = measured * grown[nearest_points(field.place, contour.contact[:, :2])]
     return BiasField(field.place, field.bias - shift, field.covariance)

@@ -10,6 +10,7 @@ answers with the edge of it, and says so.
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Callable
 from typing import Any
 
@@ -29,11 +30,13 @@ from isf_springback.estimators.shape_bias import (
     REPORTED_BIAS,
     BiasField,
     ModelledContour,
+    Prior,
     carried,
     expected_error,
     first_field,
     floor_share,
     same_wall,
+    shift_lever,
     updated,
 )
 from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, LoopSamples, forming_radii, nearest_points
@@ -50,6 +53,13 @@ RIDGES = tuple(10.0**k for k in range(-2, 4))
 Predict = Callable[[Contour, list[str]], Array]
 
 
+SHEETS_DIFFER = Prior(0.3e-3, 0.8, 0.2e-3)
+"""Of springback on one sheet beyond that on another (assumed: parts of one condition differ by 0.2 mm, as the measured
+cones of docs/methods/shell_sheet.md do; by strength and thickness they do so all around; where the tool is in the clamp
+is known to some tenths of a millimetre)."""
+TOUCHING = 0.2e-3
+"""m between ball and sheet in a scan up to which the ball is believed to have formed the place (assumed: more than a
+scan is wrong by)."""
 NOTHING_SEEN = (
     "the file of the part before holds no scans between contours: those of this one change nothing (isf learn adds "
     "them, for the next)"
@@ -150,7 +160,7 @@ class Difference:
     def along(self, contour: Contour, history: History) -> tuple[Array, Array]:
         """(N,) m, springback of ``contour`` beyond that of the part before, and its standard deviation."""
         samples = LoopSamples.of(contour, PLACES)
-        wall, bottom = self._fields(samples.contact[:, :2])
+        wall, bottom = self._fields(contour, samples.contact[:, :2])
         on_wall, on_floor, wall_deviation, floor_deviation = samples.along(
             wall.bias, bottom.bias, wall.deviation, bottom.deviation
         )
@@ -182,9 +192,10 @@ class Difference:
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         place, seen = self._known(contour, self._seen)
         then = seen[nearest_points(reading.place, place)]
-        wall, bottom = self._fields(reading.place)
+        wall, bottom = self._fields(contour, reading.place)
         last = self._steps[-1]
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
+        self._wall = wall
         if not current.over_floor:  # which says nothing of the wall
             surprise = reading.wall - then[:, 0] - expected_error(self._steps, reading.place)
             self._wall, doubt = updated(wall, surprise, noise)
@@ -198,12 +209,14 @@ class Difference:
 
     # -- inside --------------------------------------------------------------------------------------
 
-    def _fields(self, place: Array) -> tuple[BiasField, BiasField]:
-        """Both biases at ``place`` (M, 2) m, one contour later than last time."""
+    def _fields(self, contour: Contour, place: Array) -> tuple[BiasField, BiasField]:
+        """Both biases at ``place`` (M, 2) m of ``contour``, one contour later than last time."""
         drift = 1.0 + DRIFT_AFTER_SURPRISE * self._doubtful
-        wall = first_field(place) if self._wall is None else carried(self._wall, place, drift)
-        bottom = first_field(place) if self._bottom is None else carried(self._bottom, place, drift)
-        return wall, bottom
+        lever = shift_lever(contour, place)
+        if self._wall is None or self._bottom is None:
+            return first_field(place, SHEETS_DIFFER, lever), first_field(place, SHEETS_DIFFER)
+        wall = carried(self._wall, place, drift, SHEETS_DIFFER, lever)
+        return wall, carried(self._bottom, place, drift, SHEETS_DIFFER)
 
     def _known(self, contour: Contour, values: Array) -> tuple[Array, Array]:
         """Places (M, 2) m of ``contour`` in the file, and ``values`` (K, ...) of them."""
@@ -212,26 +225,32 @@ class Difference:
 
 
 def _seen_everywhere(before: Learned) -> Array:
-    """(K, 2) m, what was seen, between the contours that were scanned as well; NaN where a place never was."""
+    """(K, 2) m, what was seen, between the contours that were scanned as well; NaN where a place never was, and where
+    the contours that made it passed over the sheet, as a path may that was led back."""
     if before.seen is None:
         return np.full((len(before.contour), 2), np.nan)
     seen = before.seen.copy()
-    scanned = np.array([k for k in range(before.contours) if np.isfinite(seen[before.contour == k]).any()])
-    if not len(scanned):
-        return seen
-    for k in range(before.contours):
-        rows = np.flatnonzero(before.contour == k)
-        if not len(rows) or k in scanned:
+    rows_of = [np.flatnonzero(before.contour == k) for k in range(before.contours)]
+    scanned = [k for k, rows in enumerate(rows_of) if np.isfinite(seen[rows]).any()]
+    for k, rows in enumerate(rows_of):
+        if k in scanned or not scanned or not len(rows):
             continue
-        after = int(np.searchsorted(scanned, k))
+        after = bisect(scanned, k)
         around = scanned[max(after - 1, 0) : after + 1]
-        values = []
-        for other in around:
-            theirs = np.flatnonzero(before.contour == other)
-            values.append(seen[theirs[nearest_points(before.place[rows], before.place[theirs])]])
-        share = 0.0 if len(values) == 1 else (k - around[0]) / (around[1] - around[0])
+        theirs = [rows_of[other] for other in around]
+        values = [seen[r[nearest_points(before.place[rows], before.place[r])]] for r in theirs]
+        share = 0.0 if len(around) == 1 else (k - around[0]) / (around[1] - around[0])
         seen[rows] = (1.0 - share) * values[0] + (share * values[-1] if share else 0.0)
+    springback = [_median(before.applied[rows] + seen[rows, 0]) for rows in rows_of]
+    for over_sheet in np.flatnonzero(np.array(springback) < -TOUCHING):
+        seen[(before.contour >= over_sheet) & (before.contour < over_sheet + CONTOURS_PER_PLACE)] = np.nan
     return seen
+
+
+def _median(values: Array) -> float:
+    """Of those that are known; NaN where none is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
 
 
 def _along(contour: Contour, place: Array, values: Array) -> Array:

@@ -78,18 +78,14 @@ def floor_share(contour: Contour, target: HeightMap, radius: float) -> Array:
     return np.asarray(np.clip(1.0 - remaining / height, 0.0, 1.0))
 
 
-START_DEVIATION = 1.0e-3
-"""m, standard deviation of the bias before anything was measured (assumed: a fifth of the springback of an unsupported
-sheet, as models calibrated on one rig miss that of another)."""
 DRIFT = 0.03e-3
 """m per contour, standard deviation of the change of the bias (published: the contour-to-contour change of springback
 after the first contours has one of 0.03-0.05 mm, Lu 2016, 4.3.1)."""
 CORRELATION = 30e-3
 """m of path over which bias is alike (assumed, as for tool lifts: a sheet bends over tens of mm; what differs within a
 few mm, as the mark where contours begin, is no springback, and no correction takes it back)."""
-COMMON = 0.5
-"""Share of the bias's variance that is alike all around (assumed: half). Sheet and clamp are off everywhere, so that
-what was measured elsewhere tells of places in the shadow of the tool."""
+STEEPEST = np.radians(75.0)
+"""Of a wall, as far as a shift in plan shows in its height."""
 GATE = 4.0
 """Standard deviations beyond which a measurement counts as doubtful and is believed less."""
 
@@ -113,20 +109,63 @@ class BiasField:
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
 
 
-def first_field(place: Array) -> BiasField:
-    """Nothing known at ``place`` (M, 2) m."""
-    return BiasField(place, np.zeros(len(place)), START_DEVIATION**2 * _correlation(place))
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a bias before anything was measured.
+
+    Attributes
+    ----------
+    deviation : m, standard deviation
+    common : share of the variance that is alike all around, so that what was measured elsewhere tells of places in the
+        shadow of the tool
+    shift : m, standard deviation in x and in y of where the part lies in plan, which makes a wall too deep on one side
+        and the opposite one too high; beside ``deviation``
+    """
+
+    deviation: float
+    common: float
+    shift: float = 0.0
 
 
-def carried(field: BiasField, place: Array, contours: float = 1.0) -> BiasField:
-    """``field`` at the places (M, 2) m of a later contour, after ``contours`` steps of drift."""
+OF_A_MODEL = Prior(1.0e-3, 0.5)
+"""Of measured minus modelled springback (assumed: a fifth of the springback of an unsupported sheet, as models
+calibrated on one rig miss that of another; half of it, by sheet and clamp, everywhere)."""
+
+
+def first_field(place: Array, prior: Prior = OF_A_MODEL, lever: Array | None = None) -> BiasField:
+    """Nothing measured yet at ``place`` (M, 2) m; ``lever`` (M, 2) of :func:`shift_lever`, None: nothing is shifted."""
+    return BiasField(place, np.zeros(len(place)), _covariance(place, prior, lever))
+
+
+def carried(
+    field: BiasField,
+    place: Array,
+    contours: float = 1.0,
+    prior: Prior = OF_A_MODEL,
+    lever: Array | None = None,
+) -> BiasField:
+    """``field`` at the places (M, 2) m of a later contour, after ``contours`` steps of drift; no more uncertain than
+    :func:`first_field` there."""
     weights = _weights(place, field.place)
     spread = weights @ field.covariance @ weights.T
-    drift = contours * DRIFT**2 * _correlation(place)
+    drift = contours * DRIFT**2 * _correlation(place, prior.common)
     covariance = spread + drift
-    most = START_DEVIATION**2
+    most = np.diagonal(_covariance(place, prior, lever))
     scale = np.sqrt(np.minimum(1.0, most / np.maximum(np.diagonal(covariance), 1e-30)))
     return BiasField(place, weights @ field.bias, covariance * scale[:, None] * scale[None, :])
+
+
+def shift_lever(contour: Contour, place: Array) -> Array:
+    """(M, 2) height of the wall at ``place`` (M, 2) m of ``contour`` per way by which the part lies off in plan.
+
+    The wall rises outwards: a part that lies off in that direction has it too deep there, and too high on the other
+    side.
+    """
+    near = nearest_points(place, contour.contact[:, :2])
+    outwards = (contour.contact - contour.forming_tip)[near, :2]
+    size = np.linalg.norm(outwards, axis=1, keepdims=True)
+    slope = np.tan(np.minimum(contour.wall_angle[near], STEEPEST))
+    return np.asarray(-slope[:, None] * outwards / np.maximum(size, 1e-9))
 
 
 def updated(field: BiasField, measured: Array, deviation: Array) -> tuple[BiasField, NDArray[np.bool_]]:
@@ -153,11 +192,17 @@ def updated(field: BiasField, measured: Array, deviation: Array) -> tuple[BiasFi
     return BiasField(field.place, bias, 0.5 * (covariance + covariance.T)), doubtful
 
 
-def _correlation(place: Array) -> Array:
+def _covariance(place: Array, prior: Prior, lever: Array | None) -> Array:
+    """(M, M) m^2, of a bias of which nothing was measured."""
+    covariance = prior.deviation**2 * _correlation(place, prior.common)
+    return covariance if lever is None else covariance + prior.shift**2 * lever @ lever.T
+
+
+def _correlation(place: Array, common: float) -> Array:
     """(M, M) correlation of the places: a part common to all, one that falls with distance, a small one of its own."""
     square = (cdist(place, place) / CORRELATION) ** 2
-    near = (0.95 - COMMON) * np.exp(-0.5 * square)
-    return np.asarray(COMMON + near + 0.05 * np.eye(len(place)))
+    near = (0.95 - common) * np.exp(-0.5 * square)
+    return np.asarray(common + near + 0.05 * np.eye(len(place)))
 
 
 def _weights(place: Array, known: Array) -> Array:

@@ -106,6 +106,7 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
     """
     points = point_cloud.checked_points(points, expected.clamp)
     remarks: list[str] = []
+    framed = False
     plane = registration.flange_plane(points, expected.clamp) if expected.clamped else None
     if not expected.clamped:
         remarks.append("the part is not clamped: its flange has moved, height and tilt of the scan are not corrected")
@@ -113,8 +114,9 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
         remarks.append("the sheet beside the clamp was not seen: height and tilt of the scan are not corrected")
     else:
         _check_plane(plane)
-        points = registration.levelled(points, plane)
-    edges = find_edges(points, expected.clamp) or expected.edges if plane is not None else None
+        points, framed = registration.without_frame(registration.levelled(points, plane), expected.clamp)
+    found = find_edges(points, expected.clamp, framed=framed) if plane is not None else None
+    edges = found or expected.edges if plane is not None else None
     if edges is not None:
         _check_shift(edges.shift, "the clamp")
         points = undone(points, edges)

@@ -3,14 +3,15 @@
 The sheet next to the clamp is not deformed: a plane through it gives height and tilt, and is undone as a rigid motion.
 What the part itself appears shifted by is seen on the walls only. It is measured and, when it is too large, refused; it
 is never undone, because on a part that springs back unevenly it cannot be told from springback. The shift of the
-scanner is another matter: see :mod:`isf_springback.scan_processing.clamp_edges`.
+scanner is another matter: see :func:`find_edges`.
 
 Registration of a scan in plan by the edges of the clamp: the free sheet that is seen ends there on four sides.
 
 Errors of the wall are errors in plan times the slope: a scanner that is registered 0.2 mm off makes a wall of 50 deg
 0.24 mm too high on one side and too low on the other, which no shape of a part tells from uneven springback. The frame
-of the clamp does. Where the points do not end at the clamp (a scanner that sees beyond it, or not so far), nothing is
-found and nothing is undone; points that are cut off by a window of the scanner, as wide as the clamp, look registered.
+of the clamp does; where it stands over the sheet and is in the scan, it is left out before. Where the points do not end
+at the clamp (a scanner that does not see so far, or sees a clamp that is flush with the sheet), nothing is found and
+nothing is undone; points that are cut off by a window of the scanner, as wide as the clamp, look registered.
 """
 
 from __future__ import annotations
@@ -24,7 +25,12 @@ from isf_core.types import Array
 
 CLAMP_BAND = 12e-3
 """m beside the clamp that counts as undeformed."""
-HUBER = 1.5
+OUTSIDE = 3e-3
+"""m beyond the edge of the clamp that may be sheet, as a scanner that is not registered sees it."""
+HUBER, ALIEN = 1.5, 6.0
+"""Robust standard deviations from which a point counts less, and not at all: it is of the clamp, not of the sheet."""
+FRAME_HEIGHT = 2e-3
+"""m over the sheet beside the clamp from which a point is one of its frame (assumed)."""
 _PLANE_ITERATIONS = 8
 
 
@@ -47,20 +53,21 @@ class FlangePlane:
 
 
 def flange_plane(points: Array, clamp: tuple[float, float]) -> FlangePlane | None:
-    """Plane through the points beside the clamp by Huber's weights; None with too few points on any two sides."""
+    """Plane through the points beside the clamp by Huber's weights, none for those far off it; None with too few points
+    on any two sides."""
     half = 0.5 * np.asarray(clamp)
     room = (half - np.abs(points[:, :2])).min(axis=1)
-    near = points[(room <= CLAMP_BAND) & (room > -CLAMP_BAND)]
+    near = points[(room <= CLAMP_BAND) & (room > -OUTSIDE)]
     if len(near) < 100 or np.ptp(near[:, 0]) < 0.5 * clamp[0] or np.ptp(near[:, 1]) < 0.5 * clamp[1]:
         return None
     matrix = np.column_stack([np.ones(len(near)), near[:, :2]])
-    weight = np.ones(len(near))
-    solution, noise = np.zeros(3), 0.0
+    solution, noise = np.array([np.median(near[:, 2]), 0.0, 0.0]), 0.0
     for _ in range(_PLANE_ITERATIONS):
-        solution = np.linalg.lstsq(matrix * weight[:, None], near[:, 2] * weight, rcond=None)[0]
         departure = np.abs(near[:, 2] - matrix @ solution)
         noise = max(1.4826 * float(np.median(departure)), 1e-7)
         weight = np.sqrt(np.minimum(1.0, HUBER * noise / np.maximum(departure, 1e-12)))
+        weight[departure > ALIEN * noise] = 0.0
+        solution = np.linalg.lstsq(matrix * weight[:, None], near[:, 2] * weight, rcond=None)[0]
     return FlangePlane(float(solution[0]), float(solution[1]), float(solution[2]), noise, len(near))
 
 
@@ -73,6 +80,21 @@ def levelled(points: Array, plane: FlangePlane) -> Array:
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     rotation = np.eye(3) + cross + cross @ cross / (1.0 + normal[2])
     return np.asarray((points - [0.0, 0.0, plane.height]) @ rotation.T)
+
+
+def without_frame(points: Array, clamp: tuple[float, float]) -> tuple[Array, bool]:
+    """The levelled ``points`` (P, 3) m without those of a frame of the clamp that stands over the sheet, and whether
+    one was seen all around: then the sheet ends there, and not the sight of the scanner."""
+    half = 0.5 * np.asarray(clamp)
+    room = (half - np.abs(points[:, :2])).min(axis=1)
+    frame = (room < CLAMP_BAND) & (points[:, 2] > FRAME_HEIGHT)
+    within = half - CLAMP_BAND - np.abs(points[frame, :2])
+    sides = [
+        bool(((within[:, axis] < 0.0) & (within[:, 1 - axis] > 0.0) & (sign * points[frame, axis] > 0.0)).any())
+        for axis in (0, 1)
+        for sign in (-1, 1)
+    ]  # and not its corners, which belong to two
+    return points[~frame], all(sides)
 
 
 def plan_shift(measured: HeightMap, expected: HeightMap, *, steep: float = 0.2) -> tuple[Array, float]:
@@ -117,6 +139,8 @@ FEWEST_BINS = 0.5
 LARGEST_MISFIT = 1.5e-3
 """m, difference of the width that is seen from that of the clamp, and the robust scatter of an edge: a spacing of
 points of 1 mm and a half (assumed)."""
+FRAMED_MISFIT = 8e-3
+"""m, difference of the width where the frame of the clamp is seen to begin: the sheet is as wide as that (assumed)."""
 _EDGE_ITERATIONS = 8
 
 
@@ -143,8 +167,9 @@ class _Edge(NamedTuple):
     scatter: float
 
 
-def find_edges(points: Array, clamp: tuple[float, float]) -> ClampEdges | None:
-    """Edges of the clamp of ``clamp`` m x m in the points (P, 3) m; None where the points do not end there."""
+def find_edges(points: Array, clamp: tuple[float, float], *, framed: bool = False) -> ClampEdges | None:
+    """Edges of the clamp of ``clamp`` m x m in the points (P, 3) m; None where the points do not end there. ``framed``:
+    a frame around the points was seen (:func:`without_frame`)."""
     shift, turns, deviations = np.zeros(2), [], []
     for axis in (0, 1):
         far, near = (
@@ -153,7 +178,8 @@ def find_edges(points: Array, clamp: tuple[float, float]) -> ClampEdges | None:
         if far is None or near is None:
             return None
         scatter = (far.scatter, near.scatter)
-        if abs(far.reach + near.reach - clamp[axis]) > LARGEST_MISFIT or max(scatter) > LARGEST_MISFIT:
+        misfit = FRAMED_MISFIT if framed else LARGEST_MISFIT
+        if abs(far.reach + near.reach - clamp[axis]) > misfit or max(scatter) > LARGEST_MISFIT:
             return None
         shift[axis] = 0.5 * (far.reach - near.reach)
         sense = -1.0 if axis == 0 else 1.0

@@ -9,8 +9,9 @@ from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_springback.corrector import apply
 from isf_springback.estimators import learning
-from isf_springback.estimators.learned import NOTHING_SEEN
+from isf_springback.estimators.learned import NOTHING_SEEN, SHEETS_DIFFER
 from isf_springback.estimators.learning import learn_part
+from isf_springback.estimators.shape_bias import carried, first_field, shift_lever, updated
 from isf_springback.methods import make_corrector
 from isf_springback.scan.feedback import ScanMemory
 from scanned_sheet import COUNT, GRID, Sheet, X, Y, cone
@@ -100,6 +101,43 @@ def test_scans_correct_what_another_sheet_does_differently(tmp_path, rising):
         errors[every] = error_of(sheet)
     assert errors[0] > 0.6e-3
     assert errors[EVERY] < 0.1e-3 + error_of(twins[-1])
+
+
+def test_one_side_tells_that_the_part_lies_off_in_plan():
+    """A part that lies off by 0.3 mm in +x, of which nothing is seen but the side where x is positive."""
+    contour = cone_contour(12, count=COUNT)
+    place = contour.contact[:: len(contour) // 36, :2]
+    lever = shift_lever(contour, place)
+    off = lever @ np.array([0.3e-3, 0.0])
+    seen = place[:, 0] > 0.0
+    assert off[seen].max() < 0.0
+    assert np.abs(off).max() == pytest.approx(0.3e-3 * np.tan(np.radians(50.0)), rel=0.01)
+    field = first_field(place, SHEETS_DIFFER, lever)
+    for _ in range(3):
+        field, _ = updated(field, np.where(seen, off, np.nan), np.full(len(place), 0.1e-3))
+        field = carried(field, place, 1.0, SHEETS_DIFFER, lever)
+    left = (field.bias - off)[place[:, 0] < -0.5 * place[:, 0].max()]
+    assert np.abs(left).max() < 0.6 * np.abs(off).max()
+    assert np.abs((field.bias - off)[seen]).max() < 0.1e-3
+
+
+def test_a_path_that_was_led_back_over_the_sheet_tells_nothing(tmp_path):
+    """What lies under a tool that has not come down is not the work of its contour, here of the first three."""
+    known = learn(tmp_path, [sheet_of(1.2e-3) for _ in range(2)])
+    applied = np.minimum(known.applied, -1.5e-3 + 0.4e-3 * known.contour)
+    learning.save(replace(known, push=applied, applied=applied), tmp_path / "known.npz")
+    method, sheet = make_corrector("learned", job(tmp_path, 1)), sheet_of(1.8e-3)
+    method.set_target(TARGET)
+    pushes = []
+    for index in range(18):
+        contour = cone_contour(index, count=COUNT)
+        correction = method.correct(contour)
+        sheet.form(apply(contour, correction))
+        method.add_scan(sheet.points(), index)
+        pushes.append(float(correction.springback.mean()))
+    replayed = [applied[known.contour == index].mean() for index in range(18)]
+    assert np.allclose(pushes[:7], replayed[:7], atol=0.02e-3)
+    assert pushes[17] > replayed[17] + 0.2e-3
 
 
 def test_on_the_same_sheet_scans_change_nothing(tmp_path):

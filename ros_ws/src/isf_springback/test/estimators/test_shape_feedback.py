@@ -8,7 +8,7 @@ import pytest
 from isf_core.errors import ErrorCode
 from isf_core.files.job import JobFile
 from isf_springback.corrector import apply
-from isf_springback.estimators.shape_bias import COMMON, carried, first_field, updated
+from isf_springback.estimators.shape_bias import OF_A_MODEL, carried, first_field, updated
 from isf_springback.methods import make_corrector
 from isf_springback.scan.feedback import scan_awaited, scan_due
 from isf_springback.session import CorrectionSession
@@ -165,7 +165,9 @@ def test_bias_is_shared_by_neighbours_and_a_surprise_is_believed_less():
     assert not doubtful.any()
     assert once.bias[10] == pytest.approx(1e-3, abs=0.05e-3)
     assert 0.3e-3 < once.bias[11] < once.bias[10]
-    assert once.bias[0] == pytest.approx(COMMON * once.bias[10], rel=0.05)  # far away only what is common to all
+    assert once.bias[0] == pytest.approx(
+        OF_A_MODEL.common * once.bias[10], rel=0.05
+    )  # far away only what is common to all
     assert once.deviation[10] < 0.2 * once.deviation[0]
     wild = np.where(np.isfinite(measured), 10e-3, np.nan)
     surprised, doubtful = updated(once, wild, np.full(20, 0.1e-3))

@@ -217,6 +217,38 @@ def test_the_registration_of_the_scanner_is_found_at_the_clamp_and_undone():
     assert np.sqrt(np.mean((shape.surface.z - formed().z)[wall] ** 2)) < 60e-6
 
 
+def framed(noise, wider, spacing=1e-3, seed=3):
+    """A scan registered off by 0.2 mm and 0.3 mm high, of a sheet ``wider`` m than the clamp on every side, with 30 mm
+    of the frame of the clamp, 10 mm over the sheet."""
+    rng = np.random.default_rng(seed)
+    half = 125e-3 + wider
+    inside = scanned((0.0, 0.0), seed=seed, half=half)
+    lines = np.arange(-half - 30e-3, half + 30e-3, spacing)
+    x, y = (grid.ravel() for grid in np.meshgrid(lines, lines))
+    beside = np.maximum(np.abs(x), np.abs(y)) > half
+    frame = np.column_stack([x[beside], y[beside], np.full(beside.sum(), 10e-3)])
+    points = np.vstack([inside, frame])
+    return points + rng.normal(0.0, noise, points.shape) + [0.2e-3, -0.18e-3, 0.3e-3]
+
+
+@pytest.mark.parametrize("spacing", [1e-3, 2e-3])
+@pytest.mark.parametrize(("noise", "wider"), [(50e-6, 0.0), (0.25e-3, 0.0), (0.25e-3, 1.5e-3), (0.1e-3, 3e-3)])
+def test_a_frame_of_the_clamp_in_the_cloud_moves_nothing(noise, wider, spacing):
+    """Neither up, as it would if it counted as sheet, nor in plan: the sheet is seen to end at it."""
+    shape = process_scan(framed(noise, wider, spacing), EXPECTED)
+    assert shape.plane.height == pytest.approx(0.3e-3, abs=20e-6)
+    assert shape.edges is not None
+    assert shape.edges.shift == pytest.approx([0.2e-3, -0.18e-3], abs=0.08e-3)
+    base = regions(cone())["base"] & (np.hypot(*np.meshgrid(GRID, GRID)) < 20e-3)
+    assert np.nanmean((shape.surface.z - formed().z)[base]) == pytest.approx(0.0, abs=25e-6)
+
+
+def test_a_frame_on_three_sides_is_no_edge_of_the_sheet():
+    """A scanner that does not see the fourth: where the sheet of another size ends is not known."""
+    points = framed(50e-6, 3e-3)
+    assert process_scan(points[points[:, 0] < 122e-3], EXPECTED).edges is None
+
+
 @pytest.mark.parametrize("half", [100e-3, 135e-3])
 def test_points_that_do_not_end_at_the_clamp_report_nothing_of_it(half):
     shape = process_scan(scanned((0.2e-3, 0.0), half=half), EXPECTED)
