@@ -97,7 +97,8 @@ def main() -> None:
     parser.add_argument("--upper", default=35.0, type=float, help="mm, depth of the upper wall")
     parser.add_argument("--lower", default=17.5, type=float, help="mm, depth of the lower wall")
     parser.add_argument("--step", default=1.0, type=float, help="mm, incremental depth")
-    parser.add_argument("--finishing-passes", default=0, type=int, choices=range(6), metavar="N", help="over the whole part")
+    finishing = {"type": int, "choices": range(6), "metavar": "N"}
+    parser.add_argument("--finishing-passes", default=0, help="over the whole part", **finishing)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     if given.upper <= 2.0 * CLEAR:

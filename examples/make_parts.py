@@ -123,7 +123,7 @@ def two_slopes(half_side: float, upper: tuple[float, float], lower: tuple[float,
 
 
 def steep_pyramid(angle: float, depth: float) -> LibraryPart:
-    """A pyramid of Behera 2015, Table 1: ``angle`` deg and ``depth`` mm are published, its opening and radii are not."""
+    """A pyramid of Behera 2015, Table 1: ``angle`` deg and ``depth`` mm are published, opening and radii are not."""
     return two_slopes(75.0, (angle, 0.5 * depth), (angle, 0.5 * depth))
 
 

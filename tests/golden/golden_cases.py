@@ -53,7 +53,10 @@ LOAD_PATHS = {Quantity.RELATIVE: 1e5}
 # Estimates from noisy scans: 75 nm were seen between two processors. 1 um, and the forces that follow.
 NOISY_SCANS = {Quantity.LENGTH: 1000.0, Quantity.FORCE: 100.0}
 
-LONG_PLANS = ("behera_80_25_ordinary", "behera_60_25", "behera_60_30", "behera_60_30_sequenced")
+LONG_PLANS = (
+    *("behera_80_25_ordinary", "behera_60_25", "behera_60_30", "behera_60_30_sequenced"),
+    *("behera_pyramid_60", "behera_pyramid_76", "behera_pyramid_80", "behera_cone_65", "behera_cone_80"),
+)
 """Jobs that take some 10 s to plan, in the way that behera_80_25 is planned."""
 
 

@@ -19,6 +19,8 @@ from isf_cell.replay.what_if import parse
 from isf_cell.run import graph_run
 from isf_ros.conversion import lift_from_cloud, lift_to_cloud
 from isf_ros.stamps import from_seconds, to_nanoseconds
+from isf_springback.estimators import learning
+from isf_springback.estimators.learning import Learned
 from quick_cone import FOLDER, quick_cone
 
 
@@ -82,3 +84,21 @@ def test_graph_and_in_process_agree_with_scans_and_lifts(tmp_path: Path) -> None
     known = learn_record(there, FOLDER)
     assert known.parts == 1
     assert np.abs(known.push).max() > 1e-3
+    assert known.seen is not None
+    _second_part_agrees(known, tmp_path / "second")
+
+
+def _second_part_agrees(known: Learned, folder: Path) -> None:
+    """Of another sheet: corrected by what its scans show to differ from the part that was learned from."""
+    folder.mkdir()
+    learning.save(known, folder / "known.npz")
+    fields = f"method: learned\n  learning: {folder / 'known.npz'}\n  scan_every: 3\n  scan_sensor: true"
+    job_file, other_sheet = quick_cone(fields, step="0.5 mm"), RunOptions(seed=5, variant=3)
+    _, failure = graph_run.form(job_file, other_sheet, folder, quiet)
+    assert failure is None
+    there, here = read_bag(folder / "bag"), in_process.form(job_file, other_sheet)
+    assert [c.code for c in there.corrections] == [0] * there.planned
+    for mine, theirs in zip(here.corrections, there.corrections, strict=True):
+        np.testing.assert_allclose(theirs.offset, mine.offset, atol=1e-6)
+    replayed = known.push[known.contour == there.planned - 1]
+    assert abs(-there.corrections[-1].offset[:, 2].mean() - replayed.mean()) > 5e-6

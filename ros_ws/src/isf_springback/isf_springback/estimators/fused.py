@@ -9,14 +9,16 @@ floor is made by the last contours alone; the *bottom* bias is read under and in
 remaining depth is less than the height of the contact above the tip. A feature formed from below, by the lower tool, is
 corrected by the model alone: what a scan from above says of the wall and floor of a pocket is not true of it.
 
-A bias is measured minus predicted springback, positive when the sheet springs back more than the model says
-(:mod:`isf_springback.estimators.shape_bias`).
+The state of a bias stands at M places around the contour: the bias (measured minus predicted springback, positive when
+the sheet springs back more than the model says) and its covariance. From contour to contour it is carried by place and
+drifts as a random walk; a measurement updates it place by place (Kalman), neighbours within the correlation length
+share it. The method "learned" keeps such a bias against a part formed before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult
@@ -24,24 +26,11 @@ from isf_core.errors import IsfError
 from isf_core.files.job import JobFile, lift_interval
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
 from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
-from isf_springback.estimators.shape_bias import (
-    DOUBTFUL_SHARE,
-    DRIFT_AFTER_SURPRISE,
-    LARGEST_BIAS,
-    OF_A_MODEL,
-    REPORTED_BIAS,
-    BiasField,
-    ModelledContour,
-    carried,
-    expected_error,
-    first_field,
-    floor_share,
-    same_wall,
-    updated,
-)
 from isf_springback.estimators.sheet_model import SheetModel
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import LoopSamples, change_per_contour, forming_radii, nearest_points
@@ -56,6 +45,18 @@ from isf_springback.scan.readings import (
 )
 from isf_springback.sheet_edge import held_by_plate
 
+LARGEST_BIAS = 3e-3
+"""m; the shape may ask for that much more than was expected and no more (assumed: more than half of all published
+springback)."""
+REPORTED_BIAS = 1.5e-3
+"""m of disagreement of expectation and shape that is reported."""
+DRIFT_AFTER_SURPRISE = 40.0
+"""Contours of drift after a scan that surprised everywhere (assumed): a surprise that comes again is a change of the
+process, and is then followed within two scans."""
+DOUBTFUL_SHARE = 0.25
+"""Share of doubtful places from which a scan contradicts what was expected."""
+DEEPER = 0.2e-3
+"""m of more push than on the contour before, beyond which a contour wipes out the traces of that one."""
 EDGE_CONTOURS = 2
 """Contours whose scans show the edge of the opening alone where a backing plate is close and holds it; else
 :data:`CONTOURS_PER_PLACE`, since a free edge bends down with each of them."""
@@ -84,6 +85,16 @@ def steady_model(job_file: JobFile) -> SheetModel:
     from isf_springback.estimators.elastic import ElasticModel  # numba and its kernels: only who uses them waits
 
     return ElasticModel(job_file, law="hold", axial_only=True)
+
+
+@dataclass(frozen=True)
+class ModelledContour:
+    """One contour of N points: how it was pushed, and what the model says of it, with the force measured on it once
+    that is known; (N,) m each."""
+
+    contour: Contour
+    pushed: Array
+    model: Array
 
 
 class FusedEstimator(Estimator):
@@ -281,8 +292,9 @@ class FusedEstimator(Estimator):
         wall, bottom = self._fields(samples.contact[:, :2])
         moving = self._moving(samples.contact[:, :2])
         target = history.scans.target
-        share = np.zeros(len(contour))
-        if target is not None and self.job_file.job.path.floor_step is None:  # else passes over the floor make it
+        if target is None or self.job_file.job.path.floor_step is not None:
+            share = np.zeros(len(contour))  # passes over the floor make it
+        else:
             share = floor_share(contour, target, self._radius[contour.forming_tool])
         on_wall, on_floor, wall_deviation, floor_deviation, movement = samples.along(
             wall.bias, bottom.bias, wall.deviation, bottom.deviation, moving.bias
@@ -298,3 +310,176 @@ def _shifted(field: BiasField | None, contour: Contour, grown: Array) -> BiasFie
     measured = 1.0 - np.clip(field.deviation / OF_A_MODEL.deviation, 0.0, 1.0) ** 2
     shift = measured * grown[nearest_points(field.place, contour.contact[:, :2])]
     return BiasField(field.place, field.bias - shift, field.covariance)
+
+
+def expected_error(steps: Sequence[ModelledContour], place: Array) -> Array:
+    """(M,) m, error of the wall at ``place`` (M, 2) m by the model alone: mean over the contours that made it.
+
+    A contour that went deeper than the one before it by more than :data:`DEEPER` is the first that counts.
+    """
+    total, count, counts = np.zeros(len(place)), np.zeros(len(place)), np.ones(len(place))
+    later: Array | None = None
+    for step in reversed(steps):
+        near = nearest_points(place, step.contour.forming_tip[:, :2])
+        pushed, model = step.pushed[near], step.model[near]
+        if later is not None:
+            counts = np.where(later > pushed + DEEPER, 0.0, counts)
+        total += counts * (model - pushed)
+        count += counts
+        later = pushed
+    return np.asarray(total / count)
+
+
+def same_wall(known: Contour, contour: Contour) -> bool:
+    """True when both contours belong to one feature, stage and forming tool of one plan."""
+    return (known.plan_id, known.feature, known.stage, known.forming_tool) == (
+        contour.plan_id,
+        contour.feature,
+        contour.stage,
+        contour.forming_tool,
+    )
+
+
+def floor_share(contour: Contour, target: HeightMap, radius: float) -> Array:
+    """(N,) 0 on the wall .. 1 where ``contour``, of a ball of ``radius`` m, makes the floor of ``target``."""
+    remaining = np.abs(contour.forming_tip[:, 2] - float(np.nanmin(target.z)))
+    height = radius * (1.0 - np.cos(np.radians(50.0)))
+    return np.asarray(np.clip(1.0 - remaining / height, 0.0, 1.0))
+
+
+DRIFT = 0.03e-3
+"""m per contour, standard deviation of the change of the bias (published: the contour-to-contour change of springback
+after the first contours has one of 0.03-0.05 mm, Lu 2016, 4.3.1)."""
+CORRELATION = 30e-3
+"""m of path over which bias is alike (assumed, as for tool lifts: a sheet bends over tens of mm; what differs within a
+few mm, as the mark where contours begin, is no springback, and no correction takes it back)."""
+STEEPEST = np.radians(75.0)
+"""Of a wall, as far as a shift in plan shows in its height."""
+GATE = 4.0
+"""Standard deviations beyond which a measurement counts as doubtful and is believed less."""
+
+
+@dataclass(frozen=True)
+class BiasField:
+    """Bias at M places.
+
+    Attributes
+    ----------
+    place : (M, 2) m ; bias : (M,) m ; covariance : (M, M) m^2
+    """
+
+    place: Array
+    bias: Array
+    covariance: Array
+
+    @property
+    def deviation(self) -> Array:
+        """(M,) m, standard deviation."""
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a bias before anything was measured.
+
+    Attributes
+    ----------
+    deviation : m, standard deviation
+    common : share of the variance that is alike all around, so that what was measured elsewhere tells of places in the
+        shadow of the tool
+    shift : m, standard deviation in x and in y of where the part lies in plan, which makes a wall too deep on one side
+        and the opposite one too high; beside ``deviation``
+    """
+
+    deviation: float
+    common: float
+    shift: float = 0.0
+
+
+OF_A_MODEL = Prior(1.0e-3, 0.5)
+"""Of measured minus modelled springback (assumed: a fifth of the springback of an unsupported sheet, as models
+calibrated on one rig miss that of another; half of it, by sheet and clamp, everywhere)."""
+
+
+def first_field(place: Array, prior: Prior = OF_A_MODEL, lever: Array | None = None) -> BiasField:
+    """Nothing measured yet at ``place`` (M, 2) m; ``lever`` (M, 2) of :func:`shift_lever`, None: nothing is shifted."""
+    return BiasField(place, np.zeros(len(place)), _covariance(place, prior, lever))
+
+
+def carried(
+    field: BiasField,
+    place: Array,
+    contours: float = 1.0,
+    prior: Prior = OF_A_MODEL,
+    lever: Array | None = None,
+) -> BiasField:
+    """``field`` at the places (M, 2) m of a later contour, after ``contours`` steps of drift; no more uncertain than
+    :func:`first_field` there."""
+    weights = _weights(place, field.place)
+    spread = weights @ field.covariance @ weights.T
+    drift = contours * DRIFT**2 * _correlation(place, prior.common)
+    covariance = spread + drift
+    most = np.diagonal(_covariance(place, prior, lever))
+    scale = np.sqrt(np.minimum(1.0, most / np.maximum(np.diagonal(covariance), 1e-30)))
+    return BiasField(place, weights @ field.bias, covariance * scale[:, None] * scale[None, :])
+
+
+def shift_lever(contour: Contour, place: Array) -> Array:
+    """(M, 2) height of the wall at ``place`` (M, 2) m of ``contour`` per way by which the part lies off in plan.
+
+    The wall rises outwards: a part that lies off in that direction has it too deep there, and too high on the other
+    side.
+    """
+    near = nearest_points(place, contour.contact[:, :2])
+    outwards = (contour.contact - contour.forming_tip)[near, :2]
+    size = np.linalg.norm(outwards, axis=1, keepdims=True)
+    slope = np.tan(np.minimum(contour.wall_angle[near], STEEPEST))
+    return np.asarray(-slope[:, None] * outwards / np.maximum(size, 1e-9))
+
+
+def updated(field: BiasField, measured: Array, deviation: Array) -> tuple[BiasField, NDArray[np.bool_]]:
+    """``field`` after ``measured`` (M,) m (NaN: not seen) with standard deviation (M,) m; and which were doubtful.
+
+    A doubtful one (beyond :data:`GATE` standard deviations of what was expected) is not thrown away, which would make
+    the estimator blind to a true change; its deviation is widened until it lies at the gate.
+    """
+    seen = np.isfinite(measured)
+    doubtful = np.zeros(len(measured), dtype=bool)
+    if not seen.any():
+        return field, doubtful
+    index = np.flatnonzero(seen)
+    innovation = measured[index] - field.bias[index]
+    prior = field.covariance[np.ix_(index, index)]
+    noise = deviation[index] ** 2
+    expected = np.diagonal(prior) + noise
+    excess = innovation**2 > GATE**2 * expected
+    noise = np.where(excess, innovation**2 / GATE**2 - np.diagonal(prior), noise)
+    doubtful[index] = excess
+    gain = np.linalg.solve(prior + np.diag(noise), field.covariance[index]).T
+    bias = field.bias + gain @ innovation
+    covariance = field.covariance - gain @ field.covariance[index]
+    return BiasField(field.place, bias, 0.5 * (covariance + covariance.T)), doubtful
+
+
+def _covariance(place: Array, prior: Prior, lever: Array | None) -> Array:
+    """(M, M) m^2, of a bias of which nothing was measured."""
+    covariance = prior.deviation**2 * _correlation(place, prior.common)
+    return covariance if lever is None else covariance + prior.shift**2 * lever @ lever.T
+
+
+def _correlation(place: Array, common: float) -> Array:
+    """(M, M) correlation of the places: a part common to all, one that falls with distance, a small one of its own."""
+    square = (cdist(place, place) / CORRELATION) ** 2
+    near = (0.95 - common) * np.exp(-0.5 * square)
+    return np.asarray(common + near + 0.05 * np.eye(len(place)))
+
+
+def _weights(place: Array, known: Array) -> Array:
+    """(M, K) interpolation weights from places ``known``: the two nearest, by inverse distance."""
+    distance = cdist(place, known)
+    nearest = np.argsort(distance, axis=1)[:, :2]
+    rows = np.arange(len(place))[:, None]
+    inverse = 1.0 / np.maximum(distance[rows, nearest], 1e-6)
+    weights = np.zeros_like(distance)
+    weights[rows, nearest] = inverse / inverse.sum(axis=1, keepdims=True)
+    return weights

@@ -22,8 +22,7 @@ from isf_core.types import Array
 
 from isf_springback.estimators import learning
 from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
-from isf_springback.estimators.learning import FEATURES, Learned, features
-from isf_springback.estimators.shape_bias import (
+from isf_springback.estimators.fused import (
     DOUBTFUL_SHARE,
     DRIFT_AFTER_SURPRISE,
     LARGEST_BIAS,
@@ -39,6 +38,7 @@ from isf_springback.estimators.shape_bias import (
     shift_lever,
     updated,
 )
+from isf_springback.estimators.learning import FEATURES, Learned, features
 from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, LoopSamples, forming_radii, nearest_points
 from isf_springback.scan import FormedShape
 from isf_springback.scan.feedback import contour_over_die
@@ -130,7 +130,7 @@ class Difference:
     """What scans show of this part that the same scans of the part before, in ``before``, did not show.
 
     A contour pushed deeper than then is expected to leave the wall deeper by as much. What is measured beyond that is
-    the bias of :mod:`isf_springback.estimators.shape_bias`: of the wall, and where the last contours make the floor, of
+    the bias of :mod:`isf_springback.estimators.fused`: of the wall, and where the last contours make the floor, of
     the bottom. What a wall still does once the contact has passed was learned with the correction.
 
     Attributes

@@ -9,8 +9,7 @@ from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_springback.corrector import apply
 from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
-from isf_springback.estimators.fused import FusedEstimator
-from isf_springback.estimators.shape_bias import DEEPER, ModelledContour, expected_error
+from isf_springback.estimators.fused import DEEPER, FusedEstimator, ModelledContour, expected_error
 from isf_springback.scan import FormedShape
 from isf_springback.scan.readings import CONTOURS_PER_PLACE, read_errors
 from springback_parts import JOB_TEXT, cone_contour, corrector_of, result_of

@@ -9,9 +9,9 @@ from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_springback.corrector import apply
 from isf_springback.estimators import learning
+from isf_springback.estimators.fused import carried, first_field, shift_lever, updated
 from isf_springback.estimators.learned import NOTHING_SEEN, SHEETS_DIFFER
 from isf_springback.estimators.learning import learn_part
-from isf_springback.estimators.shape_bias import carried, first_field, shift_lever, updated
 from isf_springback.methods import make_corrector
 from isf_springback.scan.feedback import ScanMemory
 from scanned_sheet import COUNT, GRID, Sheet, X, Y, cone

@@ -8,7 +8,7 @@ import pytest
 from isf_core.errors import ErrorCode
 from isf_core.files.job import JobFile
 from isf_springback.corrector import apply
-from isf_springback.estimators.shape_bias import OF_A_MODEL, carried, first_field, updated
+from isf_springback.estimators.fused import OF_A_MODEL, carried, first_field, updated
 from isf_springback.methods import make_corrector
 from isf_springback.scan.feedback import scan_awaited, scan_due
 from isf_springback.session import CorrectionSession
