@@ -230,10 +230,10 @@ def _seen_everywhere(before: Learned) -> Array:
     if before.seen is None:
         return np.full((len(before.contour), 2), np.nan)
     seen = before.seen.copy()
-    rows_of = [np.flatnonzero(before.contour == k) for k in range(before.contours)]
-    scanned = [k for k, rows in enumerate(rows_of) if np.isfinite(seen[rows]).any()]
-    for k, rows in enumerate(rows_of):
-        if k in scanned or not scanned or not len(rows):
+    rows_of = {int(k): np.flatnonzero(before.contour == k) for k in np.unique(before.contour)}
+    scanned = [k for k, rows in rows_of.items() if np.isfinite(seen[rows]).any()]
+    for k, rows in rows_of.items():
+        if k in scanned or not scanned:
             continue
         after = bisect(scanned, k)
         around = scanned[max(after - 1, 0) : after + 1]
@@ -241,9 +241,9 @@ def _seen_everywhere(before: Learned) -> Array:
         values = [seen[r[nearest_points(before.place[rows], before.place[r])]] for r in theirs]
         share = 0.0 if len(around) == 1 else (k - around[0]) / (around[1] - around[0])
         seen[rows] = (1.0 - share) * values[0] + (share * values[-1] if share else 0.0)
-    springback = [_median(before.applied[rows] + seen[rows, 0]) for rows in rows_of]
-    for over_sheet in np.flatnonzero(np.array(springback) < -TOUCHING):
-        seen[(before.contour >= over_sheet) & (before.contour < over_sheet + CONTOURS_PER_PLACE)] = np.nan
+    over_sheet = [k for k, rows in rows_of.items() if _median(before.applied[rows] + seen[rows, 0]) < -TOUCHING]
+    for k in over_sheet:
+        seen[(before.contour >= k) & (before.contour < k + CONTOURS_PER_PLACE)] = np.nan
     return seen
 
 

@@ -189,6 +189,14 @@ def test_readings_that_are_none_count_as_not_seen(tmp_path):
     assert all(np.isfinite(correction.offset).all() for correction in corrections)
 
 
+def test_a_file_that_promises_more_contours_than_it_has_is_refused_at_the_first(tmp_path):
+    known = learn(tmp_path, [sheet_of(1.2e-3)])
+    learning.save(replace(known, contours=10**12), tmp_path / "known.npz")
+    with pytest.raises(IsfError) as caught:
+        make_corrector("learned", job(tmp_path, EVERY)).correct(cone_contour(0, count=COUNT))
+    assert caught.value.code == ErrorCode.LEARNING_UNUSABLE
+
+
 def test_scans_that_are_none_leave_the_correction_as_it_was(tmp_path):
     learn(tmp_path, [sheet_of(1.2e-3)])
     method = make_corrector("learned", job(tmp_path, EVERY))
