@@ -2,10 +2,10 @@
 
 "learned" replays the correction field of the same part. Where the file holds what scans between contours showed of that
 part, and this one is scanned, too, it follows what they show to be different: another sheet springs back more or less.
-"learned_map" predicts springback on any part from wall
-angle, curvature, depth and distance to the floor: a smooth additive model, the baseline of the published MARS maps
-(Behera 2015, introduction). Both stay inside the limits of every correction; outside of what was learned the map
-answers with the edge of it, and says so.
+
+"learned_map" predicts springback on any part from wall angle, curvature, depth and distance to the floor: a smooth
+additive model, the baseline of the published MARS maps (Behera 2015, introduction). Outside of what was learned it
+answers with the edge of it, and says so. Both stay inside the limits of every correction.
 """
 
 from __future__ import annotations
@@ -51,7 +51,6 @@ RIDGES = tuple(10.0**k for k in range(-2, 4))
 """Weights of the ridge on standardised splines, of which cross-validation chooses."""
 
 Predict = Callable[[Contour, list[str]], Array]
-
 
 SHEETS_DIFFER = Prior(0.3e-3, 0.8, 0.2e-3)
 """Of springback on one sheet beyond that on another (assumed: parts of one condition differ by 0.2 mm, as the measured
