@@ -36,7 +36,7 @@ def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bo
         mean, largest = 1e3 * known.history[-1]
         terminal.say(
             f"{run}: part {known.parts} of {known.job}, error of wall and floor {mean:.2f} mm mean, {largest:.2f} mm "
-            "largest"
+            f"largest; {known.scanned or 'no'} of {known.contours} contours scanned"
         )
     if known is None:
         raise IsfError(ErrorCode.LEARNING_UNUSABLE, "no run was given", advice="isf learn RUN... -o FILE")
@@ -50,6 +50,7 @@ def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bo
                 "mean_error_mm": terminal.without_nan((1e3 * known.history[:, 0]).tolist()),
                 "largest_push_mm": float(1e3 * np.abs(known.push).max()),
                 "samples": len(known.springback),
+                "scanned_contours": known.scanned,
             }
         )
     terminal.say(f"learned {output}: name it in the job as springback.learning, with method learned")

@@ -313,7 +313,8 @@ class Search:
         before = path.read_bytes() if path.exists() else None
         learning.save(replace(knowledge, push=np.clip(push, LEAST_PUSH, LARGEST_CORRECTION), seen=None), path)
         if before is not None and path.read_bytes() != before:
-            shutil.rmtree(path.with_suffix(""), ignore_errors=True)
+            for stale in (path.stem, f"scans_of_{path.stem}", f"check_of_{path.stem}"):
+                shutil.rmtree(self.folder / stale, ignore_errors=True)
         return name, path
 
     def _probed(self, start: Learned, bands: Array, error: Array) -> Array:

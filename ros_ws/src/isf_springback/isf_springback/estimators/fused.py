@@ -46,8 +46,8 @@ from isf_springback.scan.readings import (
 from isf_springback.sheet_edge import held_by_plate
 
 LARGEST_BIAS = 3e-3
-"""m; the shape may ask for that much more than was expected and no more (assumed: more than half of all published
-springback)."""
+"""m; the shape may ask for that much more than was expected and no more, and may take back the correction of a model
+altogether (assumed: more than half of all published springback)."""
 REPORTED_BIAS = 1.5e-3
 """m of disagreement of expectation and shape that is reported."""
 DRIFT_AFTER_SURPRISE = 40.0

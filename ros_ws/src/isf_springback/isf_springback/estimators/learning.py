@@ -73,6 +73,13 @@ class Learned:
     history: Array
     seen: Array | None = None
 
+    @property
+    def scanned(self) -> int:
+        """Contours of the last part after which a scan was made that could be used."""
+        if self.seen is None:
+            return 0
+        return len(np.unique(self.contour[np.isfinite(self.seen).any(axis=1)]))
+
     def of_contour(self, index: int) -> tuple[Array, Array]:
         """Places (M, 2) m and push (M,) m of contour ``index``."""
         rows = self.contour == index

@@ -168,6 +168,7 @@ def test_what_was_seen_comes_back_from_the_file(tmp_path):
     known = learn(tmp_path, [sheet_of(1.2e-3)])
     again = learning.load(tmp_path / "known.npz")
     assert np.array_equal(again.seen, known.seen, equal_nan=True)
+    assert again.scanned == COUNT // EVERY
     scanned = np.isfinite(known.seen[:, 0])
     assert set(known.contour[scanned]) <= {index for index in range(COUNT) if (index + 1) % EVERY == 0}
 
