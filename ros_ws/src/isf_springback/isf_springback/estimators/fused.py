@@ -149,10 +149,7 @@ class FusedEstimator(Estimator):
             followed = "" if np.array_equal(bias, disagreement) else ", which is followed only in part"
             far = float(disagreement[np.argmax(np.abs(disagreement))])
             remarks.append(f"the scanned shape shows {1e3 * far:+.1f} mm of springback relative to the model{followed}")
-        if self._doubtful > DOUBTFUL_SHARE:
-            remarks.append(
-                f"the last scan is implausible at {100 * self._doubtful:.0f} % of the places: it is given less weight"
-            )
+        remarks += implausible(self._doubtful)
         if not np.array_equal(moving, movement):
             far = float(moving[np.argmax(np.abs(moving))])
             way = "rises" if far > 0.0 else "sinks"
@@ -338,6 +335,13 @@ def same_wall(known: Contour, contour: Contour) -> bool:
         contour.stage,
         contour.forming_tool,
     )
+
+
+def implausible(doubtful: float) -> tuple[str, ...]:
+    """Remark on a scan of which the share ``doubtful`` of the places surprised; none where it is small."""
+    if doubtful <= DOUBTFUL_SHARE:
+        return ()
+    return (f"the last scan is implausible at {100 * doubtful:.0f} % of the places: it is given less weight",)
 
 
 def floor_share(contour: Contour, target: HeightMap, radius: float) -> Array:

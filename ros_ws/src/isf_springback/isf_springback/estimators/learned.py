@@ -23,7 +23,6 @@ from isf_core.types import Array
 from isf_springback.estimators import learning
 from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
 from isf_springback.estimators.fused import (
-    DOUBTFUL_SHARE,
     DRIFT_AFTER_SURPRISE,
     LARGEST_BIAS,
     REPORTED_BIAS,
@@ -34,6 +33,7 @@ from isf_springback.estimators.fused import (
     expected_error,
     first_field,
     floor_share,
+    implausible,
     same_wall,
     shift_lever,
     updated,
@@ -201,10 +201,7 @@ class Difference:
             self._doubtful = float(doubt.mean())
         surprise = reading.bottom - then[:, 1] - (last.model - last.pushed)[near]
         self._bottom, _ = updated(bottom, surprise, noise)
-        if self._doubtful > DOUBTFUL_SHARE:
-            self.remarks += (
-                f"the last scan is implausible at {100 * self._doubtful:.0f} % of the places: it is given less weight",
-            )
+        self.remarks += implausible(self._doubtful)
 
     # -- inside --------------------------------------------------------------------------------------
 
