@@ -193,3 +193,78 @@ def test_a_part_that_no_correction_gets_through_ends_it_with_its_place(tmp_path:
     with pytest.raises(IsfError, match="uncorrected does not complete on variant 0") as caught:
         try_out(Tryout(job, sheet="fast"), tmp_path / "out", as_json=False)
     assert str(tmp_path) in caught.value.where
+
+
+PLATE = "backing_plate: {{shape: circle, size: [{0} mm, {0} mm]}}"
+
+
+def test_the_best_set_up_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One of the others cannot be formed, which is told and does not end the try-out."""
+    job = faster(quick_cone_file(tmp_path, step="2.5 mm"), ("method: analytic", "method: none"))
+    ways = (PLATE.format(30), f"{PLATE.format(60)}, springback: {{method: analytic}}")
+    try_out(Tryout(job, sheet="fast", steps=1, checks=(21,), alternatives=ways), tmp_path / "out", as_json=False)
+    summary = summary_of(tmp_path / "out")
+    told = capsys.readouterr().err
+    assert "set-up 2 cannot be formed" in told
+    assert "goes on with set-up 3" in told
+    assert summary["set_up"] == ways[1]
+    refused = summary["set_ups_refused"]
+    assert isinstance(refused, dict)
+    assert list(refused) == [ways[0]]
+    assert "edge of the backing plate" in refused[ways[0]]
+    (first,), (third,) = (parts_of(summary, name) for name in ("first", "set-up 3"))
+    assert third["mean_mm"] < first["mean_mm"]
+    for name in (
+        "probe_1",
+        str(summary["chosen"]).replace(" ", "_"),
+        f"check_of_{summary['chosen']}".replace(" ", "_"),
+    ):
+        (bag,) = (tmp_path / "out" / name).glob("variant_*")
+        assert yaml.safe_load(read_bag(bag).job_text)["backing_plate"]["size"] == ["60 mm", "60 mm"]
+    found = load_job(tmp_path / "out" / "job.yaml").job
+    assert found.backing_plate is not None
+    assert found.backing_plate.size == (0.06, 0.06)
+    assert ways[1] in (tmp_path / "out" / "job.yaml").read_text(encoding="utf-8")
+
+
+def test_a_support_tool_that_may_stand_anywhere_is_tried_under_the_blank(tmp_path: Path) -> None:
+    """On the sheet that yields; by the tolerance of this job any first part is good."""
+    loose = "tolerance: {shape: 9 mm, share: 0.5}\ncontrol:\n"
+    job = faster(quick_cone_file(tmp_path, step="2.5 mm"), ("control:\n", loose), ("method: analytic", "method: none"))
+    assert "support_force" in job.read_text(encoding="utf-8")
+    try_out(Tryout(job, checks=()), tmp_path / "out", as_json=False)
+    summary = summary_of(tmp_path / "out")
+    assert {part["part"] for part in parts_of(summary, "first") + parts_of(summary, "set-up 2")} == {
+        "first",
+        "set-up 2",
+    }
+    (bag,) = (tmp_path / "out" / "set-up_2").glob("variant_*")
+    formed = read_bag(bag)
+    assert yaml.safe_load(formed.job_text)["path"]["support"] == "on_blank"
+    assert formed.support_force == 0.0
+    said = load_job(tmp_path / "out" / "job.yaml").job.path.support
+    assert said == ("on_blank" if "under the blank" in str(summary["set_up"]) else "opposite")
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "what"),
+    [
+        ("", ErrorCode.FILE_SYNTAX, "holds no fields"),
+        ("on_blank", ErrorCode.FILE_FIELD, "changes nothing"),
+        ("path: {support: [", ErrorCode.FILE_SYNTAX, ""),
+        ("path: {suport: on_blank}", ErrorCode.FILE_FIELD, "suport"),
+        ("path: {support: beside}", ErrorCode.FILE_FIELD, "support"),
+        ("springback: {method: nothing_known}", ErrorCode.METHOD_UNKNOWN, "nothing_known"),
+        ("rig: nowhere.yaml", ErrorCode.FILE_NOT_FOUND, "nowhere"),
+    ],
+)
+def test_what_is_no_set_up_is_refused_before_a_part_is_formed(
+    tmp_path: Path, text: str, code: ErrorCode, what: str
+) -> None:
+    with pytest.raises(IsfError) as caught:
+        try_out(Tryout(quick_cone_file(tmp_path), sheet="fast", alternatives=(text,)), tmp_path / "out", as_json=False)
+    assert caught.value.code == code, caught.value.message
+    assert what in caught.value.message
+    assert "--or" in caught.value.where
+    assert caught.value.advice
+    assert not (tmp_path / "out").exists()

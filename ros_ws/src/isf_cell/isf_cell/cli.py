@@ -577,6 +577,15 @@ def tryout(
     check: Annotated[
         str, typer.Option(help='plants on which the result is formed again; "" for none', metavar="N,...")
     ] = "21,22",
+    alternatives: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--or",
+            help='another way to hold or form the sheet, such as "path: {support: on_blank}"; the best one is gone on '
+            "with; may be given again",
+            metavar="FIELDS",
+        ),
+    ] = None,
     seed: Seed = 0,
     sheet: Sheet = "shell_coarse",
     jobs: Annotated[
@@ -595,7 +604,8 @@ def tryout(
     if not of_correction:
         raise IsfError(ErrorCode.FILE_FIELD, "names no variant", where="--variants", advice="0 is the nominal plant")
     count = jobs or len(os.sched_getaffinity(0))
-    wanted = Tryout(job, sheet_kind(sheet, "--sheet"), steps, of_correction, of_check, seed, count, correction)
+    kind, ways = sheet_kind(sheet, "--sheet"), tuple(alternatives or ())
+    wanted = Tryout(job, kind, steps, of_correction, of_check, seed, count, correction, ways)
     try_out(wanted, output, as_json=json)
 
 

@@ -1,6 +1,8 @@
 """``isf tryout``: parts formed on the elasto-plastic sheet until a correction is found, before any real sheet is.
 
-1. The first part is formed with the method of the job; where that does not get through, without a correction.
+1. The first part is formed with the method of the job, in every set-up that is to be tried: as the job says, with the
+   support tool under the blank, over another plate. Where none gets through, without a correction. The best set-up is
+   gone on with.
 2. Probes: the same with 1 mm more push over a fifth of the depth each. What the shape of the whole part answers to
    them is its Jacobian: what a push at the opening does to the base is in it.
 3. Steps of Gauss and Newton, the Jacobian brought up to date after each (Broyden 1965), with a ridge and bounds.
@@ -43,6 +45,7 @@ from isf_core.types import Array
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import LEAST_PUSH, Learned, together
 from isf_springback.loop_path import LARGEST_CORRECTION
+from isf_springback.methods import check_method
 from scipy.optimize import lsq_linear
 
 from isf_cell import in_process
@@ -80,6 +83,14 @@ IDLE_STEPS = 2
 Scans = Literal["none", "exact", "as wanted"]
 """Between the contours of a part with a plan: none, those of the job without a scanner's errors, those of the job."""
 
+ON_BLANK = {
+    "path": {"support": "on_blank"},
+    "control": {"support_force": None, "engage_depth": None},
+    "springback": {"first_contour": None},
+}
+"""Change of a job with two tools that does not say where the support tool goes: on a sheet that yields it holds the
+opening there, in place of a force. Fields that hold for the other way are left out."""
+
 STATE = "tryout.json"
 """What a folder was begun for."""
 
@@ -93,6 +104,7 @@ class Tryout:
     job : Path ; sheet : model that forms the parts ; steps : after the probes, at most
     variants : of the plant, which the correction is for ; checks : on which the best part is formed again
     seed : of sensor noise and variants ; jobs : parts at a time ; correction : of the first part; None: the job's
+    alternatives : changes of the job, each as fields in YAML, which make one more set-up each
     """
 
     job: Path
@@ -103,6 +115,21 @@ class Tryout:
     seed: int = 0
     jobs: int = 1
     correction: str | None = None
+    alternatives: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """A way to hold the sheet and to form it.
+
+    Attributes
+    ----------
+    name : first, set-up 2, ... ; change : of the job, for people ; job_file : with it
+    """
+
+    name: str
+    change: str
+    job_file: JobFile
 
 
 @dataclass(frozen=True)
@@ -190,9 +217,9 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
             advice="take others; then isf simulate FOLDER/job.yaml --variant 101 judges the result",
         )
     job_file = load_job(wanted.job)
-    RunOptions(wanted.correction, sheet=wanted.sheet).check(job_file)
+    set_ups = _set_ups(wanted, job_file)
     folder = _folder(wanted, job_file, output)
-    search = Search(wanted, job_file, folder)
+    search = Search(wanted, set_ups, folder)
     try:
         search.run()
         search.scan_best()
@@ -216,15 +243,18 @@ class Search:
 
     Attributes
     ----------
-    wanted, job_file, folder ; parts : formed so far, in order ; best : of them
+    wanted, set_ups, folder ; parts : formed so far, in order ; best : of them
+    set_up : that is gone on with ; refused : set-ups that cannot be formed, and why
     correction : method of the parts without a plan; None: the job's
     plan : what was found, once :meth:`scan_best` was called; None: the method of the first part
     """
 
-    def __init__(self, wanted: Tryout, job_file: JobFile, folder: Path) -> None:
-        self.wanted, self.job_file, self.folder = wanted, job_file, folder
+    def __init__(self, wanted: Tryout, set_ups: Sequence[SetUp], folder: Path) -> None:
+        self.wanted, self.set_ups, self.folder = wanted, set_ups, folder
+        self.set_up = set_ups[0]
         self.correction = wanted.correction
         self.parts: list[Tried] = []
+        self.refused: dict[str, IsfError] = {}
         self.plan: Path | None = None
 
     @property
@@ -232,13 +262,18 @@ class Search:
         """The part with the smallest error so far."""
         return min(self.parts, key=lambda part: part.score)
 
+    @property
+    def job_file(self) -> JobFile:
+        """Of the set-up."""
+        return self.set_up.job_file
+
     def run(self) -> None:
         """Form parts until one is good or nothing helps any more."""
-        (first,) = self._add([("first", None)])
-        if first.failures and RunOptions(self.correction).method(self.job_file) != "none":
+        first = self._first()
+        if first.failures and any(RunOptions(self.correction).method(way.job_file) != "none" for way in self.set_ups):
             terminal.say("begins again without a correction")
             self.correction = "none"
-            (first,) = self._add([("uncorrected", None)])
+            first = self._first()
         if first.failures:
             raise first.failures[0]
         if first.good:
@@ -293,6 +328,30 @@ class Search:
                         trials.append(Trial(name, task.variant, record, compare(record.scan, record.target)))
             found.append(Tried(name, plan, trials, failures))
         return found
+
+    def _first(self) -> Tried:
+        """The first part of the best set-up, which is gone on with."""
+        found = []
+        for way in self.set_ups:
+            if way.name in self.refused:
+                continue
+            if len(self.set_ups) > 1:
+                terminal.say(f"{way.name}: {way.change}")
+            self.set_up = way
+            name = way.name if self.correction == self.wanted.correction else f"uncorrected {way.name}"
+            try:
+                (part,) = self._add([(name.replace("uncorrected first", "uncorrected"), None)])
+            except IsfError as refusal:
+                if way is self.set_ups[0]:
+                    raise
+                self.refused[way.name] = refusal
+                terminal.warn(f"{way.name} cannot be formed: {refusal.message}")
+            else:
+                found.append((way, part))
+        self.set_up, first = min(found, key=lambda pair: pair[1].score)
+        if len(found) > 1 and not first.failures:
+            terminal.say(f"goes on with {self.set_up.name}: {self.set_up.change}")
+        return first
 
     def _add(self, wanted: Sequence[tuple[str, Path | None]]) -> list[Tried]:
         found = self.form(wanted, self.wanted.variants)
@@ -372,12 +431,48 @@ def _step(jacobian: Array, error: Array, low: Array, high: Array) -> Array:
     return np.asarray(found.x)
 
 
+def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
+    """The job as it is, with the support tool under the blank where it does not say where that one goes, and with each
+    of the ``alternatives``.
+
+    Raises
+    ------
+    IsfError : what the job, its method, or an alternative is refused for
+    """
+    options = RunOptions(wanted.correction, sheet=wanted.sheet)
+    options.check(job_file)
+    found = [SetUp("first", "as the job says", job_file)]
+    job = job_file.job
+    if wanted.sheet != "fast" and job.process == "DSIF" and "support" not in job.path.model_fields_set:
+        try:
+            found.append(SetUp("set-up 2", "support tool under the blank (path.support: on_blank), no force control",
+                               job_file.changed(ON_BLANK)))  # fmt: skip
+        except IsfError as error:
+            terminal.warn(f"not tried with path.support on_blank: {error.message}")
+    for text in wanted.alternatives:
+        where = f"--or '{text}'"
+        change = yaml_file.content(text if text.lstrip().startswith("{") else f"{{{text}}}", where)
+        advice = 'write fields as in a job file, such as --or "path: {support: on_blank}"'
+        if not isinstance(change, dict) or not change:
+            raise IsfError(ErrorCode.FILE_SYNTAX, "holds no fields of a job", where=where, advice=advice)
+        try:
+            changed = job_file.changed(change)
+            options.check(changed)
+            check_method(options.method(changed), changed)
+        except IsfError as error:
+            raise IsfError(error.code, error.what, where=where, advice=error.advice or advice) from error
+        if changed.text == job_file.changed({}).text:
+            raise IsfError(ErrorCode.FILE_FIELD, "changes nothing of the job", where=where, advice=advice)
+        found.append(SetUp(f"set-up {len(found) + 1}", text.strip(), changed))
+    return found
+
+
 def _folder(wanted: Tryout, job_file: JobFile, output: Path | None) -> Path:
     """Of this try-out, new or begun earlier."""
     folder = make_folder(output or Path("runs") / f"tryout-{job_file.job.name}")
     rig, material = job_file.rig.model_dump_json(), job_file.material.model_dump_json()
     sources = b"".join(path.read_bytes() for path in job_file.sources if path.is_file())
-    choices = wanted.sheet, wanted.variants, wanted.seed, wanted.correction
+    choices = wanted.sheet, wanted.variants, wanted.seed, wanted.correction, wanted.alternatives
     said = json.dumps([__version__, job_file.text, rig, material, *choices])
     key = hashlib.sha256(said.encode() + sources).hexdigest()
     state = folder / STATE
@@ -514,6 +609,8 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
         shutil.copyfile(search.plan, folder / plan)
     job = folder / "job.yaml"
     head = f"# {name} with the correction of a try-out on the simulated sheet {wanted.sheet}\n"
+    if search.set_up is not search.set_ups[0]:
+        head += f"# Set-up: {search.set_up.change}\n"
     found = _tried(search.job_file, plan, search.correction, "as wanted", rate=np.inf)
     job.write_text(head + found.text, encoding="utf-8")
     picture = _draw(search, check.trials, folder / "tryout.png")
@@ -528,6 +625,10 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
             "largest_mm": {"median": _mm(expected, "largest", np.median), "worst": _mm(expected, "largest", np.max)},
             "mean_mm": {"median": _mm(expected, "mean", np.median), "worst": _mm(expected, "mean", np.max)},
             "from_variants": [trial.variant for trial in expected],
+        },
+        "set_up": search.set_up.change,
+        "set_ups_refused": {
+            way.change: search.refused[way.name].message for way in search.set_ups if way.name in search.refused
         },
         "parts": [_row(trial) for part in search.parts for trial in part.trials],
         "checks": [_row(trial) for trial in check.trials],

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import Field, field_validator, model_validator
 
 from isf_core.errors import IsfError
@@ -25,7 +24,8 @@ class MethodSpec(FileModel):
     name: str = Field(min_length=1, max_length=60)
     """As it stands in tables."""
     change: dict[str, Any] = Field(default_factory=dict)
-    """Fields in place of those of the job, section by section as in a job file; none: the job as it is."""
+    """Fields in place of those of the job, section by section as in a job file, null for one
+    that is left out; none: the job as it is."""
 
     @model_validator(mode="before")
     @classmethod
@@ -109,18 +109,8 @@ class CampaignFile:
         plain = JobFile(text, path.parent, str(path))
         if method is None or not method.change:
             return plain
-        changed = yaml.safe_dump(_merged(yaml_file.content(plain.text, str(path)), method.change), sort_keys=False)
         try:
-            return JobFile(changed, path.parent, str(path))
+            return plain.changed(method.change, str(path))
         except IsfError as error:
             where = f"{self.path}: method {method.name} with {self.campaign.jobs[number]}"
             raise IsfError(error.code, error.what, where=where, advice=error.advice) from error
-
-
-def _merged(fields: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """``fields`` with those of ``change`` in their place, sections by their fields."""
-    merged = dict(fields)
-    for name, value in change.items():
-        old = merged.get(name)
-        merged[name] = _merged(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
-    return merged

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -22,6 +22,7 @@ from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
@@ -976,6 +977,14 @@ class JobFile:
     def sources(self) -> tuple[Path, ...]:
         """What the path comes from: mesh and program, as far as there are."""
         return tuple(path for path in (self.mesh, self.program) if path is not None)
+
+    def changed(self, change: Mapping[str, Any], name: str = "job") -> JobFile:
+        """This job with the fields of ``change`` in place of its own, section by section; one that is null is left out.
+
+        Raises IsfError as of a job file; ``name`` of it in errors.
+        """
+        fields = yaml_file.merged(yaml_file.content(self.text, name), change)
+        return JobFile(yaml.safe_dump(fields, sort_keys=False), self.base, name)
 
     @property
     def tilts(self) -> bool:

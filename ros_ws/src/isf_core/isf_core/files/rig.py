@@ -69,7 +69,7 @@ def layered_text(path: Path) -> tuple[str, list[tuple[str, str]]]:
         return text, [(str(here), text)]
     merged = layer
     for upper in reversed(layers):
-        merged = _merged(merged, upper)
+        merged = yaml_file.merged(merged, upper)
     for tool in ("tool_1", "tool_2"):
         part = merged.get(tool)
         if isinstance(part, dict) and isinstance(part.get("error_map"), str):
@@ -81,14 +81,6 @@ def _map_path(name: str, tool: str, lowest: Path, below: dict[str, Any], top: Pa
     """A map stands beside the file that names it: the lowest one, unless a layer replaces it."""
     own = below.get(tool)
     return (lowest if isinstance(own, dict) and own.get("error_map") == name else top).parent / name
-
-
-def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    result = dict(below)
-    for key, value in above.items():
-        present = result.get(key)
-        result[key] = _merged(present, value) if isinstance(present, dict) and isinstance(value, dict) else value
-    return result
 
 
 class Clamp(FileModel):

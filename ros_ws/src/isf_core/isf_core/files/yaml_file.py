@@ -10,7 +10,7 @@ import difflib
 import math
 import os
 import sysconfig
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin
 
@@ -130,6 +130,21 @@ def content(text: str, name: str) -> Any:
         MOST_NODES fields with the aliases written out, as a merge does), FILE_FIELD (a date or number that is none)
     """
     return _content(text, name)[1]
+
+
+def merged(fields: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """``fields`` with those of ``change`` in their place, sections field by field; one that is null is left out (as RFC
+    7396 merges JSON)."""
+    result = dict(fields)
+    for name, value in change.items():
+        old = result.get(name)
+        if value is None:
+            result.pop(name, None)
+        elif isinstance(value, Mapping):
+            result[name] = merged(old if isinstance(old, Mapping) else {}, value)
+        else:
+            result[name] = value
+    return result
 
 
 def _content(text: str, name: str) -> tuple[yaml.Node | None, Any]:
