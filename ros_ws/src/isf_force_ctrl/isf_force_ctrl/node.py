@@ -305,6 +305,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
                 controller.fail(*self._ready.lost_fault(lost, self._timeout), ticking=True)
+            if controller.busy and controller.fault is None and (stopped := self._ready.machine_fault(0.0)):
+                controller.fail(*stopped, ticking=True)
             self._pause(controller, waiting=waiting)
             blind = self._settings.output == "twist" and not waiting and controller.fault is None
             if blind and (text := self._ready.pose_lost_text()):

@@ -41,12 +41,13 @@ def quick_job(folder: Path) -> Path:
 class Measured:
     """The cell with a real machine node and the contours of the small example cone; ``folder`` for its job file."""
 
-    def __init__(self, cell: Cell, folder: Path) -> None:
+    def __init__(self, cell: Cell, folder: Path, *, lockstep: bool = True) -> None:
         job = quick_job(folder)
         self.cell, self.job_file = cell, load_job(job)
         self.plan = plan(self.job_file)
-        cell.stack.enter_context(forked_process.node("-m", "isf_sim.node", autostart=True, job=job))
-        cell.stack.enter_context(forked_process.node("-m", "isf_force_ctrl.node", autostart=True, **QUICK))
+        mode = {"lockstep": lockstep}
+        cell.stack.enter_context(forked_process.node("-m", "isf_sim.node", autostart=True, job=job, **mode))
+        cell.stack.enter_context(forked_process.node("-m", "isf_force_ctrl.node", autostart=True, **QUICK, **mode))
         assert cell._arm.wait_for_service(LIMIT)
         tare = cell.node.create_client(Tare, "machine/tare")
         assert tare.wait_for_service(LIMIT)
@@ -110,6 +111,22 @@ def test_a_move_ends_with_the_fault_of_a_machine_that_stands_still(measured: Mea
     moved, _ = call_action(measured.cell, MoveAside, "move_aside", MoveAside.Goal())
     assert moved.code == ErrorCode.STOP_REQUESTED
     assert "protective stop: a test" in moved.message
+
+
+@pytest.mark.clock
+def test_a_contour_by_the_clock_ends_with_the_fault_of_a_machine_that_stands_still(cell: Cell, tmp_path: Path) -> None:
+    """Its ticks go on, and would come to the end of a contour that nobody forms."""
+    measured = Measured(cell, tmp_path, lockstep=False)
+    stop = cell.node.create_client(Stop, "machine/stop")
+    assert stop.wait_for_service(LIMIT)
+    cell.publish(measured.plan.contours[0])
+    assert cell.rests_in(ForceCtrlState.POSITION)
+    stopped = stop.call_async(Stop.Request(reason="a test"))
+    assert cell.wait(stopped.done)
+    assert cell.wait(lambda: cell.results)
+    (result,) = cell.results
+    assert result.code == ErrorCode.STOP_REQUESTED
+    assert "protective stop: a test" in result.message
 
 
 @pytest.mark.clock
