@@ -308,7 +308,7 @@ def knowledge(job_file: JobFile) -> Learned:
             ErrorCode.LEARNING_UNUSABLE,
             "the job names no file",
             where="springback.learning",
-            advice="make one with: isf learn RUN... -o FILE",
+            advice=learning.MADE_BY,
         )
     return learning.load(job_file.base / name)
 

@@ -34,6 +34,8 @@ from isf_springback.scan.feedback import contour_over_die, shape_over_die, targe
 from isf_springback.scan.readings import read_errors
 
 FORMAT = 1
+MADE_BY = "make it with: isf learn RUN... -o FILE, or isf tryout JOB"
+"""Advice where a file is missing or not one of these."""
 FEATURES = (
     "wall angle [rad]",
     "curvature of the contour [1/m]",
@@ -98,7 +100,7 @@ def save(learned: Learned, path: Path) -> None:
 
 def load(path: Path) -> Learned:
     """Read a file of :func:`save`; raises IsfError LEARNING_UNUSABLE."""
-    advice = "make it with: isf learn RUN... -o FILE"
+    advice = MADE_BY
     try:
         data = read_archive(path)
         if int(data["format"]) != FORMAT:
