@@ -17,6 +17,7 @@ from isf_cell.commands.tryout import Tryout, try_out
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
+from isf_core.files.rig import load_rig
 from isf_core.types import Array
 from isf_springback.estimators import learning
 from quick_cone import quick_cone_file
@@ -244,6 +245,30 @@ def test_a_support_tool_that_may_stand_anywhere_is_tried_under_the_blank(tmp_pat
     assert formed.support_force == 0.0
     said = load_job(tmp_path / "out" / "job.yaml").job.path.support
     assert said == ("on_blank" if "under the blank" in str(summary["set_up"]) else "opposite")
+
+
+def test_a_part_beyond_the_force_of_the_machine_is_tried_on_a_stronger_one(tmp_path: Path) -> None:
+    """On the sheet that yields, whose cells overstate the force; the result is a job for the machine there is."""
+    job = faster(
+        quick_cone_file(tmp_path, step="2.5 mm"),
+        ("control:\n", "tolerance: {shape: 9 mm, share: 0.5}\ncontrol:\n"),
+        ("path:\n", "path:\n  support: opposite\n"),
+        ("thickness: 1.0 mm", "thickness: 1.8 mm"),
+        ("method: analytic", "method: none"),
+    )
+    try_out(Tryout(job, checks=()), tmp_path / "out", as_json=False)
+    summary = summary_of(tmp_path / "out")
+    assert summary["chosen"] == "first, more force"
+    assert not parts_of(summary, "first")
+    assert str(summary["overload"]).endswith(f"needs rig: {tmp_path / 'out' / 'first.yaml'}")
+    (bag,) = (tmp_path / "out" / "first,_more_force").glob("variant_*")
+    force = max(np.abs(result.forming_force[:, 2]).max() for result in read_bag(bag).results)
+    assert 2000.0 < force < 1.8 * 2000.0
+    assert f"took {force:.0f} N here, ren2018 bears 2000 N" in str(summary["overload"])
+    stronger = load_rig(str(tmp_path / "out" / "first.yaml"))
+    assert stronger.limits.force == pytest.approx((2700.0, 2700.0, 3600.0))
+    assert stronger.load_cell.force_range == pytest.approx((2700.0, 2700.0, 3600.0))
+    assert load_job(tmp_path / "out" / "job.yaml").rig.limits.force == (1500.0, 1500.0, 2000.0)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,10 @@ SHEET_KINDS: tuple[SheetKind, ...] = get_args(SheetKind)
 
 DEFAULT_SHEET: SheetKind = "fast"
 
+FORCE_TOO_HIGH: dict[SheetKind, float] = {"fast": 1.0, "shell_coarse": 1.8, "shell": 1.55, "shell_fine": 1.4}
+"""Axial force on a formed wall over that of the regression of Aerens 2009, at most: a cell yields as a whole (measured,
+docs/methods/shell_sheet.md, axial force; the fast sheet goes by the regression)."""
+
 LARGEST_NUMBER = 2**31 - 1
 """Largest variant and seed: what the messages of the node graph carry."""
 

@@ -1,8 +1,9 @@
 """``isf tryout``: parts formed on the elasto-plastic sheet until a correction is found, before any real sheet is.
 
 1. The first part is formed with the method of the job, in every set-up that is to be tried: as the job says, with the
-   support tool under the blank, over another plate. Where none gets through, without a correction. The best set-up is
-   gone on with.
+   support tool under the blank, over another plate. The best set-up is gone on with. Where all end at the limit of the
+   force, which cells of this size overstate, the machine bears as much more; where none gets through, nothing is
+   corrected.
 2. Probes: the same with 1 mm more push over a fifth of the depth each. What the shape of the whole part answers to
    them is its Jacobian: what a push at the opening does to the base is in it.
 3. Steps of Gauss and Newton, the Jacobian brought up to date after each (Broyden 1965), with a ridge and bounds.
@@ -40,7 +41,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
 from isf_core.files import yaml_file
 from isf_core.files.job import JobFile, load_job
-from isf_core.simulated_sheet import SEALED_VARIANTS, SheetKind
+from isf_core.simulated_sheet import FORCE_TOO_HIGH, SEALED_VARIANTS, SheetKind
 from isf_core.types import Array
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import LEAST_PUSH, Learned, together
@@ -91,6 +92,9 @@ ON_BLANK = {
 """Change of a job with two tools that does not say where the support tool goes: on a sheet that yields it holds the
 opening there, in place of a force. Fields that hold for the other way are left out."""
 
+OVERLOADED = frozenset({ErrorCode.FORCE_LIMIT, ErrorCode.WRENCH_OUT_OF_RANGE, ErrorCode.LOAD_CELL_RANGE})
+"""Codes of a part that took more force than the rig allows."""
+
 STATE = "tryout.json"
 """What a folder was begun for."""
 
@@ -125,11 +129,13 @@ class SetUp:
     Attributes
     ----------
     name : first, set-up 2, ... ; change : of the job, for people ; job_file : with it
+    rig : file of the machine that the parts are tried on; None: that of the job
     """
 
     name: str
     change: str
     job_file: JobFile
+    rig: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -155,6 +161,12 @@ class Trial:
     def largest(self) -> float:
         """m, of wall and base."""
         return self.deviation.whole.max_abs
+
+    @property
+    def force(self) -> float:
+        """N, the largest axial one."""
+        return max((float(np.abs(result.forming_force[:, 2]).max(initial=0.0)) for result in self.record.results
+                    if len(result.forming_force)), default=0.0)  # fmt: skip
 
     @property
     def within(self) -> float:
@@ -270,6 +282,8 @@ class Search:
     def run(self) -> None:
         """Form parts until one is good or nothing helps any more."""
         first = self._first()
+        if first.failures and all(failure.code in OVERLOADED for part in self.parts for failure in part.failures):
+            first = self._first_of_more_force() or first
         if first.failures and any(RunOptions(self.correction).method(way.job_file) != "none" for way in self.set_ups):
             terminal.say("begins again without a correction")
             self.correction = "none"
@@ -307,7 +321,7 @@ class Search:
         self, wanted: Sequence[tuple[str, Path | None]], variants: Sequence[int], scans: Scans = "none"
     ) -> list[Tried]:
         """Parts of the names and plans ``wanted``, on each of ``variants``; ``scans`` of those with a plan."""
-        jobs = [_tried(self.job_file, plan, self.correction, scans) for _, plan in wanted]
+        jobs = [_tried(self.job_file, plan, self.correction, scans, rig=self.set_up.rig) for _, plan in wanted]
         tasks = [
             _Task(job.text, job.base, job.job.name, self.wanted.sheet, variant, self.wanted.seed,
                   self.folder / name.replace(" ", "_") / f"variant_{variant}", name)
@@ -329,6 +343,18 @@ class Search:
             found.append(Tried(name, plan, trials, failures))
         return found
 
+    def _first_of_more_force(self) -> Tried | None:
+        """The same on a machine of more force, as much as the cells overstate it; None where they do not."""
+        more = FORCE_TOO_HIGH[self.wanted.sheet]
+        if more == 1.0:
+            return None
+        terminal.say(
+            f"the force of these cells is up to {more:g} times too high: begins again on a machine of as much more"
+        )
+        self.set_ups = [replace(way, rig=_more_force(way.job_file, more, self.folder / f"{way.name}.yaml"))
+                        for way in self.set_ups]  # fmt: skip
+        return self._first()
+
     def _first(self) -> Tried:
         """The first part of the best set-up, which is gone on with."""
         found = []
@@ -339,8 +365,9 @@ class Search:
                 terminal.say(f"{way.name}: {way.change}")
             self.set_up = way
             name = way.name if self.correction == self.wanted.correction else f"uncorrected {way.name}"
+            name = name.replace("uncorrected first", "uncorrected") + (", more force" if way.rig else "")
             try:
-                (part,) = self._add([(name.replace("uncorrected first", "uncorrected"), None)])
+                (part,) = self._add([(name, None)])
             except IsfError as refusal:
                 if way is self.set_ups[0]:
                     raise
@@ -493,10 +520,11 @@ def _folder(wanted: Tryout, job_file: JobFile, output: Path | None) -> Path:
 
 
 def _tried(
-    job_file: JobFile, plan: Path | None, correction: str | None, scans: Scans, rate: float = CONTROL_RATE
-) -> JobFile:
+    job_file: JobFile, plan: Path | None, correction: str | None, scans: Scans, rate: float = CONTROL_RATE,
+    rig: Path | None = None,
+) -> JobFile:  # fmt: skip
     """``job_file`` with what was learned in ``plan`` and ``scans``, or with method ``correction`` before there is a
-    plan; its text names files by absolute paths."""
+    plan, on ``rig``; its text names files by absolute paths."""
     data = _absolute(yaml_file.content(job_file.text, job_file.job.name), job_file.base)
     if plan is not None:
         data["springback"] = {**data.get("springback", {}), "method": "learned", "learning": str(plan)}
@@ -506,9 +534,23 @@ def _tried(
             data["springback"]["scan_sensor"] = False
     elif correction is not None:
         data["springback"] = {**data.get("springback", {}), "method": correction}
+    if rig is not None:
+        data["rig"] = str(rig)
     if job_file.job.control.rate > rate:
         data["control"] = {**data.get("control", {}), "rate": f"{rate:g} Hz"}
     return JobFile(yaml.safe_dump(data, sort_keys=False), job_file.base, job_file.job.name)
+
+
+def _more_force(job_file: JobFile, more: float, path: Path) -> Path:
+    """``path`` of the job's rig with ``more`` times its force."""
+    rig = job_file.rig
+    force, reach = (
+        [f"{more * newtons:.9g} N" for newtons in values] for values in (rig.limits.force, rig.load_cell.force_range)
+    )
+    fields = {"name": f"{rig.name}_more_force", "based_on": _absolute(job_file.job.rig, job_file.base),
+              "limits": {"force": force}, "load_cell": {"force_range": reach}}  # fmt: skip
+    path.write_text(yaml.safe_dump(fields, sort_keys=False), encoding="utf-8")
+    return path.resolve()
 
 
 def _absolute(value: Any, base: Path) -> Any:
@@ -600,6 +642,18 @@ def _prevented(search: Search, check: Tried) -> list[str]:
     return failed + (found or ["no step helps any more: the largest error is where no push acts"])
 
 
+def _overload(search: Search, trials: Sequence[Trial]) -> str:
+    """That a part took more than the machine bears, for people; empty: none did."""
+    force, bears = max(trial.force for trial in trials), search.job_file.rig.limits.force[2]
+    if search.set_up.rig is None or force <= bears:
+        return ""
+    return (
+        f"the part took {force:.0f} N here, {search.job_file.rig.name} bears {bears:.0f} N: cells of this size "
+        f"overstate the force by up to {FORCE_TOO_HIGH[search.wanted.sheet]:g} times, so that a real part may do with less; a "
+        f"simulated one needs rig: {search.set_up.rig}"
+    )
+
+
 def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
     wanted, folder, best = search.wanted, search.folder, search.best
     name = search.job_file.job.name
@@ -615,12 +669,14 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
     job.write_text(head + found.text, encoding="utf-8")
     picture = _draw(search, check.trials, folder / "tryout.png")
     prevented, expected = _prevented(search, check), check.trials or best.trials
+    overload = _overload(search, [*best.trials, *check.trials])
     data = {
         "job": name,
         "sheet": wanted.sheet,
         "chosen": best.name,
         "within_tolerance": best.good and not check.failures,
         "prevented_by": prevented,
+        "overload": overload,
         "expected": {
             "largest_mm": {"median": _mm(expected, "largest", np.median), "worst": _mm(expected, "largest", np.max)},
             "mean_mm": {"median": _mm(expected, "mean", np.median), "worst": _mm(expected, "mean", np.max)},
@@ -652,7 +708,7 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
     for trial in check.trials:
         table.add_row("chosen, other variants", *_cells(trial))
     terminal.console.print(table)
-    for text in prevented:
+    for text in (*prevented, *([overload] if overload else [])):
         terminal.warn(text)
     errors = [_mm(expected, key, of) for of in (np.median, np.max) for key in ("largest", "mean")]
     terminal.say(
