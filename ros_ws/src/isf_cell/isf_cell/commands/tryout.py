@@ -649,8 +649,8 @@ def _overload(search: Search, trials: Sequence[Trial]) -> str:
         return ""
     return (
         f"the part took {force:.0f} N here, {search.job_file.rig.name} bears {bears:.0f} N: cells of this size "
-        f"overstate the force by up to {FORCE_TOO_HIGH[search.wanted.sheet]:g} times, so that a real part may do with less; a "
-        f"simulated one needs rig: {search.set_up.rig}"
+        f"overstate the force by up to {FORCE_TOO_HIGH[search.wanted.sheet]:g} times, so that a real part may do with "
+        f"less; a simulated one needs rig: {search.set_up.rig}"
     )
 
 
