@@ -16,11 +16,13 @@ from isf_cell import in_process
 from isf_cell.commands.tryout import Tryout, try_out
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import load_job
+from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import load_rig
 from isf_core.types import Array
 from isf_springback.estimators import learning
-from quick_cone import quick_cone_file
+from quick_cone import FOLDER, quick_cone_file
+
+REN_CONE_PLATE = FOLDER / "ren_cone_plate.yaml"
 
 
 @dataclass
@@ -245,6 +247,24 @@ def test_a_support_tool_that_may_stand_anywhere_is_tried_under_the_blank(tmp_pat
     assert formed.support_force == 0.0
     said = load_job(tmp_path / "out" / "job.yaml").job.path.support
     assert said == ("on_blank" if "under the blank" in str(summary["set_up"]) else "opposite")
+
+
+def test_a_set_up_that_its_method_cannot_correct_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The plate is so near that it lies under the first contour: the planner lets it be, the model of the sheet not."""
+    folder = REN_CONE_PLATE.parent
+    job = JobFile(REN_CONE_PLATE.read_text(encoding="utf-8"), folder).changed(
+        {
+            "part": {"mesh": str(folder.parent / "parts" / "ren_cone.stl")},
+            "path": {"incremental_depth": "2 mm", "point_spacing": "2 mm"},
+            "control": {"rate": "100 Hz"},
+            "backing_plate": {"size": ["71 mm", "71 mm"]},
+            "tolerance": {"shape": "9 mm", "share": 0.5},
+        }
+    )
+    (tmp_path / "job.yaml").write_text(job.text, encoding="utf-8")
+    try_out(Tryout(tmp_path / "job.yaml", sheet="fast", checks=()), tmp_path / "out", as_json=False)
+    told = " ".join(capsys.readouterr().err.split())
+    assert "first was not corrected at 11 of 11 contours: contour 1: the contours reach within" in told
 
 
 def test_a_part_beyond_the_force_of_the_machine_is_tried_on_a_stronger_one(tmp_path: Path) -> None:

@@ -389,6 +389,9 @@ class Search:
                     f"{trial.part}, variant {trial.variant}: {1e3 * trial.largest:.2f} mm largest, "
                     f"{1e3 * trial.mean:.2f} mm mean, {100 * trial.within:.0f} % within 0.3 mm"
                 )
+                if lost := [step for step in trial.record.corrections if step.code]:
+                    count = f"{len(lost)} of {len(trial.record.corrections)} contours"
+                    terminal.warn(f"{trial.part} was not corrected at {count}: {lost[0].message}")
             for failure in part.failures:
                 terminal.warn(failure.message)
         return found
