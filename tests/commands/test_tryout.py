@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import forked_process
 import numpy as np
 import pytest
 import yaml
 from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.measures.deviation import compare
 from isf_cell import in_process
+from isf_cell.commands.exit_codes import Exit
 from isf_cell.commands.tryout import Tryout, try_out
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
@@ -313,3 +316,13 @@ def test_what_is_no_set_up_is_refused_before_a_part_is_formed(
     assert "--or" in caught.value.where
     assert caught.value.advice
     assert not (tmp_path / "out").exists()
+
+
+def test_the_command_takes_several_set_ups_and_names_the_one_that_is_none(tmp_path: Path) -> None:
+    job = quick_cone_file(tmp_path)
+    ways = ["--or", "control: {support_force: 60 N}", "--or", "on_blank"]
+    run = forked_process.run([sys.executable, "-m", "isf_cell.cli", "tryout", str(job), *ways], cwd=tmp_path)
+    assert run.returncode == Exit.INPUT
+    assert "--or 'on_blank'" in run.stderr
+    assert "changes nothing of the job" in run.stderr
+    assert not (tmp_path / "runs").exists()
