@@ -17,6 +17,7 @@ from isf_core.process import thickness_and_tips
 from isf_core.process.support_window import support_window
 from isf_core.types import Array
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from isf_planner.forming.sides import Side, first_number
 from isf_planner.part.mesh_checks import place_text
@@ -25,6 +26,10 @@ from isf_planner.paths.loop_family import matched
 
 CHORD = 1.0e-3
 """m of path before and after a point over which its turn is taken."""
+
+EVENLY = 3.0e-3
+"""m of path of the forming tool, standard deviation, over which the place of a support tool under the blank is evened
+out (assumed)."""
 
 MINIMUM_TURN = 1.0e-3
 """rad over both chords; less is a straight line (radii above 2 m)."""
@@ -44,9 +49,14 @@ def along_first(first: Array, points: Array, *, closed: bool) -> Array:
     """(N, 3) m, for every forming tip (N, 3) the place opposite it on the closed line ``first`` (K, 3) of support tips.
 
     The first contour is formed with support opposite; later ones keep the tool there, under the undeformed blank
-    beside the opening, where it acts as a backing plate that goes along.
+    beside the opening, where it acts as a backing plate that goes along. It goes along evenly: what is nearest leaps
+    from chord to chord of the line, and across the corners of a part, which a tool cannot at the feed.
     """
     share = matched(points[:, :2], first[:, :2], closed=closed)
+    count = len(share)
+    turn = np.arange(count) / count if closed else np.linspace(0.0, share[-1] - share[0], count)
+    spacing = float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean()) if count > 1 else EVENLY
+    share = turn + gaussian_filter1d(share - turn, EVENLY / max(spacing, 1e-6), mode="wrap" if closed else "nearest")
     ring = np.vstack([first, first[:1]])
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ring[:, :2], axis=0), axis=1))])
     place = np.mod(share, 1.0) * arc[-1]
