@@ -1,9 +1,9 @@
 """``isf tryout``: parts formed on the elasto-plastic sheet until a correction is found, before any real sheet is.
 
 1. The first part is formed with the method of the job, in every set-up that is to be tried: as the job says, with the
-   support tool under the blank, over another plate. The best set-up is gone on with. Where all end at the limit of the
-   force, which cells of this size overstate, the machine bears as much more; where none gets through, nothing is
-   corrected.
+   support tool under the blank, over another plate. Where one ends at the limit of the force, which cells of this size
+   overstate, it is formed again on a machine that bears as much more. The best set-up is gone on with; where none gets
+   through, without a correction.
 2. Probes: the same with 1 mm more push over a fifth of the depth each. What the shape of the whole part answers to
    them is its Jacobian: what a push at the opening does to the base is in it.
 3. Steps of Gauss and Newton, the Jacobian brought up to date after each (Broyden 1965), with a ridge and bounds.
@@ -230,7 +230,7 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
         )
     job_file = load_job(wanted.job)
     set_ups = _set_ups(wanted, job_file)
-    folder = _folder(wanted, job_file, output)
+    folder = _folder(wanted, set_ups, output)
     search = Search(wanted, set_ups, folder)
     try:
         search.run()
@@ -282,8 +282,6 @@ class Search:
     def run(self) -> None:
         """Form parts until one is good or nothing helps any more."""
         first = self._first()
-        if first.failures and all(failure.code in OVERLOADED for part in self.parts for failure in part.failures):
-            first = self._first_of_more_force() or first
         if first.failures and any(RunOptions(self.correction).method(way.job_file) != "none" for way in self.set_ups):
             terminal.say("begins again without a correction")
             self.correction = "none"
@@ -343,18 +341,6 @@ class Search:
             found.append(Tried(name, plan, trials, failures))
         return found
 
-    def _first_of_more_force(self) -> Tried | None:
-        """The same on a machine of more force, as much as the cells overstate it; None where they do not."""
-        more = FORCE_TOO_HIGH[self.wanted.sheet]
-        if more == 1.0:
-            return None
-        terminal.say(
-            f"the force of these cells is up to {more:g} times too high: begins again on a machine of as much more"
-        )
-        self.set_ups = [replace(way, rig=_more_force(way.job_file, more, self.folder / f"{way.name}.yaml"))
-                        for way in self.set_ups]  # fmt: skip
-        return self._first()
-
     def _first(self) -> Tried:
         """The first part of the best set-up, which is gone on with."""
         found = []
@@ -363,22 +349,33 @@ class Search:
                 continue
             if len(self.set_ups) > 1:
                 terminal.say(f"{way.name}: {way.change}")
-            self.set_up = way
-            name = way.name if self.correction == self.wanted.correction else f"uncorrected {way.name}"
-            name = name.replace("uncorrected first", "uncorrected") + (", more force" if way.rig else "")
             try:
-                (part,) = self._add([(name, None)])
+                found.append(self._first_of(way))
             except IsfError as refusal:
                 if way is self.set_ups[0]:
                     raise
                 self.refused[way.name] = refusal
                 terminal.warn(f"{way.name} cannot be formed: {refusal.message}")
-            else:
-                found.append((way, part))
         self.set_up, first = min(found, key=lambda pair: pair[1].score)
         if len(found) > 1 and not first.failures:
             terminal.say(f"goes on with {self.set_up.name}: {self.set_up.change}")
         return first
+
+    def _first_of(self, way: SetUp) -> tuple[SetUp, Tried]:
+        """The first part of ``way``; one that the force ends is formed again, on a machine that bears more."""
+        name = way.name if self.correction == self.wanted.correction else f"uncorrected {way.name}"
+        name = name.replace("uncorrected first", "uncorrected")
+        self.set_up = way
+        (part,) = self._add([(name, None)])
+        more = FORCE_TOO_HIGH[self.wanted.sheet]
+        if more == 1.0 or not any(failure.code in OVERLOADED for failure in part.failures):
+            return way, part
+        terminal.say(
+            f"the force of these cells is up to {more:g} times too high: again on a machine that bears as much more"
+        )
+        self.set_up = way = replace(way, rig=_more_force(way.job_file, more, self.folder / f"{way.name}.yaml"))
+        (part,) = self._add([(f"{name}, more force", None)])
+        return way, part
 
     def _add(self, wanted: Sequence[tuple[str, Path | None]]) -> list[Tried]:
         found = self.form(wanted, self.wanted.variants)
@@ -497,13 +494,16 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
     return found
 
 
-def _folder(wanted: Tryout, job_file: JobFile, output: Path | None) -> Path:
+def _folder(wanted: Tryout, set_ups: Sequence[SetUp], output: Path | None) -> Path:
     """Of this try-out, new or begun earlier."""
+    job_file = set_ups[0].job_file
     folder = make_folder(output or Path("runs") / f"tryout-{job_file.job.name}")
-    rig, material = job_file.rig.model_dump_json(), job_file.material.model_dump_json()
+    ways = [
+        f"{job.text} {job.rig.model_dump_json()} {job.material.model_dump_json()}"
+        for job in (way.job_file for way in set_ups)
+    ]
     sources = b"".join(path.read_bytes() for path in job_file.sources if path.is_file())
-    choices = wanted.sheet, wanted.variants, wanted.seed, wanted.correction, wanted.alternatives
-    said = json.dumps([__version__, job_file.text, rig, material, *choices])
+    said = json.dumps([__version__, *ways, wanted.sheet, wanted.variants, wanted.seed, wanted.correction])
     key = hashlib.sha256(said.encode() + sources).hexdigest()
     state = folder / STATE
     others = [item for item in folder.iterdir() if item != state]  # a refused try-out leaves none
@@ -666,7 +666,7 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
         shutil.copyfile(search.plan, folder / plan)
     job = folder / "job.yaml"
     head = f"# {name} with the correction of a try-out on the simulated sheet {wanted.sheet}\n"
-    if search.set_up is not search.set_ups[0]:
+    if search.set_up.name != search.set_ups[0].name:
         head += f"# Set-up: {search.set_up.change}\n"
     found = _tried(search.job_file, plan, search.correction, "as wanted", rate=np.inf)
     job.write_text(head + found.text, encoding="utf-8")
