@@ -164,9 +164,9 @@ class Trial:
 
     @property
     def force(self) -> float:
-        """N, the largest axial one."""
-        return max((float(np.abs(result.forming_force[:, 2]).max(initial=0.0)) for result in self.record.results
-                    if len(result.forming_force)), default=0.0)  # fmt: skip
+        """N, the largest axial one that was measured."""
+        axial = [np.abs(result.forming_force[:, 2]) for result in self.record.results if len(result.forming_force)]
+        return float(np.nan_to_num(np.concatenate([[0.0], *axial])).max())
 
     @property
     def within(self) -> float:
