@@ -363,8 +363,9 @@ class Search:
 
     def _first_of(self, way: SetUp) -> tuple[SetUp, Tried]:
         """The first part of ``way``; one that the force ends is formed again, on a machine that bears more."""
-        name = way.name if self.correction == self.wanted.correction else f"uncorrected {way.name}"
-        name = name.replace("uncorrected first", "uncorrected")
+        name = way.name
+        if self.correction != self.wanted.correction:
+            name = "uncorrected" if way is self.set_ups[0] else f"uncorrected {way.name}"
         self.set_up = way
         (part,) = self._add([(name, None)])
         more = FORCE_TOO_HIGH[self.wanted.sheet]
@@ -478,8 +479,11 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
             terminal.warn(f"not tried with path.support on_blank: {error.message}")
     for text in wanted.alternatives:
         where = f"--or '{text}'"
-        change = yaml_file.content(text if text.lstrip().startswith("{") else f"{{{text}}}", where)
-        advice = 'write fields as in a job file, such as --or "path: {support: on_blank}"'
+        advice = 'write fields as in a job file, such as --or "backing_plate: {shape: circle, size: [56 mm, 56 mm]}"'
+        try:
+            change = yaml_file.content(text if text.lstrip().startswith("{") else f"{{{text}}}", where)
+        except IsfError as error:
+            raise IsfError(error.code, error.what, where=where, advice=advice) from error
         if not isinstance(change, dict) or not change:
             raise IsfError(ErrorCode.FILE_SYNTAX, "holds no fields of a job", where=where, advice=advice)
         try:
@@ -487,7 +491,8 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
             options.check(changed)
             check_method(options.method(changed), changed)
         except IsfError as error:
-            raise IsfError(error.code, error.what, where=where, advice=error.advice or advice) from error
+            of_job = error.advice or "the job with these fields is no job; null leaves a field out"
+            raise IsfError(error.code, error.what.lstrip(": "), where=where, advice=of_job) from error
         if changed.text == job_file.changed({}).text:
             raise IsfError(ErrorCode.FILE_FIELD, "changes nothing of the job", where=where, advice=advice)
         found.append(SetUp(f"set-up {len(found) + 1}", text.strip(), changed))
