@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from isf_core.contour import ContourResult
 from isf_core.events import Event, EventKind
+
+from isf_analysis.measures.percent import in_percent
 
 SEVERITY = (
     EventKind.FRACTURE,
@@ -29,13 +31,20 @@ HARMLESS = frozenset({EventKind.DIE_CONTACT})
 
 @dataclass(frozen=True)
 class EventGroup:
-    """All events of one kind: how many, the first, the one farthest from (mostly above) its limit; ``text`` is that of
-    the worst, and of kinds without a limit all different ones."""
+    """All events of one kind.
+
+    Attributes
+    ----------
+    kind, count : value of EventKind, how many ; first : of them
+    value, limit : SI, farthest from (mostly above) its limit ; text : that of the worst, and of kinds without a limit
+        all different ones
+    """
 
     kind: int
     count: int
     first: Event
-    worst: Event
+    value: float
+    limit: float
     text: str
 
     @property
@@ -51,14 +60,18 @@ def event_of_message(message: Any) -> Event:
     return Event(int(message.kind), time, (place.x, place.y, place.z), message.value, message.limit, message.text)
 
 
-def groups(events: Sequence[Event]) -> tuple[EventGroup, ...]:
-    """Events by kind, most severe first; kinds this version does not know come first."""
+def groups(events: Sequence[Event], results: Sequence[ContourResult] = ()) -> tuple[EventGroup, ...]:
+    """Events by kind, most severe first; kinds this version does not know come first.
+
+    An event is told when it begins. How far a support force that sheds chips rose afterwards is seen in ``results``.
+    """
     found = []
     for kind in sorted({event.kind for event in events}, key=_rank):
         same = sorted((event for event in events if event.kind == kind), key=lambda event: event.time)
         worst = max(same, key=_excess)
         text = worst.text if np.isfinite(_excess(worst)) else "; ".join(dict.fromkeys(event.text for event in same))
-        found.append(EventGroup(kind, len(same), same[0], worst, text))
+        group = EventGroup(kind, len(same), same[0], worst.value, worst.limit, text)
+        found.append(_by_force(group, results) if kind == EventKind.GALLING else group)
     return tuple(found)
 
 
@@ -68,6 +81,20 @@ def contour_at(results: Sequence[ContourResult], time: float) -> int | None:
         if result.start - 1e-9 <= time <= result.end + 1e-9:
             return result.index
     return None
+
+
+def _by_force(group: EventGroup, results: Sequence[ContourResult]) -> EventGroup:
+    """The ``group`` of chips with the largest support force at the points of the contours, and how many points have
+    more than the limit."""
+    forces = [np.linalg.norm(result.support_force, axis=1) for result in results if len(result.support_force)]
+    force = np.concatenate(forces) if forces else np.empty(0)
+    force = force[np.isfinite(force)]
+    largest = float(force.max(initial=0.0))
+    if not largest > group.limit:
+        return group
+    share = in_percent(float(np.mean(force > group.limit)), 0)
+    text = f"the support tool sheds chips: up to {largest:.0f} N, limit {group.limit:.0f} N, passed at {share:g} % of the points"
+    return replace(group, value=max(largest, group.value), text=text)
 
 
 def _rank(kind: int) -> tuple[int, int]:

@@ -34,7 +34,7 @@ def findings(record: PartRecord, error: HeightMap | None) -> dict[str, Any]:
     """The keys this adds to the summary of ``record``; ``error``: vertical deviation of the finished part, m."""
     paths = path_forces(record.results, record.corrected)
     return {
-        "events": [_group(group, record) for group in events.groups(record.events)],
+        "events": [_group(group, record) for group in events.groups(record.events, record.results)],
         "remarks": [
             {"text": item.text, "contours": list(item.contours), "failed": item.failed}
             for item in remarks.grouped(record.corrections)
@@ -59,8 +59,8 @@ def _group(group: events.EventGroup, record: PartRecord) -> dict[str, Any]:
             "contour": events.contour_at(record.results, first.time),
             "position_mm": [_number(MM * value) for value in first.position],
         },
-        "value": _number(group.worst.value),
-        "limit": _number(group.worst.limit),
+        "value": _number(group.value),
+        "limit": _number(group.limit),
         "text": group.text,
     }
 

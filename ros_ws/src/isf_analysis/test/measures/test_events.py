@@ -68,12 +68,26 @@ def test_groups_are_ordered_by_what_they_cost() -> None:
     found = groups(EVENTS)
     assert [group.kind for group in found] == [EventKind.GALLING, EventKind.CONTACT_LOST, EventKind.DIE_CONTACT]
     lost = found[1]
-    assert (lost.count, lost.first, lost.worst) == (2, EVENTS[1], EVENTS[3])
+    assert (lost.count, lost.first, lost.value, lost.text) == (2, EVENTS[1], EVENTS[3].value, EVENTS[3].text)
     assert [group.harmless for group in found] == [False, False, True]
     fracture, unknown = replace(EVENTS[0], kind=1), replace(EVENTS[0], kind=77)
     assert [group.kind for group in groups((*EVENTS, fracture, unknown))][:2] == [77, EventKind.FRACTURE]
     assert kind_name(77) == "kind 77"
     assert groups(()) == ()
+
+
+def test_chips_are_told_with_the_force_they_came_to() -> None:
+    """The event is told where the force passes the limit; what the part bears is what came after."""
+    (chips,) = (event for event in EVENTS if event.kind == EventKind.GALLING)
+    force = np.full((100, 3), [0.0, 0.0, -100.0])
+    force[20:45], force[60:70] = [300.0, 0.0, -400.0], np.nan  # 500 N at 25 of 90 points
+    results = [replace(PART.results[0], support_force=force), replace(PART.results[1], support_force=np.empty((0, 3)))]
+    (told,) = groups([chips], results)
+    assert (told.value, told.limit) == (500.0, 155.0)
+    assert told.text == "the support tool sheds chips: up to 500 N, limit 155 N, passed at 27 % of the points"
+    gentle = [replace(result, support_force=np.full((10, 3), 5.0)) for result in PART.results]
+    assert groups([chips], gentle)[0].text == chips.text  # between the points, as on the way to a contour
+    assert groups([chips])[0].value == 210.0
 
 
 def test_lost_channels_of_load_cells_are_all_told_and_stand_at_no_place(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ FLAWS = {
     ),
     "no scan": (replace(EXACT, scan=None), "the shape was not measured"),
     "torn": (
-        replace(EXACT, events=(Event(EventKind.GALLING, 1.0, (0.0, 0.0, 0.0), 2.0, 1.0, "the tool galls"),)),
+        replace(EXACT, events=(Event(EventKind.GALLING, 1.0, (0.0, 0.0, 0.0), 210.0, 200.0, "the tool galls"),)),
         "galling, 1 times: the tool galls",
     ),
     "no contact": (without_contact(), "contact lost: the support tool is under position control"),
