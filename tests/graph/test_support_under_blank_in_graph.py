@@ -23,12 +23,14 @@ def quiet(_: Any) -> None:
 
 
 def test_the_nodes_form_what_one_process_does(tmp_path: Path) -> None:
+    """On the sheet that a job gets which the fast one does not know, without asking for it."""
     text = quick_cone().text.replace("path:\n", "path:\n  support: on_blank\n")
     job_file = JobFile(re.sub(r"  (support_force|engage_depth):.*\n", "", text), FOLDER)
-    result, failure = graph_run.form(job_file, RunOptions(sheet="shell_coarse"), tmp_path, quiet)
+    result, failure = graph_run.form(job_file, RunOptions(), tmp_path, quiet)
     assert failure is None, failure
     assert result.contours == CONTOURS
     there, here = read_bag(tmp_path / "bag"), in_process.form(job_file, RunOptions(sheet="shell_coarse"))
+    assert there.sheet["model"] == "shell_coarse"
     for planned, corrected, correction in zip(there.nominal, there.corrected, there.corrections, strict=True):
         assert correction.code == 0
         np.testing.assert_array_equal(corrected.support_tip, planned.support_tip)

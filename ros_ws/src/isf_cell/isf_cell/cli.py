@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.simulated_sheet import DEFAULT_SHEET, sheet_kind
+from isf_core.simulated_sheet import sheet_kind
 from typer.core import TyperGroup
 
 from isf_cell.commands import bag_cli, hand_cli, springback_cli, terminal
@@ -48,10 +48,13 @@ Correction = Annotated[
 SupportForce = Annotated[
     float | None, typer.Option("--support-force", help="set-point in N, 0 = position control  [default: the job's]")
 ]
+_SHEETS = "simulated sheet: fast (seconds), shell_coarse, shell or shell_fine (elasto-plastic, minutes)"
 Sheet = Annotated[
     str,
     typer.Option(
-        "--sheet", help="simulated sheet: fast (seconds), shell_coarse, shell or shell_fine (elasto-plastic, minutes)"
+        "--sheet",
+        help=f"{_SHEETS}  [default: fast, or shell_coarse where that one does not know the job]",
+        show_default=False,
     ),
 ]
 Compare = Annotated[
@@ -195,7 +198,7 @@ def simulate(
     support_force: SupportForce = None,
     variant: Variant = 0,
     seed: Seed = 0,
-    sheet: Sheet = DEFAULT_SHEET,
+    sheet: Sheet = "",
     output: Output = None,
     compare: Compare = True,
     json: Json = False,
@@ -215,7 +218,7 @@ def form(
     support_force: SupportForce = None,
     variant: Variant = 0,
     seed: Seed = 0,
-    sheet: Sheet = DEFAULT_SHEET,
+    sheet: Sheet = "",
     output: Output = None,
     compare: Compare = True,
     real_time: Annotated[
@@ -587,7 +590,7 @@ def tryout(
         ),
     ] = None,
     seed: Seed = 0,
-    sheet: Sheet = "shell_coarse",
+    sheet: Annotated[str, typer.Option("--sheet", help=_SHEETS)] = "shell_coarse",
     jobs: Annotated[
         int | None, typer.Option(help="parts at a time  [default: one per processor]", min=1, max=64)
     ] = None,
@@ -604,7 +607,7 @@ def tryout(
     if not of_correction:
         raise IsfError(ErrorCode.FILE_FIELD, "names no variant", where="--variants", advice="0 is the nominal plant")
     count = jobs or len(os.sched_getaffinity(0))
-    kind, ways = sheet_kind(sheet, "--sheet"), tuple(alternatives or ())
+    kind, ways = sheet_kind(sheet, "--sheet") or "shell_coarse", tuple(alternatives or ())
     wanted = Tryout(job, kind, steps, of_correction, of_check, seed, count, correction, ways)
     try_out(wanted, output, as_json=json)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal, springback_method
-from isf_core.simulated_sheet import DEFAULT_SHEET, SheetKind, is_structural
+from isf_core.simulated_sheet import SheetKind, default_sheet, is_structural
 
 UNCORRECTED = "none"
 """Springback method of a part that is not corrected."""
@@ -23,7 +23,7 @@ class RunOptions:
     support_force : N, set-point of the support tool; None: the job's
     variant : of the simulated plant, 0 = nominal; :mod:`isf_sim.variant`
     seed : seed of sensor noise and of the variant
-    sheet : model that forms the simulated sheet
+    sheet : model that forms the simulated sheet; None: the default one of the job, :meth:`sheet_of`
 
     Raises
     ------
@@ -34,7 +34,7 @@ class RunOptions:
     support_force: float | None = None
     variant: int = 0
     seed: int = 0
-    sheet: SheetKind = DEFAULT_SHEET
+    sheet: SheetKind | None = None
 
     def __post_init__(self) -> None:
         force = self.support_force
@@ -68,6 +68,10 @@ class RunOptions:
         ones unless the job asks for them by name, ``scan_sensor: false``."""
         asked = job_file.job.springback
         return asked.scan_sensor or (is_structural(self.variant) and "scan_sensor" not in asked.model_fields_set)
+
+    def sheet_of(self, job_file: JobFile) -> SheetKind:
+        """Simulated sheet of the run."""
+        return self.sheet or default_sheet(job_file.job)
 
     def method(self, job_file: JobFile) -> str:
         """Springback method of the run."""

@@ -35,8 +35,13 @@ def is_structural(variant: int) -> bool:
     return variant in STRUCTURAL_VARIANTS or variant in SEALED_VARIANTS
 
 
-def sheet_kind(name: str, where: str = "sheet") -> SheetKind:
-    """The kind called ``name``, the default one for an empty name.
+def default_sheet(job: Job) -> SheetKind:
+    """The kind that ``job`` is formed on where none is named: the fast one, unless it does not know the job."""
+    return "shell_coarse" if job.support_stays else DEFAULT_SHEET
+
+
+def sheet_kind(name: str, where: str = "sheet") -> SheetKind | None:
+    """The kind called ``name``; None for an empty name: :func:`default_sheet` of the job.
 
     Raises
     ------
@@ -49,7 +54,7 @@ def sheet_kind(name: str, where: str = "sheet") -> SheetKind:
             where=where,
             advice=f"known: {', '.join(SHEET_KINDS)}",
         )
-    return name or DEFAULT_SHEET
+    return name or None
 
 
 def check_sheet(kind: SheetKind, job: Job) -> None:

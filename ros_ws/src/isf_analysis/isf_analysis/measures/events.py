@@ -92,8 +92,8 @@ def _by_force(group: EventGroup, results: Sequence[ContourResult]) -> EventGroup
     largest = float(force.max(initial=0.0))
     if not largest > group.limit:
         return group
-    share = in_percent(float(np.mean(force > group.limit)), 0)
-    text = f"the support tool sheds chips: up to {largest:.0f} N, limit {group.limit:.0f} N, passed at {share:g} % of the points"
+    share = f"passed at {in_percent(float(np.mean(force > group.limit)), 0):g} % of the points"
+    text = f"the support tool sheds chips: up to {largest:.0f} N, limit {group.limit:.0f} N, {share}"
     return replace(group, value=max(largest, group.value), text=text)
 
 

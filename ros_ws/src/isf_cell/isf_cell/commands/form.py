@@ -42,7 +42,7 @@ def form_part(
     job_file = load_job(job)
     options.check(job_file)
     if not attach:  # nothing is started for a part that cannot be formed
-        check_sheet(options.sheet, job_file.job)
+        check_sheet(options.sheet_of(job_file), job_file.job)
     with run_folder(output, job_file.job.name) as folder:
         if attach:
             with resume.alone(folder):

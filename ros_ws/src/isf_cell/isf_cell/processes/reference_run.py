@@ -30,7 +30,8 @@ class ReferenceRun:
         self._log = folder.with_suffix(".log")
         command = [sys.executable, "-m", "isf_cell.cli", "simulate", str(job), "--correction", UNCORRECTED]
         command += ["--no-compare", "--variant", str(options.variant), "--seed", str(options.seed), "-o", str(folder)]
-        command += ["--sheet", options.sheet]
+        if options.sheet is not None:
+            command += ["--sheet", options.sheet]
         if options.support_force is not None:
             command += ["--support-force", repr(options.support_force)]
         end_with_owner = ends_with_owner(signal.SIGKILL)

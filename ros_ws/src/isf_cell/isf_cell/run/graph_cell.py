@@ -699,7 +699,7 @@ class GraphCell:
             support_force=float(options.set_point(goal.job_file)),
             world=options.variant if offer.simulated else REAL_MACHINE,
             seed=options.seed,
-            sheet=options.sheet if offer.simulated else "",
+            sheet=options.sheet_of(goal.job_file) if offer.simulated else "",
             control_rate=float(job.control.rate),
             lockstep=self._settings.lockstep,
             software=__version__,

@@ -242,7 +242,7 @@ class CellClient:
             support_force=options.support_force_field(),
             world=options.variant,
             seed=options.seed,
-            sheet=options.sheet,
+            sheet=options.sheet or "",
             resume=resume,
             checkpoint="" if checkpoint is None else str(checkpoint.absolute()),
             process="" if checkpoint is None else identity(),

@@ -155,7 +155,7 @@ class MachineClient:
             base_folder=str(goal.job_file.base),
             world=goal.options.variant,
             seed=goal.options.seed,
-            sheet=goal.options.sheet,
+            sheet=goal.options.sheet or "",
         )
         self._client.checked_call(Reset, f"{MACHINE}/reset", request, watch, timeout=timeout)
 

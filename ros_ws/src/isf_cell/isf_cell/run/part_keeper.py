@@ -141,7 +141,7 @@ class PartKeeper:
             support_force=options.support_force,
             variant=options.variant,
             seed=options.seed,
-            sheet=options.sheet,
+            sheet=options.sheet_of(job_file),
             plan_id=planned.plan_id,
             count=planned.count,
             next_index=next_index,

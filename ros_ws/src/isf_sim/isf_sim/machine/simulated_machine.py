@@ -20,7 +20,7 @@ from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics
 from isf_core.geometry.tool_axis import UPRIGHT, between, point_on_axis, tilt_of
 from isf_core.geometry.tool_solid import tool_solid
-from isf_core.simulated_sheet import SheetKind, check_sheet
+from isf_core.simulated_sheet import SheetKind, check_sheet, default_sheet
 from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 
@@ -87,6 +87,8 @@ THINNING_TICKS = 25
 class SimulatedMachine:
     """A machine with a fresh blank for ``job_file``, tools parked; deterministic for (job, variant, seed, blank).
 
+    ``sheet`` None: the kind that the job gets where none is named.
+
     Attributes
     ----------
     control_rate : Hz ; tick_count : ticks since the blank was clamped ; variant : Variant
@@ -103,9 +105,10 @@ class SimulatedMachine:
         seed: int = 0,
         blank: int = 0,
         constants: PlantConstants | None = None,
-        sheet: SheetKind = "fast",
+        sheet: SheetKind | None = None,
     ) -> None:
         job, rig = job_file.job, job_file.rig
+        sheet = sheet or default_sheet(job)
         check_sheet(sheet, job)
         self.job_file = job_file
         self.variant_number, self.seed, self.blank = variant, seed, blank

@@ -240,10 +240,11 @@ def test_accumulative_forming_is_refused() -> None:
 def test_the_fast_sheet_refuses_a_support_tool_under_the_blank() -> None:
     job = JobFile((EXAMPLES / "ren_cone_on_blank.yaml").read_text(encoding="utf-8"), EXAMPLES, "job")
     with pytest.raises(IsfError, match="does not know a support tool that holds the blank") as refused:
-        SimulatedMachine(job)
+        SimulatedMachine(job, sheet="fast")
     assert refused.value.code == ErrorCode.FILE_FIELD
     assert refused.value.advice == "take --sheet shell_coarse"
     SimulatedMachine(job, constants=COARSE, sheet="shell")
+    assert SimulatedMachine(job).sheet_kind == "shell_coarse"
 
 
 @pytest.mark.parametrize("sheet", ["fast", "shell"])
