@@ -82,6 +82,24 @@ def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, change
 
 
 @pytest.mark.parametrize(
+    ("changed", "force"),
+    [
+        ({}, "about 415 N; it sheds chips from 220 N"),  # 0.42 R_m R t0 of AA3103: 105 MPa, 5 mm, 1 mm
+        ({"  support: on_blank\n": ""}, ""),
+    ],
+)
+def test_a_support_tool_under_the_blank_that_sheds_chips_is_warned_of(changed: dict[str, str], force: str) -> None:
+    path = EXAMPLES / "jobs" / "ren_cone_on_blank.yaml"
+    text = path.read_text()
+    for old, new in changed.items():
+        assert old in text
+        text = text.replace(old, new)
+    warned = [one for one in plan(JobFile(text, path.parent)).warnings if one.startswith("the support tool under")]
+    assert len(warned) == bool(force)
+    assert not force or force in warned[0]
+
+
+@pytest.mark.parametrize(
     ("name", "angle", "depth", "contours"),
     [
         ("ren_cone", 50, 21, 42),

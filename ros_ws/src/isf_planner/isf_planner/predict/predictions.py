@@ -16,6 +16,7 @@ from isf_core.files.job import Job, JobFile
 from isf_core.files.material import Material, flow_curve, plane_strain
 from isf_core.files.rig import Rig
 from isf_core.process.forming_force import aerens_axial_force, equilibrium_force
+from isf_core.process.support_window import chip_force
 from isf_core.types import Array
 from numpy.typing import NDArray
 
@@ -159,6 +160,15 @@ def warnings_of(contours: Sequence[Contour], predictions: Sequence[Prediction], 
             f"force are expected, the rig allows {allowed:.0f} N"
         )
     radii = sorted({_radius(contour.forming_tool, job) for contour in contours})
+    if job.support_stays and job.tool_2 is not None:
+        smaller = min(job.tool_1.ball_radius, job.tool_2.ball_radius)
+        chips = chip_force(job_file.material.tensile_strength, smaller, job.sheet.thickness)
+        if axial > chips:
+            reported.append(
+                f"the support tool under the blank carries what the forming tool presses, about {axial:.0f} N; it sheds "
+                f"chips from {chips:.0f} N on (known of tools that squeeze a wall): see how the lower face of a first "
+                "part looks"
+            )
     objections = AERENS.objections(job.sheet.thickness, radii)
     if objections:
         reported.append(f"the predicted force is an extrapolation: {', '.join(objections)}")
