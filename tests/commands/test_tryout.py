@@ -270,7 +270,20 @@ def test_a_set_up_that_its_method_cannot_correct_says_so(tmp_path: Path, capsys:
     assert "first was not corrected at 11 of 11 contours: contour 1: the contours reach within" in told
 
 
-def test_a_part_beyond_the_force_of_the_machine_is_tried_on_a_stronger_one(tmp_path: Path) -> None:
+def test_what_prevents_the_part_is_not_what_ended_another_set_up(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The machine does not bear the thicker sheet."""
+    job, thicker = quick_cone_file(tmp_path, step="2.5 mm"), "sheet: {thickness: 3.5 mm}"
+    try_out(Tryout(job, sheet="fast", steps=1, checks=(), alternatives=(thicker,)), tmp_path / "out", as_json=False)
+    assert "set-up 2 does not complete on variant 0" in capsys.readouterr().err
+    summary = summary_of(tmp_path / "out")
+    assert summary["set_up"] == "as the job says"
+    assert summary["prevented_by"]
+    assert "the machine bears" not in str(summary["prevented_by"])
+
+
+def test_parts_are_tried_on_a_machine_that_bears_what_the_cells_overstate(tmp_path: Path) -> None:
     """On the sheet that yields, whose cells overstate the force; the result is a job for the machine there is."""
     job = faster(
         quick_cone_file(tmp_path, step="2.5 mm"),
@@ -281,10 +294,9 @@ def test_a_part_beyond_the_force_of_the_machine_is_tried_on_a_stronger_one(tmp_p
     )
     try_out(Tryout(job, checks=()), tmp_path / "out", as_json=False)
     summary = summary_of(tmp_path / "out")
-    assert summary["chosen"] == "first, more force"
-    assert not parts_of(summary, "first")
+    assert summary["chosen"] == "first"
     assert str(summary["overload"]).endswith(f"needs rig: {tmp_path / 'out' / 'first.yaml'}")
-    (bag,) = (tmp_path / "out" / "first,_more_force").glob("variant_*")
+    (bag,) = (tmp_path / "out" / "first").glob("variant_*")
     force = max(np.abs(result.forming_force[:, 2]).max() for result in read_bag(bag).results)
     assert 2000.0 < force < 1.8 * 2000.0
     assert f"took {force:.0f} N here, ren2018 bears 2000 N" in str(summary["overload"])

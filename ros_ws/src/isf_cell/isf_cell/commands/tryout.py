@@ -92,9 +92,6 @@ ON_BLANK = {
 """Change of a job with two tools that does not say where the support tool goes: on a sheet that yields it holds the
 opening there, in place of a force. Fields that hold for the other way are left out."""
 
-OVERLOADED = frozenset({ErrorCode.FORCE_LIMIT, ErrorCode.WRENCH_OUT_OF_RANGE, ErrorCode.LOAD_CELL_RANGE})
-"""Codes of a part that took more force than the rig allows."""
-
 STATE = "tryout.json"
 """What a folder was begun for."""
 
@@ -129,7 +126,7 @@ class SetUp:
     Attributes
     ----------
     name : first, set-up 2, ... ; change : of the job, for people ; job_file : with it
-    rig : file of the machine that the parts are tried on; None: that of the job
+    rig : file of the machine that the parts are tried on, which bears what the sheet overstates; None: that of the job
     """
 
     name: str
@@ -188,12 +185,13 @@ class Tried:
 
     Attributes
     ----------
-    name ; plan : file of its correction, None for the method of the first part
+    name ; plan : file of its correction, None for the method of the first part ; set_up : name of its own
     trials : of the variants on which it was completed ; failures : why it was not on the others
     """
 
     name: str
     plan: Path | None
+    set_up: str
     trials: list[Trial]
     failures: list[IsfError]
 
@@ -237,7 +235,7 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
         search.scan_best()
         (check,) = search.form([(f"check of {search.best.name}", search.plan)], wanted.checks, scans="as wanted")
     except IsfError:
-        if [item.name for item in folder.iterdir()] == [STATE]:  # refused before a part was formed
+        if not any(item.is_dir() for item in folder.iterdir()):  # refused before a part was formed
             shutil.rmtree(folder)
         raise
     except KeyboardInterrupt:
@@ -338,7 +336,7 @@ class Search:
                         failures.append(failure)
                     elif record.scan is not None and record.target is not None:
                         trials.append(Trial(name, task.variant, record, compare(record.scan, record.target)))
-            found.append(Tried(name, plan, trials, failures))
+            found.append(Tried(name, plan, self.set_up.name, trials, failures))
         return found
 
     def _first(self) -> Tried:
@@ -362,20 +360,15 @@ class Search:
         return first
 
     def _first_of(self, way: SetUp) -> tuple[SetUp, Tried]:
-        """The first part of ``way``; one that the force ends is formed again, on a machine that bears more."""
+        """The first part of ``way``."""
         name = way.name
         if self.correction != self.wanted.correction:
             name = "uncorrected" if way is self.set_ups[0] else f"uncorrected {way.name}"
+        more = FORCE_TOO_HIGH[self.wanted.sheet]
+        if more > 1.0:
+            way = replace(way, rig=_more_force(way.job_file, more, self.folder / f"{way.name}.yaml"))
         self.set_up = way
         (part,) = self._add([(name, None)])
-        more = FORCE_TOO_HIGH[self.wanted.sheet]
-        if more == 1.0 or not any(failure.code in OVERLOADED for failure in part.failures):
-            return way, part
-        terminal.say(
-            f"the force of these cells is up to {more:g} times too high: again on a machine that bears as much more"
-        )
-        self.set_up = way = replace(way, rig=_more_force(way.job_file, more, self.folder / f"{way.name}.yaml"))
-        (part,) = self._add([(f"{name}, more force", None)])
         return way, part
 
     def _add(self, wanted: Sequence[tuple[str, Path | None]]) -> list[Tried]:
@@ -646,7 +639,8 @@ def _prevented(search: Search, check: Tried) -> list[str]:
         found.append("a backing plate near the opening would hold the rim (backing_plate of the job)")
     if worst.mean - min(trial.mean for trial in best.trials) > 0.5 * tolerance:
         found.append("the variants differ by more than one correction can serve")
-    found += [failure.what for part in search.parts for failure in part.failures]
+    own = [part for part in search.parts if part.set_up == search.set_up.name]
+    found += [failure.what for part in own for failure in part.failures]
     return failed + (found or ["no step helps any more: the largest error is where no push acts"])
 
 

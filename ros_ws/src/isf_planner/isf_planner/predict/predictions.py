@@ -165,9 +165,9 @@ def warnings_of(contours: Sequence[Contour], predictions: Sequence[Prediction], 
         chips = chip_force(job_file.material.tensile_strength, smaller, job.sheet.thickness)
         if axial > chips:
             reported.append(
-                f"the support tool under the blank carries what the forming tool presses, about {axial:.0f} N; it sheds "
-                f"chips from {chips:.0f} N on (known of tools that squeeze a wall): see how the lower face of a first "
-                "part looks"
+                f"the support tool under the blank carries what the forming tool presses, about {axial:.0f} N; it "
+                f"sheds chips from {chips:.0f} N on (known of tools that squeeze a wall): see how the lower face of a "
+                "first part looks"
             )
     objections = AERENS.objections(job.sheet.thickness, radii)
     if objections:
