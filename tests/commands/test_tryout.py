@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sys
 from dataclasses import dataclass, replace
@@ -250,6 +251,29 @@ def test_a_support_tool_that_may_stand_anywhere_is_tried_under_the_blank(tmp_pat
     assert formed.support_force == 0.0
     said = load_job(tmp_path / "out" / "job.yaml").job.path.support
     assert said == ("on_blank" if "under the blank" in str(summary["set_up"]) else "opposite")
+
+
+@pytest.mark.parametrize("no_plate", [False, True])
+def test_a_sheet_that_nothing_holds_is_tried_over_a_plate(tmp_path: Path, no_plate: bool) -> None:
+    """On the sheet that yields, under one tool; not by a job that says that there is no plate."""
+    loose = "tolerance: {shape: 9 mm, share: 0.5}\ncontrol:\n"
+    job = quick_cone_file(tmp_path, step="2.5 mm")
+    text = re.sub(r"tool_2:\n  radius: .*\n|  (support_force|engage_depth): .*\n", "", job.read_text(encoding="utf-8"))
+    job.write_text(text + ("backing_plate: null\n" if no_plate else ""), encoding="utf-8")
+    faster(job, ("process: DSIF", "process: SPIF"), ("control:\n", loose), ("method: analytic", "method: none"))
+    try_out(Tryout(job, checks=()), tmp_path / "out", as_json=False)
+    summary = summary_of(tmp_path / "out")
+    found = load_job(tmp_path / "out" / "job.yaml").job
+    if no_plate:
+        assert not parts_of(summary, "set-up 2")
+        assert found.backing_plate is None
+        return
+    (alone,), (held,) = (parts_of(summary, name) for name in ("first", "set-up 2"))
+    assert held["mean_by_region_mm"]["rim"] > alone["mean_by_region_mm"]["rim"]  # type: ignore[index, operator]
+    assert held["mean_mm"] < alone["mean_mm"]
+    assert found.backing_plate is not None
+    assert found.backing_plate.size == pytest.approx((0.032, 0.032))  # 0.9 mm around the first contour
+    assert "which has to be made" in str(summary["set_up"])
 
 
 def test_a_set_up_that_its_method_cannot_correct_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import re
 import sys
 from types import ModuleType
 
@@ -79,6 +80,20 @@ def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, change
     sinks = {"99": 6.0, "23": 2.9, "37": 3.6}  # mm: 0.6 times the root
     assert not free or f"sinks by about {sinks[free[:2]]} mm" in warned[0]
     assert not free or ("path.support: on_blank" in warned[0]) == ("process: DSIF" in text)
+    if free and "process: SPIF" in text:
+        opening = 76 if "plate" in name else 94  # r = 37.02 and 45.71 mm, 0.9 mm beside it, whole mm
+        assert f"closer to the opening ({{shape: circle, size: [{opening} mm, {opening} mm]}})" in warned[0]
+
+
+def test_the_plate_that_is_advised_holds_the_sheet() -> None:
+    """A pyramid asks for a rectangle, 41.02 mm in half; over it nothing is warned of."""
+    path = EXAMPLES / "jobs" / "ren_pyramid.yaml"
+    text = re.sub(r"tool_2:\n  radius: .*\n|  (support_force|engage_depth): .*\n", "", path.read_text())
+    text = text.replace("process: DSIF", "process: SPIF")
+    (warned,) = [one for one in plan(JobFile(text, path.parent)).warnings if one.startswith("the sheet is free for")]
+    plate = "{shape: rectangle, size: [84 mm, 84 mm]}"
+    assert plate in warned
+    assert told(held := plan(JobFile(f"{text}\nbacking_plate: {plate}\n", path.parent))) == held.warnings == ()
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
 """``isf tryout``: parts formed on the elasto-plastic sheet until a correction is found, before any real sheet is.
 
 1. The first part is formed with the method of the job, in every set-up that is to be tried: as the job says, with the
-   support tool under the blank, over another plate. Where one ends at the limit of the force, which cells of this size
-   overstate, it is formed again on a machine that bears as much more. The best set-up is gone on with; where none gets
-   through, without a correction.
+   support tool under the blank, over a plate near the opening, with other fields. The best set-up is gone on with;
+   where none gets through, without a correction. All parts are formed on a machine that bears as much more as cells of
+   this size overstate the force.
 2. Probes: the same with 1 mm more push over a fifth of the depth each. What the shape of the whole part answers to
    them is its Jacobian: what a push at the opening does to the base is in it.
 3. Steps of Gauss and Newton, the Jacobian brought up to date after each (Broyden 1965), with a ridge and bounds.
@@ -43,6 +43,8 @@ from isf_core.files import yaml_file
 from isf_core.files.job import JobFile, load_job
 from isf_core.simulated_sheet import FORCE_TOO_HIGH, SEALED_VARIANTS, SheetKind
 from isf_core.types import Array
+from isf_planner import planning
+from isf_planner.checks.part_checks import nearer_plate, plate_text
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import LEAST_PUSH, Learned, together
 from isf_springback.loop_path import LARGEST_CORRECTION
@@ -470,6 +472,8 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
                                job_file.changed(ON_BLANK)))  # fmt: skip
         except IsfError as error:
             terminal.warn(f"not tried with path.support on_blank: {error.message}")
+    if wanted.sheet != "fast" and job.process == "SPIF" and "backing_plate" not in job.model_fields_set:
+        found += _with_plate(job_file, f"set-up {len(found) + 1}")
     for text in wanted.alternatives:
         where = f"--or '{text}'"
         advice = 'write fields as in a job file, such as --or "backing_plate: {shape: circle, size: [56 mm, 56 mm]}"'
@@ -490,6 +494,18 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
             raise IsfError(ErrorCode.FILE_FIELD, "changes nothing of the job", where=where, advice=advice)
         found.append(SetUp(f"set-up {len(found) + 1}", text.strip(), changed))
     return found
+
+
+def _with_plate(job_file: JobFile, name: str) -> list[SetUp]:
+    """The set-up ``name`` with a backing plate near the opening, where that holds the sheet closer."""
+    plate = nearer_plate(planning.plan(job_file).contours, job_file.job, job_file.rig)
+    if plate is None:
+        return []
+    fields = plate_text(plate)
+    change = {"backing_plate": yaml_file.content(fields, name)}
+    return [
+        SetUp(name, f"over a backing plate, which has to be made (backing_plate: {fields})", job_file.changed(change))
+    ]
 
 
 def _folder(wanted: Tryout, set_ups: Sequence[SetUp], output: Path | None) -> Path:

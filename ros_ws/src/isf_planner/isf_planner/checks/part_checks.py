@@ -6,6 +6,7 @@ around lower ground holds a loop of the tip at that level, or the pocket is too 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -47,6 +48,10 @@ PRESSING_TOLERANCE = 0.1e-3
 PLATE_TOLERANCE = 0.1e-3
 """m, by which the sheet may be pressed into a backing plate: against its edge it is, where the opening is that of the
 part."""
+
+PLATE_GAP = 0.9e-3
+"""m at least between the first contour and the edge of a near backing plate: 1.0 mm of ren_cone_plate leave 0.2 mm less
+of error than 2 mm, and nearer than 0.1 mm no model corrects (docs/results/index.md)."""
 
 FREE_SHEET = 10e-3
 """m from the opening to what holds the sheet, beyond which it is warned of (assumed)."""
@@ -263,29 +268,66 @@ def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
 
 
 def check_held(contours: Sequence[Contour], job: Job, rig: Rig) -> tuple[str, ...]:
-    """Warning where nothing holds the sheet close to the part: metal bends for good there, with any correction.
-
-    What counts is the place of an opening, the first contour of a feature, that is farthest from what holds the sheet.
-    """
+    """Warning where nothing holds the sheet close to the part: metal bends for good there, with any correction."""
     if job.process not in ("SPIF", "DSIF") or job.path.support == "on_blank":
         return ()
-    openings: dict[int, Array] = {}
-    for contour in contours:
-        openings.setdefault(contour.feature, contour.contact)
-    x, y, _ = np.vstack([np.empty((0, 3)), *openings.values()]).T
-    plate = job.backing_plate
-    clamp = np.minimum(0.5 * rig.clamp.size[0] - np.abs(x), 0.5 * rig.clamp.size[1] - np.abs(y))
-    free = float((clamp if plate is None else plate.inside(x, y)).max(initial=0.0))
+    free = free_sheet(contours, job, rig)
     if free <= FREE_SHEET:
         return ()
-    holds, remedy = ("clamp", "put") if plate is None else ("backing plate", "bring")
+    holds, remedy = ("clamp", "put") if job.backing_plate is None else ("backing plate", "bring")
     or_else = ", or keep the support tool under the blank (path.support: on_blank)" if job.process == "DSIF" else ""
+    nearer = nearer_plate(contours, job, rig)
+    opening = "" if nearer is None else f" ({plate_text(nearer)})"
     return (
         f"the sheet is free for {1e3 * free:.0f} mm between the part and the {holds}: it bends there for good while "
         f"the part is formed, and the opening sinks by about {1e3 * SAG * np.sqrt(1e3 * free):.1f} mm with any "
         "correction (1 mm of aluminium; less where the part is shallow or a second tool supports it); "
-        f"{remedy} a backing_plate closer to the opening{or_else}, and see what is left with --sheet shell_coarse",
+        f"{remedy} a backing_plate closer to the opening{opening}{or_else}, and see what is left with --sheet "
+        "shell_coarse",
     )
+
+
+def free_sheet(contours: Sequence[Contour], job: Job, rig: Rig) -> float:
+    """m, from the place of an opening, the first contour of a feature, that is farthest from what holds the sheet."""
+    x, y, _ = _openings(contours).T
+    plate = job.backing_plate
+    clamp = np.minimum(0.5 * rig.clamp.size[0] - np.abs(x), 0.5 * rig.clamp.size[1] - np.abs(y))
+    return float((clamp if plate is None else plate.inside(x, y)).max(initial=0.0))
+
+
+def nearer_plate(contours: Sequence[Contour], job: Job, rig: Rig) -> BackingPlateSpec | None:
+    """The backing plate, round or rectangular, whose opening in whole mm lies closest around all openings of the part,
+    :data:`PLATE_GAP` away at least.
+
+    None where the sheet is held within :data:`FREE_SHEET`, where such a plate lies no closer than what holds it, and
+    for two tools: the lower one would have to get between the part and the plate.
+    """
+    free = free_sheet(contours, job, rig)
+    if job.process != "SPIF" or free <= FREE_SHEET:
+        return None
+    places = _openings(contours)[:, :2]
+    reach = np.hypot(*places.T).max(), *np.abs(places).max(axis=0)
+    across, along_x, along_y = (1e-3 * math.ceil(2e3 * (half + PLATE_GAP) - 1e-6) for half in reach)
+    plates = (
+        BackingPlateSpec(shape="circle", size=(across, across)),
+        BackingPlateSpec(shape="rectangle", size=(along_x, along_y)),
+    )
+    left, plate = min(((float(plate.inside(*places.T).max()), plate) for plate in plates), key=lambda pair: pair[0])
+    return plate if left < free else None
+
+
+def plate_text(plate: BackingPlateSpec) -> str:
+    """Fields of ``plate`` as a job file has them."""
+    x, y = (f"{1e3 * side:g} mm" for side in plate.size)
+    return f"{{shape: {plate.shape}, size: [{x}, {y}]}}"
+
+
+def _openings(contours: Sequence[Contour]) -> Array:
+    """(N, 3) m, contacts of the first contour of every feature."""
+    openings: dict[int, Array] = {}
+    for contour in contours:
+        openings.setdefault(contour.feature, contour.contact)
+    return np.vstack([np.empty((0, 3)), *openings.values()])
 
 
 def check_slopes(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
