@@ -86,7 +86,7 @@ def test_without_force_set_point_the_support_is_position_controlled() -> None:
 @pytest.mark.parametrize(
     ("job", "options", "message"),
     [
-        ("ren_cone_on_blank", (), "the fast sheet does not know a support tool that holds the blank"),
+        ("ren_cone_on_blank", ("--sheet", "fast"), "the fast sheet does not know a support tool that holds the blank"),
         ("adsif_cone", ("--sheet", "shell"), "the elasto-plastic sheet forms SPIF, DSIF and TPIF, not ADSIF"),
     ],
 )
