@@ -49,9 +49,20 @@ def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_par
     assert stored.area == pytest.approx(made.area, rel=1e-4)
 
 
+def changed_example(name: str, changed: dict[str, str], begin: str) -> tuple[str, list[str]]:
+    """Text of the example job with pieces of it ``changed``, and the warnings of its plan that ``begin`` so."""
+    path = EXAMPLES / "jobs" / f"{name}.yaml"
+    text = path.read_text()
+    for old, new in changed.items():
+        assert old in text
+        text = text.replace(old, new)
+    return text, [one for one in plan(JobFile(text, path.parent)).warnings if one.startswith(begin)]
+
+
 @pytest.mark.parametrize(
     ("name", "changed", "free"),
     [
+        ("spif_cone", {}, "93 mm between the part and the clamp"),
         ("ren_cone", {}, "99 mm between the part and the clamp"),
         ("ren_cone_on_blank", {}, ""),
         ("ren_cone_plate", {}, ""),
@@ -69,15 +80,10 @@ def test_the_parts_in_the_repository_are_those_of_the_script(name: str, make_par
 )
 def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, changed: dict[str, str], free: str) -> None:
     """The cone begins at r = 37 mm; its clamp is a square of 250 mm, farthest away in the directions of the corners."""
-    path = EXAMPLES / "jobs" / f"{name}.yaml"
-    text = path.read_text()
-    for old, new in changed.items():
-        assert old in text
-        text = text.replace(old, new)
-    warned = [one for one in plan(JobFile(text, path.parent)).warnings if one.startswith("the sheet is free for")]
+    text, warned = changed_example(name, changed, "the sheet is free for")
     assert len(warned) == bool(free)
     assert not free or free in warned[0]
-    sinks = {"99": 6.0, "23": 2.9, "37": 3.6}  # mm: 0.6 times the root
+    sinks = {"99": 6.0, "93": 5.8, "23": 2.9, "37": 3.6}  # mm: 0.6 times the root
     assert not free or f"sinks by about {sinks[free[:2]]} mm" in warned[0]
     assert not free or ("path.support: on_blank" in warned[0]) == ("process: DSIF" in text)
     if free and "process: SPIF" in text:
@@ -104,12 +110,7 @@ def test_the_plate_that_is_advised_holds_the_sheet() -> None:
     ],
 )
 def test_a_support_tool_under_the_blank_that_sheds_chips_is_warned_of(changed: dict[str, str], force: str) -> None:
-    path = EXAMPLES / "jobs" / "ren_cone_on_blank.yaml"
-    text = path.read_text()
-    for old, new in changed.items():
-        assert old in text
-        text = text.replace(old, new)
-    warned = [one for one in plan(JobFile(text, path.parent)).warnings if one.startswith("the support tool under")]
+    _, warned = changed_example("ren_cone_on_blank", changed, "the support tool under the blank")
     assert len(warned) == bool(force)
     assert not force or force in warned[0]
 
