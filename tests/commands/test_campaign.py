@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 from isf_analysis.measures.summary import summary
 from isf_cell import in_process
+from isf_cell.campaign.cases import cases_of
 from isf_cell.commands.campaign import run_campaign
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.campaign import CampaignFile, variant_numbers
 from isf_core.files.job import load_job
 from isf_springback.database.database import database_of
-from quick_cone import quick_cone_file
+from quick_cone import FOLDER, quick_cone_file
 
 
 def campaign(folder: Path, methods: str = "[none, analytic]", more: str = "") -> Path:
@@ -90,3 +91,14 @@ def test_variants_are_numbers_and_ranges() -> None:
     assert variant_numbers([0, "1-3", "2,5"]) == (0, 1, 2, 3, 5)
     root = Path(__file__).resolve().parents[2]
     assert CampaignFile(root / "examples" / "campaigns" / "mini_cone.yaml").campaign.variants == (0, 1, 2)
+
+
+def test_where_no_sheet_is_named_each_job_is_formed_on_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "two.yaml"
+    jobs = ", ".join(str(FOLDER / f"{name}.yaml") for name in ("ren_cone", "ren_cone_on_blank"))
+    path.write_text(f"name: two\njobs: [{jobs}]\nmethods: [none]\n", encoding="utf-8")
+    chosen = {case.row.job: case.row.sheet for case in cases_of(CampaignFile(path), "")}
+    assert chosen == {"ren_cone": "fast", "ren_cone_on_blank": "shell_coarse"}
+    path.write_text(path.read_text(encoding="utf-8") + "sheets: []\n", encoding="utf-8")
+    with pytest.raises(IsfError, match="sheets"):
+        CampaignFile(path)

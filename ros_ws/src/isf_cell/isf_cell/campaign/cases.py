@@ -14,7 +14,7 @@ from isf_core import __version__
 from isf_core.errors import IsfError, coded
 from isf_core.files.campaign import CampaignFile
 from isf_core.files.job import JobFile
-from isf_core.simulated_sheet import sheet_kind
+from isf_core.simulated_sheet import default_sheet, sheet_kind
 from isf_springback.methods import check_method, check_name
 
 from isf_cell import in_process
@@ -76,8 +76,9 @@ def cases_of(file: CampaignFile, sources: str) -> list[Case]:
             raise IsfError(first.code, first.what, where=where, advice=first.advice)
     found = []
     for variant in campaign.variants:
-        for sheet in campaign.sheets:
+        for named in campaign.sheets or (None,):
             for (number, name), (job_file, refusal) in sorted(jobs.items(), key=lambda item: item[0][0]):
+                sheet = named or default_sheet(job_file.job)
                 content = f"{job_content(job_file)} {sources} {variant} {campaign.seed} {sheet}"
                 row = CampaignRow(
                     job=names[number],

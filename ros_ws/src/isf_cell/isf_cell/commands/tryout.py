@@ -258,6 +258,7 @@ class Search:
     wanted, set_ups, folder ; parts : formed so far, in order ; best : of them
     set_up : that is gone on with ; refused : set-ups that cannot be formed, and why
     correction : method of the parts without a plan; None: the job's
+    steps_used_up : it ended with the last step that it may take, not as nothing helps any more
     plan : what was found, once :meth:`scan_best` was called; None: the method of the first part
     """
 
@@ -267,6 +268,7 @@ class Search:
         self.correction = wanted.correction
         self.parts: list[Tried] = []
         self.refused: dict[str, IsfError] = {}
+        self.steps_used_up = False
         self.plan: Path | None = None
 
     @property
@@ -424,6 +426,7 @@ class Search:
                 reach, idle = 0.5 * min(reach, float(np.abs(step).max())), idle + 1
             if idle == IDLE_STEPS:
                 return
+        self.steps_used_up = True
 
     def _place_by_place(self) -> None:
         """Passes of displacement adjustment from the best part on, as long as they help."""
@@ -435,6 +438,7 @@ class Search:
             (part,) = self._add([self._plan(f"pass {number}", knowledge, knowledge.push)])
             if part.score > ENOUGH * best.score:
                 return
+        self.steps_used_up = True
 
 
 def _bands(start: Learned, tips: Array) -> Array:
@@ -657,6 +661,8 @@ def _prevented(search: Search, check: Tried) -> list[str]:
         found.append("the variants differ by more than one correction can serve")
     own = [part for part in search.parts if part.set_up == search.set_up.name]
     found += [failure.what for part in own for failure in part.failures]
+    if search.steps_used_up:
+        found.append(f"all steps were taken, and more of them may help (--steps {search.wanted.steps})")
     return failed + (found or ["no step helps any more: the largest error is where no push acts"])
 
 

@@ -12,7 +12,7 @@ from isf_core.errors import IsfError
 from isf_core.files import yaml_file
 from isf_core.files.job import JobFile
 from isf_core.files.yaml_file import FileModel
-from isf_core.simulated_sheet import DEFAULT_SHEET, LARGEST_NUMBER, SheetKind
+from isf_core.simulated_sheet import LARGEST_NUMBER, SheetKind
 
 MOST_VARIANTS = 10_000
 """In one list: more are a slip of the pen."""
@@ -44,8 +44,9 @@ class Campaign(FileModel):
     """Springback methods by name, or ``{name: ..., change: {...}}`` for a job with other fields changed."""
     variants: tuple[int, ...] = Field(default=(0,), min_length=1)
     """Of the simulated plant: numbers and ranges such as ``[0, 1-20]``."""
-    sheets: tuple[SheetKind, ...] = Field(default=(DEFAULT_SHEET,), min_length=1)
-    """Models of the simulated sheet: fast, shell_coarse, shell, shell_fine."""
+    sheets: tuple[SheetKind, ...] | None = Field(default=None, min_length=1)
+    """Models of the simulated sheet: fast, shell_coarse, shell, shell_fine; none: the one that each job is formed on
+    where nobody names one."""
     seed: int = Field(default=0, ge=0, le=LARGEST_NUMBER)
     """Of sensor noise and variants."""
 
@@ -56,7 +57,7 @@ class Campaign(FileModel):
 
     @model_validator(mode="after")
     def _once(self) -> Campaign:
-        names = {"jobs": self.jobs, "methods": tuple(spec.name for spec in self.methods), "sheets": self.sheets}
+        names = {"jobs": self.jobs, "methods": tuple(spec.name for spec in self.methods), "sheets": self.sheets or ()}
         for field, values in names.items():
             twice = next((value for value in values if values.count(value) > 1), None)
             if twice is not None:
