@@ -77,12 +77,12 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
     part_checks.check_machine(contours, job, rig)
     part_checks.check_backing_plate(contours, job)
-    warnings += part_checks.check_held(contours, job, rig)
+    nominal = moved.nominal if moved else part.mesh
+    warnings += part_checks.check_held(contours, nominal, job, rig)
     last = tuple(contour for contour in contours if contour.stage == len(part.preforms))
     warnings += part_checks.check_slopes(last, job)
     part_checks.check_floors(last, planned, job)
     warnings += part_checks.check_support(last, planned, job)
-    nominal = moved.nominal if moved else part.mesh
     target = target_surface.target_map(nominal, rig.clamp.size)
     shank = check_shank(contours, target, job_file) if job_file.tilts else None
     step("done", 1.0)
@@ -134,7 +134,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     contours, expected = finish(made, job_file)
     part_checks.check_machine(contours, job, job_file.rig)
     part_checks.check_backing_plate(contours, job)
-    held = (*part_checks.check_held(contours, job, job_file.rig), *part_checks.check_slopes(contours, job))
+    held = (*part_checks.check_held(contours, mesh, job, job_file.rig), *part_checks.check_slopes(contours, job))
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
     shank = check_shank(contours, before.target, job_file) if job_file.tilts else None

@@ -91,6 +91,15 @@ def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, change
         assert f"closer to the opening ({{shape: circle, size: [{opening} mm, {opening} mm]}})" in warned[0]
 
 
+def test_a_plate_stays_outside_the_rounding_of_the_opening_whatever_the_steps() -> None:
+    """The rounding of 6 mm ends at r = 47.5 mm and is 0.1 mm deep at 46.45 mm (2 x 6 mm x 0.1 mm, rooted, further in);
+    contours in steps of 2.5 mm begin at 43.7 mm."""
+    for step, opening in (("0.5 mm", 94), ("2.5 mm", 93)):
+        changed = {"incremental_depth: 0.5 mm": f"incremental_depth: {step}", "floor_step": "# floor_step"}
+        _, warned = changed_example("spif_cone", changed, "the sheet is free for")
+        assert f"{{shape: circle, size: [{opening} mm, {opening} mm]}}" in warned[0]
+
+
 def test_the_plate_that_is_advised_holds_the_sheet() -> None:
     """A pyramid asks for a rectangle, 41.02 mm in half; over it nothing is warned of."""
     path = EXAMPLES / "jobs" / "ren_pyramid.yaml"

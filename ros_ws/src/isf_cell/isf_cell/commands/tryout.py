@@ -45,6 +45,7 @@ from isf_core.simulated_sheet import FORCE_TOO_HIGH, SEALED_VARIANTS, SheetKind
 from isf_core.types import Array
 from isf_planner import planning
 from isf_planner.checks.part_checks import nearer_plate, plate_text
+from isf_planner.part.meshes import Mesh
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import LEAST_PUSH, Learned, together
 from isf_springback.loop_path import LARGEST_CORRECTION
@@ -502,7 +503,8 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
 
 def _with_plate(job_file: JobFile, name: str) -> list[SetUp]:
     """The set-up ``name`` with a backing plate near the opening, where that holds the sheet closer."""
-    plate = nearer_plate(planning.plan(job_file).contours, job_file.job, job_file.rig)
+    plan = planning.plan(job_file)
+    plate = nearer_plate(plan.contours, Mesh(*plan.mesh), job_file.job, job_file.rig)
     if plate is None:
         return []
     fields = plate_text(plate)

@@ -267,8 +267,8 @@ def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
         )
 
 
-def check_held(contours: Sequence[Contour], job: Job, rig: Rig) -> tuple[str, ...]:
-    """Warning where nothing holds the sheet close to the part: metal bends for good there, with any correction."""
+def check_held(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) -> tuple[str, ...]:
+    """Warning where nothing holds the sheet close to the part ``mesh``: it bends for good there, corrected or not."""
     if job.process not in ("SPIF", "DSIF") or job.path.support == "on_blank":
         return ()
     free = free_sheet(contours, job, rig)
@@ -276,7 +276,7 @@ def check_held(contours: Sequence[Contour], job: Job, rig: Rig) -> tuple[str, ..
         return ()
     holds, remedy = ("clamp", "put") if job.backing_plate is None else ("backing plate", "bring")
     or_else = ", or keep the support tool under the blank (path.support: on_blank)" if job.process == "DSIF" else ""
-    nearer = nearer_plate(contours, job, rig)
+    nearer = nearer_plate(contours, mesh, job, rig)
     opening = "" if nearer is None else f" ({plate_text(nearer)})"
     return (
         f"the sheet is free for {1e3 * free:.0f} mm between the part and the {holds}: it bends there for good while "
@@ -295,9 +295,10 @@ def free_sheet(contours: Sequence[Contour], job: Job, rig: Rig) -> float:
     return float((clamp if plate is None else plate.inside(x, y)).max(initial=0.0))
 
 
-def nearer_plate(contours: Sequence[Contour], job: Job, rig: Rig) -> BackingPlateSpec | None:
+def nearer_plate(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) -> BackingPlateSpec | None:
     """The backing plate, round or rectangular, whose opening in whole mm lies closest around all openings of the part,
-    :data:`PLATE_GAP` away at least.
+    :data:`PLATE_GAP` away from the first contours at least, and nowhere under more than :data:`PLATE_TOLERANCE` of the
+    part ``mesh``: a first contour of a large step lies deep inside the rounding of the opening.
 
     None where the sheet is held within :data:`FREE_SHEET`, where such a plate lies no closer than what holds it, and
     for two tools: the lower one would have to get between the part and the plate.
@@ -306,14 +307,21 @@ def nearer_plate(contours: Sequence[Contour], job: Job, rig: Rig) -> BackingPlat
     if job.process != "SPIF" or free <= FREE_SHEET:
         return None
     places = _openings(contours)[:, :2]
-    reach = np.hypot(*places.T).max(), *np.abs(places).max(axis=0)
-    across, along_x, along_y = (1e-3 * math.ceil(2e3 * (half + PLATE_GAP) - 1e-6) for half in reach)
+    (sections,) = slice_mesh(mesh, np.array([-PLATE_TOLERANCE]))
+    edges = np.vstack([np.zeros((1, 2)), *(section.points for section in sections)])
+    reach = np.maximum(_reach(places) + PLATE_GAP, _reach(edges))
+    across, along_x, along_y = (1e-3 * math.ceil(2e3 * half - 1e-6) for half in reach)
     plates = (
         BackingPlateSpec(shape="circle", size=(across, across)),
         BackingPlateSpec(shape="rectangle", size=(along_x, along_y)),
     )
     left, plate = min(((float(plate.inside(*places.T).max()), plate) for plate in plates), key=lambda pair: pair[0])
     return plate if left < free else None
+
+
+def _reach(places: Array) -> Array:
+    """(3,) m, how far ``places`` (N, 2) lie from the middle of the clamp at most: any way, along x, along y."""
+    return np.array([np.hypot(*places.T).max(), *np.abs(places).max(axis=0)])
 
 
 def plate_text(plate: BackingPlateSpec) -> str:

@@ -279,10 +279,10 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
     filled, warnings = with_predictions(tuple(contours), job_file)  # a compensation would move the program's tips
     part_checks.check_machine(filled, job, rig)
     part_checks.check_backing_plate(filled, job)
-    warnings = (*warnings, *part_checks.check_held(filled, job, rig))
     target = _target(contact, group, rig.clamp.size)
     shank = check_shank(filled, target, job_file) if program.tilted else None
     mesh = height_grid.as_mesh(target)
+    warnings = (*warnings, *part_checks.check_held(filled, mesh, job, rig))
     surface = mesh.vertices, mesh.faces
     if short:
         first = ", ".join(map(str, short[:5])) + (", ..." if len(short) > 5 else "")
