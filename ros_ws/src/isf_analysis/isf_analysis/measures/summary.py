@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from isf_core.contour import contour_label, over_floor
+from isf_core.errors import ErrorCode
 from isf_core.events import torn
 from isf_core.files.job import ToleranceSpec
 
@@ -123,6 +124,7 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "sim_s": _number(record.sim_time),
         "wall_s": _number(record.wall_time),
         "plan_warnings": list(record.plan_warnings),
+        "overload": next(iter(_warned(record, overload=True)), ""),
         "notes": [*record.notes, *_warned(record), *force_remarks(force)],
         **findings(record, None if deviation is None else deviation.error),
     }
@@ -135,11 +137,12 @@ def _machine(record: PartRecord) -> dict[str, Any]:
     return {"leg_error_um": {"rms": 1e6 * rms, "largest": 1e6 * largest}}
 
 
-def _warned(record: PartRecord) -> list[str]:
-    """What force control said of contours that it formed all the same: the first of a kind, and how many there are."""
+def _warned(record: PartRecord, *, overload: bool = False) -> list[str]:
+    """What was said of contours that were formed all the same: the first of a kind, and how many there are.
+    ``overload``: that the machine does not bear them, or the rest."""
     kinds: dict[int, list[str]] = {}
     for result in record.results:
-        if result.completed and result.code:
+        if result.completed and result.code and (result.code == ErrorCode.FORCE_LIMIT) == overload:
             kinds.setdefault(result.code, []).append(f"{contour_label(result.index)}: {result.message}")
     return [first + (f"; so on {len(more)} more contour(s)" if more else "") for first, *more in kinds.values()]
 

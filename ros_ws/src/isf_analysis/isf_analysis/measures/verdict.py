@@ -1,9 +1,10 @@
 """Whether a part is good, and what it falls short of: the one judgement of report, terminal and scripts.
 
 A part is good when it is complete, its shape was measured and is in the tolerance of its job, the support tool (where
-there is one) kept the sheet, nothing happened that harms sheet or control, and the correction failed nowhere. A force
-out of its band is a remark: it counts the noise of the load cell too. The tolerance of a job that names none is the
-accuracy published for closed-loop parts: 90 % of the points within 0.3 mm (Lu 2016, section 4.4).
+there is one) kept the sheet, nothing happened that harms sheet or control, the machine bears the force, and the
+correction failed nowhere. A force out of its band is a remark: it counts the noise of the load cell too. The tolerance
+of a job that names none is the accuracy published for closed-loop parts: 90 % of the points within 0.3 mm (Lu 2016,
+section 4.4).
 
 What the fast sheet says of a shape holds for that sheet: it yields under the tools alone, and comes back where a real
 one has yielded around them. A part formed on it is therefore never called good without naming it.
@@ -47,7 +48,7 @@ def verdict(numbers: Numbers) -> Numbers:
     proviso = FLATTERED if (numbers["sheet"] or {}).get("model") == "fast" else ""
     if not numbers["complete"]:
         return {"good": False, "short_of": [numbers["failure"]["message"]], "proviso": proviso}
-    short_of = [*_contact(numbers), *_events(numbers), *_shape(numbers)]
+    short_of = [*_contact(numbers), *_events(numbers), *_force(numbers), *_shape(numbers)]
     return {"good": not short_of, "short_of": short_of, "proviso": proviso}
 
 
@@ -123,3 +124,7 @@ def _contact(numbers: Numbers) -> list[str]:
 def _events(numbers: Numbers) -> list[str]:
     harmful = [event for event in numbers["events"] if not event["harmless"]]
     return [f"{event['kind']}, {event['count']} times: {event['text']}" for event in harmful]
+
+
+def _force(numbers: Numbers) -> list[str]:
+    return [f"force: {numbers['overload']}"] if numbers["overload"] else []

@@ -2,8 +2,7 @@
 
 1. The first part is formed with the method of the job, in every set-up that is to be tried: as the job says, with the
    support tool under the blank, over a plate near the opening, with other fields. The best set-up is gone on with;
-   where none gets through, without a correction. All parts are formed on a machine that bears as much more as cells of
-   this size overstate the force.
+   where none gets through, without a correction.
 2. Probes: the same with 1 mm more push over a fifth of the depth each. What the shape of the whole part answers to
    them is its Jacobian: what a push at the opening does to the base is in it.
 3. Steps of Gauss and Newton, the Jacobian brought up to date after each (Broyden 1965), with a ridge and bounds.
@@ -129,13 +128,11 @@ class SetUp:
     Attributes
     ----------
     name : first, set-up 2, ... ; change : of the job, for people ; job_file : with it
-    rig : file of the machine that the parts are tried on, which bears what the sheet overstates; None: that of the job
     """
 
     name: str
     change: str
     job_file: JobFile
-    rig: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -322,7 +319,7 @@ class Search:
         self, wanted: Sequence[tuple[str, Path | None]], variants: Sequence[int], scans: Scans = "none"
     ) -> list[Tried]:
         """Parts of the names and plans ``wanted``, on each of ``variants``; ``scans`` of those with a plan."""
-        jobs = [_tried(self.job_file, plan, self.correction, scans, rig=self.set_up.rig) for _, plan in wanted]
+        jobs = [_tried(self.job_file, plan, self.correction, scans) for _, plan in wanted]
         tasks = [
             _Task(job.text, job.base, job.job.name, self.wanted.sheet, variant, self.wanted.seed,
                   self.folder / name.replace(" ", "_") / f"variant_{variant}", name)
@@ -369,9 +366,6 @@ class Search:
         name = way.name
         if self.correction != self.wanted.correction:
             name = "uncorrected" if way is self.set_ups[0] else f"uncorrected {way.name}"
-        more = FORCE_TOO_HIGH[self.wanted.sheet]
-        if more > 1.0:
-            way = replace(way, rig=_more_force(way.job_file, more, self.folder / f"{way.name}.yaml"))
         self.set_up = way
         (part,) = self._add([(name, None)])
         return way, part
@@ -543,11 +537,10 @@ def _folder(wanted: Tryout, set_ups: Sequence[SetUp], output: Path | None) -> Pa
 
 
 def _tried(
-    job_file: JobFile, plan: Path | None, correction: str | None, scans: Scans, rate: float = CONTROL_RATE,
-    rig: Path | None = None,
-) -> JobFile:  # fmt: skip
+    job_file: JobFile, plan: Path | None, correction: str | None, scans: Scans, rate: float = CONTROL_RATE
+) -> JobFile:
     """``job_file`` with what was learned in ``plan`` and ``scans``, or with method ``correction`` before there is a
-    plan, on ``rig``; its text names files by absolute paths."""
+    plan; its text names files by absolute paths."""
     data = _absolute(yaml_file.content(job_file.text, job_file.job.name), job_file.base)
     if plan is not None:
         data["springback"] = {**data.get("springback", {}), "method": "learned", "learning": str(plan)}
@@ -557,23 +550,9 @@ def _tried(
             data["springback"]["scan_sensor"] = False
     elif correction is not None:
         data["springback"] = {**data.get("springback", {}), "method": correction}
-    if rig is not None:
-        data["rig"] = str(rig)
     if job_file.job.control.rate > rate:
         data["control"] = {**data.get("control", {}), "rate": f"{rate:g} Hz"}
     return JobFile(yaml.safe_dump(data, sort_keys=False), job_file.base, job_file.job.name)
-
-
-def _more_force(job_file: JobFile, more: float, path: Path) -> Path:
-    """``path`` of the job's rig with ``more`` times its force."""
-    rig = job_file.rig
-    force, reach = (
-        [f"{more * newtons:.9g} N" for newtons in values] for values in (rig.limits.force, rig.load_cell.force_range)
-    )
-    fields = {"name": f"{rig.name}_more_force", "based_on": _absolute(job_file.job.rig, job_file.base),
-              "limits": {"force": force}, "load_cell": {"force_range": reach}}  # fmt: skip
-    path.write_text(yaml.safe_dump(fields, sort_keys=False), encoding="utf-8")
-    return path.resolve()
 
 
 def _absolute(value: Any, base: Path) -> Any:
@@ -671,12 +650,12 @@ def _prevented(search: Search, check: Tried) -> list[str]:
 def _overload(search: Search, trials: Sequence[Trial]) -> str:
     """That a part took more than the machine bears, for people; empty: none did."""
     force, bears = max(trial.force for trial in trials), search.job_file.rig.limits.force[2]
-    if search.set_up.rig is None or force <= bears:
+    if force <= bears:
         return ""
     return (
         f"the part took {force:.0f} N here, {search.job_file.rig.name} bears {bears:.0f} N: cells of this size "
         f"overstate the force by up to {FORCE_TOO_HIGH[search.wanted.sheet]:g} times, so that a real part may do with "
-        f"less; a simulated one needs rig: {search.set_up.rig}"
+        "less"
     )
 
 

@@ -9,10 +9,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
+import numpy as np
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import Event, torn
+from isf_core.files.job import JobFile
+from isf_core.simulated_sheet import FORCE_TOO_HIGH
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.measurements.measurement import AtRest, Measurement
@@ -93,6 +96,8 @@ class InProcessCell:
         self._control = dict(control or {})
         self._change = change
         self._given = machine
+        self._job_file: JobFile
+        self._overstated = 1.0
         self.nominal: list[Contour] = []
         self.corrected: list[Contour] = []
         self.corrections: list[ContourCorrection] = []
@@ -107,9 +112,11 @@ class InProcessCell:
         """Nothing has to be started."""
 
     def reset(self, goal: PartGoal) -> None:
-        """A new machine with a fresh blank, unless one was given."""
+        """A new machine with a fresh blank, unless one was given; it bears what the sheet overstates of the force."""
+        self._overstated = FORCE_TOO_HIGH[goal.options.sheet_of(goal.job_file)]
+        self._job_file = goal.job_file.bearing(self._overstated)
         self.machine = self._given or SimulatedMachine(
-            goal.job_file, variant=goal.options.variant, seed=goal.options.seed, sheet=goal.options.sheet
+            self._job_file, variant=goal.options.variant, seed=goal.options.seed, sheet=goal.options.sheet
         )
 
     def tare(self) -> None:
@@ -127,11 +134,12 @@ class InProcessCell:
     def arm(self, goal: PartGoal, planned: PlannedPart) -> None:
         """As in the protocol."""
         assert self.part_plan is not None  # planned before
-        job_file, sample = goal.job_file, self.sample
+        job_file, sample = self._job_file, self.sample
         self._corrector = make_corrector(goal.method, job_file)
         self._corrector.set_target(self.part_plan.target)
         if self._change is not None and self._change.correction is not None:
-            self._successor = make_corrector(*self._change.correction)
+            method, changed = self._change.correction
+            self._successor = make_corrector(method, changed.bearing(self._overstated))
             self._successor.set_target(self.part_plan.target)
         config = ControlConfig.from_job(job_file, support_force=goal.options.support_force)
         self._controller = ForceController(replace(config, **self._control))  # type: ignore[arg-type]
@@ -161,11 +169,27 @@ class InProcessCell:
             )
         for corrector in self._correctors:
             corrector.add_result(corrected, result)
+        result = self._told(result)
         self.nominal.append(nominal)
         self.corrected.append(corrected)
         self.corrections.append(correction)
         self.results.append(result)
         return FormedContour(nominal, correction, result)
+
+    def _told(self, result: ContourResult) -> ContourResult:
+        """``result`` with a warning where it took more than the machine bears whose force was raised."""
+        bears, axes = np.asarray(self._job_file.bears), "xyz"
+        for tool, force in (1, result.forming_force), (2, result.support_force):
+            most = np.nan_to_num(np.abs(force)).max(axis=0, initial=0.0)
+            if result.completed and not result.code and (most > bears).any():
+                axis = int(np.argmax(most / bears))
+                text = (
+                    f"tool {tool} took {most[axis]:.0f} N in {axes[axis]}, {self._job_file.rig.name} bears "
+                    f"{bears[axis]:.0f} N; a real sheet may take less: cells of this size overstate the force by up to "
+                    f"{self._overstated:g} times"
+                )
+                return replace(result, code=int(ErrorCode.FORCE_LIMIT), message=text)
+        return result
 
     def lift(self, formed: FormedContour) -> None:
         """As in the protocol."""

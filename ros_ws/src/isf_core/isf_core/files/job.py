@@ -12,6 +12,7 @@ begins in the middle of a wall needs no ramp.
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -955,6 +956,7 @@ class JobFile:
     Attributes
     ----------
     job : Job ; material : Material ; rig : Rig, with the job's upper tool in its chuck
+    bears : (3,) N, force that the machine bears: that of ``rig``, unless :meth:`bearing` made it stronger
     mesh : absolute path of the mesh, None for a program without a part
     program : absolute path of the program that is formed, None where the path is planned
     text : the YAML text as read, with the fields of tools, blank and plate where it names their files
@@ -967,6 +969,7 @@ class JobFile:
         self.job: Job = yaml_file.parse(self.text, Job, name, [(name, text)])
         self.material: Material = load_material(self.job.sheet.material, base)
         self.rig: Rig = load_rig(self.job.rig, base).with_tool(self.job.tool_1.stick_out)
+        self.bears = self.rig.limits.force
         _check_blank(self, text, name)
         self.job._support_window = _support_window(self)
         part, program = self.job.part, self.job.path.program
@@ -985,6 +988,14 @@ class JobFile:
         """
         fields = yaml_file.merged(yaml_file.content(self.text, name), change)
         return JobFile(yaml.safe_dump(fields, sort_keys=False), self.base, name)
+
+    def bearing(self, times: float) -> JobFile:
+        """This job on its machine with ``times`` the force, of limits and load cells; one of such a job is itself."""
+        if times == 1.0 or self.rig.limits.force != self.bears:
+            return self
+        stronger = copy.copy(self)
+        stronger.rig = self.rig.with_force(times)
+        return stronger
 
     @property
     def tilts(self) -> bool:

@@ -313,6 +313,18 @@ class Rig(FileModel):
             return self
         return self.model_copy(update={"hexapod": self.hexapod.model_copy(update={"stick_out": stick_out})})
 
+    def with_force(self, times: float) -> Rig:
+        """This rig with ``times`` the force of its limits and of its load cells."""
+        limit, reach = (
+            tuple(times * newtons for newtons in values) for values in (self.limits.force, self.load_cell.force_range)
+        )
+        return self.model_copy(
+            update={
+                "limits": self.limits.model_copy(update={"force": limit}),
+                "load_cell": self.load_cell.model_copy(update={"force_range": reach}),
+            }
+        )
+
     def arm(self, tool: int) -> SerialArm | None:
         """The arm that carries ``tool`` (1, 2), None where none does."""
         spec = (self.tool_1 if tool == 1 else self.tool_2).arm
