@@ -10,9 +10,6 @@ from isf_core.types import Array
 from isf_sim.explicit_shell.shell import ExplicitShell
 from isf_sim.sheet.surface import LONG_AGO
 
-TOUCHING = 0.1e-3
-"""m between ball and sheet up to which an element counts as bent to the ball: its middle lies inside its corners."""
-
 NOTED = 0.2e-3
 """m of path between two looks at what the tools touch: a tenth of an element."""
 
@@ -40,12 +37,13 @@ class Strength:
         tools = [tool for tool in shell.tools if tool["radius"] > 0.0 and tool["touching"] > 0]
         if not tools or path - float(self.touched.max()) < NOTED:
             return
-        middle = _middles(shell)
+        middle = _smooth_middles(shell)
         for tool in tools:
-            reach = tool["radius"] + 0.5 * self._blank + TOUCHING
-            near = np.flatnonzero(np.abs(middle[:2] - tool["end"][:2, None]).max(axis=0) < reach)
-            gap = np.linalg.norm(middle[:, near] - tool["end"][:, None], axis=0)
-            touched = near[gap < reach]
+            centre = tool["end"] + tool["compliance"] * tool["felt"]
+            reach = tool["radius"] + 0.5 * shell.state.thickness
+            near = np.flatnonzero(np.abs(middle[:2] - centre[:2, None]).max(axis=0) < reach)
+            gap = np.linalg.norm(middle[:, near] - centre[:, None], axis=0) - reach[near]
+            touched = near[gap < 0.0]
             begins = touched[path - self.touched[touched] >= self._window]
             self.bending[begins] += 1.0 / tool["radius"]
             self.touched[touched] = path
@@ -87,6 +85,17 @@ def _corners(shell: ExplicitShell) -> tuple[Array, Array, Array, Array]:
     """(3, ny, nx) m four times: corners at the low x and y, high x, high y, both high."""
     position = shell.state.position.reshape(3, len(shell.y), len(shell.x))
     return position[:, :-1, :-1], position[:, :-1, 1:], position[:, 1:, :-1], position[:, 1:, 1:]
+
+
+def _smooth_middles(shell: ExplicitShell) -> Array:
+    """(3, e) m, middles of the elements on the smooth surface through the nodes, which the tools touch (Catmull and
+    Rom's interpolation, as in shell.c); the middle of its corners lies inside of a bent element."""
+    nodes = np.pad(shell.state.position.reshape(3, len(shell.y), len(shell.x)), ((0, 0), (1, 1), (1, 1)), mode="edge")
+    for axis in (1, 2):
+        count = nodes.shape[axis] - 3
+        four = [np.take(nodes, range(k, k + count), axis=axis) for k in range(4)]
+        nodes = 0.5625 * (four[1] + four[2]) - 0.0625 * (four[0] + four[3])
+    return nodes.reshape(3, -1)
 
 
 def _middles(shell: ExplicitShell) -> Array:

@@ -43,7 +43,7 @@ def test_minor_strain_counts_by_the_slope_of_the_fracture_line() -> None:
 
 def test_a_tool_that_comes_again_after_a_while_bends_again_where_it_touches() -> None:
     shell = flat_shell()
-    shell.set_tool(0, Ball(5e-3), np.array([0.0, 0.0, 0.5 * BLANK]))
+    shell.set_tool(0, Ball(5e-3), np.array([0.0, 0.0, 0.5 * BLANK - 0.02e-3]))
     shell.tools["touching"][0] = 1
     strength = Strength(shell, FormingLimit(1.0, 1.0, 0.15), 15e-3)
     for path in (0.0, 10e-3, 30e-3):  # the second is the same pass
@@ -53,6 +53,41 @@ def test_a_tool_that_comes_again_after_a_while_bends_again_where_it_touches() ->
     strength.judge(shell)
     assert strength.strain == pytest.approx(0.15 * 2.0 * 0.5 * BLANK / 5e-3)
     assert np.hypot(*strength.place[:2]) < 3e-3
+
+
+@pytest.mark.parametrize(("depth", "gives_way"), [(0.1e-3, 0.0), (0.05e-3, 0.0), (0.1e-3, 0.05e-3), (-0.01e-3, 0.0)])
+@pytest.mark.parametrize("thickness", [BLANK, 0.7 * BLANK])
+def test_what_the_ball_touches_is_bent_to_it(depth: float, gives_way: float, thickness: float) -> None:
+    """``depth`` inside the upper face of a flat sheet it touches a disc; its machine lifts it by ``gives_way``."""
+    line = np.linspace(-4e-3, 4e-3, 33)
+    shell = ExplicitShell(line, line, Sheet(70e9, 0.33, BLANK, np.array([0.0, 1.0]), np.array([100e6, 200e6])))
+    shell.state.thickness[:] = thickness
+    compliance = gives_way / 500.0
+    shell.set_tool(0, Ball(5e-3, compliance=(0.0, 0.0, compliance)), np.array([0.0, 0.0, 0.5 * thickness - depth]))
+    shell.tools["touching"][0], shell.tools["felt"][0] = 1, (0.0, 0.0, 500.0)
+    strength = Strength(shell, FormingLimit(1.0, 1.0, 0.15), 15e-3)
+    strength.note(shell, 0.0)
+    reach, middle = 5e-3 + 0.5 * thickness, 0.5 * (line[1:] + line[:-1])
+    height = reach - depth + gives_way
+    disc = np.hypot(*np.meshgrid(middle, middle)) < np.sqrt(max(0.0, reach**2 - height**2))
+    assert (strength.bending > 0.0).reshape(disc.shape).tolist() == disc.tolist()
+
+
+def test_an_element_that_is_wrapped_round_the_ball_is_touched_where_it_touches() -> None:
+    """A cylinder of the ball's radius through nodes 3.5 mm apart: the middles of their chords lie 0.28 mm inside."""
+    x, y = np.arange(-14e-3, 14.1e-3, 3.5e-3), np.arange(-5.25e-3, 5.3e-3, 3.5e-3)
+    shell = ExplicitShell(x, y, Sheet(70e9, 0.33, BLANK, np.array([0.0, 1.0]), np.array([100e6, 200e6])))
+    radius = 5e-3 + 0.5 * BLANK
+    turn = np.tile(np.clip(x / radius, -1.2, 1.2), len(y))
+    shell.state.position[0] = radius * np.sin(turn)
+    shell.state.position[2] = -radius * np.cos(turn)
+    for lifted, touched in ((0.1e-3, False), (0.25e-3, False), (-0.1e-3, True)):
+        shell.set_tool(0, Ball(5e-3), np.array([0.0, 0.0, -5e-3 + lifted]))
+        shell.tools["touching"][0] = 1
+        strength = Strength(shell, FormingLimit(1.0, 1.0, 0.15), 15e-3)
+        strength.note(shell, 0.0)
+        below = strength.bending.reshape(len(y) - 1, len(x) - 1)[1, 3:5]
+        assert (below > 0.0).tolist() == [touched, touched]
 
 
 def test_a_wall_that_is_pulled_thin_after_the_tool_has_passed_is_judged() -> None:
