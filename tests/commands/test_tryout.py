@@ -20,6 +20,7 @@ from isf_cell import in_process
 from isf_cell.commands.exit_codes import Exit
 from isf_cell.commands.tryout import Tryout, try_out
 from isf_cell.options import RunOptions
+from isf_cell.replay.recorded_run import read_run
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.types import Array
@@ -326,6 +327,7 @@ def test_parts_are_tried_on_a_machine_that_bears_what_the_cells_overstate(tmp_pa
     assert f"took {force:.0f} N here, ren2018 bears 2000 N" in str(summary["overload"])
     beyond = [result for result in record.results if np.abs(result.forming_force[:, 2]).max() > 2000.0]
     assert beyond == [result for result in record.results if result.code == ErrorCode.FORCE_LIMIT]
+    assert read_run(bag).job_file().rig.limits.force == pytest.approx((2700.0, 2700.0, 3600.0))  # in a replay, too
     numbers = measured(record)
     first = np.abs(beyond[0].forming_force[:, 2]).max()
     assert f"tool 1 took {first:.0f} N in z, ren2018 bears 2000 N" in numbers["overload"]
