@@ -336,6 +336,13 @@ def test_parts_are_tried_on_a_machine_that_bears_what_the_cells_overstate(tmp_pa
     assert any("force: contour" in text for text in numbers["verdict"]["short_of"])
 
 
+def test_a_part_beyond_what_the_cells_overstate_ends_and_says_what_the_machine_bears(tmp_path: Path) -> None:
+    job = faster(quick_cone_file(tmp_path, step="2.5 mm"), ("thickness: 1.0 mm", "thickness: 3.5 mm"))
+    record = in_process.form(load_job(job), RunOptions(correction="none", sheet="shell_coarse"))
+    assert not record.results[-1].completed
+    assert "; that is 1.8 times what ren2018 bears: cells of this size overstate" in record.results[-1].message
+
+
 @pytest.mark.parametrize(
     ("text", "code", "what"),
     [

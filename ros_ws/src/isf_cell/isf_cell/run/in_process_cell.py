@@ -177,18 +177,24 @@ class InProcessCell:
         return FormedContour(nominal, correction, result)
 
     def _told(self, result: ContourResult) -> ContourResult:
-        """``result`` with a warning where it took more than the machine bears whose force was raised."""
-        bears, axes = np.asarray(self._job_file.bears), "xyz"
+        """``result`` of a machine whose force was raised, with what the real one bears: as a warning where the contour
+        took more, or beside the limit that ended it."""
+        if self._overstated == 1.0:
+            return result
+        rig, bears, axes = self._job_file.rig.name, np.asarray(self._job_file.bears), "xyz"
+        why = f"cells of this size overstate the force by up to {self._overstated:g} times"
+        if result.code in (ErrorCode.WRENCH_OUT_OF_RANGE, ErrorCode.FORCE_LIMIT):
+            return replace(
+                result, message=f"{result.message}; that is {self._overstated:g} times what {rig} bears: {why}"
+            )
         for tool, force in (1, result.forming_force), (2, result.support_force):
             most = np.nan_to_num(np.abs(force)).max(axis=0, initial=0.0)
             if result.completed and not result.code and (most > bears).any():
                 axis = int(np.argmax(most / bears))
-                text = (
-                    f"tool {tool} took {most[axis]:.0f} N in {axes[axis]}, {self._job_file.rig.name} bears "
-                    f"{bears[axis]:.0f} N; a real sheet may take less: cells of this size overstate the force by up to "
-                    f"{self._overstated:g} times"
+                taken = f"tool {tool} took {most[axis]:.0f} N in {axes[axis]}, {rig} bears {bears[axis]:.0f} N"
+                return replace(
+                    result, code=int(ErrorCode.FORCE_LIMIT), message=f"{taken}; a real sheet may take less: {why}"
                 )
-                return replace(result, code=int(ErrorCode.FORCE_LIMIT), message=text)
         return result
 
     def lift(self, formed: FormedContour) -> None:
