@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 from isf_core.files.material import FormingLimit
-from isf_core.types import Array
+from isf_core.types import Array, Indices
 
 from isf_sim.explicit_shell.shell import ExplicitShell
 from isf_sim.sheet.surface import LONG_AGO
+
+MIDDLE = np.array([-1.0, 9.0, 9.0, -1.0]) / 16.0
+"""Weights of Catmull and Rom's interpolation half-way between the second and the third of four nodes."""
 
 NOTED = 0.2e-3
 """m of path between two looks at what the tools touch: a tenth of an element."""
@@ -37,13 +40,13 @@ class Strength:
         tools = [tool for tool in shell.tools if tool["radius"] > 0.0 and tool["touching"] > 0]
         if not tools or path - float(self.touched.max()) < NOTED:
             return
-        middle = _smooth_middles(shell)
+        middle = _middles(shell)
         for tool in tools:
             centre = tool["end"] + tool["compliance"] * tool["felt"]
-            reach = tool["radius"] + 0.5 * shell.state.thickness
-            near = np.flatnonzero(np.abs(middle[:2] - centre[:2, None]).max(axis=0) < reach)
-            gap = np.linalg.norm(middle[:, near] - centre[:, None], axis=0) - reach[near]
-            touched = near[gap < 0.0]
+            around = np.abs(middle[:2] - centre[:2, None]).max(axis=0) < tool["radius"] + self._blank
+            near = np.flatnonzero(around)
+            reach = tool["radius"] + 0.5 * shell.state.thickness[near]
+            touched = near[np.linalg.norm(_smooth_middles(shell, near) - centre[:, None], axis=0) < reach]
             begins = touched[path - self.touched[touched] >= self._window]
             self.bending[begins] += 1.0 / tool["radius"]
             self.touched[touched] = path
@@ -87,15 +90,16 @@ def _corners(shell: ExplicitShell) -> tuple[Array, Array, Array, Array]:
     return position[:, :-1, :-1], position[:, :-1, 1:], position[:, 1:, :-1], position[:, 1:, 1:]
 
 
-def _smooth_middles(shell: ExplicitShell) -> Array:
-    """(3, e) m, middles of the elements on the smooth surface through the nodes, which the tools touch (Catmull and
-    Rom's interpolation, as in shell.c); the middle of its corners lies inside of a bent element."""
-    nodes = np.pad(shell.state.position.reshape(3, len(shell.y), len(shell.x)), ((0, 0), (1, 1), (1, 1)), mode="edge")
-    for axis in (1, 2):
-        count = nodes.shape[axis] - 3
-        four = [np.take(nodes, range(k, k + count), axis=axis) for k in range(4)]
-        nodes = 0.5625 * (four[1] + four[2]) - 0.0625 * (four[0] + four[3])
-    return nodes.reshape(3, -1)
+def _smooth_middles(shell: ExplicitShell, elements: Indices) -> Array:
+    """(3, n) m, middles of ``elements`` (n,) on the smooth surface through the nodes, which the tools touch (Catmull
+    and Rom's interpolation, as in shell.c); the middle of its corners lies inside of a bent element."""
+    row, column = np.divmod(elements, len(shell.x) - 1)
+    rows, columns = (
+        np.clip(first[:, None] + np.arange(-1, 3), 0, len(line) - 1)
+        for first, line in ((row, shell.y), (column, shell.x))
+    )
+    nodes = rows[:, :, None] * len(shell.x) + columns[:, None, :]
+    return np.asarray(np.einsum("dnab,a,b->dn", shell.state.position[:, nodes], MIDDLE, MIDDLE))
 
 
 def _middles(shell: ExplicitShell) -> Array:
