@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from isf_analysis.measures.campaign_row import CampaignRow
 from isf_analysis.measures.summary import summary
+from isf_analysis.report.campaign_page import campaign_page
 from isf_cell import in_process
 from isf_cell.campaign.cases import cases_of
 from isf_cell.commands.campaign import run_campaign
@@ -102,3 +105,16 @@ def test_where_no_sheet_is_named_each_job_is_formed_on_its_own(tmp_path: Path) -
     path.write_text(path.read_text(encoding="utf-8") + "sheets: []\n", encoding="utf-8")
     with pytest.raises(IsfError, match="sheets"):
         CampaignFile(path)
+
+
+def test_a_whole_part_beyond_its_machine_is_told_on_the_page() -> None:
+    rows = [
+        CampaignRow("cone", "none", variant, 0, "shell_coarse", str(variant), "s", "1", max_mm=1.0, message=message)
+        for variant, message in ((0, "contour 2: tool 1 took <2560 N>"), (1, ""))
+    ]
+    assert [row.overload for row in rows] == ["contour 2: tool 1 took <2560 N>", ""]
+    assert replace(rows[0], code=1405).overload == ""
+    page = campaign_page("small", rows, 2, "name: small", 1, None)
+    assert "1 whole part(s) took more force than their machine bears" in page
+    assert "contour 2: tool 1 took &lt;2560 N&gt;" in page
+    assert "took more force" not in campaign_page("small", rows[1:], 1, "name: small", 1, None)

@@ -25,7 +25,7 @@ class CampaignRow:
     job, method, variant, seed, sheet : what was formed
     key, sources : name by content, digest of the sources it was computed by ; software : version
     process, control_rate_Hz, tolerance_mm : of the job
-    code, message : of what ended the part early or refused it; 0 for a whole part
+    code, message : of what ended the part early or refused it; 0 for a whole part, and that its machine may not bear it
     contours, planned : formed, and of how many
     max_mm, mean_mm, signed_mm, p95_mm, within_tolerance : of wall and base; the last is a share of the points
     wall_*, base_*, rim_* : the same of these regions
@@ -71,6 +71,11 @@ class CampaignRow:
         return self.code == 0 and self.max_mm is not None
 
     @property
+    def overload(self) -> str:
+        """That the whole part took more than its machine bears, for people; empty: it did not."""
+        return self.message if self.whole else ""
+
+    @property
     def sealed(self) -> bool:
         """Its variant is kept to publish results with."""
         return self.variant in SEALED_VARIANTS
@@ -102,7 +107,7 @@ def measured(row: CampaignRow, record: PartRecord) -> dict[str, Any]:
         "contours": record.formed,
         "planned": record.planned,
         "code": failure[0] or int(ErrorCode.BAG_INCOMPLETE) if failure else 0,
-        "message": failure[1] if failure else "",
+        "message": failure[1] if failure else record.overload,
         "force_rms_N": _number(force.rms_error) if force else None,
         "sim_s": round(record.sim_time, 2),
     }

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import yaml
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
-from isf_core.errors import IsfError
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import Event, torn
 from isf_core.files import yaml_file
 from isf_core.files.job import Job, ToleranceSpec
@@ -153,6 +153,23 @@ class PartRecord:
             why = error.what
         used_words = f"{1e3 * used.shape:g} mm, {100 * used.share:g} % are used"
         return used, f"tolerance of the job cannot be read: {why}; {used_words}"
+
+    @property
+    def warned(self) -> dict[int, str]:
+        """What was said of contours that were formed all the same, by its code: the first, and how many more."""
+        said: dict[int, list[str]] = {}
+        for result in self.results:
+            if result.completed and result.code:
+                said.setdefault(result.code, []).append(f"{contour_label(result.index)}: {result.message}")
+        return {
+            code: first + (f"; so on {len(more)} more contour(s)" if more else "")
+            for code, (first, *more) in said.items()
+        }
+
+    @property
+    def overload(self) -> str:
+        """That contours took more than the machine bears, for people; empty: none did."""
+        return self.warned.get(int(ErrorCode.FORCE_LIMIT), "")
 
     def failure(self) -> tuple[int, str] | None:
         """Code and text of what ended the part early, or tore it; code 0 when unknown; None for a whole part."""

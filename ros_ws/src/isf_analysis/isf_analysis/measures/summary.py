@@ -10,8 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from isf_core.contour import contour_label, over_floor
-from isf_core.errors import ErrorCode
+from isf_core.contour import over_floor
 from isf_core.events import torn
 from isf_core.files.job import ToleranceSpec
 
@@ -124,8 +123,12 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "sim_s": _number(record.sim_time),
         "wall_s": _number(record.wall_time),
         "plan_warnings": list(record.plan_warnings),
-        "overload": next(iter(_warned(record, overload=True)), ""),
-        "notes": [*record.notes, *_warned(record), *force_remarks(force)],
+        "overload": record.overload,
+        "notes": [
+            *record.notes,
+            *(text for text in record.warned.values() if text != record.overload),
+            *force_remarks(force),
+        ],
         **findings(record, None if deviation is None else deviation.error),
     }
 
@@ -135,16 +138,6 @@ def _machine(record: PartRecord) -> dict[str, Any]:
         return {}
     rms, largest = record.axis_error
     return {"leg_error_um": {"rms": 1e6 * rms, "largest": 1e6 * largest}}
-
-
-def _warned(record: PartRecord, *, overload: bool = False) -> list[str]:
-    """What was said of contours that were formed all the same: the first of a kind, and how many there are.
-    ``overload``: that the machine does not bear them, or the rest."""
-    kinds: dict[int, list[str]] = {}
-    for result in record.results:
-        if result.completed and result.code and (result.code == ErrorCode.FORCE_LIMIT) == overload:
-            kinds.setdefault(result.code, []).append(f"{contour_label(result.index)}: {result.message}")
-    return [first + (f"; so on {len(more)} more contour(s)" if more else "") for first, *more in kinds.values()]
 
 
 def _deviation(deviation: Deviation, tolerance: float) -> dict[str, Any]:

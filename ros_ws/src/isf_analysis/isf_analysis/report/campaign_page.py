@@ -124,6 +124,9 @@ def _banners(rows: Sequence[CampaignRow], planned: int) -> str:
     if failed:
         text = f"{len(failed)} of {len(rows)} parts are not whole; they are listed with their codes and in no median."
         parts.append(banner("warn", "Parts ended early", text))
+    if over := [row for row in rows if row.overload]:
+        text = f"{len(over)} whole part(s) took more force than their machine bears, the first: {_case(over[0])}: "
+        parts.append(banner("warn", "Beyond the machine", text + over[0].overload))
     if any(row.sealed for row in rows):
         text = "Variants 101 to 120 are for publishing results: no constant and no method may be chosen by them."
         parts.append(banner("warn", "Sealed variants", text))

@@ -155,6 +155,16 @@ def test_what_the_plan_warned_of_is_told_and_leaves_a_part_good() -> None:
     assert "walls of 62 deg &lt;at x = 1.0 mm&gt;." in banners(numbers, has_reference=True)
 
 
+def test_a_part_beyond_what_its_machine_bears_is_complete_and_not_good() -> None:
+    beyond = replace(EXACT.results[1], code=int(ErrorCode.FORCE_LIMIT), message="tool 1 took 2560 N in z")
+    part = replace(EXACT, results=(EXACT.results[0], beyond, *EXACT.results[2:]))
+    assert reported(EXACT) == []
+    assert reported(part) == ["force: contour 2: tool 1 took 2560 N in z"]
+    numbers = summary(part)
+    assert (numbers["complete"], numbers["verdict"]["good"]) == (True, False)
+    assert not any("2560" in note for note in numbers["notes"])  # told once
+
+
 def test_a_correction_that_failed_is_reported_even_of_a_part_in_tolerance() -> None:
     failed = ContourCorrection(
         EXACT.plan_id,

@@ -258,6 +258,9 @@ def _show(rows: Sequence[CampaignRow]) -> None:
         )
     if rows:
         terminal.console.print(table)
+    for row in rows:
+        if row.overload:
+            terminal.warn(f"{row.job}, {row.method}, variant {row.variant}: {row.overload}")
 
 
 def _pair(largest: float | None, mean: float | None) -> str:
