@@ -76,6 +76,8 @@ def test_the_database_of_a_job_is_made_before_its_parts_whatever_its_other_metho
         ("[nothing]", "", ErrorCode.METHOD_UNKNOWN, "no springback method"),
         ("[none, none]", "", ErrorCode.FILE_FIELD, "stands there twice"),
         ("[none]", "variants: [5-1]", ErrorCode.FILE_FIELD, "no range"),
+        ("[none]", "sheets: [slow]", ErrorCode.FILE_FIELD, "sheets.1: Input should be 'fast'"),
+        ("[none]", "sheets: []", ErrorCode.FILE_FIELD, "sheets: Tuple should have at least 1 item"),
         ("[none]", "variant: [1]", ErrorCode.FILE_FIELD, "did you mean 'variants'"),
         ("[{name: a, change: {sheet: {thickness: 1}}}]", "", ErrorCode.FILE_UNIT, "thickness"),
     ],

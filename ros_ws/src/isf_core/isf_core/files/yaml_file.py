@@ -220,8 +220,8 @@ def load(path: Path, model: type[Model]) -> Model:
 
 def _explain(error: ValidationError, model: type[BaseModel], files: Sequence[tuple[str, yaml.Node]]) -> IsfError:
     # an unknown field is usually the reason why another one is missing: name it first; of a field that takes a word
-    # or a quantity ("auto" or a force) the quantity tells more
-    rank = {"extra_forbidden": 0, "literal_error": 2}
+    # or a quantity ("auto" or a force) the quantity tells more; a list is too short, too, where its items are refused
+    rank = {"extra_forbidden": 0, "literal_error": 2, "too_short": 3}
     faults = sorted(error.errors(), key=lambda fault: rank.get(fault["type"], 1))
     first = faults[0]
     place = first["loc"] if first["type"] == "extra_forbidden" else _without_choice(model, first["loc"])
