@@ -159,7 +159,8 @@ class Tools:
         answer, handle = self.begin_goal(name, text)
         assert handle is not None, name
         result = handle.get_result_async()
-        self.wait(lambda: answer.feedback, name)
+        self.wait(lambda: answer.feedback or result.done(), name)
+        assert not result.done(), (name, result.result())
         cancelled = handle.cancel_goal_async()
         self.wait(cancelled.done, name)
         self.wait(result.done, name)
