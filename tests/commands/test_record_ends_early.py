@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 from isf_cell.commands.exit_codes import Exit
-from quick_cone import LONGER, quick_cone_file
+from quick_cone import quick_cone_file
 
 
 def command(name: str, folder: Path) -> list[str]:
-    job, output = str(quick_cone_file(folder, step=LONGER)), str(folder / "run")
+    job, output = str(quick_cone_file(folder)), str(folder / "run")
     return [sys.executable, "-m", "isf_cell.cli", name, job, "--json", "--no-compare", "-o", output]
 
 
