@@ -33,7 +33,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.yaml_file import find_named
 from isf_ros.stamps import to_seconds
-from quick_cone import DEPTH, LONGER, quick_cone, quick_cone_file
+from quick_cone import LONGER, quick_cone, quick_cone_file
 from rosbags.highlevel import AnyReader
 
 pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("forked_nodes")]
@@ -46,11 +46,11 @@ def quiet(_: Any) -> None:
     """Feedback that nobody looks at."""
 
 
-def half_the_ticks() -> JobFile:
-    """The small cone at its own rate and feed, in half as many contours."""
-    text = JOB.read_text(encoding="utf-8")
-    assert DEPTH in text
-    return JobFile(text.replace(DEPTH, "incremental_depth: 1 mm"), JOB.parent)
+def few_ticks() -> JobFile:
+    """The small cone with its own correction, at a rate that a loop gain of 36 1/s is stable at."""
+    cone = quick_cone("method: elastic", step=LONGER)
+    assert "rate: 100 Hz" in cone.text
+    return JobFile(cone.text.replace("rate: 100 Hz", "rate: 150 Hz"), cone.base)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def graph_run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("graph")
     steps: list[int] = []
     result, failure = graph_run.form(
-        half_the_ticks(), RunOptions(seed=3), folder, lambda m: steps.append(m.index) if m.phase == "forming" else None
+        few_ticks(), RunOptions(seed=3), folder, lambda m: steps.append(m.index) if m.phase == "forming" else None
     )
     assert failure is None
     assert result.lost_messages == 0
@@ -109,7 +109,7 @@ def test_the_bag_alone_shows_the_cell(graph_run_folder: Path) -> None:
 
 def test_graph_and_in_process_agree(graph_record: PartRecord) -> None:
     """The contract of docs/reference/architecture.md: 1 um and 0.1 N, contour by contour and in the final shape."""
-    alone = in_process.form(half_the_ticks(), RunOptions(seed=3))
+    alone = in_process.form(few_ticks(), RunOptions(seed=3))
     assert len(alone.results) == len(graph_record.results)
     assert alone.plan_warnings == graph_record.plan_warnings
     for mine, theirs in zip(alone.results, graph_record.results, strict=True):
@@ -143,7 +143,7 @@ def test_a_recorded_part_is_decided_again_bit_for_bit(graph_run_folder: Path) ->
     expected = True if known.all() else None
     told = json.dumps({name: numbers[name] for name in ("targets", "results", "corrections")})
     assert found.identical is expected, told
-    assert numbers["targets"]["compared"] == known.sum() > 10_000
+    assert numbers["targets"]["compared"] == known.sum() > 3_000
     assert numbers["targets"]["not_replayed"] == 0
     assert numbers["corrections"]["compared"] == numbers["results"]["compared"] == run.part.planned
     wrench = run.ticks.wrench.copy()
@@ -194,8 +194,11 @@ def test_examples_of_the_page_on_analysis_run(graph_run_folder: Path, tmp_path: 
 
 
 def test_graph_and_in_process_agree_on_the_elasto_plastic_sheet(tmp_path: Path) -> None:
-    """1 um and 0.1 N here too; the bag names the sheet."""
+    """1 um and 0.1 N here too; the bag names the sheet. Of a force that its cells overstate the machine bears 1.8 times
+    what its rig says, force control as well, and the contour that took it says so."""
     rig = find_named("rigs", "ren2018").read_text().replace("size: [250 mm, 250 mm]", "size: [100 mm, 100 mm]")
+    assert "force: [1500 N, 1500 N, 2000 N]" in rig
+    rig = rig.replace("force: [1500 N, 1500 N, 2000 N]", "force: [1500 N, 1500 N, 800 N]")
     (tmp_path / "small.yaml").write_text(rig)
     job = quick_cone_file(tmp_path)
     job.write_text(job.read_text().replace("unit: mm", "unit: mm\n  scale: 0.5").replace("ren2018", "small.yaml"))
@@ -212,7 +215,10 @@ def test_graph_and_in_process_agree_on_the_elasto_plastic_sheet(tmp_path: Path) 
     assert there.scan is not None
     np.testing.assert_allclose(there.scan.z, here.scan.z, atol=1e-6)
     assert here.scan.z.min() < -1.5e-3  # a part: its target is 2.5 mm deep
-    assert there.results[-1].forming_force[:, 2].max() > 200.0
+    most = max(result.forming_force[:, 2].max() for result in there.results)
+    assert 800.0 < most < 1440.0
+    assert there.overload == here.overload
+    assert "ren2018 bears 800 N" in there.overload
 
 
 @pytest.mark.parametrize("victim", ["force_ctrl", "springback", "planner", "machine"])

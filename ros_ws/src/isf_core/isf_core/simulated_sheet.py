@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import Job
+from isf_core.files.job import Job, JobFile
 
 SheetKind = Literal["fast", "shell", "shell_coarse", "shell_fine"]
 """``fast``: reduced model, seconds per part; ``shell``: elasto-plastic shell elements, minutes per part;
@@ -38,6 +38,17 @@ def is_structural(variant: int) -> bool:
 def default_sheet(job: Job) -> SheetKind:
     """The kind that ``job`` is formed on where none is named: the fast one, unless it does not know the job."""
     return "shell_coarse" if job.support_stays else DEFAULT_SHEET
+
+
+def bearing_overstated(job_file: JobFile, sheet: str) -> JobFile:
+    """``job_file`` on a machine that bears what the cells of the ``sheet`` so named overstate of the force; as it is
+    for the fast sheet and for the empty name of a real one."""
+    return job_file.bearing(next((times for kind, times in FORCE_TOO_HIGH.items() if kind == sheet), 1.0))
+
+
+def why_overstated(job_file: JobFile) -> str:
+    """Why its machine was made stronger, for people; for a job of :func:`bearing_overstated`."""
+    return f"cells of this size overstate the force by up to {job_file.overstated:g} times"
 
 
 def sheet_kind(name: str, where: str = "sheet") -> SheetKind | None:

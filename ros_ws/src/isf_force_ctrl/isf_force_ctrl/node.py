@@ -24,6 +24,7 @@ from isf_core.files import quantity
 from isf_core.files.job import JobFile
 from isf_core.files.own_folder import path_below
 from isf_core.geometry.tool_axis import UPRIGHT
+from isf_core.simulated_sheet import bearing_overstated
 from isf_msgs import msg as isf
 from isf_msgs.srv import Arm, StateFile
 from isf_ros import conversion, process, qos, stamps
@@ -48,7 +49,7 @@ from isf_force_ctrl.ros.parameters import ForceCtrlParameters
 from isf_force_ctrl.ros.publishers import ForceCtrlPublishers
 from isf_force_ctrl.ros.readiness import Readiness, control_config, tools_with_load_cell
 from isf_force_ctrl.supervision.attendance import EXECUTIVE_SILENCE, Attendance
-from isf_force_ctrl.supervision.contour_warnings import ChipWatch, offset_warning
+from isf_force_ctrl.supervision.contour_warnings import ChipWatch, offset_warning, with_overload
 from isf_force_ctrl.supervision.latency import LatencyMeter
 from isf_force_ctrl.supervision.wrench_receiver import Fault, Reading, WrenchReceiver
 
@@ -271,7 +272,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         tick = round(stamp * rate / stamps.NANO)
         self._awaited = due = stamps.tick_nanoseconds(tick + 1, rate)  # before it may come to its end in the tick
         self._unanswered = True
-        targets = controller.tick(tick, stamp / stamps.NANO, *self._pair.wrench)
+        # not by the stamp, which is a whole number of ns: the same time as in one process, at every rate
+        targets = controller.tick(tick, tick / rate, *self._pair.wrench)
         self._output.targets(targets, due)
         self._unanswered = False
         self._after_tick(controller, stamp)
@@ -387,6 +389,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if controller is None or result is None:
             return
         late = self._late_ticks() - self._late_before
+        result = with_overload(result, self._job_file)
         if not result.completed:
             self.report(IsfError(ErrorCode(result.code), result.message, where=contour_label(result.index)))
         elif warning := offset_warning(result, controller.config.offset_limit):
@@ -533,6 +536,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._controller is not None and self._controller.busy:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
+        job_file = bearing_overstated(job_file, request.sheet)
         override = None if math.isnan(request.support_force) else request.support_force
         job_file.job.check_set_point(
             override, where="support_force", advice="send NaN, or use a job of process DSIF with a support tool"

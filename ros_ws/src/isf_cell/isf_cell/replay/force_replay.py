@@ -164,7 +164,8 @@ class _Feed:
                 stamp, number = stamp + period, number + 1
                 if more > LONGEST * self._rate:
                     controller.fail(ErrorCode.STOPPED, f"not at its end {LONGEST:g} s after the recorded one")
-            answer = controller.tick(number, stamp / NANO, self._wrench_1[position], self._wrench_2[position])
+            time = number / self._rate if ticks.exact else stamp / NANO
+            answer = controller.tick(number, time, self._wrench_1[position], self._wrench_2[position])
             if inside:
                 self.contour.append(index)
                 self.tick.append(position)

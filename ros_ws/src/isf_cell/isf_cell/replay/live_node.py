@@ -343,6 +343,7 @@ class _ForceControlFeed:
             job_text=self._job_file.text,
             base_folder=str(self._job_file.base),
             support_force=math.nan if armed.support_force is None else armed.support_force,
+            sheet=part.sheet.get("model", ""),
         )
         deadline = time.monotonic() + ANSWER
         while True:

@@ -307,6 +307,7 @@ class GraphCell:
             job_text=goal.job_file.text,
             base_folder=base,
             support_force=options.support_force_field(),
+            sheet=self._sheet(goal),
         )
         self._take_up_force_control(goal)
         self._arm(armed)
@@ -333,7 +334,7 @@ class GraphCell:
         job_file = goal.job_file
         request = Arm.Request(by_hand=True, sheet_depth=0.0 if clamped else depth)
         request.job_text, request.base_folder = job_file.text, str(job_file.base)
-        request.support_force = goal.options.support_force_field()
+        request.support_force, request.sheet = goal.options.support_force_field(), self._sheet(goal)
         self._arm(request)
         return clamped
 
@@ -688,6 +689,10 @@ class GraphCell:
             return False
         return True
 
+    def _sheet(self, goal: PartGoal) -> str:
+        """Kind of the simulated sheet; empty: a real one."""
+        return goal.options.sheet_of(goal.job_file) if self._machine.offer.simulated else ""
+
     def _info(self, goal: PartGoal, planned: PlannedPart) -> JobInfo:
         job, options, offer = goal.job_file.job, goal.options, self._machine.offer
         return JobInfo(
@@ -699,7 +704,7 @@ class GraphCell:
             support_force=float(options.set_point(goal.job_file)),
             world=options.variant if offer.simulated else REAL_MACHINE,
             seed=options.seed,
-            sheet=options.sheet_of(goal.job_file) if offer.simulated else "",
+            sheet=self._sheet(goal),
             control_rate=float(job.control.rate),
             lockstep=self._settings.lockstep,
             software=__version__,

@@ -9,17 +9,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
-import numpy as np
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import Event, torn
 from isf_core.files.job import JobFile
-from isf_core.simulated_sheet import FORCE_TOO_HIGH
+from isf_core.simulated_sheet import SheetKind, bearing_overstated
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.measurements.measurement import AtRest, Measurement
 from isf_force_ctrl.measurements.tool_lift import lift_tool
+from isf_force_ctrl.supervision.contour_warnings import with_overload
 from isf_planner import Plan, plan
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_springback.corrector import Corrector, apply
@@ -97,7 +97,7 @@ class InProcessCell:
         self._change = change
         self._given = machine
         self._job_file: JobFile
-        self._overstated = 1.0
+        self._sheet: SheetKind
         self.nominal: list[Contour] = []
         self.corrected: list[Contour] = []
         self.corrections: list[ContourCorrection] = []
@@ -113,8 +113,8 @@ class InProcessCell:
 
     def reset(self, goal: PartGoal) -> None:
         """A new machine with a fresh blank, unless one was given; it bears what the sheet overstates of the force."""
-        self._overstated = FORCE_TOO_HIGH[goal.options.sheet_of(goal.job_file)]
-        self._job_file = goal.job_file.bearing(self._overstated)
+        self._sheet = goal.options.sheet_of(goal.job_file)
+        self._job_file = bearing_overstated(goal.job_file, self._sheet)
         self.machine = self._given or SimulatedMachine(
             self._job_file, variant=goal.options.variant, seed=goal.options.seed, sheet=goal.options.sheet
         )
@@ -139,7 +139,7 @@ class InProcessCell:
         self._corrector.set_target(self.part_plan.target)
         if self._change is not None and self._change.correction is not None:
             method, changed = self._change.correction
-            self._successor = make_corrector(method, changed.bearing(self._overstated))
+            self._successor = make_corrector(method, bearing_overstated(changed, self._sheet))
             self._successor.set_target(self.part_plan.target)
         config = ControlConfig.from_job(job_file, support_force=goal.options.support_force)
         self._controller = ForceController(replace(config, **self._control))  # type: ignore[arg-type]
@@ -169,33 +169,12 @@ class InProcessCell:
             )
         for corrector in self._correctors:
             corrector.add_result(corrected, result)
-        result = self._told(result)
+        result = with_overload(result, self._job_file)
         self.nominal.append(nominal)
         self.corrected.append(corrected)
         self.corrections.append(correction)
         self.results.append(result)
         return FormedContour(nominal, correction, result)
-
-    def _told(self, result: ContourResult) -> ContourResult:
-        """``result`` of a machine whose force was raised, with what the real one bears: as a warning where the contour
-        took more, or beside the limit that ended it."""
-        if self._overstated == 1.0:
-            return result
-        rig, bears, axes = self._job_file.rig.name, np.asarray(self._job_file.bears), "xyz"
-        why = f"cells of this size overstate the force by up to {self._overstated:g} times"
-        if result.code in (ErrorCode.WRENCH_OUT_OF_RANGE, ErrorCode.FORCE_LIMIT):
-            return replace(
-                result, message=f"{result.message}; that is {self._overstated:g} times what {rig} bears: {why}"
-            )
-        for tool, force in (1, result.forming_force), (2, result.support_force):
-            most = np.nan_to_num(np.abs(force)).max(axis=0, initial=0.0)
-            if result.completed and not result.code and (most > bears).any():
-                axis = int(np.argmax(most / bears))
-                taken = f"tool {tool} took {most[axis]:.0f} N in {axes[axis]}, {rig} bears {bears[axis]:.0f} N"
-                return replace(
-                    result, code=int(ErrorCode.FORCE_LIMIT), message=f"{taken}; a real sheet may take less: {why}"
-                )
-        return result
 
     def lift(self, formed: FormedContour) -> None:
         """As in the protocol."""

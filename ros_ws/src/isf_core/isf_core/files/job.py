@@ -957,6 +957,7 @@ class JobFile:
     ----------
     job : Job ; material : Material ; rig : Rig, with the job's upper tool in its chuck
     bears : (3,) N, force that the machine bears: that of ``rig``, unless :meth:`bearing` made it stronger
+    overstated : how many times stronger; 1: it did not
     mesh : absolute path of the mesh, None for a program without a part
     program : absolute path of the program that is formed, None where the path is planned
     text : the YAML text as read, with the fields of tools, blank and plate where it names their files
@@ -970,6 +971,7 @@ class JobFile:
         self.material: Material = load_material(self.job.sheet.material, base)
         self.rig: Rig = load_rig(self.job.rig, base).with_tool(self.job.tool_1.stick_out)
         self.bears = self.rig.limits.force
+        self.overstated = 1.0
         _check_blank(self, text, name)
         self.job._support_window = _support_window(self)
         part, program = self.job.part, self.job.path.program
@@ -991,10 +993,10 @@ class JobFile:
 
     def bearing(self, times: float) -> JobFile:
         """This job on its machine with ``times`` the force, of limits and load cells; one of such a job is itself."""
-        if times == 1.0 or self.rig.limits.force != self.bears:
+        if times == 1.0 or self.overstated != 1.0:
             return self
         stronger = copy.copy(self)
-        stronger.rig = self.rig.with_force(times)
+        stronger.rig, stronger.overstated = self.rig.with_force(times), times
         return stronger
 
     @property

@@ -262,4 +262,5 @@ def test_a_job_on_a_machine_of_more_force_keeps_what_the_real_one_bears() -> Non
     assert stronger.rig.load_cell.force_range == pytest.approx((2700.0, 2700.0, 3600.0))
     assert stronger.bears == job.bears == job.rig.limits.force == (1500.0, 1500.0, 2000.0)
     assert stronger.bearing(1.8) is stronger
+    assert (stronger.overstated, job.overstated) == (1.8, 1.0)
     assert job.bearing(1.0) is job

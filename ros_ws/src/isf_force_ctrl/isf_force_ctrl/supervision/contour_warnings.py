@@ -1,15 +1,19 @@
-"""Warnings about a contour: a support force from which the sheet sheds chips, a support tool at the rig's offset limit.
+"""Warnings about a contour: a support force from which the sheet sheds chips, a support tool at the rig's offset limit,
+a force that the machine bears only because a simulated sheet overstates it.
 
 The limit of chips: :mod:`isf_core.support_window`. N, m.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from isf_core.contour import Contour, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.process.support_window import support_window
+from isf_core.simulated_sheet import why_overstated
 
 
 class ChipWatch:
@@ -76,3 +80,23 @@ def offset_warning(result: ContourResult, limit: float) -> IsfError | None:
         where=contour_label(result.index),
         advice="check sheet thickness, tool radii and alignment; then lower the force or raise limits.offset",
     )
+
+
+def with_overload(result: ContourResult, job_file: JobFile) -> ContourResult:
+    """``result`` of a machine whose force was raised (:meth:`JobFile.bearing`), with what the real one bears: as a
+    warning FORCE_LIMIT where the contour took more, or beside the reach of the load cells that ended it."""
+    times = job_file.overstated
+    if times == 1.0:
+        return result
+    rig, bears, axes, why = job_file.rig.name, np.asarray(job_file.bears), "xyz", why_overstated(job_file)
+    if result.code == ErrorCode.WRENCH_OUT_OF_RANGE:
+        return replace(result, message=f"{result.message}; that is {times:g} times what {rig} bears: {why}")
+    for tool, force in (1, result.forming_force), (2, result.support_force):
+        most = np.nan_to_num(np.abs(force)).max(axis=0, initial=0.0)
+        if result.completed and not result.code and (most > bears).any():
+            axis = int(np.argmax(most / bears))
+            taken = f"tool {tool} took {most[axis]:.0f} N in {axes[axis]}, {rig} bears {bears[axis]:.0f} N"
+            return replace(
+                result, code=int(ErrorCode.FORCE_LIMIT), message=f"{taken}; a real sheet may take less: {why}"
+            )
+    return result

@@ -20,7 +20,7 @@ from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics
 from isf_core.geometry.tool_axis import UPRIGHT, between, point_on_axis, tilt_of
 from isf_core.geometry.tool_solid import tool_solid
-from isf_core.simulated_sheet import SheetKind, check_sheet, default_sheet
+from isf_core.simulated_sheet import SheetKind, bearing_overstated, check_sheet, default_sheet, why_overstated
 from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 
@@ -87,7 +87,8 @@ THINNING_TICKS = 25
 class SimulatedMachine:
     """A machine with a fresh blank for ``job_file``, tools parked; deterministic for (job, variant, seed, blank).
 
-    ``sheet`` None: the kind that the job gets where none is named.
+    ``sheet`` None: the kind that the job gets where none is named. The machine bears what its cells overstate of the
+    force.
 
     Attributes
     ----------
@@ -107,10 +108,11 @@ class SimulatedMachine:
         constants: PlantConstants | None = None,
         sheet: SheetKind | None = None,
     ) -> None:
-        job, rig = job_file.job, job_file.rig
+        job = job_file.job
         sheet = sheet or default_sheet(job)
         check_sheet(sheet, job)
-        self.job_file = job_file
+        self.job_file = job_file = bearing_overstated(job_file, sheet)
+        rig = job_file.rig
         self.variant_number, self.seed, self.blank = variant, seed, blank
         self.variant: Variant = make_variant(variant, seed, blank)
         self.plant_constants = constants or PlantConstants()
@@ -638,7 +640,7 @@ class SimulatedMachine:
     def _check_limits(self) -> None:
         axes = self._axes
         if axes.flags[0]:
-            flags, found = force_faults(axes, self._constants.force_limit)
+            flags, found = force_faults(axes, self._constants.force_limit, self.job_file)
             self.limits |= flags
             for finding in found:
                 self.latch(*finding)
@@ -817,8 +819,9 @@ def reach_fault(
     return None
 
 
-def force_faults(axes: Axes, limit: Array) -> tuple[int, list[Finding]]:
-    """Limit flags and faults, with the places of the tools, for the flags of a tick; ``limit`` (3,) N."""
+def force_faults(axes: Axes, limit: Array, job_file: JobFile) -> tuple[int, list[Finding]]:
+    """Limit flags and faults, with the places of the tools, for the flags of a tick; ``limit`` (3,) N, of the job's
+    machine."""
     limits, faults, flags = 0, [], int(axes.flags[0])
     tips, forces = axes.state[:, 0].reshape(2, 3), (axes.force_1, axes.force_2)
     if flags & mt.FORCE_EXCEEDED:
@@ -828,7 +831,9 @@ def force_faults(axes: Axes, limit: Array) -> tuple[int, list[Finding]]:
             for number, (tip, force) in enumerate(zip(tips, forces, strict=True), start=1)
             if np.any(np.abs(force) > limit)
         ]
-        faults.append((ErrorCode.FORCE_LIMIT, f"{'; '.join(told)}; the machine bears {newtons(limit)}"))
+        times = job_file.overstated
+        which = "" if times == 1.0 else f", {times:g} times what {job_file.rig.name} bears: {why_overstated(job_file)}"
+        faults.append((ErrorCode.FORCE_LIMIT, f"{'; '.join(told)}; the machine bears {newtons(limit)}{which}"))
     if flags & mt.TOOLS_TOUCH:
         faults.append((ErrorCode.TOOL_COLLISION, f"the tools press through the sheet at {millimetres(tips[0])}"))
     return limits, faults
