@@ -24,7 +24,7 @@ from isf_core.files import quantity
 from isf_core.files.job import JobFile
 from isf_core.files.own_folder import path_below
 from isf_core.geometry.tool_axis import UPRIGHT
-from isf_core.simulated_sheet import bearing_overstated
+from isf_core.simulated_sheet import bearing_overstated, sheet_kind
 from isf_msgs import msg as isf
 from isf_msgs.srv import Arm, StateFile
 from isf_ros import conversion, process, qos, stamps
@@ -536,7 +536,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._controller is not None and self._controller.busy:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
-        job_file = bearing_overstated(job_file, request.sheet)
+        job_file = bearing_overstated(job_file, sheet_kind(request.sheet) or "")
         override = None if math.isnan(request.support_force) else request.support_force
         job_file.job.check_set_point(
             override, where="support_force", advice="send NaN, or use a job of process DSIF with a support tool"

@@ -113,10 +113,16 @@ class Cell:
                 return response
 
     def ask_to_arm(
-        self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan"), job: str = ""
+        self,
+        plan_id: str = "plan",
+        count: int = 1,
+        support_force: float = float("nan"),
+        job: str = "",
+        sheet: str = "",
     ) -> Arm.Response:
         """The answer to one request."""
         request = Arm.Request(plan_id=plan_id, count=count, job_text=job or self.job, support_force=support_force)
+        request.sheet = sheet
         future = self._arm.call_async(request)
         assert self.wait(future.done)
         return future.result()

@@ -343,7 +343,7 @@ class _ForceControlFeed:
             job_text=self._job_file.text,
             base_folder=str(self._job_file.base),
             support_force=math.nan if armed.support_force is None else armed.support_force,
-            sheet=part.sheet.get("model", ""),
+            sheet=str(part.sheet.get("model", "")),
         )
         deadline = time.monotonic() + ANSWER
         while True:
@@ -531,6 +531,7 @@ def _info(run: RecordedRun, job_file: JobFile) -> isf.JobInfo:
         support_force=float(part.support_force),
         world=part.variant,
         seed=part.seed,
+        sheet=str(part.sheet.get("model", "")),
         control_rate=float(part.control_rate),
         lockstep=part.lockstep,
         software=part.software,

@@ -230,6 +230,13 @@ def test_contour_for_one_tool_is_answered(cell: Cell) -> None:
     assert cell.targets == 0
 
 
+def test_a_sheet_that_there_is_not_is_refused(cell: Cell) -> None:
+    cell.start()
+    answer = cell.ask_to_arm(sheet="soft")
+    assert answer.code == ErrorCode.FILE_FIELD
+    assert "no simulated sheet 'soft' (known: fast, shell, shell_coarse, shell_fine)" in answer.message
+
+
 def test_a_support_force_that_nothing_holds_is_refused(cell: Cell) -> None:
     """As the job loader refuses it; 0 N is position control, which every process has."""
     cell.start()
