@@ -99,12 +99,14 @@ def finish(
 
 def _machine_use(record: PartRecord) -> dict[str, Any]:
     """What the plan asks of the machine; nothing where job or rig are not to be had any more."""
-    from isf_cell.commands.plan import machine_use  # late: the planner takes a second to load
-
     try:
         job_file = JobFile(record.job_text, Path(record.base_folder or "."))
     except IsfError:
         return {}
+    if job_file.rig.kinematics != "hexapod_spif_a":
+        return {"kinematics": job_file.rig.kinematics}
+    from isf_cell.commands.plan import machine_use  # late: the planner takes a second to load
+
     return machine_use(job_file.rig, record.nominal, job_file.job.tool_1.ball_radius)
 
 
