@@ -536,7 +536,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._controller is not None and self._controller.busy:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
-        job_file = bearing_overstated(job_file, sheet_kind(request.sheet) or "")
+        job_file = bearing_overstated(job_file, self._simulated_sheet(request))
         override = None if math.isnan(request.support_force) else request.support_force
         job_file.job.check_set_point(
             override, where="support_force", advice="send NaN, or use a job of process DSIF with a support tool"
@@ -592,6 +592,19 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 )
         what = f"plan {request.plan_id}, contours {request.first_index + 1} to {request.count}"
         self.get_logger().info(f"armed: {BY_HAND if request.by_hand else what}")
+
+    def _simulated_sheet(self, request: Arm.Request) -> str:
+        """Its kind, empty for a real one; raises IsfError FILE_FIELD where the machine cannot have it. Limits that are
+        too high for a real machine are the danger."""
+        kind = sheet_kind(request.sheet) or ""
+        if kind not in ("", "fast") and not self._settings.lockstep:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                f"the sheet '{kind}' is simulated, and slower than the wall clock",
+                where="sheet",
+                advice="leave it empty for a real machine, which keeps the limits of its rig",
+            )
+        return kind
 
     def _armed_job(self) -> tuple[ForceController, JobFile] | None:
         return (self._controller, self._job_file) if self._controller is not None else None

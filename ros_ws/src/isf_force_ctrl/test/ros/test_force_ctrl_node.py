@@ -237,6 +237,13 @@ def test_a_sheet_that_there_is_not_is_refused(cell: Cell) -> None:
     assert "no simulated sheet 'soft' (known: fast, shell, shell_coarse, shell_fine)" in answer.message
 
 
+def test_by_the_clock_no_sheet_raises_the_limits_of_the_machine(cell: Cell) -> None:
+    cell.start(lockstep=False)
+    answer = cell.ask_to_arm(sheet="shell_coarse")
+    assert answer.code == ErrorCode.FILE_FIELD
+    assert "leave it empty for a real machine" in answer.message
+
+
 def test_a_support_force_that_nothing_holds_is_refused(cell: Cell) -> None:
     """As the job loader refuses it; 0 N is position control, which every process has."""
     cell.start()
