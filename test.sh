@@ -80,7 +80,7 @@ make_idle_group() {
   for parent in /sys/fs/cgroup/cpu /sys/fs/cgroup; do
     mkdir "$parent/isf_tests.$$" 2>/dev/null || continue
     idle_group=$parent/isf_tests.$$
-    { echo 1 >"$idle_group/cpu.idle"; } 2>/dev/null && return
+    { echo 1 >"$idle_group/cpu.idle" && (echo "$BASHPID" >"$idle_group/cgroup.procs"); } 2>/dev/null && return
     rmdir "$idle_group"
     idle_group=
   done
