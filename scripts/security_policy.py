@@ -38,6 +38,7 @@ from isf_cell.processes.cell_nodes import (
 )
 from isf_cell.processes.domain_lock import alone_in_domain
 from isf_cell.processes.process_group import ProcessGroup
+from isf_cell.run.graph_run import LISTENING
 from isf_core.files.yaml_file import find_named
 from isf_msgs.action import FormPart
 from rclpy.action import ActionClient
@@ -197,6 +198,11 @@ def _formed(node: Node, goal: Any, seen: Mapping[str, Rights]) -> Any:
     try:
         if not client.wait_for_server(LIMIT):
             raise SystemExit("there is no executive")
+        # an executive that has not found this client yet would answer into the void
+        listened = time.monotonic() + LISTENING
+        while time.monotonic() < listened:
+            rclpy.spin_once(node, timeout_sec=0.1)
+            look(node, seen)
         return wait(wait(client.send_goal_async(goal)).get_result_async()).result
     finally:
         client.destroy()

@@ -247,9 +247,17 @@ def test_the_fast_sheet_refuses_a_support_tool_under_the_blank() -> None:
     assert SimulatedMachine(job).sheet_kind == "shell_coarse"
 
 
-@pytest.mark.parametrize("sheet", ["fast", "shell"])
-def test_a_tool_driven_into_the_die_ends_at_the_force_limit_with_its_place(sheet: SheetKind) -> None:
-    """The die stands under the sheet, rigid: within 1.5 mm the machine is at its 2 kN, and the sheet stays whole."""
+@pytest.mark.parametrize(
+    ("sheet", "bears", "most"),
+    [
+        ("fast", "(1500, 1500, 2000) N", 2000.0),
+        ("shell", "(2325, 2325, 3100) N, 1.55 times what ren2018 bears: cells of this size overstate", 3100.0),
+    ],
+)
+def test_a_tool_driven_into_the_die_ends_at_the_force_limit_with_its_place(
+    sheet: SheetKind, bears: str, most: float
+) -> None:
+    """The die stands under the sheet, rigid: within 1.5 mm the machine is at its limit, and the sheet stays whole."""
     cell = SimulatedMachine(golden_job("tpif_cone"), constants=COARSE if sheet == "shell" else None, sheet=sheet)
     park = cell.job_file.rig.park_height
     for height in (*np.arange(park, 1e-3, -0.4e-3), *np.arange(1e-3, -5e-3, -0.05e-3)):
@@ -258,14 +266,14 @@ def test_a_tool_driven_into_the_die_ends_at_the_force_limit_with_its_place(sheet
             break
     ((code, text),) = cell.faults
     assert code == ErrorCode.FORCE_LIMIT
-    place = re.fullmatch(
-        r"tool 1 at \((.*), (.*), (.*)\) mm carries \(.*, (\d+)\) N; the machine bears \(1500, 1500, 2000\) N", text
+    place = re.match(
+        r"tool 1 at \((.*), (.*), (.*)\) mm carries \(.*, (\d+)\) N; the machine bears " + re.escape(bears), text
     )
     assert place is not None, text
     x, y, z, force = (float(value) for value in place.groups())
     assert (x, y) == pytest.approx((0.0, 0.0), abs=0.1)
     assert -1.5 < z < -0.1
-    assert force > 2000.0
+    assert force > most
     for _ in cell.release_steps():
         pass
     assert not cell.loaded
