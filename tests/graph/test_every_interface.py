@@ -22,7 +22,7 @@ import rclpy
 import yaml
 from action_msgs.msg import GoalStatus
 from isf_cell.processes.process_group import ProcessGroup
-from isf_core.errors import ErrorCode
+from isf_cell.run.graph_cell import NOT_HEARD_YET
 from quick_cone import quick_cone, quick_cone_file
 from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -102,11 +102,6 @@ class Answer:
     result: Any = None
 
 
-TOO_BUSY = (ErrorCode.WRENCH_LOST, ErrorCode.POSE_LOST, ErrorCode.NO_TARE)
-"""Codes with which force_ctrl refuses to move tools when a busy computer has kept it from hearing the machine for a
-second."""
-
-
 class Tools:
     """``ros2 topic``, ``ros2 service`` and ``ros2 action``."""
 
@@ -163,7 +158,8 @@ class Tools:
     def cancel(self, name: str, text: str) -> Answer:
         """``ros2 action send_goal``, and Ctrl-C as soon as there is feedback.
 
-        A busy computer may refuse the goal with a code that says so; it does not refuse three.
+        A goal that force_ctrl refuses because it has not heard the machine for a second, as on a busy computer, is sent
+        again, as the executive does; three times at most.
         """
         for _ in range(3):
             answer, handle = self.begin_goal(name, text)
@@ -172,7 +168,7 @@ class Tools:
             self.wait(lambda: answer.feedback or result.done(), name)  # noqa: B023
             if not result.done():
                 break
-            assert result.result().result.code in TOO_BUSY, (name, result.result())
+            assert result.result().result.code in NOT_HEARD_YET, (name, result.result())
         cancelled = handle.cancel_goal_async()
         self.wait(cancelled.done, name)
         self.wait(result.done, name)
