@@ -340,7 +340,7 @@ def test_a_part_beyond_what_the_cells_overstate_ends_and_says_what_the_machine_b
     job = faster(quick_cone_file(tmp_path, step="2.5 mm"), ("thickness: 1.0 mm", "thickness: 3.5 mm"))
     record = in_process.form(load_job(job), RunOptions(correction="none", sheet="shell_coarse"))
     assert not record.results[-1].completed
-    assert "1.8 times what ren2018 bears: cells of this size overstate" in record.results[-1].message
+    assert "1.8 times what ren2018 bears, since cells of this size overstate" in record.results[-1].message
 
 
 @pytest.mark.parametrize(

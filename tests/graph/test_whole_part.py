@@ -175,6 +175,26 @@ def test_a_recorded_part_is_formed_again_from_a_contour_on(graph_run_folder: Pat
     assert "by the clock" in unknown.identical_unknown
 
 
+def test_a_part_that_the_machine_ended_is_decided_again_bit_for_bit(tmp_path: Path) -> None:
+    """Its force limit is met in the second contour: the fault is no decision, and ends it at the same tick in both
+    ways. The contour tells the fault, not what the wrenches look like after the machine has moved the tools clear."""
+    rig = find_named("rigs", "ren2018").read_text()
+    assert "force: [1500 N, 1500 N, 2000 N]" in rig
+    (tmp_path / "weak.yaml").write_text(rig.replace("1500 N, 1500 N, 2000 N", "1500 N, 1500 N, 960 N"))
+    job = quick_cone_file(tmp_path)
+    job.write_text(job.read_text().replace("ren2018", "weak.yaml"))
+    _, failure = graph_run.form(load_job(job), RunOptions(seed=3), tmp_path / "run", quiet)
+    assert failure is not None
+    assert failure.code == ErrorCode.FORCE_LIMIT
+    run = read_run(tmp_path / "run")
+    assert [result.completed for result in run.part.results] == [True, False]
+    last = run.part.results[-1]
+    assert last.code == ErrorCode.FORCE_LIMIT
+    assert "the machine bears (1500, 1500, 960) N" in last.message
+    for found in (replay(run, parse([])), replay(run, parse([]), start=1)):
+        assert found.identical is True, json.dumps(found.numbers()["results"])
+
+
 def test_examples_of_the_page_on_analysis_run(graph_run_folder: Path, tmp_path: Path) -> None:
     """Its Python and its commands, on the run of the small cone."""
     page = (ROOT / "docs" / "methods" / "analysis.md").read_text(encoding="utf-8")

@@ -40,15 +40,17 @@ def default_sheet(job: Job) -> SheetKind:
     return "shell_coarse" if job.support_stays else DEFAULT_SHEET
 
 
-def bearing_overstated(job_file: JobFile, sheet: str) -> JobFile:
+def with_raised_force_limit(job_file: JobFile, sheet: str) -> JobFile:
     """``job_file`` on a machine that bears what the cells of the ``sheet`` so named overstate of the force; as it is
     for the fast sheet and for the empty name of a real one."""
-    return job_file.bearing(next((times for kind, times in FORCE_TOO_HIGH.items() if kind == sheet), 1.0))
+    return job_file.with_force_raised(next((times for kind, times in FORCE_TOO_HIGH.items() if kind == sheet), 1.0))
 
 
-def why_overstated(job_file: JobFile) -> str:
-    """Why its machine was made stronger, for people; for a job of :func:`bearing_overstated`."""
-    return f"cells of this size overstate the force by up to {job_file.overstated:g} times"
+def raised_limit_text(job_file: JobFile) -> str:
+    """What a force limit of a job of :func:`with_raised_force_limit` is beside the rig's own, and why; for people."""
+    return (
+        f"{job_file.force_raised:g} times what {job_file.rig.name} bears, since cells of this size overstate the force"
+    )
 
 
 def sheet_kind(name: str, where: str = "sheet") -> SheetKind | None:

@@ -24,7 +24,7 @@ from isf_core.files import quantity
 from isf_core.files.job import JobFile
 from isf_core.files.own_folder import path_below
 from isf_core.geometry.tool_axis import UPRIGHT
-from isf_core.simulated_sheet import bearing_overstated, sheet_kind
+from isf_core.simulated_sheet import sheet_kind, with_raised_force_limit
 from isf_msgs import msg as isf
 from isf_msgs.srv import Arm, StateFile
 from isf_ros import conversion, process, qos, stamps
@@ -241,7 +241,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         """A wrench in other axes, or of a clock that cannot be followed, is not used; the contour ends with it.
 
         Between contours time may have gone on, as a scan takes its time: then it is the first of a new time. So it is
-        when the plan is left: whatever the wrenches' time is now, the tools are lifted by it.
+        when the plan is left: whatever the wrenches' time is now, the tools are lifted by it. A machine in a protective
+        stop, which moves the tools clear by itself in lockstep, tells of the time after that: its fault is the cause.
         """
         controller, tool = self._controller, reading[0]
         by_clock = self._loop is not None
@@ -251,7 +252,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._receiver.add(*reading)
         elif controller.fault is None:
             with self._lock:
-                controller.fail(*fault, ticking=by_clock)
+                controller.fail(*(self._ready.machine_fault(0.0) or fault), ticking=by_clock)
                 if not by_clock:  # else the next tick tells it
                     self._publish_state(controller, self.get_clock().now().nanoseconds)
                     self._end()
@@ -536,7 +537,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         if self._controller is not None and self._controller.busy:
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
-        job_file = bearing_overstated(job_file, self._simulated_sheet(request))
+        job_file = with_raised_force_limit(job_file, self._simulated_sheet(request))
         override = None if math.isnan(request.support_force) else request.support_force
         job_file.job.check_set_point(
             override, where="support_force", advice="send NaN, or use a job of process DSIF with a support tool"

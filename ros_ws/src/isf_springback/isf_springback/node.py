@@ -22,7 +22,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import quantity
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.own_folder import path_below
-from isf_core.simulated_sheet import bearing_overstated
+from isf_core.simulated_sheet import with_raised_force_limit
 from isf_msgs.msg import Contour, ContourCorrection, ContourResult, JobInfo
 from isf_msgs.srv import StateFile
 from isf_ros import process, qos, stamps
@@ -137,7 +137,7 @@ class SpringbackNode(CellNode[SpringbackParameters]):
     def _on_info(self, message: JobInfo) -> None:
         try:
             job_file = JobFile(message.job_text, Path(self.values().base_folder or "."), message.job_name or "job")
-            job_file = bearing_overstated(job_file, message.sheet)
+            job_file = with_raised_force_limit(job_file, message.sheet)
         except IsfError as error:
             self.report(error)
             return

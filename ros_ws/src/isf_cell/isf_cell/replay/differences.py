@@ -64,10 +64,13 @@ def _size(name: str, one: Any, other: Any) -> float | None:
     if isinstance(one, np.ndarray):
         if one.shape != np.shape(other):
             return float("inf")
-        if np.array_equal(one, other, equal_nan=one.dtype.kind == "f"):
+        before, after = one.astype(float), np.asarray(other, dtype=float)
+        if not np.array_equal(np.isnan(before), np.isnan(after)):
+            return float("inf")
+        if np.array_equal(before, after, equal_nan=True):
             return None
         with np.errstate(invalid="ignore"):
-            return float(np.nanmax(np.abs(one.astype(float) - np.asarray(other, dtype=float)), initial=0.0))
+            return float(np.nanmax(np.abs(before - after), initial=0.0))
     if name in ("start", "end"):
         return None if abs(one - other) <= NANOSECOND else abs(one - other)
     if one == other or (one != one and other != other):

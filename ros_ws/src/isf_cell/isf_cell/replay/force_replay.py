@@ -64,10 +64,12 @@ def replay_force(
     """Feed ``ticks`` to a controller of ``config`` that forms the corrected ``contours``.
 
     The tool is lifted after the contours ``lifted``, by index, as it was. Every contour begins at the tick at which the
-    recorded one began (``results``), whatever the one before took.
+    recorded one began (``results``), whatever the one before took. One that was ended from outside (a fault of the
+    machine, a stop) ends where its ticks end, for the recorded reason.
     """
     started = {result.index: round(result.start * NANO) for result in results if len(result.tick_time)}
     ended = {result.index: round(result.end * NANO) for result in results}
+    broken_off = {item.index: (_known(item.code), item.message) for item in results if not item.completed}
     controller = ForceController(config)
     plan_id = contours[0].plan_id if contours else ""
     controller.arm(plan_id, armed.first_index, armed.count, armed.tip_1, armed.tip_2, armed.support_force, armed.axis)
@@ -87,7 +89,8 @@ def replay_force(
             notes.append(f"{contour_label(contour.index)} could not be started: {error.what}")
             break
         formed = int(np.searchsorted(ticks.stamp, ended[contour.index] + early))
-        feed.run(contour.index, end, formed, exact=ticks.exact)
+        ends = broken_off.get(contour.index) if ticks.exact else None
+        feed.run(contour.index, end, formed, exact=ticks.exact, ends=ends)
         result = controller.take_result()
         if result is None:
             notes.append(f"{contour_label(contour.index)}: the controller ended without a result")
@@ -104,6 +107,11 @@ def replay_force(
     target = np.array(feed.target, dtype=np.float64).reshape(-1, 6)
     unfed = len(ticks.stamp) - len(np.unique(tick_of))
     return ForceReplay(contour_of, tick_of, target, tuple(found), unfed, notes)
+
+
+def _known(code: int) -> ErrorCode:
+    """The code of a result, which another version may have written."""
+    return ErrorCode(code) if code in set(ErrorCode) else ErrorCode.STOPPED
 
 
 def _between(
@@ -140,11 +148,12 @@ class _Feed:
         stamp = self._ticks.stamp[position] if position < len(self._ticks.stamp) else np.iinfo(np.int64).max
         self._pose = int(np.searchsorted(self._ticks.pose_stamp, stamp))
 
-    def run(self, index: int, end: int, last: int, *, exact: bool) -> None:
+    def run(self, index: int, end: int, last: int, *, exact: bool, ends: tuple[ErrorCode, str] | None = None) -> None:
         """Until the controller rests; where it is not ``exact`` also the ticks up to ``end`` in which it rested.
 
         A controller that takes longer than the recorded one is given the wrenches of the :data:`TAIL` before tick
-        ``last`` again and again; these ticks are compared with nothing.
+        ``last`` again and again; these ticks are compared with nothing. With ``ends``, code and text, it is ended after
+        tick ``end`` in place of that.
         """
         controller, ticks = self._controller, self._ticks
         stamps, period = ticks.stamp, round(NANO / self._rate)
@@ -159,6 +168,9 @@ class _Feed:
                 number = round(stamp * self._rate / NANO) if ticks.exact else position
                 self._report_poses(stamp)
                 self._position += 1
+            elif ends is not None:
+                controller.fail(*ends)
+                return
             else:
                 position, more = begin + more % tail, more + 1
                 stamp, number = stamp + period, number + 1

@@ -364,8 +364,8 @@ def _from_contour(
 
 def _ended_early(run: RecordedRun, again: PartRecord) -> list[str]:
     """What ended the part that was formed again before its end, where it did not end the recorded one."""
-    failure = again.failure()
-    if failure is None or failure == run.part.failure():
+    failure, recorded = again.failure(), run.part.failure()
+    if failure is None or (recorded is not None and (failure[0], again.formed) == (recorded[0], run.part.formed)):
         return []
     return [f"formed again it ended early, {again.formed} of {again.planned} contours: {failure[1]}"]
 

@@ -21,7 +21,7 @@ from isf_core.contour import ContourResult
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.tool_axis import UPRIGHT
-from isf_core.simulated_sheet import bearing_overstated
+from isf_core.simulated_sheet import with_raised_force_limit
 from isf_core.types import Array, Indices
 from isf_force_ctrl.control_config import ControlConfig
 from isf_ros import fields
@@ -129,7 +129,7 @@ class RecordedRun:
         folder = base or Path(self.part.base_folder or ".")
         try:
             job_file = JobFile(text or self.part.job_text, folder, f"job {self.part.job_name}")
-            return bearing_overstated(job_file, str(self.part.sheet.get("model", "")))
+            return with_raised_force_limit(job_file, str(self.part.sheet.get("model", "")))
         except IsfError as error:
             if error.code is not ErrorCode.FILE_NOT_FOUND:
                 raise

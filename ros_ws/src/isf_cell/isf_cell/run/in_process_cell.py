@@ -14,7 +14,7 @@ from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import Event, torn
 from isf_core.files.job import JobFile
-from isf_core.simulated_sheet import SheetKind, bearing_overstated
+from isf_core.simulated_sheet import SheetKind, with_raised_force_limit
 from isf_force_ctrl.control_config import ControlConfig
 from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.measurements.measurement import AtRest, Measurement
@@ -48,8 +48,8 @@ def run_ticks(
 
     The controller hears where the tips are :data:`POSES` times a second, as from a machine in a graph.
 
-    A fault of the machine, which holds from then on, or of its load cells ends what the controller is doing with its
-    code.
+    A fault of its load cells ends what the controller is doing with its code. So does one of the machine, at once: it
+    takes no more targets, and moves the tools clear by itself.
     """
     every = max(1, round(machine.control_rate / POSES))
     while controller.busy:
@@ -59,9 +59,11 @@ def run_ticks(
         if each is not None:
             each(sample)
         read = wrenches.of(sample)
-        fault = next(iter(machine.faults), wrenches.fault)
-        if fault is not None and controller.fault is None:
-            controller.fail(*fault, ticking=True)
+        if machine.faulted and controller.fault is None:
+            controller.fail(*machine.faults[0])
+            return machine.release()
+        if wrenches.fault is not None and controller.fault is None:
+            controller.fail(*wrenches.fault, ticking=True)
         targets = controller.tick(sample.tick, sample.time, *read)
         sample = machine.tick(targets.tip_1, targets.tip_2, targets.holder_height, axis=targets.axis)
     return sample
@@ -114,7 +116,7 @@ class InProcessCell:
     def reset(self, goal: PartGoal) -> None:
         """A new machine with a fresh blank, unless one was given; it bears what the sheet overstates of the force."""
         self._sheet = goal.options.sheet_of(goal.job_file)
-        self._job_file = bearing_overstated(goal.job_file, self._sheet)
+        self._job_file = with_raised_force_limit(goal.job_file, self._sheet)
         self.machine = self._given or SimulatedMachine(
             self._job_file, variant=goal.options.variant, seed=goal.options.seed, sheet=goal.options.sheet
         )
@@ -139,7 +141,7 @@ class InProcessCell:
         self._corrector.set_target(self.part_plan.target)
         if self._change is not None and self._change.correction is not None:
             method, changed = self._change.correction
-            self._successor = make_corrector(method, bearing_overstated(changed, self._sheet))
+            self._successor = make_corrector(method, with_raised_force_limit(changed, self._sheet))
             self._successor.set_target(self.part_plan.target)
         config = ControlConfig.from_job(job_file, support_force=goal.options.support_force)
         self._controller = ForceController(replace(config, **self._control))  # type: ignore[arg-type]

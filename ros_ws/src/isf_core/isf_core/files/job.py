@@ -956,8 +956,8 @@ class JobFile:
     Attributes
     ----------
     job : Job ; material : Material ; rig : Rig, with the job's upper tool in its chuck
-    bears : (3,) N, force that the machine bears: that of ``rig``, unless :meth:`bearing` made it stronger
-    overstated : how many times stronger; 1: it did not
+    rig_force : (3,) N, force limit of the rig as its file has it
+    force_raised : limits and load cells of ``rig`` are so many times those of its file (:meth:`with_force_raised`)
     mesh : absolute path of the mesh, None for a program without a part
     program : absolute path of the program that is formed, None where the path is planned
     text : the YAML text as read, with the fields of tools, blank and plate where it names their files
@@ -970,8 +970,8 @@ class JobFile:
         self.job: Job = yaml_file.parse(self.text, Job, name, [(name, text)])
         self.material: Material = load_material(self.job.sheet.material, base)
         self.rig: Rig = load_rig(self.job.rig, base).with_tool(self.job.tool_1.stick_out)
-        self.bears = self.rig.limits.force
-        self.overstated = 1.0
+        self.rig_force = self.rig.limits.force
+        self.force_raised = 1.0
         _check_blank(self, text, name)
         self.job._support_window = _support_window(self)
         part, program = self.job.part, self.job.path.program
@@ -991,12 +991,12 @@ class JobFile:
         fields = yaml_file.merged(yaml_file.content(self.text, name), change)
         return JobFile(yaml.safe_dump(fields, sort_keys=False), self.base, name)
 
-    def bearing(self, times: float) -> JobFile:
+    def with_force_raised(self, times: float) -> JobFile:
         """This job on its machine with ``times`` the force, of limits and load cells; one of such a job is itself."""
-        if times == 1.0 or self.overstated != 1.0:
+        if times == 1.0 or self.force_raised != 1.0:
             return self
         stronger = copy.copy(self)
-        stronger.rig, stronger.overstated = self.rig.with_force(times), times
+        stronger.rig, stronger.force_raised = self.rig.with_force(times), times
         return stronger
 
     @property

@@ -257,10 +257,10 @@ def test_auto_may_be_asked_for_beside_a_job_that_names_a_method() -> None:
 def test_a_job_on_a_machine_of_more_force_keeps_what_the_real_one_bears() -> None:
     """Rig ren2018 bears 1.5, 1.5 and 2 kN; its load cells read as much."""
     job = JobFile(GOOD, Path())
-    stronger = job.bearing(1.8)
+    stronger = job.with_force_raised(1.8)
     assert stronger.rig.limits.force == pytest.approx((2700.0, 2700.0, 3600.0))
     assert stronger.rig.load_cell.force_range == pytest.approx((2700.0, 2700.0, 3600.0))
-    assert stronger.bears == job.bears == job.rig.limits.force == (1500.0, 1500.0, 2000.0)
-    assert stronger.bearing(1.8) is stronger
-    assert (stronger.overstated, job.overstated) == (1.8, 1.0)
-    assert job.bearing(1.0) is job
+    assert stronger.rig_force == job.rig_force == job.rig.limits.force == (1500.0, 1500.0, 2000.0)
+    assert stronger.with_force_raised(1.8) is stronger
+    assert (stronger.force_raised, job.force_raised) == (1.8, 1.0)
+    assert job.with_force_raised(1.0) is job

@@ -13,7 +13,7 @@ from isf_core.contour import Contour, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.process.support_window import support_window
-from isf_core.simulated_sheet import why_overstated
+from isf_core.simulated_sheet import raised_limit_text
 
 
 class ChipWatch:
@@ -83,19 +83,19 @@ def offset_warning(result: ContourResult, limit: float) -> IsfError | None:
 
 
 def with_overload(result: ContourResult, job_file: JobFile) -> ContourResult:
-    """``result`` of a machine whose force was raised (:meth:`JobFile.bearing`), with what the real one bears: as a
-    warning FORCE_LIMIT where the contour took more, or beside the reach of the load cells that ended it."""
-    times = job_file.overstated
-    if times == 1.0:
+    """``result`` of a machine with a raised force limit (:meth:`JobFile.with_force_raised`), with what the rig bears:
+    as a warning FORCE_LIMIT where the contour took more, or beside the reach of the load cells that ended it."""
+    if job_file.force_raised == 1.0:
         return result
-    rig, bears, axes, why = job_file.rig.name, np.asarray(job_file.bears), "xyz", why_overstated(job_file)
     if result.code == ErrorCode.WRENCH_OUT_OF_RANGE:
-        return replace(result, message=f"{result.message}; that is {times:g} times what {rig} bears: {why}")
+        return replace(result, message=f"{result.message}; that is {raised_limit_text(job_file)}")
+    rig, bears, axes = job_file.rig.name, np.asarray(job_file.rig_force), "xyz"
     for tool, force in (1, result.forming_force), (2, result.support_force):
         most = np.nan_to_num(np.abs(force)).max(axis=0, initial=0.0)
         if result.completed and not result.code and (most > bears).any():
             axis = int(np.argmax(most / bears))
             taken = f"tool {tool} took {most[axis]:.0f} N in {axes[axis]}, {rig} bears {bears[axis]:.0f} N"
+            why = f"cells of this size overstate the force by up to {job_file.force_raised:g} times"
             return replace(
                 result, code=int(ErrorCode.FORCE_LIMIT), message=f"{taken}; a real sheet may take less: {why}"
             )

@@ -20,7 +20,7 @@ from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.kinematics import Gantry, Kinematics
 from isf_core.geometry.tool_axis import UPRIGHT, between, point_on_axis, tilt_of
 from isf_core.geometry.tool_solid import tool_solid
-from isf_core.simulated_sheet import SheetKind, bearing_overstated, check_sheet, default_sheet, why_overstated
+from isf_core.simulated_sheet import SheetKind, check_sheet, default_sheet, raised_limit_text, with_raised_force_limit
 from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 
@@ -111,7 +111,7 @@ class SimulatedMachine:
         job = job_file.job
         sheet = sheet or default_sheet(job)
         check_sheet(sheet, job)
-        self.job_file = job_file = bearing_overstated(job_file, sheet)
+        self.job_file = job_file = with_raised_force_limit(job_file, sheet)
         rig = job_file.rig
         self.variant_number, self.seed, self.blank = variant, seed, blank
         self.variant: Variant = make_variant(variant, seed, blank)
@@ -831,8 +831,7 @@ def force_faults(axes: Axes, limit: Array, job_file: JobFile) -> tuple[int, list
             for number, (tip, force) in enumerate(zip(tips, forces, strict=True), start=1)
             if np.any(np.abs(force) > limit)
         ]
-        times = job_file.overstated
-        which = "" if times == 1.0 else f", {times:g} times what {job_file.rig.name} bears: {why_overstated(job_file)}"
+        which = "" if job_file.force_raised == 1.0 else f", {raised_limit_text(job_file)}"
         faults.append((ErrorCode.FORCE_LIMIT, f"{'; '.join(told)}; the machine bears {newtons(limit)}{which}"))
     if flags & mt.TOOLS_TOUCH:
         faults.append((ErrorCode.TOOL_COLLISION, f"the tools press through the sheet at {millimetres(tips[0])}"))

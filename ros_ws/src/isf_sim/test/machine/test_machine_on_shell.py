@@ -251,7 +251,7 @@ def test_the_fast_sheet_refuses_a_support_tool_under_the_blank() -> None:
     ("sheet", "bears", "most"),
     [
         ("fast", "(1500, 1500, 2000) N", 2000.0),
-        ("shell", "(2325, 2325, 3100) N, 1.55 times what ren2018 bears: cells of this size overstate", 3100.0),
+        ("shell", "(2325, 2325, 3100) N, 1.55 times what ren2018 bears, since cells of this size overstate", 3100.0),
     ],
 )
 def test_a_tool_driven_into_the_die_ends_at_the_force_limit_with_its_place(
