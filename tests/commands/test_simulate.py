@@ -82,12 +82,19 @@ def test_without_force_set_point_the_support_is_position_controlled() -> None:
     assert not any(result.tick_engaged.any() for result in record.results)
 
 
-@pytest.mark.parametrize("command", ["simulate", "form"])
+FAST_REFUSED = "the fast sheet does not know a support tool that holds the blank"
+SHELL_REFUSED = "the elasto-plastic sheet forms SPIF, DSIF and TPIF, not ADSIF"
+TOO_SLOW = "the elasto-plastic sheet 'shell_coarse' is slower than the wall clock"
+
+
 @pytest.mark.parametrize(
-    ("job", "options", "message"),
+    ("command", "job", "options", "message"),
     [
-        ("ren_cone_on_blank", ("--sheet", "fast"), "the fast sheet does not know a support tool that holds the blank"),
-        ("adsif_cone", ("--sheet", "shell"), "the elasto-plastic sheet forms SPIF, DSIF and TPIF, not ADSIF"),
+        ("simulate", "ren_cone_on_blank", ("--sheet", "fast"), FAST_REFUSED),
+        ("form", "ren_cone_on_blank", ("--sheet", "fast"), FAST_REFUSED),
+        ("form", "ren_cone_on_blank", ("--real-time",), TOO_SLOW),  # what it is formed on where no sheet is named
+        ("simulate", "adsif_cone", ("--sheet", "shell"), SHELL_REFUSED),
+        ("form", "adsif_cone", ("--sheet", "shell"), SHELL_REFUSED),
     ],
 )
 def test_a_sheet_that_cannot_be_formed_so_is_refused_before_anything_starts(

@@ -91,3 +91,22 @@ def check_sheet(kind: SheetKind, job: Job) -> None:
             where="--sheet",
             advice="take --sheet fast",
         )
+
+
+def check_clock(kind: SheetKind, job: Job, where: str = "sheet") -> None:
+    """A sheet of ``kind`` can be formed by the wall clock.
+
+    Raises
+    ------
+    IsfError : FILE_FIELD, it is an elasto-plastic one, which takes longer
+    """
+    if kind != "fast":
+        other = (
+            ", or take the sheet fast" if default_sheet(job) == "fast" else ": the fast sheet does not know this job"
+        )
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"the elasto-plastic sheet '{kind}' is slower than the wall clock",
+            where=where,
+            advice=f"form it in lockstep (without --real-time){other}",
+        )

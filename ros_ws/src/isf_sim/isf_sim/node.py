@@ -23,7 +23,7 @@ from isf_core.files.job import JobFile, load_job
 from isf_core.files.own_folder import path_below
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.tool_axis import UPRIGHT
-from isf_core.simulated_sheet import DEFAULT_SHEET, LARGEST_NUMBER, SHEET_KINDS, sheet_kind
+from isf_core.simulated_sheet import DEFAULT_SHEET, LARGEST_NUMBER, SHEET_KINDS, check_clock, sheet_kind
 from isf_core.thinned_sheet import ThinnedSheet
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
@@ -247,13 +247,8 @@ class MachineNode(CellNode[MachineParameters]):
         ------
         IsfError : FILE_FIELD, its sheet cannot follow the wall clock
         """
-        if machine.sheet_kind != "fast" and not self._settings.lockstep:
-            raise IsfError(
-                ErrorCode.FILE_FIELD,
-                "the elasto-plastic sheet is slower than the wall clock",
-                where="sheet",
-                advice="run in lockstep, or take the sheet fast",
-            )
+        if not self._settings.lockstep:
+            check_clock(machine.sheet_kind, machine.job_file.job)
         before = self._machine
         tick = machine.tick_count if before is None else self._tick()
         if before is not None and before.control_rate != machine.control_rate:

@@ -11,7 +11,7 @@ from typing import Any
 from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
-from isf_core.simulated_sheet import check_sheet
+from isf_core.simulated_sheet import check_clock, check_sheet
 from isf_msgs.action import FormPart
 
 from isf_cell.commands import resume, terminal
@@ -43,6 +43,8 @@ def form_part(
     options.check(job_file)
     if not attach:  # nothing is started for a part that cannot be formed
         check_sheet(options.sheet_of(job_file), job_file.job)
+        if not lockstep:
+            check_clock(options.sheet_of(job_file), job_file.job, where="--real-time")
     with run_folder(output, job_file.job.name) as folder:
         if attach:
             with resume.alone(folder):
