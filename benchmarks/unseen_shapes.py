@@ -24,7 +24,7 @@ import trimesh
 import yaml
 from isf_core.files.job import JobFile
 from isf_planner import plan
-from isf_planner.checks.part_checks import nearer_plate, plate_text
+from isf_planner.checks.backing_plate import nearer_plate, plate_file
 from isf_planner.part.meshes import Mesh
 from isf_planner.part_library import catalogue
 from isf_planner.part_library.part import Part
@@ -74,8 +74,9 @@ def write_job(folder: Path, name: str, step: float) -> Path:
     planned = plan(free)
     plate = nearer_plate(planned.contours, Mesh(*planned.mesh), free.job, free.rig)
     assert plate is not None, f"{name}: no plate is advised"
+    (folder / f"{name}_plate.yaml").write_text(plate_file(plate, name), encoding="utf-8")
     path = folder / f"{name}.yaml"
-    path.write_text(JOB.format(name=name, plate=f"backing_plate: {plate_text(plate)}\n", step=step), encoding="utf-8")
+    path.write_text(JOB.format(name=name, plate=f"backing_plate: {name}_plate.yaml\n", step=step), encoding="utf-8")
     return path
 
 

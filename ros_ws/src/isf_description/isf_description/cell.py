@@ -142,7 +142,7 @@ def _stand(rig: Rig, job: Job | None, job_file: JobFile | None, tools: list[Tool
     if upper > 0.0:
         clamp += _ring(rig.clamp.size, upper, thickness + 0.5 * upper)
     if job is not None and job.backing_plate is not None and job.backing_plate.shape == "rectangle":
-        clamp += _plate(rig.clamp.size, job.backing_plate.size)
+        clamp += _plate(rig.clamp.size, job.backing_plate.extent)
     links = [Link("base"), Link("table", tuple(table)), Link("clamp", tuple(clamp)), Link(SHEET)]
     joints = [Joint("table_fixed", "base", "table"), _holder(rig, job, floor - thickness)]
     joints.append(Joint("sheet_fixed", "clamp", SHEET, place=(0.0, 0.0, thickness)))

@@ -13,7 +13,7 @@ from isf_core.files.job import JobFile
 
 from isf_planner import replanning
 from isf_planner.accuracy.moved_target import MovedTarget, compensated
-from isf_planner.checks import part_checks
+from isf_planner.checks import backing_plate, part_checks
 from isf_planner.checks.shank_checks import check_shank
 from isf_planner.forming.sides import merged
 from isf_planner.gcode.program_job import plan_of_program
@@ -76,9 +76,9 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     contours, expected = finish(contours, job_file)
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
     part_checks.check_machine(contours, job, rig)
-    part_checks.check_backing_plate(contours, job)
+    backing_plate.check_backing_plate(contours, job)
     nominal = moved.nominal if moved else part.mesh
-    warnings += part_checks.check_held(contours, nominal, job, rig)
+    warnings += backing_plate.check_held(contours, nominal, job, rig)
     last = tuple(contour for contour in contours if contour.stage == len(part.preforms))
     warnings += part_checks.check_slopes(last, job)
     part_checks.check_floors(last, planned, job)
@@ -133,8 +133,8 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     ruled = support_tool.rule_warnings(made, sides, job_file)
     contours, expected = finish(made, job_file)
     part_checks.check_machine(contours, job, job_file.rig)
-    part_checks.check_backing_plate(contours, job)
-    held = (*part_checks.check_held(contours, mesh, job, job_file.rig), *part_checks.check_slopes(contours, job))
+    backing_plate.check_backing_plate(contours, job)
+    held = (*backing_plate.check_held(contours, mesh, job, job_file.rig), *part_checks.check_slopes(contours, job))
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
     shank = check_shank(contours, before.target, job_file) if job_file.tilts else None

@@ -6,6 +6,7 @@ import importlib.util
 import itertools
 import re
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -14,7 +15,11 @@ import trimesh
 from isf_core.contour import over_floor
 from isf_core.files.job import JobFile, load_job
 from isf_planner import plan
-from planner_parts import EXAMPLES, told
+from isf_planner.checks.backing_plate import nearer_plate, plate_file
+from isf_planner.part.meshes import Mesh
+from isf_planner.part_library.catalogue import PARTS
+from isf_planner.part_library.part_mesh import part_mesh
+from planner_parts import EXAMPLES, told, write
 from scipy.spatial import cKDTree
 
 NAMES = (
@@ -109,6 +114,30 @@ def test_the_plate_that_is_advised_holds_the_sheet() -> None:
     plate = "{shape: rectangle, size: [84 mm, 84 mm]}"
     assert plate in warned
     assert told(held := plan(JobFile(f"{text}\nbacking_plate: {plate}\n", path.parent))) == held.warnings == ()
+
+
+@pytest.mark.parametrize(("shape", "openings"), [("l_shape", 1), ("two_pockets", 2)])
+def test_a_part_that_no_round_plate_follows_gets_one_along_its_outline(
+    shape: str, openings: int, tmp_path: Path
+) -> None:
+    """0.9 mm around the first contours; the file holds it, the part is formed over it, and nothing is warned of."""
+    write(part_mesh(PARTS[shape]()), tmp_path / "part.stl")
+    text = (EXAMPLES / "jobs" / "spif_cone.yaml").read_text().replace("../parts/spif_cone.stl", "part.stl")
+    job = JobFile(text, tmp_path)
+    bare = plan(job)
+    (warned,) = [one for one in bare.warnings if one.startswith("the sheet is free for")]
+    assert "cut along the part" in warned
+    plate = nearer_plate(bare.contours, Mesh(*bare.mesh), job.job, job.rig)
+    assert plate is not None
+    assert len(plate.openings) == openings
+    firsts = [next(one for one in bare.contours if one.feature == k) for k in range(openings)]
+    for first in firsts:
+        away = plate.inside(first.contact[:, 0], first.contact[:, 1])
+        assert away.min() > 0.88e-3
+        assert away.max() < 3.0e-3
+    (tmp_path / "plate.yaml").write_text(plate_file(plate, "part"), encoding="utf-8")
+    held = plan(JobFile(f"{text}backing_plate: plate.yaml\n", tmp_path))
+    assert [one for one in held.warnings if "free" in one] == []
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile
 from isf_planner import plan
-from isf_planner.checks import part_checks
+from isf_planner.checks import backing_plate
 from planner_parts import Cone, job_for, revolve, told, write
 from scipy.spatial import cKDTree
 
@@ -56,7 +56,7 @@ def test_a_backing_plate_in_the_way(tmp_path: Path, process: str, opening: float
     error = refusal(job)
     assert error.code is ErrorCode.PART_DOES_NOT_FIT
     assert meets in error.what
-    assert "backing_plate.size" in error.advice
+    assert "backing_plate" in error.advice
     more = re.search(r"([\d.]+) mm more on each side", error.advice)
     assert more is not None
     wider = opening + 2.0 * float(more.group(1))
@@ -66,7 +66,7 @@ def test_a_backing_plate_in_the_way(tmp_path: Path, process: str, opening: float
 def plate_refusal(contours: Sequence[Contour], job: Job) -> str:
     """What the check of the backing plate finds; empty: nothing."""
     try:
-        part_checks.check_backing_plate(contours, job)
+        backing_plate.check_backing_plate(contours, job)
     except IsfError as error:
         return error.what if error.code is ErrorCode.PART_DOES_NOT_FIT and "contour" in error.where else error.message
     return ""

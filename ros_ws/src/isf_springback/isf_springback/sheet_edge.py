@@ -13,7 +13,6 @@ from isf_core.geometry.opening import SMALLEST_GAP, ClampRadius, Opening, clamp_
 from isf_core.types import Array
 
 from isf_springback.loop_path import forming_radius
-from isf_springback.shell.formed_sheet import NO_PLATE
 from isf_springback.shell.plan_mesh import rectangle
 
 CLOSE = 3.0
@@ -31,38 +30,45 @@ def free_size(job_file: JobFile) -> tuple[float, float]:
     Of a round plate the diameters.
     """
     plate = job_file.job.backing_plate
-    return job_file.rig.clamp.size if plate is None else plate.size
+    return job_file.rig.clamp.size if plate is None else plate.extent
 
 
 def holding_size(job_file: JobFile) -> tuple[float, float]:
     """m, extent in x and y of what holds the sheet of the shell, with equal sides where those of clamp and plate are
-    equal: it tells by which turns the sheet stays the same."""
+    equal: it tells by which turns the sheet stays the same. An opening along an outline is as the part's."""
     clamp, plate = job_file.rig.clamp.size, job_file.job.backing_plate
-    return clamp if plate is None or clamp[0] != clamp[1] else plate.size
+    return clamp if plate is None or clamp[0] != clamp[1] else plate.extent
 
 
-def plate_edge(job_file: JobFile) -> Array:
-    """(P, 2) m, edge of the opening of the backing plate, counter-clockwise, a round one as a polygon inside the circle
-    and a rectangle with sharp corners; (0, 2) without a plate."""
+def plate_edge(job_file: JobFile) -> tuple[Array, ...]:
+    """(P, 2) m, edges of the openings of the backing plate, counter-clockwise, a round one as a polygon inside the
+    circle and a rectangle with sharp corners; none without a plate."""
     plate = job_file.job.backing_plate
     if plate is None:
-        return NO_PLATE
+        return ()
+    if plate.shape == "outline":
+        return plate.loops
     if plate.shape == "rectangle":
-        return rectangle(plate.size)
+        return (rectangle(plate.extent),)
     angle = 2.0 * np.pi * np.arange(ROUND_CORNERS) / ROUND_CORNERS
-    return 0.5 * plate.size[0] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return (plate.round_radius * np.column_stack([np.cos(angle), np.sin(angle)]),)
 
 
 def edge_radius(job_file: JobFile, opening: Opening, points: Array, kind: ClampRadius) -> Array:
     """(M,) m, radius of the free sheet that belongs to ``points`` (M, 2) m, as
     :func:`isf_core.geometry.opening.clamp_radius` says.
 
-    A round plate has its own radius, whatever ``kind``.
+    A round plate has its own radius, whatever ``kind``; one along an outline lies as far beyond the opening as beside
+    it there.
     """
     plate = job_file.job.backing_plate
     if plate is None or plate.shape == "rectangle":
         return clamp_radius(opening, points, free_size(job_file), kind)
-    radius = np.full(len(points), 0.5 * plate.size[0])
+    if plate.shape == "outline":
+        edge = opening.place_towards(points)
+        radius = opening.radius_towards(points) + plate.inside(edge[:, 0], edge[:, 1])
+    else:
+        radius = np.full(len(points), plate.round_radius)
     return np.asarray(np.maximum(radius, opening.radius_towards(points) / (1.0 - SMALLEST_GAP)))
 
 

@@ -150,7 +150,7 @@ def test_a_round_opening_bends_as_a_round_plate_that_runs_on_to_its_clamp():
     free = clamped * (3.0 + poisson) / (1.0 + poisson)
     expected = free - held * (free - clamped)
     disc = 150e-3 * np.column_stack([np.cos(np.arange(64) * np.pi / 32), np.sin(np.arange(64) * np.pi / 32)])
-    plate = plate_edge(job(ROUND))
+    (plate,) = plate_edge(job(ROUND))
 
     def size(places):
         return np.minimum(1e-3 + 0.2 * np.linalg.norm(places, axis=1), 6e-3)

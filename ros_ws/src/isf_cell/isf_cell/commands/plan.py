@@ -16,6 +16,7 @@ from isf_core.files.job import Job, JobFile, load_job
 from isf_core.files.rig import Rig
 from isf_planner import Plan, exports, plan
 from isf_planner.checks.arm_checks import ArmClearance, ArmPath, arm_paths, clearances
+from isf_planner.checks.backing_plate import nearer_plate, plate_file
 from isf_planner.checks.leg_checks import leg_path
 from isf_planner.features.segmentation import find_features
 from isf_planner.features.surface_features import FeatureMap
@@ -78,6 +79,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     data |= {"finishing_passes": job_file.job.path.finishing_passes}
     data |= {"tool_axis": tool_axis(result), "accuracy_surfaces": moved_target(result)}
     data |= reach(result, job_file.job, job_file.rig, folder)
+    data |= {"backing_plate": _write_plate(result, job_file, folder)}
     if as_json:
         terminal.print_json(data)
     terminal.console.print(
@@ -117,8 +119,20 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         terminal.say(line)
     if "picture" in data["machine"]:
         terminal.say(f"reach   {data['machine']['picture']}")
+    if data["backing_plate"]:
+        terminal.say(f"plate   {data['backing_plate']}")
     for path in data["files"]:
         terminal.say(f"file    {path}")
+
+
+def _write_plate(result: Plan, job_file: JobFile, folder: Path) -> str | None:
+    """File of the backing plate that would hold the sheet near the opening; None where none is advised."""
+    plate = nearer_plate(result.contours, Mesh(*result.mesh), job_file.job, job_file.rig)
+    if plate is None:
+        return None
+    path = folder / "backing_plate.yaml"
+    path.write_text(plate_file(plate, job_file.job.name), encoding="utf-8")
+    return str(path)
 
 
 def moved_target(result: Plan) -> dict[str, Any] | None:

@@ -43,7 +43,7 @@ from isf_core.files.job import JobFile, load_job
 from isf_core.simulated_sheet import FORCE_TOO_HIGH, SEALED_VARIANTS, SheetKind
 from isf_core.types import Array
 from isf_planner import planning
-from isf_planner.checks.part_checks import nearer_plate, plate_text
+from isf_planner.checks.backing_plate import nearer_plate, plate_fields, plate_text
 from isf_planner.part.meshes import Mesh
 from isf_springback.estimators import learning
 from isf_springback.estimators.learning import LEAST_PUSH, Learned, together
@@ -501,11 +501,8 @@ def _with_plate(job_file: JobFile, name: str) -> list[SetUp]:
     plate = nearer_plate(plan.contours, Mesh(*plan.mesh), job_file.job, job_file.rig)
     if plate is None:
         return []
-    fields = plate_text(plate)
-    change = {"backing_plate": yaml_file.content(fields, name)}
-    return [
-        SetUp(name, f"over a backing plate, which has to be made (backing_plate: {fields})", job_file.changed(change))
-    ]
+    changed = job_file.changed({"backing_plate": plate_fields(plate)})
+    return [SetUp(name, f"over a backing plate, which has to be made (backing_plate: {plate_text(plate)})", changed)]
 
 
 def _folder(wanted: Tryout, set_ups: Sequence[SetUp], output: Path | None) -> Path:

@@ -8,8 +8,10 @@ library nor a file of one's own is needed to read it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +23,11 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.quantity import Length, Stress
 from isf_core.files.yaml_file import FileModel, find_named
+from isf_core.geometry.loops import area_of, inside_loops
 from isf_core.types import Array
+
+SMALLEST_OPENING = 1e-6
+"""m^2, of a backing plate: a loop around less is a slip of the pen."""
 
 
 class SheetSpec(FileModel):
@@ -93,12 +99,14 @@ class ToolSpec(FileModel):
 class BackingPlateSpec(FileModel):
     """A rigid plate under the sheet with an opening around the path, centred in the clamp."""
 
-    shape: Literal["circle", "rectangle"]
-    """Of the opening."""
-    size: tuple[Length, Length]
-    """Opening in x and y: diameters of a circle (equal), sides of a rectangle."""
+    shape: Literal["circle", "rectangle", "outline"]
+    """Of the opening; an outline is cut along ``openings``."""
+    size: tuple[Length, Length] | None = None
+    """Opening in x and y: diameters of a circle (equal), sides of a rectangle; not of an outline."""
     corner_radius: Length = Field(default=0.0, ge=0)
     """Of a rectangle in plan view."""
+    openings: tuple[tuple[tuple[Length, Length], ...], ...] = ()
+    """Of an outline: the corners, x and y, of one closed loop for each opening; none within another one."""
     edge_radius: Length = Field(default=2e-3, ge=0)
     """Rounding of the plate's upper edge."""
     name: str | None = None
@@ -106,6 +114,12 @@ class BackingPlateSpec(FileModel):
 
     @model_validator(mode="after")
     def _opening(self) -> BackingPlateSpec:
+        if self.shape == "outline":
+            return self._outline()
+        if self.openings:
+            raise ValueError("openings belong to shape: outline")
+        if self.size is None:
+            raise ValueError("size is missing")
         if min(self.size) <= 0:
             raise ValueError("size must be positive")
         if self.shape == "circle" and self.size[0] != self.size[1]:
@@ -114,8 +128,42 @@ class BackingPlateSpec(FileModel):
             raise ValueError("corner_radius must not exceed half the smaller side")
         return self
 
+    def _outline(self) -> BackingPlateSpec:
+        if self.size is not None or self.corner_radius:
+            raise ValueError("an outline has openings, and neither size nor corner_radius")
+        if not self.openings:
+            raise ValueError("openings are missing: the corners of at least one loop")
+        for number, loop in enumerate(self.loops, start=1):
+            if len(loop) < 3 or abs(area_of(loop)) < SMALLEST_OPENING:
+                raise ValueError(f"opening {number} encloses nothing")
+        return self
+
+    @cached_property
+    def loops(self) -> tuple[Array, ...]:
+        """(N, 2) m, corners of every opening of an outline, counter-clockwise."""
+        loops = [np.array(opening, dtype=np.float64).reshape(-1, 2) for opening in self.openings]
+        return tuple(loop if area_of(loop) > 0.0 else loop[::-1] for loop in loops)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """m, smallest rectangle around 0, along x and y, that holds the opening."""
+        if self.size is not None:
+            return self.size
+        x, y = 2.0 * np.abs(np.vstack(self.loops)).max(axis=0)
+        return float(x), float(y)
+
+    @property
+    def round_radius(self) -> float:
+        """m, of the circle as large as the opening; of several, as the largest one."""
+        if self.size is None:
+            return math.sqrt(max(map(area_of, self.loops)) / math.pi)
+        x, y = self.size
+        return 0.5 * x if self.shape == "circle" else math.sqrt(x * y / math.pi)
+
     def inside(self, x: Array, y: Array) -> Array:
         """m, distance of the places ``x``, ``y`` m (any equal shapes) from the edge of the opening; negative beyond."""
+        if self.size is None:
+            return inside_loops(self.loops, x, y)
         if self.shape == "circle":
             return np.asarray(0.5 * self.size[0] - np.hypot(x, y))
         ox = np.abs(x) - (0.5 * self.size[0] - self.corner_radius)

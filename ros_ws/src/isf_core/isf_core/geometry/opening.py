@@ -52,6 +52,12 @@ class Opening:
         directions = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
         return np.asarray(np.interp(angle, directions, self.radius, period=2.0 * np.pi))
 
+    def place_towards(self, points: Array) -> Array:
+        """(M, 2) m, places on the opening in the direction of ``points`` (M, 2) m."""
+        offset = points - self.centre
+        along = offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-12)
+        return np.asarray(self.centre + self.radius_towards(points)[:, None] * along)
+
 
 def clamp_radius(opening: Opening, points: Array, size: tuple[float, float], kind: ClampRadius) -> Array:
     """(M,) m, clamp radius that belongs to ``points`` (M, 2) m of a rectangular clamp of ``size`` m, centred at 0.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from isf_core.errors import ErrorCode, IsfError
@@ -152,3 +154,42 @@ def test_a_blank_that_does_not_reach_the_clamp_is_refused(tmp_path: Path) -> Non
     assert (error.code, error.where) == (ErrorCode.FILE_FIELD, "job.yaml:5")
     assert "180 x 230 mm does not reach the clamp of torrao2013, 190 x 190 mm" in error.what
     JobFile(JOB.replace("aa1050_230 ", blank % 190), tmp_path)
+
+
+CORNERS = "[[0 mm, 0 mm], [40 mm, 0 mm], [40 mm, 20 mm]]"
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ("shape: outline", "openings are missing"),
+        (f"shape: outline, size: [90 mm, 90 mm], openings: [{CORNERS}]", "neither size nor corner_radius"),
+        ("shape: outline, openings: [[[0 mm, 0 mm], [40 mm, 0 mm]]]", "opening 1 encloses nothing"),
+        (f"shape: outline, openings: [{CORNERS}, [[1 mm, 0 mm], [2 mm, 0 mm], [3 mm, 0 mm]]]", "opening 2 encloses"),
+        ("shape: outline, openings: [[[0, 0], [40, 0], [40, 20]]]", "unit"),
+        ("shape: outline, openings: [[[0 mm, .nan], [40 mm, 0 mm], [40 mm, 20 mm]]]", "nan"),
+        (f"shape: circle, size: [90 mm, 90 mm], openings: [{CORNERS}]", "openings belong to shape: outline"),
+        ("shape: circle", "size is missing"),
+    ],
+)
+def test_a_plate_without_a_whole_opening_is_refused(tmp_path: Path, fields: str, words: str) -> None:
+    error = refusal(JOB.replace("spif_a_round_90", f"{{{fields}}}"), tmp_path)
+    assert words in error.what.lower()
+    assert error.where.startswith("job.yaml:7")
+
+
+def test_an_outline_is_the_same_whichever_way_round_it_is_written(tmp_path: Path) -> None:
+    """A triangle of 40 x 20 mm with its right corner at (40, 0), told by hand: its longest side rises by 1 in 2."""
+    backwards = "[[40 mm, 20 mm], [40 mm, 0 mm], [0 mm, 0 mm]]"
+    plates = [
+        JobFile(JOB.replace("spif_a_round_90", f"{{shape: outline, openings: [{loop}]}}"), tmp_path).job.backing_plate
+        for loop in (CORNERS, backwards)
+    ]
+    for plate in plates:
+        assert plate is not None
+        assert plate.extent == pytest.approx((80e-3, 40e-3))
+        assert plate.round_radius == pytest.approx(math.sqrt(400e-6 / math.pi))
+        x, y = np.array([38e-3, 20e-3, 45e-3]), np.array([10e-3, 5e-3, 10e-3])
+        assert plate.inside(x, y) == pytest.approx([2e-3, 5e-3 * 2 / math.sqrt(5), -5e-3])
+        assert plate.height(x, y)[:2] == pytest.approx([-np.inf, -np.inf])
+        assert plate.height(x, y)[2] == 0.0

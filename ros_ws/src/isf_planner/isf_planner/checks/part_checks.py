@@ -6,7 +6,6 @@ around lower ground holds a loop of the tip at that level, or the pocket is too 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,9 +15,9 @@ from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job
 from isf_core.files.rig import Rig
-from isf_core.files.tooling import BackingPlateSpec, ToolSpec
+from isf_core.files.tooling import ToolSpec
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
-from isf_core.types import Array, Indices
+from isf_core.types import Array
 
 from isf_planner.checks import arm_checks, leg_checks
 from isf_planner.checks.mesh_slicing import MeshLoop, slice_mesh
@@ -44,21 +43,6 @@ REACH_TOLERANCE = 20e-6
 
 PRESSING_TOLERANCE = 0.1e-3
 """m, by which the support tool may press beside its contact before it is worth a warning."""
-
-PLATE_TOLERANCE = 0.1e-3
-"""m, by which the sheet may be pressed into a backing plate: against its edge it is, where the opening is that of the
-part."""
-
-PLATE_GAP = 0.9e-3
-"""m at least between the first contour and the edge of a near backing plate (assumed): over ren_cone_plate 1 mm leave
-0.82 / 0.28 mm of error, 2 mm 1.09 / 0.43, and none is corrected nearer than 0.1 mm (docs/results/index.md)."""
-
-FREE_SHEET = 10e-3
-"""m from the opening to what holds the sheet, beyond which it is warned of (assumed)."""
-
-SAG = 0.6e-3
-"""m by which the opening sinks, over the root of the mm of free sheet around it (14 parts of 1 mm of aluminium under
-one tool on the elasto-plastic sheet within a factor of 1.4; scanned cones 0.7 to 1.3 mm: docs/methods/planning.md)."""
 
 BENT = float(np.radians(20.0))
 """rad, between a steep wall and the one below it, from which on the tent effect is warned of (assumed)."""
@@ -212,132 +196,6 @@ def axis_reason(rig: Rig, tip: Array, tool: int = 1, leaning: tuple[Array, float
     return ""
 
 
-def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
-    """Neither the formed sheet, nor the upper tool with the sheet around it, nor the lower tool meets the backing
-    plate, whose opening has upright walls.
-
-    Raises
-    ------
-    IsfError : PART_DOES_NOT_FIT with the worst place and by how much
-    """
-    plate = job.backing_plate
-    if plate is None:
-        return
-    upper = [contour for contour in contours if contour.forming_tool == 1]
-    index, contact = _points([(contour.index, contour.contact) for contour in upper])
-    beyond = -plate.inside(contact[:, 0], contact[:, 1])
-    cut = plate.height(contact[:, 0], contact[:, 1]) - contact[:, 2]
-    pressed, missing = _tool_over_plate(upper, contact, plate, job)
-    for into, wider, what in (
-        (cut, beyond, "the part is formed {:.2f} mm into the backing plate"),
-        (
-            pressed,
-            missing,
-            f"the upper tool of radius {job.tool_1.radius * 1e3:.2f} mm presses the sheet {{:.2f}} mm into the edge of "
-            "the backing plate",
-        ),
-    ):
-        if (into > PLATE_TOLERANCE).any():
-            worst = int(np.argmax(into))
-            most = max(wider[into > PLATE_TOLERANCE].max(), missing.max())
-            raise IsfError(
-                ErrorCode.PART_DOES_NOT_FIT,
-                what.format(into[worst] * 1e3),
-                where=f"{contour_label(index[worst])} at {place_text(contact[worst])}",
-                advice=f"give its opening {_tenths(most)} mm more on each side (backing_plate.size)",
-            )
-    if job.tool_2 is None:
-        return
-    index, tip = _points(
-        [
-            (contour.index, contour.support_tip if contour.forming_tool == 1 else contour.forming_tip)
-            for contour in contours
-        ]
-    )
-    missing = job.tool_2.radius - plate.inside(tip[:, 0], tip[:, 1])
-    if (missing > 0.0).any():
-        worst = int(np.argmax(missing))
-        raise IsfError(
-            ErrorCode.PART_DOES_NOT_FIT,
-            f"the lower tool of radius {job.tool_2.radius * 1e3:.2f} mm would run {missing[worst] * 1e3:.2f} mm into "
-            "the edge of the backing plate",
-            where=f"{contour_label(index[worst])} at {place_text(tip[worst])}",
-            advice=f"give its opening {_tenths(missing[worst])} mm more on each side (backing_plate.size), or form "
-            "with one tool (process SPIF)",
-        )
-
-
-def check_held(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) -> tuple[str, ...]:
-    """Warning where nothing holds the sheet close to the part ``mesh``: it bends for good there, corrected or not."""
-    if job.process not in ("SPIF", "DSIF") or job.path.support == "on_blank":
-        return ()
-    free = free_sheet(contours, job, rig)
-    if free <= FREE_SHEET:
-        return ()
-    holds, remedy = ("clamp", "put") if job.backing_plate is None else ("backing plate", "bring")
-    or_else = ", or keep the support tool under the blank (path.support: on_blank)" if job.process == "DSIF" else ""
-    nearer = nearer_plate(contours, mesh, job, rig)
-    opening = "" if nearer is None else f" ({plate_text(nearer)})"
-    return (
-        f"the sheet is free for {1e3 * free:.0f} mm between the part and the {holds}: it bends there for good while "
-        f"the part is formed, and the opening sinks by about {1e3 * SAG * np.sqrt(1e3 * free):.1f} mm with any "
-        "correction (1 mm of aluminium; less where the part is shallow or a second tool supports it); "
-        f"{remedy} a backing_plate closer to the opening{opening}{or_else}, and see what is left with --sheet "
-        "shell_coarse",
-    )
-
-
-def free_sheet(contours: Sequence[Contour], job: Job, rig: Rig) -> float:
-    """m, from the place of an opening, the first contour of a feature, that is farthest from what holds the sheet."""
-    x, y, _ = _openings(contours).T
-    plate = job.backing_plate
-    clamp = np.minimum(0.5 * rig.clamp.size[0] - np.abs(x), 0.5 * rig.clamp.size[1] - np.abs(y))
-    return float((clamp if plate is None else plate.inside(x, y)).max(initial=0.0))
-
-
-def nearer_plate(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) -> BackingPlateSpec | None:
-    """The backing plate, round or rectangular, whose opening in whole mm lies closest around all openings of the part,
-    :data:`PLATE_GAP` away from the first contours at least, and nowhere under more than :data:`PLATE_TOLERANCE` of the
-    part ``mesh``: a first contour of a large step lies deep inside the rounding of the opening.
-
-    None where the sheet is held within :data:`FREE_SHEET`, where such a plate lies no closer than what holds it, and
-    for two tools: the lower one would have to get between the part and the plate.
-    """
-    free = free_sheet(contours, job, rig)
-    if job.process != "SPIF" or free <= FREE_SHEET:
-        return None
-    places = _openings(contours)[:, :2]
-    (sections,) = slice_mesh(mesh, np.array([-PLATE_TOLERANCE]))
-    edges = np.vstack([np.zeros((1, 2)), *(section.points for section in sections)])
-    reach = np.maximum(_reach(places) + PLATE_GAP, _reach(edges))
-    across, along_x, along_y = (1e-3 * math.ceil(2e3 * half - 1e-6) for half in reach)
-    plates = (
-        BackingPlateSpec(shape="circle", size=(across, across)),
-        BackingPlateSpec(shape="rectangle", size=(along_x, along_y)),
-    )
-    left, plate = min(((float(plate.inside(*places.T).max()), plate) for plate in plates), key=lambda pair: pair[0])
-    return plate if left < free else None
-
-
-def _reach(places: Array) -> Array:
-    """(3,) m, how far ``places`` (N, 2) lie from the middle of the clamp at most: any way, along x, along y."""
-    return np.array([np.hypot(*places.T).max(), *np.abs(places).max(axis=0)])
-
-
-def plate_text(plate: BackingPlateSpec) -> str:
-    """Fields of ``plate`` as a job file has them."""
-    x, y = (f"{1e3 * side:g} mm" for side in plate.size)
-    return f"{{shape: {plate.shape}, size: [{x}, {y}]}}"
-
-
-def _openings(contours: Sequence[Contour]) -> Array:
-    """(N, 3) m, contacts of the first contour of every feature."""
-    openings: dict[int, Array] = {}
-    for contour in contours:
-        openings.setdefault(contour.feature, contour.contact)
-    return np.vstack([np.empty((0, 3)), *openings.values()])
-
-
 def check_slopes(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
     """Warning where a shallow wall is formed below a steep one, which it pulls inwards (tent effect, Behera 2015).
 
@@ -373,38 +231,6 @@ def check_slopes(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
         f"{1e3 * depth:.0f} mm of depth on, and pulls it inwards (tent effect), flat walls by millimetres, round "
         "ones by less; path.finishing_passes: 1 forms it back, see what is left with --sheet shell_coarse",
     )
-
-
-def _tool_over_plate(
-    contours: Sequence[Contour], contact: Array, plate: BackingPlateSpec, job: Job
-) -> tuple[Array, Array]:
-    """(N,) m, how far the sheet around the ball of the upper tool is pressed into the plate's rounded edge at each
-    ``contact`` (N, 3) m of ``contours``; and by how much the opening is too small there, on each side.
-
-    The plate's flat lies a sheet's thickness below z = 0. Its edge is a quarter circle, so the plate is what lies
-    within its edge radius of a body with a sharp edge, from which the ball's centre has a distance across and above.
-    """
-    normal = np.vstack([np.empty((0, 3)), *(contour.normal for contour in contours)])
-    formed = np.concatenate([np.empty(0), *(contour.thickness for contour in contours)])
-    centre = contact + job.tool_1.ball_radius * normal
-    across = plate.inside(centre[:, 0], centre[:, 1]) + plate.edge_radius
-    above = centre[:, 2] + job.sheet.thickness + plate.edge_radius
-    reach = job.tool_1.ball_radius + formed + plate.edge_radius
-    off = np.hypot(np.maximum(across, 0.0), np.maximum(above, 0.0))
-    distance = np.where((across > 0.0) | (above > 0.0), off, np.maximum(across, above))
-    room = np.sqrt(np.maximum(reach**2 - np.maximum(above, 0.0) ** 2, 0.0))
-    return reach - distance, room - across
-
-
-def _tenths(length: float) -> str:
-    """``length`` m in mm, rounded up."""
-    return f"{np.ceil(length * 1e4) / 10.0:.1f}"
-
-
-def _points(paths: Sequence[tuple[int, Array]]) -> tuple[Indices, Array]:
-    """(N,) contour of each point and (N, 3) m of all ``paths``."""
-    index = np.repeat([number for number, _ in paths], [len(path) for _, path in paths])
-    return index.astype(np.int64), np.vstack([np.empty((0, 3)), *(path for _, path in paths)])
 
 
 def check_islands(sides: Sequence[Side]) -> None:

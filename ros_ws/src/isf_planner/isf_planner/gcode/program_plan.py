@@ -30,7 +30,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
-from isf_planner.checks import part_checks
+from isf_planner.checks import backing_plate, part_checks
 from isf_planner.checks.shank_checks import check_shank
 from isf_planner.gcode.reader import RAPID, Finding, Program
 from isf_planner.part.mesh_checks import place_text
@@ -278,11 +278,11 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         )
     filled, warnings = with_predictions(tuple(contours), job_file)  # a compensation would move the program's tips
     part_checks.check_machine(filled, job, rig)
-    part_checks.check_backing_plate(filled, job)
+    backing_plate.check_backing_plate(filled, job)
     target = _target(contact, group, rig.clamp.size)
     shank = check_shank(filled, target, job_file) if program.tilted else None
     mesh = height_grid.as_mesh(target)
-    warnings = (*warnings, *part_checks.check_held(filled, mesh, job, rig))
+    warnings = (*warnings, *backing_plate.check_held(filled, mesh, job, rig))
     surface = mesh.vertices, mesh.faces
     if short:
         first = ", ".join(map(str, short[:5])) + (", ..." if len(short) > 5 else "")

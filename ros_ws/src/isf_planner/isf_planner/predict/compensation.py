@@ -237,9 +237,9 @@ def _outermost(contours: Sequence[Contour], key: tuple[int, int]) -> Array:
 def clamp_radius(job_file: JobFile) -> float:
     """m, circle of the area that is free to deflect: the backing plate's opening, else the clamp's."""
     plate = job_file.job.backing_plate
-    if plate is not None and plate.shape == "circle":
-        return plate.size[0] / 2.0
-    width, height = plate.size if plate is not None else job_file.rig.clamp.size
+    if plate is not None:
+        return plate.round_radius
+    width, height = job_file.rig.clamp.size
     return float(np.sqrt(width * height / np.pi))
 
 

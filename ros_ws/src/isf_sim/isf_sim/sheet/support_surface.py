@@ -33,12 +33,12 @@ def support_of(job_file: JobFile, surface: Surface, thickness: float) -> Array |
     heights = []
     if job.backing_plate is not None:
         clamp = job_file.rig.clamp.size
-        if job.backing_plate.size[0] > clamp[0] or job.backing_plate.size[1] > clamp[1]:
+        extent = job.backing_plate.extent
+        if extent[0] > clamp[0] or extent[1] > clamp[1]:
             raise IsfError(
                 ErrorCode.BLANK_DOES_NOT_FIT,
-                f"the opening of the backing plate is {_millimetres(job.backing_plate.size)}, "
-                f"the free sheet {_millimetres(clamp)}",
-                where="backing_plate.size",
+                f"the opening of the backing plate is {_millimetres(extent)}, the free sheet {_millimetres(clamp)}",
+                where="backing_plate",
                 advice="choose a smaller opening, or leave the backing plate out",
             )
         heights.append(job.backing_plate.height(*np.meshgrid(x, y)) - thickness)

@@ -64,7 +64,7 @@ class DepthTask:
             *self.sheet.floors,
             self.sheet.places,
             self.sheet.clamp,
-            self.sheet.plate,
+            *self.sheet.plates,
             self.points,
         ):
             text.update(np.round(np.asarray(array) * 1e6).astype(np.int64).tobytes())

@@ -19,7 +19,6 @@ from isf_core.types import Array
 from isf_springback.scan import FormedShape, ScanExpectation, process_scan
 from isf_springback.scan.formed_shape import OPENING_DEPTH
 from isf_springback.scan.registration import ClampEdges
-from isf_springback.sheet_edge import free_size
 
 
 def scan_due(job_file: JobFile, index: int, count: int) -> bool:
@@ -154,9 +153,8 @@ def plausible_dome(job_file: JobFile, contour: Contour, target: HeightMap) -> fl
     opening = float(np.sqrt(np.count_nonzero(target.z < -OPENING_DEPTH) * cell / np.pi))
     if opening <= 0.0:
         return 0.0
-    plate, size = job_file.job.backing_plate, free_size(job_file)
-    circle = plate is not None and plate.shape == "circle"
-    edge = 0.5 * size[0] if circle else float(np.sqrt(size[0] * size[1] / np.pi))
+    plate, clamp = job_file.job.backing_plate, job_file.rig.clamp.size
+    edge = float(np.sqrt(clamp[0] * clamp[1] / np.pi)) if plate is None else plate.round_radius
     gap = max(edge - opening, SMALLEST_GAP * edge)
     depth = max(-float(contour.forming_tip[:, 2].min()), 0.0)
     slope = min(depth / gap, float(np.tan(contour.wall_angle.max())))

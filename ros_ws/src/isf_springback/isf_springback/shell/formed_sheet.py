@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.loops import inside_loops, reach_to_loops
 from isf_core.types import Array
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import cKDTree
 
-from isf_springback.shell.plan_mesh import SizeField, inward_sides, mesh_in_plan, place_along, rectangle
+from isf_springback.shell.plan_mesh import SizeField, mesh_in_plan, place_along, rectangle
 from isf_springback.shell.sheet_model import SheetMesh
 
 _LOOP_SPACING = 2.5e-3
@@ -33,8 +34,6 @@ _EDGE_ROOM = 2e-3
 
 _LONGEST_CONTINUATION = 6e-3
 """m; a first loop further below the flange than this begins inside another feature and is not continued."""
-
-NO_PLATE = np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -69,33 +68,35 @@ class FormedSheet:
     floors : loops (N, 3) m where the wall of a feature ends now
     places : (N, 3) m, points all over the walls, with rims and floors
     clamp : (4, 2) m, corners of the sheet in its clamp, counter-clockwise
-    plate : (P, 2) m, edge of the opening of a backing plate, convex, counter-clockwise; (0, 2): none
+    plates : loops (P, 2) m, edges of the openings of a backing plate, counter-clockwise
     """
 
     rims: tuple[Array, ...]
     floors: tuple[Array, ...]
     places: Array
     clamp: Array
-    plate: Array
+    plates: tuple[Array, ...] = ()
 
     def height(self, points: Array) -> Array:
         """(N,) m, height at ``points`` (N, 2) m, linear between the places."""
-        flat = np.vstack([self.clamp, self.plate])
+        flat = np.vstack([self.clamp, *self.plates])
         known = np.vstack([self.places[:, :2], flat])
         surface = LinearNDInterpolator(known, np.concatenate([self.places[:, 2], np.zeros(len(flat))]))
         return np.nan_to_num(surface(points))
 
 
-def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float], plate: Array = NO_PLATE) -> FormedSheet:
+def formed_sheet(
+    contours: Sequence[Contour], clamp_size: tuple[float, float], plates: tuple[Array, ...] = ()
+) -> FormedSheet:
     """Shape after ``contours`` (0 to k, in their order) in a clamp of ``clamp_size`` m, over a backing plate with the
-    opening ``plate`` (P, 2) m, convex, counter-clockwise.
+    openings ``plates`` (P, 2) m, counter-clockwise.
 
     Raises
     ------
     IsfError : SHEET_MESH_FAILED, no contours, or one outside the clamp or the opening
     """
     clamp = rectangle(clamp_size)
-    outline = plate if len(plate) else clamp
+    outline = plates or (clamp,)
     if not contours:
         raise IsfError(ErrorCode.SHEET_MESH_FAILED, "no contour is formed yet", where="shell mesh")
     features: dict[tuple[int, int], list[Contour]] = {}
@@ -112,7 +113,7 @@ def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float], p
         floors.append(kept[-1])
         loops += [rim, *kept]
     places = np.vstack(loops)
-    room = _room(places[:, :2], outline)
+    room = inside_loops(outline, places[:, 0], places[:, 1])
     if (room <= 1e-4).any():
         raise IsfError(
             ErrorCode.SHEET_MESH_FAILED,
@@ -120,7 +121,7 @@ def formed_sheet(contours: Sequence[Contour], clamp_size: tuple[float, float], p
             where=contour_label(contours[-1].index),
             advice="check the clamp size of the rig, the opening of the plate and the unit of the part",
         )
-    return FormedSheet(tuple(rims), tuple(floors), places, clamp, plate)
+    return FormedSheet(tuple(rims), tuple(floors), places, clamp, plates)
 
 
 def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> SheetMesh:
@@ -140,20 +141,20 @@ def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> Sheet
         return np.minimum(np.minimum(near, size.wall + size.growth_from_wall * from_wall), size.flange)
 
     fixed = control_points
-    if len(sheet.plate):
-        props = place_along(sheet.plate, wanted)  # close to the clamp, that holds the sheet as well
-        fixed = _with_room(fixed, props[_room(props, sheet.clamp) > _EDGE_ROOM], wanted)
+    for edge in sheet.plates:
+        props = place_along(edge, wanted)  # close to the clamp, that holds the sheet as well
+        fixed = _with_room(fixed, props[inside_loops([sheet.clamp], *props.T) > _EDGE_ROOM], wanted)
     propped = np.arange(len(control_points), len(fixed), dtype=np.int64)
     loops = [floor[:, :2] for floor in sheet.floors] + list(sheet.rims)
     for loop in loops:
         start = int(np.argmin(loads.query(loop)[0]))
         fixed = _with_room(fixed, place_along(loop, wanted, start=start), wanted)
-    points, triangles, edge = mesh_in_plan(sheet.clamp, fixed, wanted)
+    points, triangles, clamped = mesh_in_plan(sheet.clamp, fixed, wanted)
     height = sheet.height(points)
-    height[edge] = 0.0
+    height[clamped] = 0.0
     height[propped] = 0.0
     loaded = np.arange(len(control_points), dtype=np.int64)
-    return SheetMesh(np.column_stack([points, height]), triangles, edge, loaded, propped)
+    return SheetMesh(np.column_stack([points, height]), triangles, clamped, loaded, propped)
 
 
 def _spaced(contours: list[Contour]) -> list[Array]:
@@ -180,13 +181,7 @@ def _thinned(contour: Contour) -> Array:
     return np.column_stack([np.interp(at, position, closed[:, axis]) for axis in range(3)])
 
 
-def _room(points: Array, outline: Array) -> Array:
-    """(N,) m, distance of ``points`` (N, 2) m from the nearest side of ``outline``; negative outside."""
-    normal, reach = inward_sides(outline)
-    return np.asarray((points @ normal.T - reach).min(axis=1))
-
-
-def _rim(loop: Array, wall_angle: float, outline: Array) -> Array:
+def _rim(loop: Array, wall_angle: float, outline: Sequence[Array]) -> Array:
     """(N, 3) m, the loop continued outwards to the flange at ``wall_angle`` rad; the loop itself when too deep.
 
     Where the flange would begin beyond :data:`_EDGE_ROOM` from the edge of the free sheet, the wall begins at the edge:
@@ -201,10 +196,7 @@ def _rim(loop: Array, wall_angle: float, outline: Array) -> Array:
     x, y = loop[:, 0], loop[:, 1]
     if float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) < 0.0:
         outward = -outward
-    normal, edge = inward_sides(outline)
-    closing = -(outward @ normal.T)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        to_edge = np.where(closing > 1e-9, (loop[:, :2] @ normal.T - edge) / closing, np.inf).min(axis=1)
+    to_edge = reach_to_loops(outline, loop[:, :2], outward)
     near = reach > to_edge - _EDGE_ROOM
     run = np.where(near, np.clip(to_edge - _EDGE_ROOM, 0.0, None), reach)
     height = np.where(near, loop[:, 2] * (1.0 - run / np.maximum(to_edge, 1e-12)), 0.0)
