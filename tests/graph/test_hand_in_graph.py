@@ -37,7 +37,7 @@ from isf_ros.conversion import wrench_array
 from quick_cone import quick_cone
 from rclpy.action import ActionClient
 from sensor_msgs.msg import Joy
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from tornado.httpclient import AsyncHTTPClient
 from tornado.websocket import websocket_connect
 from waiting import LIMIT, Waiting
@@ -306,6 +306,36 @@ def test_two_clients_at_once(operator: Operator) -> None:
     assert operator.move_to(2, (0.0, 0.0, -95.0)).code == 0
 
 
+def test_a_client_that_is_lost_hands_its_movement_to_nobody(operator: Operator) -> None:
+    """Another one is there already, with its button pressed: the tool stands, for it was not the one that moved it."""
+    operator.manual()
+    assert operator.move_to(1, (0.0, -40.0, 95.0)).code == 0
+    assert operator.press(lambda: operator.hand[-1].moving, (0, 1, 0), 0.0, "first")
+    since = len(operator.hand)
+
+    def second_waits() -> bool:
+        operator.jog.publish(Jog(client="second", enable=True, tool=1))
+        return any(one.code == ErrorCode.HAND_LOST for one in operator.hand[since:]) and not operator.hand[-1].moving
+
+    assert operator.wait(second_waits)
+    assert any("'first'" in one.message for one in operator.hand[since:])
+    assert operator.stands()[1] < 40.0  # the travel ends at 125 mm
+    operator.let_go("second")
+
+
+def test_a_movement_whose_button_is_let_go_did_not_get_there(operator: Operator) -> None:
+    operator.manual()
+    begin = operator.stands()
+    handle = operator.send(1, (begin[0] + 60.0, begin[1], 95.0), 2e-3, client="program")
+    pressed = Jog(client="program", enable=True, tool=1)
+    assert operator.wait(lambda: operator.jog.publish(pressed) or operator.tip()[0] > begin[0] + 2.0)
+    operator.jog.publish(Jog(client="program", enable=False, tool=1))
+    found = operator.result(handle)
+    assert found.code == ErrorCode.STOPPED
+    assert "let go" in found.message
+    assert begin[0] + 2.0 < operator.stands()[0] < begin[0] + 60.0
+
+
 def test_a_killed_client_leaves_the_tool_standing(operator: Operator, tmp_path: Path) -> None:
     """The command isf move-to, as a process, in the middle of its movement."""
     operator.manual()
@@ -495,7 +525,24 @@ def test_a_part_waits_at_a_marked_contour_until_it_is_let_go_on(
         assert pressed > 50.0
         assert operator.tips[-1] == pytest.approx(end, abs=0.2e-3)
     lifts = len(operator.tips)
+    pausing = operator.node.create_client(SetBool, "executive/pause")
+    assert operator.wait(pausing.service_is_ready)
+
+    def pause(wanted: bool) -> None:
+        asked = pausing.call_async(SetBool.Request(data=wanted))
+        assert operator.wait(asked.done)
+        assert asked.result().success
+
+    pause(True)
+    assert operator.wait(lambda: operator.states[-1].paused)
+    assert operator.states[-1].waits_for  # an operator's pause is no end of the hold, and the hold's end none of it
     assert go_on()
+    assert operator.wait(lambda: not operator.states[-1].waits_for)
+    assert operator.states[-1].paused
+    seen = len(operator.heard_at)
+    assert operator.wait(lambda: len(operator.heard_at) > seen + 20)
+    assert [result.index for result in operator.results] == [0]
+    pause(False)
     done = sent.result().get_result_async()
     assert operator.wait(done.done, 3 * LIMIT)
     assert done.result().result.code == 0

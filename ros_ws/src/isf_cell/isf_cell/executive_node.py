@@ -173,7 +173,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self._client.close()
 
     def health_values(self) -> dict[str, object]:
-        return {"busy": self._handle is not None, "paused": self._paused, "mode": self._modes.mode.word}
+        return {"busy": self._handle is not None, "paused": self.paused(), "mode": self._modes.mode.word}
 
     # -- what the cell publishes -------------------------------------------------------------------
 
@@ -216,7 +216,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         )
         planned = self._run.planned if self._run else None
         if planned and step.index + 1 in planned.hold_after and step.index + 1 < step.count:
-            self._paused, self._waits_for = True, f"executive/go_on, after {contour_label(step.index)}"
+            self._waits_for = f"executive/go_on, after {contour_label(step.index)}"
             self._tell_state()
 
     def cancelled(self) -> bool:
@@ -225,7 +225,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         return handle is not None and (handle.is_cancel_requested or running(handle.request.process) is False)
 
     def paused(self) -> bool:
-        return self._paused
+        return self._paused or bool(self._waits_for)
 
     def _publish_feedback(self, feedback: FormPart.Feedback) -> None:
         if self._handle is not None:
@@ -244,7 +244,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         try:
             result = await in_thread(partial(self._form, handle), self.executor)
         finally:
-            self._cell, self._handle, self._waits_for = None, None, ""
+            self._cell, self._handle, self._paused, self._waits_for = None, None, False, ""
             self._tell_state()
         if result.code == ErrorCode.OK:
             handle.succeed()
@@ -379,7 +379,9 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
                     cell.on_recorder(values.get("silent", ""), values.get("output", ""))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        waiting, self._paused, self._waits_for = self._paused, request.data, ""
+        waiting, self._paused = self.paused(), request.data
+        if not request.data:  # who goes on goes on past a hold of the job, too
+            self._waits_for = ""
         response.success = self._handle is not None
         going_on = "going on" if waiting else "going on: nothing waited"
         response.message = "pausing after this contour" if request.data else going_on
@@ -396,7 +398,9 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         refused = IsfError(ErrorCode.MODE_REFUSED, "no part waits for this", where="executive/go_on")
         response.message = "going on" if response.success else str(refused)
         if response.success:
-            self._paused, self._waits_for = False, ""
+            self._waits_for = ""
+            if self._paused:
+                response.message = "waiting for executive/pause: an operator has paused the part"
             self._tell_state()
         return response
 
@@ -494,7 +498,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             mode=int(modes.mode),
             changing=modes.changing,
             busy=self._handle is not None,
-            paused=self._paused,
+            paused=self.paused(),
             waits_for=self._waits_for,
             job=modes.job_file.job.name if modes.job_file is not None else "",
             code=int(modes.code),

@@ -230,6 +230,18 @@ def told(text: str) -> IsfError | None:
     return IsfError(ErrorCode(int(found[1])), text[: found.start()] + text[found.end() :])
 
 
+def failure(
+    code: ErrorCode | int, text: str, *, where: str = "", otherwise: ErrorCode = ErrorCode.TRANSITION_FAILED
+) -> IsfError:
+    """The failure ``code`` that another process or a record tells with ``text``.
+
+    One that is not of this catalogue (of a driver, of another version) is ``otherwise``, with its number in the text.
+    """
+    if code and code in set(ErrorCode):
+        return IsfError(ErrorCode(code), text, where=where)
+    return IsfError(otherwise, f"unknown error code {code}: {text or 'without a text'}", where=where)
+
+
 def coded(error: Exception, *, where: str = "", advice: str = "a fault of this software") -> IsfError:
     """``error`` itself when it was expected, else INTERNAL with its kind and text."""
     if isinstance(error, IsfError):

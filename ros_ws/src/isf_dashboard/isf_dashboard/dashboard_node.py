@@ -22,7 +22,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_analysis.bag.text_log import LogFile, pose_angles
 from isf_analysis.measures import scan_cloud
 from isf_analysis.measures.events import HARMLESS, event_of_message
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import ErrorCode, IsfError, failure
 from isf_core.types import Array
 from isf_msgs.action import FormPart
 from isf_msgs.msg import (
@@ -47,7 +47,7 @@ from isf_ros.conversion import (
     tip_of,
     wrench_array,
 )
-from isf_ros.lifecycle import CellNode, failure
+from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
 from isf_ros.polled import Polled, polled_subscription, taken
 from nav_msgs.msg import Path as PathMessage

@@ -71,6 +71,7 @@ class ForceController:
         self._formed: Contour | None = None
         self._measurement: Measurement | None = None
         self._mode_before = Mode.IDLE
+        self._fault_before: tuple[ErrorCode, str] | None = None
         self.drift = DriftWatch(config)
         """Drift of both load cells."""
 
@@ -112,7 +113,7 @@ class ForceController:
         if tuple(axis) != UPRIGHT:
             row += map(float, axis)
         self._playback = Playback(row, config.acceleration, config.rate)
-        self._log = self._result = self.fault = None
+        self._log = self._result = self.fault = self._fault_before = None
         self.paused = False
         self._index = first_index
         self._previous: tuple[np.ndarray, np.ndarray] | None = None
@@ -129,14 +130,21 @@ class ForceController:
         )
         self._mode = Mode.ARMED
 
+    def rests_as(self, before: ForceController) -> None:
+        """The tools, armed anew where they are, rest on the sheet as ``before`` left them: whatever comes next lifts
+        them first, a contour and the end of the plan too."""
+        self._clear, self._tools, self._lift_normal = before._clear, before._tools, before._lift_normal
+
     def start(self, contour: Contour) -> None:
         """Form ``contour`` (already corrected); targets follow from the next ticks on.
 
-        Raises IsfError NOT_ARMED, CONTOUR_REJECTED.
+        Raises IsfError NOT_ARMED, CONTOUR_REJECTED; the code of the fault for which the tools are held.
         """
         where = contour_name(contour)
         if self._mode is Mode.HOLD and self.fault is not None:
-            raise IsfError(ErrorCode.NOT_ARMED, f"held: {self.fault[1]}", where=where, advice="arm again")
+            code, text = self.fault
+            held = ErrorCode.NOT_ARMED if code is ErrorCode.STOPPED else code
+            raise IsfError(held, f"held: {text}", where=where, advice="arm again")
         if self._mode is Mode.IDLE:
             raise IsfError(ErrorCode.NOT_ARMED, "no plan is armed", where=where, advice="arm the plan first")
         self._plan.check(contour, busy=self.busy)
@@ -197,6 +205,8 @@ class ForceController:
         stand = Stand(self._tools, normal, self._clear)
         measurement = make(AtRest(self.config, self._playback.row, stand, self._formed))
         self._measurement, self._mode_before, self._mode = measurement, self._mode, Mode.FREEZE
+        # what moves after a stop is watched like all that moves: a fault that is there already would hide another one
+        self._fault_before, self.fault = self.fault, None
         return measurement
 
     def move_aside(self) -> None:
@@ -520,6 +530,7 @@ class ForceController:
             if self._clear and self._mode_before is not Mode.HOLD:
                 self._mode_before = Mode.ARMED
         self._measurement, self._mode = None, self._mode_before
+        self.fault, self._fault_before = self.fault or self._fault_before, None
         if self._lift_after_stop:
             self._lift_after_stop = False
             self._lift()

@@ -23,7 +23,7 @@ from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.motion.tool_moves import Tools
 from isf_force_ctrl.motion.trajectory import ToolPath
 
-FORMAT, VERSION = "isf-force-control-state", 2
+FORMAT, VERSION = "isf-force-control-state", 3
 
 
 def save_controller(controller: ForceController, path: Path) -> None:

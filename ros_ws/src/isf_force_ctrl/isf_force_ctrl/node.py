@@ -37,7 +37,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from isf_force_ctrl.control_state import Mode
+from isf_force_ctrl.control_state import Mode, Vector
 from isf_force_ctrl.controller import ForceController
 from isf_force_ctrl.hand.hand_space import HandSpace
 from isf_force_ctrl.kept_state import load_controller, save_controller
@@ -74,6 +74,9 @@ of them in mid-motion would make up for what it missed in one step."""
 STOPPED_FOR = 2.0
 """s of wall time that the machine is in a protective stop, after which what is done in lockstep ends with its fault: no
 tick comes any more. An executive has ended the part long before."""
+
+SAME_PLACE = 1e-3
+"""m, within which a tool still stands where the plan before had left it on the sheet (assumed: servo and rounding)."""
 
 BY_HAND = "by hand"
 """In place of a plan, where tools are moved by move_to and jog."""
@@ -295,7 +298,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller = self._controller
         resting = self._delayed and controller is not None and not controller.busy
         if not self._lock.acquire(blocking=not resting):
-            self._output.repeat(now)  # a contour is being planned
+            if self._output.has_targets:
+                self._output.repeat(now)  # a contour is being planned
             self._latency.targets()
             return
         try:
@@ -307,7 +311,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             waiting = self._delayed or time.monotonic() < self._patient_until
             lost = [] if waiting else self._ready.lost()
             if lost and controller.fault is None:
-                controller.fail(*self._ready.lost_fault(lost, self._timeout), ticking=True)
+                fault = self._ready.lost_fault(lost, self._timeout)
+                if not controller.busy:  # no result will tell it
+                    self.report(IsfError(*fault, where="between two contours"))
+                controller.fail(*fault, ticking=True)
             if controller.busy and controller.fault is None and (stopped := self._ready.machine_fault(0.0)):
                 controller.fail(*stopped, ticking=True)
             self._pause(controller, waiting=waiting)
@@ -413,7 +420,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._hand.watch()
             if controller is not None:
                 forming = controller.busy and not controller.measuring
-                if alone := self._attended.judge(on_sheet=controller.on_sheet, forming=forming):
+                on_sheet = controller.on_sheet and not self._hand.armed  # by hand somebody is there
+                if alone := self._attended.judge(on_sheet=on_sheet, forming=forming):
                     self._lift_unattended(controller, alone)
             if controller is None or self._loop is not None:
                 return
@@ -548,7 +556,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         controller = ForceController(control_config(job_file, self._settings))
         park = controller.config.park_height
         tip_1, tip_2 = here_1 or (0.0, 0.0, park), here_2 or (0.0, 0.0, -park)  # one that is elsewhere faults
-        self._awaited = None
+        self._awaited, resting = None, self._resting_at(tip_1, tip_2)
         # where no tool is tilted a driver may give out whatever orientation it likes
         axis = self._ready.axis if controller.config.largest_tilt > 0.0 else UPRIGHT
         space = None
@@ -561,6 +569,9 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             if kept is not None and request.first_index > 0:
                 # now: once this is armed, it may hear the contour of before a kill, and take it
                 load_controller(controller, kept)
+                resting = None
+        if resting is not None:
+            controller.rests_as(resting)
         self._chips = ChipWatch(job_file, override)
         self._stop_loop()  # from here on no other thread sees the controller
         self._late_ended, self._leaving, self._unanswered = 0, False, False
@@ -593,6 +604,15 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 )
         what = f"plan {request.plan_id}, contours {request.first_index + 1} to {request.count}"
         self.get_logger().info(f"armed: {BY_HAND if request.by_hand else what}")
+
+    def _resting_at(self, tip_1: Vector, tip_2: Vector) -> ForceController | None:
+        """The controller of the plan before, where it left the tools on the sheet and they, at ``tip_1``, ``tip_2``
+        (3,) m, still are there."""
+        before = self._controller
+        if before is None or not before.on_sheet:
+            return None
+        moved = [math.dist(tip, target) for tip, target in zip((tip_1, tip_2), before.targets[:2], strict=True)]
+        return before if max(moved) < SAME_PLACE else None
 
     def _simulated_sheet(self, request: Arm.Request) -> str:
         """Its kind, empty for a real one; raises IsfError FILE_FIELD where the machine cannot have it. Limits that are

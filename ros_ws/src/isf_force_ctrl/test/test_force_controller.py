@@ -1,5 +1,7 @@
 """The whole controller against the contact sandbox: parts formed, faults, order, bumpless changes of mode."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from contact_sandbox import Run, make_config, ring, run
@@ -186,8 +188,9 @@ def test_bad_wrench_holds(value, code, tick):
     assert acceleration <= 0.5 + 0.5 + 2.0 + 0.3  # as above, plus braking
     held = outcome.controller.tick(10**6, 0.0, FREE, FREE)
     assert held == outcome.controller.tick(10**6 + 1, 0.0, FREE, FREE)
-    with pytest.raises(IsfError, match="held"):
+    with pytest.raises(IsfError, match="held") as refused:
         outcome.controller.start(ring(1, 2))
+    assert refused.value.code is code
 
 
 def test_points_that_were_not_reached_are_nan():
@@ -221,6 +224,30 @@ def test_stop_decelerates_and_disarm_lifts():
     assert controller.mode is Mode.IDLE
     assert targets[-1] == pytest.approx([*PARK_1, *PARK_2], abs=1e-4)
     assert largest_step_and_acceleration(np.array(targets))[1] <= 0.5 + 0.3
+
+
+def test_tools_that_rest_on_the_sheet_are_lifted_whoever_armed_them_last():
+    """Armed anew after a fault, as its advice says, and then disarmed without a contour; or with one, which lifts
+    first."""
+    before = run(part(2), make_config(), on_tick=spoil(1500, float("nan"))).controller
+    assert before.on_sheet
+    for contours in (0, 1):
+        controller = ForceController(make_config())
+        controller.arm("again", 0, 2, *before.targets[:2])
+        assert not controller.on_sheet
+        controller.rests_as(before)
+        assert controller.on_sheet
+        if contours:
+            controller.start(replace(ring(0, 2), plan_id="again"))
+            tips = [controller.tick(tick, tick * 0.002, FREE, FREE).tip_1 for tick in range(50)]
+            assert tips[-1][2] > tips[0][2] + 0.5e-3  # up, not along the sheet
+        controller.disarm()
+        for tick in range(50, 10_000):
+            if not controller.busy:
+                break
+            controller.tick(tick, tick * 0.002, FREE, FREE)
+        assert controller.mode is Mode.IDLE
+        assert [*controller.targets.tip_1, *controller.targets.tip_2] == pytest.approx([*PARK_1, *PARK_2], abs=1e-4)
 
 
 def test_disarm_while_moving_gives_a_result_and_parks():

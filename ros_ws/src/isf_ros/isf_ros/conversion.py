@@ -13,6 +13,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.contour import Contour, ContourCorrection, ContourResult
+from isf_core.errors import ErrorCode, IsfError, failure
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.tool_axis import axis_of_quaternion, quaternion_of
 from isf_core.thinned_sheet import ThinnedSheet
@@ -66,6 +67,12 @@ def set_wrench(message: WrenchStamped, wrench: Sequence[float] | NDArray[np.floa
     """Write (6,) N and N m into a message."""
     force, torque = message.wrench.force, message.wrench.torque
     force.x, force.y, force.z, torque.x, torque.y, torque.z = (float(value) for value in wrench)
+
+
+def machine_fault(state: isf.MachineState) -> IsfError:
+    """The first fault of a machine that has one; MACHINE_FAULTED for a code of the driver's own."""
+    text = (*state.fault_messages, "a fault is latched")[0]
+    return failure(state.fault_codes[0], text, where="machine", otherwise=ErrorCode.MACHINE_FAULTED)
 
 
 def tip_of(message: PoseStamped) -> tuple[float, float, float]:

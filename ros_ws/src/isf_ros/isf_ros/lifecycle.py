@@ -472,11 +472,3 @@ class CellNode(LifecycleNode, Generic[P]):
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-
-
-def failure(code: ErrorCode | int, text: str) -> IsfError:
-    """IsfError from the code and text of a service or action response."""
-    try:
-        return IsfError(ErrorCode(code), text)
-    except ValueError:
-        return IsfError(ErrorCode.TRANSITION_FAILED, f"unknown error code {code}: {text}")

@@ -20,6 +20,7 @@ from isf_core.geometry.height_map import HeightMap
 from isf_msgs.msg import Contour as ContourMessage
 from isf_msgs.msg import ContourCorrection as CorrectionMessage
 from isf_msgs.msg import ContourResult as ResultMessage
+from isf_msgs.msg import MachineState
 from isf_ros import conversion, fields, qos, stamps
 
 RANDOM = np.random.default_rng(1)
@@ -148,6 +149,23 @@ def test_reading_a_message_does_not_copy_its_arrays() -> None:
     read = conversion.contour_from_message(message)
     for name in ("contact", "wall_angle", "support_force"):
         assert np.shares_memory(getattr(read, name), np.asarray(getattr(message, name))), name
+
+
+@pytest.mark.parametrize(
+    ("codes", "texts", "code", "words"),
+    [
+        ([1405, 1402], ["too much", "far"], 1405, "too much"),
+        ([9001], ["door open"], 1410, "unknown error code 9001: door open"),  # a driver's own
+        ([9001], [], 1410, "9001"),
+        ([0], ["?"], 1410, "unknown error code 0"),
+    ],
+)
+def test_the_fault_of_a_driver_is_told_whatever_its_code(
+    codes: list[int], texts: list[str], code: int, words: str
+) -> None:
+    fault = conversion.machine_fault(MachineState(fault_codes=codes, fault_messages=texts))
+    assert (int(fault.code), fault.where) == (code, "machine")
+    assert words in fault.what
 
 
 def test_a_height_map_goes_through_a_point_cloud() -> None:

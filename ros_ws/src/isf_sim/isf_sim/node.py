@@ -149,6 +149,8 @@ class MachineNode(CellNode[MachineParameters]):
                     advice="lockstep:=false, for force_ctrl and executive too",
                 )
             self._joints = JointInterface(self, self._on_joints)
+        if self._machine is not None and not values.job:  # its blank outlasts a cleanup
+            self._listen_for(self._machine)
         if values.job:
             self.clamp(
                 SimulatedMachine(
@@ -259,14 +261,17 @@ class MachineNode(CellNode[MachineParameters]):
         self._stream.following = False
         self._reported = len(machine.events)
         self._targets.clear()
-        self._listen_to_holder(machine.job_file.job.process == "TPIF")
-        if self._joints is not None:
-            self._joints.clamp(machine.job_file)
+        self._listen_for(machine)
         name = machine.job_file.job.name
         self.get_logger().info(
             f"{machine.job_file.material.name} for '{name}', sheet {machine.sheet_kind}, "
             f"plant {machine.variant.as_dict()}"
         )
+
+    def _listen_for(self, machine: SimulatedMachine) -> None:
+        self._listen_to_holder(machine.job_file.job.process == "TPIF")
+        if self._joints is not None:
+            self._joints.clamp(machine.job_file)
 
     def _listen_to_holder(self, wanted: bool) -> None:
         """A blank holder belongs to TPIF alone: then every tick takes three targets instead of two."""

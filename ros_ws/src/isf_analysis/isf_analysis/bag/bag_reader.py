@@ -342,7 +342,8 @@ def _faults(after: list[tuple[int, Any]]) -> tuple[tuple[int, str], ...]:
     if not after:
         return ()
     state = after[0][1]
-    return tuple((int(code), text) for code, text in zip(state.fault_codes, state.fault_messages, strict=True))
+    texts = (*state.fault_messages, *("without a text" for _ in state.fault_codes))  # a driver may leave them out
+    return tuple((int(code), text) for code, text in zip(state.fault_codes, texts, strict=False))
 
 
 def _axis_error(after: list[tuple[int, Any]]) -> tuple[float, float] | None:

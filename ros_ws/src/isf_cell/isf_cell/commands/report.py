@@ -14,7 +14,7 @@ from isf_analysis.measures.record import PartRecord
 from isf_analysis.report.page import write_report
 from isf_analysis.report.shape_files import write_shape
 from isf_core.contour import ContourResult, contour_label
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import ErrorCode, IsfError, failure
 from isf_core.events import torn
 from isf_core.files.job import JobFile
 
@@ -28,7 +28,7 @@ def first_failure(results: Iterable[ContourResult]) -> IsfError | None:
     """The failure of the first contour that was not completed."""
     for result in results:
         if not result.completed:
-            return IsfError(ErrorCode(result.code), result.message, where=contour_label(result.index))
+            return failure(result.code, result.message, where=contour_label(result.index))
     return None
 
 
@@ -75,7 +75,7 @@ def finish(
     data = {**made.numbers, **(counts or {}), "bag": str(bag), "report": str(made.html)}
     data["machine"] = {**_machine_use(record), **made.numbers["machine"]}
     if failure:
-        data["error"] = _error(failure)
+        data["error"] = terminal.error_data(failure)
     (folder / "summary.json").write_text(json.dumps(terminal.without_nan(data), indent=2), encoding="utf-8")
     exported: tuple[Path, ...] = ()
     try:
@@ -83,7 +83,7 @@ def finish(
     except IsfError as error:
         if failure is None:
             failure = error
-            data["error"] = _error(error)
+            data["error"] = terminal.error_data(error)
     if as_json:
         terminal.print_json(data)
     terminal.show_summary(data, made.numbers.get("reference"))
@@ -108,10 +108,6 @@ def _machine_use(record: PartRecord) -> dict[str, Any]:
     from isf_cell.commands.plan import machine_use  # late: the planner takes a second to load
 
     return machine_use(job_file.rig, record.nominal, job_file.job.tool_1.ball_radius)
-
-
-def _error(failure: IsfError) -> dict[str, Any]:
-    return {"code": failure.code.value, "name": failure.code.name, "message": failure.message}
 
 
 def report_bag(

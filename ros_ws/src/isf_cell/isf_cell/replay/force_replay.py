@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult, contour_label
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import ErrorCode, IsfError, failure
 from isf_core.files.job import JobFile
 from isf_core.types import Array, Indices
 from isf_force_ctrl.control_config import ControlConfig
@@ -69,7 +69,7 @@ def replay_force(
     """
     started = {result.index: round(result.start * NANO) for result in results if len(result.tick_time)}
     ended = {result.index: round(result.end * NANO) for result in results}
-    broken_off = {item.index: (_known(item.code), item.message) for item in results if not item.completed}
+    broken_off = {item.index: failure(item.code, item.message) for item in results if not item.completed}
     controller = ForceController(config)
     plan_id = contours[0].plan_id if contours else ""
     controller.arm(plan_id, armed.first_index, armed.count, armed.tip_1, armed.tip_2, armed.support_force, armed.axis)
@@ -109,11 +109,6 @@ def replay_force(
     return ForceReplay(contour_of, tick_of, target, tuple(found), unfed, notes)
 
 
-def _known(code: int) -> ErrorCode:
-    """The code of a result, which another version may have written."""
-    return ErrorCode(code) if code in set(ErrorCode) else ErrorCode.STOPPED
-
-
 def _between(
     controller: ForceController, feed: _Feed, contour: Contour, job_file: JobFile, lifted: frozenset[int], end: int
 ) -> None:
@@ -148,11 +143,11 @@ class _Feed:
         stamp = self._ticks.stamp[position] if position < len(self._ticks.stamp) else np.iinfo(np.int64).max
         self._pose = int(np.searchsorted(self._ticks.pose_stamp, stamp))
 
-    def run(self, index: int, end: int, last: int, *, exact: bool, ends: tuple[ErrorCode, str] | None = None) -> None:
+    def run(self, index: int, end: int, last: int, *, exact: bool, ends: IsfError | None = None) -> None:
         """Until the controller rests; where it is not ``exact`` also the ticks up to ``end`` in which it rested.
 
         A controller that takes longer than the recorded one is given the wrenches of the :data:`TAIL` before tick
-        ``last`` again and again; these ticks are compared with nothing. With ``ends``, code and text, it is ended after
+        ``last`` again and again; these ticks are compared with nothing. With ``ends`` it is ended after
         tick ``end`` in place of that.
         """
         controller, ticks = self._controller, self._ticks
@@ -169,7 +164,7 @@ class _Feed:
                 self._report_poses(stamp)
                 self._position += 1
             elif ends is not None:
-                controller.fail(*ends)
+                controller.fail(ends.code, ends.what)
                 return
             else:
                 position, more = begin + more % tail, more + 1

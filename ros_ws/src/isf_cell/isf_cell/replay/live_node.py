@@ -24,14 +24,13 @@ import numpy as np
 import rclpy
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import ErrorCode, IsfError, failure
 from isf_core.files.job import JobFile
 from isf_core.types import Array
 from isf_msgs import msg as isf
 from isf_msgs.action import LiftTool, MoveAside
 from isf_msgs.srv import Arm
 from isf_ros import conversion, qos, stamps
-from isf_ros.lifecycle import failure
 from isf_ros.process import join_graph
 from isf_springback.scan.feedback import scan_due
 from lifecycle_msgs.srv import GetState

@@ -15,14 +15,13 @@ from typing import Any, Protocol
 import numpy as np
 from isf_core import __version__
 from isf_core.contour import ContourCorrection, ContourResult, contour_label
-from isf_core.errors import ErrorCode, IsfError, told
+from isf_core.errors import ErrorCode, IsfError, failure, told
 from isf_core.events import Event, force_unknown, torn
 from isf_msgs.action import LiftTool, MoveAside, PlanPart
 from isf_msgs.msg import Contour, ForceCtrlState, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, StateFile, Stop, Tare
-from isf_ros import stamps
+from isf_ros import conversion, stamps
 from isf_ros.conversion import contour_from_message, lift_to_cloud
-from isf_ros.lifecycle import failure
 from isf_ros.watchdog import RegularLook
 from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import PointCloud2
@@ -284,7 +283,7 @@ class GraphCell:
             timeout=self._settings.plan_timeout,
         )
         if result.code:
-            raise IsfError(ErrorCode(result.code), result.message)
+            raise failure(result.code, result.message)
         self._plan_id = result.plan_id
         holds = tuple(int(number) for number in result.hold_after)
         return PlannedPart(result.plan_id, int(result.count), holds, tuple(result.warnings))
@@ -476,13 +475,13 @@ class GraphCell:
         self._watch_publishers()
         state = self._state
         if state is not None and state.fault_codes:
-            raise IsfError(ErrorCode(state.fault_codes[0]), state.fault_messages[0], where="machine")
+            raise conversion.machine_fault(state)
         if (unknown := force_unknown(list(self._events))) is not None:
             raise unknown
         for correction in list(self._corrections.values()):
             if correction.code and not len(correction.offset):  # refused: no corrected contour will follow
                 where = f"springback, {contour_label(correction.index)}"
-                raise IsfError(ErrorCode(correction.code), correction.message, where=where)
+                raise failure(correction.code, correction.message, where=where)
 
     def torn(self) -> IsfError | None:
         """As in the protocol."""

@@ -10,8 +10,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from isf_core.errors import ErrorCode, IsfError
-from isf_ros.lifecycle import failure
+from isf_core.errors import ErrorCode, IsfError, failure
 from isf_ros.qos_match import UNKNOWN
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState

@@ -15,7 +15,7 @@ from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from diagnostic_msgs.msg import DiagnosticArray
 from isf_analysis.bag.open_bag import next_bag
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import ErrorCode, IsfError, failure
 from isf_core.files.job import JobFile
 from isf_core.files.rig import tools_with_spindle_cells
 from isf_core.files.yaml_file import find_named
@@ -23,7 +23,6 @@ from isf_msgs.action import FormPart
 from isf_msgs.msg import ExecutiveState
 from isf_msgs.srv import Stop
 from isf_ros import qos
-from isf_ros.lifecycle import failure
 from isf_ros.process import join_graph
 from isf_ros.process_identity import identity
 from rclpy.action import ActionClient

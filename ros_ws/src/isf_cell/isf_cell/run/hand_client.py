@@ -10,12 +10,11 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import Point, Vector3
-from isf_core.errors import ErrorCode, IsfError, told
+from isf_core.errors import ErrorCode, IsfError, failure, told
 from isf_msgs.action import MoveTo
 from isf_msgs.msg import ExecutiveState, HandState, Jog
 from isf_msgs.srv import SetMode, SetZero
 from isf_ros import qos
-from isf_ros.lifecycle import failure
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node

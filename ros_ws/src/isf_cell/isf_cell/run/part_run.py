@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Sequence
 from typing import Protocol
 
 from isf_core.contour import ContourResult, contour_label
-from isf_core.errors import ErrorCode, IsfError
+from isf_core.errors import ErrorCode, IsfError, coded, failure
 from isf_springback.lift_feedback import lift_due
 from isf_springback.methods import check_method
 from isf_springback.scan.feedback import scan_due
@@ -56,16 +57,20 @@ class PartRun:
         return sum(result.completed for result in self.results)
 
     def run(self) -> IsfError | None:
-        """Form the part; why it ended early or is lost, None when it is complete. Never raises IsfError.
+        """Form the part; why it ended early or is lost, None when it is complete.
 
-        A part whose sheet tears ends after the contour.
+        Never raises: a fault of this software, too, is not to leave the tools on the sheet. A part whose sheet tears
+        ends after the contour.
         """
         error: IsfError | None = None
         try:
             self._form()
-        except IsfError as caught:
-            self._cell.stop(caught)  # first: what explains it may take seconds to show
-            error = self._cell.explain(caught)
+        except Exception as caught:
+            ended = coded(caught)
+            if ended is not caught:
+                logging.getLogger(__name__).exception("the part is ended")
+            self._cell.stop(ended)  # first: what explains it may take seconds to show
+            error = self._cell.explain(ended)
         self._cell.finish()
         return error
 
@@ -123,7 +128,7 @@ class PartRun:
         formed = self._cell.form_contour(index)
         self.results.append(formed.result)
         if not formed.result.completed:
-            raise IsfError(ErrorCode(formed.result.code), formed.result.message, where=contour_label(index))
+            raise failure(formed.result.code, formed.result.message, where=contour_label(index))
         self._operator.formed(PartStep.of(formed.nominal, formed.correction, formed.result))
         if (lost := self._cell.torn()) is not None:
             if self._keeper is not None and self.planned is not None:

@@ -34,11 +34,15 @@ class ScriptedCell:
 
     contours: tuple[Contour, ...]
     failing: dict[str, ErrorCode] = field(default_factory=dict)
+    broken: str = ""
+    """What meets a fault of this software."""
     cause: ErrorCode | None = None
     asked: list[str] = field(default_factory=list)
 
     def _note(self, what: str) -> None:
         self.asked.append(what)
+        if what == self.broken:
+            raise ValueError("9001 is not a valid something")
         if what in self.failing:
             raise IsfError(self.failing[what], f"{what} failed")
 
@@ -179,6 +183,16 @@ def test_a_step_that_fails_ends_the_part_at_rest(contours: tuple[Contour, ...], 
     assert cell.asked[-2:] == ["stop FORCE_LIMIT", "finish"]
     if step != "check":
         assert cell.asked[-3] == step
+
+
+@pytest.mark.parametrize("step", ["tare", "arm", "lift 1"])
+def test_a_fault_of_this_software_ends_the_part_at_rest_too(contours: tuple[Contour, ...], step: str) -> None:
+    cell = ScriptedCell(contours, broken=step)
+    failed = _run(cell, Watching(), MEASURED)
+    assert failed is not None
+    assert failed.code is ErrorCode.INTERNAL
+    assert "9001" in failed.what
+    assert cell.asked[-3:] == [step, "stop INTERNAL", "finish"]
 
 
 def test_what_lies_behind_a_failure_is_reported(contours: tuple[Contour, ...]) -> None:

@@ -41,9 +41,18 @@ class HandMove:
     phase = "moved by hand"
 
     def __init__(
-        self, rest: AtRest, tool: int, way: Array, speed: float, *, touch_force: float, floor: float, client: str
+        self,
+        rest: AtRest,
+        tool: int,
+        way: Array,
+        speed: float,
+        *,
+        touch_force: float,
+        floors: Sequence[float],
+        client: str,
     ) -> None:
-        """``way`` (3,) m of the tip of ``tool`` (1, 2) at no more than ``speed`` m/s; ``floor`` m, as of the space."""
+        """``way`` (3,) m of the tip of ``tool`` (1, 2) at no more than ``speed`` m/s; ``floors`` m, of both tools, as
+        of the space."""
         config, length = rest.config, float(np.linalg.norm(way))
         self.tool, self.client, self.length = tool, client, length
         self._config = config
@@ -51,10 +60,10 @@ class HandMove:
         self._tip = Column.TIP_1 if tool == 1 else Column.TIP_2
         self._direction = tuple((np.asarray(way, dtype=float) / max(length, 1e-12)).tolist())
         self._speed = min(speed if speed > 0.0 else SPEED, config.rapid_speed)
-        self._up, self._floor, self._touch_force = (1.0 if tool == 1 else -1.0), floor, touch_force
+        self._up, self._floors, self._touch_force = (1.0 if tool == 1 else -1.0), tuple(floors), touch_force
         self._glide = Glide(length, self._speed, config.acceleration, config.rate)
         self._pressed, self._settled = 0, 0
-        self.stand = Stand(rest.stand.tools, np.array([0.0, 0.0, 1.0]), clear=True)
+        self._rest = rest.stand
         self.row: Row = list(self._begin)
         self.force = 0.0
         """N, on the tool, at the last tick."""
@@ -66,6 +75,14 @@ class HandMove:
         """(3,) m, commanded now."""
         x, y, z = self.row[self._tip : self._tip + 3]
         return x, y, z
+
+    @property
+    def stand(self) -> Stand:
+        """As in the protocol: not clear after a touch, until both tools are away from the sheet."""
+        clear = self.code is not ErrorCode.TOUCHED and (
+            self._rest.clear or min(self._height(1), self._height(2)) >= self._config.clearance
+        )
+        return Stand(self._rest.tools, np.array([0.0, 0.0, 1.0]), clear=clear)
 
     @property
     def left(self) -> float:
@@ -80,7 +97,7 @@ class HandMove:
         """As in the protocol."""
         self._watch(forces[3 * self.tool - 3 : 3 * self.tool])
         towards = self._up * self._direction[2] < -1e-6
-        height = self._up * (self.tip[2] - self._floor)
+        height = self._height(self.tool)
         self._glide.speed = min(self._speed, NEAR_SHEET) if towards and height < self._config.clearance else self._speed
         moved = self._glide.position if self._glide.at_rest else self._glide.step()
         row = list(self._begin)
@@ -99,6 +116,11 @@ class HandMove:
 
     def add_measured(self, tool: int, time: float, tip: Sequence[float]) -> None:
         """Where the tool is commanded to be is enough."""
+
+    def _height(self, tool: int) -> float:
+        """m, of the tip of ``tool`` over its floor."""
+        z = self.row[(Column.TIP_1 if tool == 1 else Column.TIP_2) + 2]
+        return (1.0 if tool == 1 else -1.0) * (z - self._floors[tool - 1])
 
     def _watch(self, force: Sequence[float]) -> None:
         self.force = math.hypot(*force)

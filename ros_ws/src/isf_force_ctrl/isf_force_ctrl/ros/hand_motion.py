@@ -67,6 +67,7 @@ class HandMotion:
         self._look = RegularLook(0.5 * SILENCE)
         self._space: HandSpace | None = None
         self._move: HandMove | None = None
+        self._has_goal = False  # what moves is to get to a place
         self._tool, self._told = 1, (ErrorCode.OK, "")
         self._sent, self._last = 0.0, HandState()
         p = node.values()
@@ -99,17 +100,19 @@ class HandMotion:
         late = self._look.late()
         if self._space is None:
             return
-        move = self._move
         if late:
             self._desk.not_served()
         if self._desk.lost():
-            owner = self._desk.owner
-            if move is not None and not move.ended:
-                text = f"nothing on jog from '{owner}' for {SILENCE:g} s: the tool stands (press its key again)"
-                move.give_up(ErrorCode.HAND_LOST, text, stay=True)
+            self._leave_alone(self._desk.owner)
             self._desk.release(lost=True)
         self._settle()
         self._publish()
+
+    def _leave_alone(self, owner: str) -> None:
+        """The client ``owner`` was lost: what it moves is brought to a stand."""
+        if self._move is not None and not self._move.ended:
+            text = f"nothing on jog from '{owner}' for {SILENCE:g} s: the tool stands (press its key again)"
+            self._move.give_up(ErrorCode.HAND_LOST, text, stay=True)
 
     def _settle(self) -> None:
         """Forget a movement that has ended, as soon as anybody asks: its client may come with the next at once."""
@@ -145,6 +148,8 @@ class HandMotion:
                 return
             before = self._desk.owner
             wish = self._desk.hear(demand)
+            if before and self._desk.owner == demand.client != before:  # lost, and the next one was heard before watch
+                self._leave_alone(before)
             if self._move is None and self._desk.owner == demand.client != before:
                 self._told = (ErrorCode.OK, "")  # what another one was refused, or this one before, is over
             try:
@@ -158,12 +163,19 @@ class HandMotion:
                         advice="let go of it, and press it again",
                     )
                 if wish is Wish.STOP and self._move is not None:
-                    self._move.stop()
+                    self._stop_move(self._move, demand.client)
                 if wish is Wish.START and self._move is None:
                     self._desk.begun()
                     self._jog(demand)
             except IsfError as error:
                 self._refuse(error)
+
+    def _stop_move(self, move: HandMove, client: str) -> None:
+        """The button was let go: the end of a jog, and of a movement to a place why it does not get there."""
+        if self._has_goal:
+            move.give_up(ErrorCode.STOPPED, f"'{client}' let go of its button before the tool was there", stay=True)
+        else:
+            move.stop()
 
     def _jog(self, demand: JogDemand) -> None:
         """Begin the step, or the movement, that ``demand`` asks for; raises IsfError why not."""
@@ -200,10 +212,10 @@ class HandMotion:
         def make(rest: AtRest) -> HandMove:
             tips = [np.array(rest.row[k : k + 3]) for k in (Column.TIP_1, Column.TIP_2)]
             way = way_of(space, tips[tool - 1], tips[2 - tool])
-            force, floor = self._node.values().hand_force, space.floor(tool)
-            return HandMove(rest, tool, way, speed, touch_force=force, floor=floor, client=client)
+            force, floors = self._node.values().hand_force, (space.floor(1), space.floor(2))
+            return HandMove(rest, tool, way, speed, touch_force=force, floors=floors, client=client)
 
-        self._move = controller.measure(make)
+        self._move, self._has_goal = controller.measure(make), False
         self._tool, self._told = tool, (ErrorCode.OK, "")
         self._publish()  # first: a short step may have ended before anybody looks
         self._begun()
@@ -240,6 +252,7 @@ class HandMotion:
                     raise self._taken(client)
                 try:
                     move = self._start(goal.tool, self._way_to(goal), goal.speed, client)
+                    self._has_goal = True
                 except IsfError:
                     self._desk.release()
                     raise

@@ -10,6 +10,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile
 from isf_core.geometry.tool_axis import UPRIGHT
 from isf_msgs import msg as isf
+from isf_ros import conversion
 from isf_ros.watchdog import ReceiveWatchdog
 
 from isf_force_ctrl.control_config import ControlConfig
@@ -60,9 +61,10 @@ class Readiness:
         if self._machine is None or self._stopped is None or self._clock() - self._stopped < seconds:
             return None
         state = self._machine[1]
-        code, text = (*state.fault_codes[:1], 0)[0], (*state.fault_messages[:1], "a fault is latched")[0]
-        known = ErrorCode(code) if code in set(ErrorCode) and code else ErrorCode.MACHINE_FAULTED
-        return known, f"the machine is in a protective stop: {text}"
+        if not state.fault_codes:
+            return ErrorCode.MACHINE_FAULTED, "the machine is in a protective stop, and tells no fault"
+        fault = conversion.machine_fault(state)
+        return fault.code, f"the machine is in a protective stop: {fault.what}"
 
     def pose(self, tool: int, tip: Vector) -> None:
         """A pose of ``tool`` has come."""

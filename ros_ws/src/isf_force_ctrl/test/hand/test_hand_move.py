@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from isf_core.errors import ErrorCode
+from isf_core.errors import ErrorCode, IsfError
 from isf_force_ctrl.control_state import Mode
 from isf_force_ctrl.hand.hand_move import HandMove
 from plant_cell import PlantCell
@@ -18,9 +18,9 @@ def cell() -> PlantCell:
 
 def move(cell: PlantCell, tool: int, way: tuple[float, float, float], speed: float = 10e-3) -> HandMove:
     """Begin a movement along ``way`` mm."""
-    floor = 0.0 if tool == 1 else -1e-3
+    floors = 0.0, -1e-3
     return cell.controller.measure(
-        lambda rest: HandMove(rest, tool, 1e-3 * np.array(way), speed, touch_force=25.0, floor=floor, client="test")
+        lambda rest: HandMove(rest, tool, 1e-3 * np.array(way), speed, touch_force=25.0, floors=floors, client="test")
     )
 
 
@@ -81,10 +81,15 @@ def test_the_sheet_is_touched_and_not_pressed(cell: PlantCell) -> None:
     cell.run()
     assert deeper.code is ErrorCode.TOUCHED
     assert deeper.left > 0.99e-3
+    assert cell.controller.on_sheet
     away = move(cell, 1, (0.0, 0.0, 5.0))
     cell.run()
+    assert cell.controller.on_sheet  # still near
     assert (away.code, away.left) == (ErrorCode.OK, pytest.approx(0.0, abs=1e-12))
     assert abs(cell.sample.true_force_1[2]) < 1.0
+    move(cell, 1, (0.0, 0.0, 30.0))
+    cell.run()
+    assert not cell.controller.on_sheet
 
 
 def test_a_stop_from_outside_holds_the_tool_and_it_can_be_moved_on(cell: PlantCell) -> None:
@@ -96,6 +101,34 @@ def test_a_stop_from_outside_holds_the_tool_and_it_can_be_moved_on(cell: PlantCe
     again = move(cell, 1, (0.0, 1.0, 0.0))
     cell.run()
     assert again.code is ErrorCode.OK
+    with pytest.raises(IsfError, match="stopped: test"):  # but no contour is formed
+        cell.controller.start(cell.plan.contours[0])
+
+
+def test_what_moves_after_a_stop_is_watched_like_all_that_moves(cell: PlantCell) -> None:
+    """Lost wrenches end it, and after them nothing moves before the controller is armed again."""
+    move(cell, 1, (60.0, 0.0, 0.0))
+    cell.run(ticks=200)
+    cell.controller.stop("test")
+    cell.run()
+    again = move(cell, 1, (0.0, 60.0, 0.0))
+    cell.run(ticks=200)
+    assert cell.controller.fault is None  # what a node asks before it tells of lost wrenches, poses and stamps
+    cell.controller.fail(ErrorCode.WRENCH_LOST, "nothing on tool_1/wrench", ticking=True)
+    cell.run()
+    assert (again.code, cell.controller.mode) == (ErrorCode.WRENCH_LOST, Mode.HOLD)
+    with pytest.raises(IsfError, match="not possible in HOLD"):
+        move(cell, 1, (0.0, 1.0, 0.0))
+
+
+def test_a_tool_that_has_touched_is_lifted_in_the_end(cell: PlantCell) -> None:
+    move(cell, 1, (0.0, 0.0, -103.0), speed=30e-3)
+    cell.run()
+    assert cell.sample.true_force_1[2] > 20.0
+    assert cell.controller.on_sheet
+    cell.controller.disarm()
+    assert cell.run()[-1][2] == pytest.approx(0.1, abs=1e-4)  # park height of the rig
+    assert cell.controller.mode is Mode.IDLE
 
 
 def test_a_wrench_that_is_no_number_ends_it(cell: PlantCell) -> None:

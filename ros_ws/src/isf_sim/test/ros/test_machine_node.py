@@ -18,9 +18,13 @@ from isf_core.errors import ErrorCode
 from isf_msgs.msg import MachineEvent, MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
 from isf_ros import conversion, stamps
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from machine_client import JOB, LIMIT, PARKED, RATE, Client, press, served
 
 pytestmark = pytest.mark.graph
+
+GOLDEN = Path(__file__).resolve().parents[5] / "tests" / "golden" / "jobs"
 
 LONG_TICKS = """
 import sys, time
@@ -252,6 +256,26 @@ def test_services_name_what_is_wrong(machine: Client) -> None:
     assert response.code == ErrorCode.FILE_UNIT
     assert "job:6" in response.message
     assert machine.call(Stop, "machine/stop", Stop.Request()).code == 0
+
+
+def test_a_blank_that_outlasts_a_cleanup_has_its_holder_again(machine: Client) -> None:
+    """Of TPIF: every tick takes a target of the blank holder, too."""
+    request = Reset.Request(new_blank=True, job_text=(GOLDEN / "tpif_cone.yaml").read_text(), base_folder=str(GOLDEN))
+    assert machine.call(Reset, "machine/reset", request).code == 0
+
+    def listens() -> bool:
+        return bool(machine.node.get_subscriptions_info_by_topic("/holder/target"))
+
+    assert machine.wait(listens)
+    steps = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
+    for step in steps:
+        request = ChangeState.Request(transition=Transition(id=step))
+        assert machine.call(ChangeState, "machine/change_state", request).success
+    assert machine.wait(lambda: not listens())
+    for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+        request = ChangeState.Request(transition=Transition(id=step))
+        assert machine.call(ChangeState, "machine/change_state", request).success
+    assert machine.wait(listens)
 
 
 def test_state_is_saved_and_taken_up(machine: Client, tmp_path: Path) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from isf_core.errors import ErrorCode
-from isf_ros.lifecycle import failure
+from isf_core.errors import ErrorCode, failure
 
 
 def test_a_code_of_this_software_is_that_error() -> None:
