@@ -7,12 +7,14 @@ backing plate that its plan advises. ``isf campaign`` forms what is missing of t
     ./isf python benchmarks/unseen_shapes.py                                # none, elastic and fused, nominal
     ./isf python benchmarks/unseen_shapes.py --methods elastic --variants 101-105 --jobs 2
 
-fused scans after every contour, the others never. A part on shell_coarse takes 2 to 5 minutes of one core.
+fused scans after every contour, the others never. A part on shell_coarse takes 2 to 5 minutes of one core. In the rows:
+wall and base, largest / mean; signed means of base and rim; of several variants the median, and the worst behind it.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import subprocess
 import sys
 from collections.abc import Callable
@@ -20,6 +22,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import trimesh
 import yaml
 from isf_core.files.job import JobFile
@@ -80,6 +83,26 @@ def write_job(folder: Path, name: str, step: float) -> Path:
     return path
 
 
+def show(path: Path) -> None:
+    """Print the rows of the table ``path``."""
+    rows: dict[tuple[str, str], list[dict[str, str]]] = {}
+    with path.open(encoding="utf-8", newline="") as stream:
+        for row in csv.DictReader(stream):
+            rows.setdefault((row["job"], row["method"]), []).append(row)
+    print("| shape | method | variants | wall and base [mm] | worst | base | rim |\n|---|---|---|---|---|---|---|")
+    for (job, method), found in rows.items():
+        whole = [row for row in found if row["code"] == "0"]
+        columns = ("max_mm", "mean_mm", "base_signed_mm", "rim_signed_mm")
+        values = np.array([[float(row[name]) for name in columns] for row in whole]).reshape(-1, len(columns))
+        if not len(values):
+            print(f"| {job} | {method} | 0 of {len(found)} | {found[0]['message'][:60]} | | | |")
+            continue
+        largest, mean, base, rim = np.median(values, axis=0)
+        worst = f"{values[:, 0].max():.2f} / {values[:, 1].max():.2f}" if len(values) > 1 else "-"
+        of = f"{len(values)} of {len(found)}"
+        print(f"| {job} | {method} | {of} | {largest:.2f} / {mean:.2f} | {worst} | {base:+.2f} | {rim:+.2f} |")
+
+
 def main() -> int:
     """Write the campaign and form what is missing of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -89,7 +112,7 @@ def main() -> int:
     parser.add_argument("--sheet", default="shell_coarse", help="simulated sheet")
     parser.add_argument("--step", type=float, default=0.5, help="mm, depth of a contour below the one before")
     parser.add_argument("--jobs", type=int, default=1, help="parts at a time")
-    parser.add_argument("--output", type=Path, default=ROOT / "runs" / "unseen_shapes")
+    parser.add_argument("--output", type=Path, default=Path("runs") / "unseen_shapes")
     given = parser.parse_args()
     jobs = given.output / "jobs"
     jobs.mkdir(parents=True, exist_ok=True)
@@ -102,7 +125,11 @@ def main() -> int:
     }
     (jobs / "campaign.yaml").write_text(yaml.safe_dump(campaign, sort_keys=False), encoding="utf-8")
     command = [str(ROOT / "isf"), "campaign", str(jobs / "campaign.yaml"), "--jobs", str(given.jobs)]
-    return subprocess.run([*command, "--output", str(given.output / "parts")], check=False).returncode
+    parts = given.output / "parts"
+    code = subprocess.run([*command, "--output", str(parts)], check=False).returncode
+    if (parts / "campaign.csv").exists():
+        show(parts / "campaign.csv")
+    return code
 
 
 if __name__ == "__main__":

@@ -25,6 +25,11 @@ SMALLEST = [
         "--sheets fast --half 35 --upper 18 --lower 5 --step 2 --passes 55",
         r"\| fast \| \+0\.0\d \|",
     ),
+    (
+        "unseen_shapes",
+        "--sheet fast --shapes two_pockets --methods none --step 3.3",
+        r"\| two_pockets \| none \| 1 of 1 \| [\d.]+ / [\d.]+ \| - \| ",
+    ),
     ("hostile_files", "--count 40 --kinds job points mesh.obj-text request", r"unexpected 0, over 5 s 0, over 1 GB 0"),
     ("springback", "--jobs mini_cone --methods none --worlds 0", r"\| mini_cone \| none \| 1 \|"),
 ]
