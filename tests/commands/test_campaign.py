@@ -14,11 +14,12 @@ from isf_analysis.measures.summary import summary
 from isf_analysis.report.campaign_page import campaign_page
 from isf_cell import in_process
 from isf_cell.campaign.cases import cases_of
+from isf_cell.campaign.content import job_content
 from isf_cell.commands.campaign import run_campaign
 from isf_cell.options import RunOptions
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.campaign import CampaignFile, variant_numbers
-from isf_core.files.job import load_job
+from isf_core.files.job import JobFile, load_job
 from isf_springback.database.database import database_of
 from quick_cone import FOLDER, quick_cone_file
 
@@ -61,6 +62,29 @@ def test_a_campaign_goes_on_and_forms_a_changed_job_again(tmp_path: Path, capsys
     assert all(item["codes"] for item in changed["methods"])
 
 
+def test_what_is_equal_is_formed_once_and_has_a_row_by_every_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = campaign(tmp_path, "[none, {name: plain, change: {springback: {method: none}}}]")
+    job = tmp_path / "quick_cone.yaml"
+    (tmp_path / "copy.yaml").write_text(job.read_text(encoding="utf-8"), encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8").replace("[quick_cone.yaml]", "[quick_cone.yaml, copy.yaml]"))
+    names = [(case, method) for case in ("quick_cone", "copy") for method in ("none", "plain")]
+    rows_file = tmp_path / "out" / "rows.jsonl"
+    made, told = run(path, capsys)
+    assert "0 of 4 parts are there" in told
+    (line,) = rows_file.read_text(encoding="utf-8").splitlines()
+    rows_file.write_text("".join(json.dumps(json.loads(line) | {"job": j, "method": m}) + "\n" for j, m in names))
+    again, told = run(path, capsys)  # as it was written when every name was formed for itself
+    assert "4 of 4 parts are there" in told
+    for data in (made, again):
+        assert (data["formed"], data["whole"]) == (4, 4)
+        assert [(item["job"], item["method"]) for item in data["methods"]] == names
+        assert len({item["nominal_max_mm"] for item in data["methods"]}) == 1
+        with (tmp_path / "out" / "campaign.csv").open(encoding="utf-8") as file:
+            assert [(row["job"], row["method"]) for row in csv.DictReader(file)] == names
+
+
 def test_the_database_of_a_job_is_made_before_its_parts_whatever_its_other_methods(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -90,6 +114,27 @@ def test_what_cannot_be_used_is_refused_before_anything_is_formed(
     assert caught.value.code == code
     assert "small.yaml" in caught.value.where
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("job", "change", "named"),
+    [
+        ("mini_cone", {"part": {"accuracy_surfaces": "named.npz"}, "springback": {"method": "none"}}, "named.npz"),
+        ("adsif_cone", {"adsif": {"surface": "named.yaml"}}, "named.yaml"),
+    ],
+)
+def test_the_content_of_a_job_is_that_of_the_files_it_names(
+    tmp_path: Path, job: str, change: dict[str, Any], named: str
+) -> None:
+    changed = load_job(FOLDER / f"{job}.yaml").changed(change)
+    text = changed.text.replace("../parts", str(FOLDER.parent / "parts"))
+    contents = []
+    for content in (None, b"one", b"two", b"one"):
+        if content is not None:
+            (tmp_path / named).write_bytes(content)
+        contents.append(job_content(JobFile(text, tmp_path)))
+    assert contents[1] == contents[3]
+    assert len(set(contents)) == 3
 
 
 def test_variants_are_numbers_and_ranges() -> None:

@@ -140,7 +140,7 @@ def test_doctor_finds_this_installation_sound(tmp_path: Path) -> None:
 @pytest.mark.graph
 @pytest.mark.parametrize(
     "arguments",
-    [("run", "isf_planner", "planner", "--ros-args", "-p", "autostart:=true"), ("record", "-o", "my_bag")],
+    [("run", "isf_planner", "planner", "--ros-args", "-p", "autostart:=true"), ("record", "-o", "my bag #1: a")],
     ids=["run", "record"],
 )
 def test_a_single_node_runs_until_ctrl_c(arguments: tuple[str, ...], tmp_path: Path) -> None:
@@ -169,4 +169,4 @@ def test_a_single_node_runs_until_ctrl_c(arguments: tuple[str, ...], tmp_path: P
         rclpy.try_shutdown()
     assert code == 0
     if name == "recorder":
-        assert list((tmp_path / "my_bag").glob("*.mcap"))
+        assert list((tmp_path / "my bag #1: a").glob("*.mcap"))

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import forked_process
+import yaml
 from isf_cell.commands.exit_codes import Exit
 
 SET_UP = """
@@ -93,6 +94,31 @@ def test_the_limits_of_step_and_feed_are_those_of_a_job(tmp_path: Path) -> None:
     for option, value in (("--step", "5"), ("--feed", "0.1")):
         done = isf("gcode", "cone.nc", option, value, cwd=tmp_path)
         assert f"Invalid value for '{option}'" in done.stderr.replace('"', "'")
+
+
+def test_what_the_command_line_leaves_out_is_that_of_the_job(tmp_path: Path) -> None:
+    """Set-up, distance of points and feed of a job with a program, whatever program is read with it."""
+    file = cone(tmp_path)
+    file.write_text(file.read_text().replace("F3000\n", ""))
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs" / "cell.yaml").write_text(SET_UP)
+    (tmp_path / "jobs" / "job.yaml").write_text(
+        "name: other\nprocess: SPIF\nrig: torrao2013\nsheet: {material: AA1050, thickness: 1 mm}\n"
+        "tool_1: {radius: 4 mm}\n"
+        "path: {program: other.nc, set_up: cell.yaml, point_spacing: 3 mm, feed: 12 mm/s}\n"
+        "control: {support_force: 0 N}\nspringback: {method: none}\n"
+    )
+    (tmp_path / "mine.yaml").write_text(SET_UP.replace("5 mm", "6 mm"))
+    told = ("--step", "2", "--feed", "20", "--set-up", "mine.yaml")
+    for name, options, wanted in (
+        ("own", (), ["3 mm", "12 mm/s", "jobs/cell.yaml"]),
+        ("told", told, ["2 mm", "20 mm/s", "mine.yaml"]),
+    ):
+        done = isf("gcode", "cone.nc", "--job", "jobs/job.yaml", *options, "--json", "-o", name, cwd=tmp_path)
+        assert done.returncode == Exit.OK, done.stderr
+        path = yaml.safe_load((tmp_path / name / "program.yaml").read_text(encoding="utf-8"))["path"]
+        assert [path["point_spacing"], path["feed"]] == wanted[:2]
+        assert Path(path["set_up"]) == tmp_path / wanted[2] == tmp_path / json.loads(done.stdout)["set_up"]
 
 
 def test_files_that_are_no_programs(tmp_path: Path) -> None:

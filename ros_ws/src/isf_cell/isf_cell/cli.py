@@ -119,10 +119,23 @@ def gcode(
     thickness: Annotated[str, typer.Option(help="of the sheet without a job")] = "1 mm",
     radius: Annotated[str, typer.Option(help="of the tools without a job")] = "5 mm",
     set_up: Annotated[
-        Path | None, typer.Option("--set-up", help="work offsets and tool library (YAML)", metavar="FILE")
+        Path | None,
+        typer.Option(
+            "--set-up",
+            help="work offsets and tool library (YAML)  [default: that of the job, else of the cell]",
+            metavar="FILE",
+        ),
     ] = None,
-    step: Annotated[float, typer.Option(help="largest distance between points, mm", min=0.051, max=4.999)] = 1.0,
-    feed: Annotated[float, typer.Option(help="mm/s until the program gives F", min=0.101, max=999.9)] = 30.0,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            help="largest distance between points, mm  [default: that of the job, else 1]", min=0.051, max=4.999
+        ),
+    ] = None,
+    feed: Annotated[
+        float | None,
+        typer.Option(help="mm/s until the program gives F  [default: that of the job, else 30]", min=0.101, max=999.9),
+    ] = None,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="form it on the simulated machine in this process")
     ] = False,
@@ -333,10 +346,11 @@ def record(
 ) -> None:
     """Record the topics of a running cell until Ctrl-C."""
     from isf_cell.processes import executables
+    from isf_cell.processes.process_group import parameter_value
 
     path = executables.find("isf_analysis", "recorder")
-    values = {
-        "autostart": "true",
+    values: dict[str, object] = {
+        "autostart": True,
         "output": output.absolute(),
         "storage": storage,
         "compression": compression,
@@ -348,7 +362,7 @@ def record(
         values["text_log"] = log.absolute()
     arguments = ["--ros-args"]
     for name, value in values.items():
-        arguments += ["-p", f"{name}:={value}"]
+        arguments += ["-p", f"{name}:={parameter_value(value)}"]
     for names in remap or ():
         arguments += ["-r", executables.checked_remap(names)]
     os.execv(path, [str(path), *arguments])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 from isf_core.files.job import JobFile
 from isf_core.files.yaml_file import find_named
@@ -75,7 +77,8 @@ def rig_piece(rig: str, lines: list[str], facts: dict[str, str]) -> str:
     """A rig file on top of ``rig``: ``lines`` of YAML, and ``facts`` per field as its provenance."""
     body = "".join(f"{line}\n" for line in lines)
     reported = "".join(f'  {name}: "{text}"\n' for name, text in facts.items())
-    return f"based_on: {rig}\n{body}provenance:\n{reported}"
+    below = json.dumps(rig, ensure_ascii=False)  # a YAML string, whatever is in the path
+    return f"based_on: {below}\n{body}provenance:\n{reported}"
 
 
 def _conditions(probe: SqueezeProbe) -> str:

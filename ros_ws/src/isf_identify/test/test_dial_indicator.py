@@ -91,7 +91,7 @@ def test_what_is_no_compliance_is_refused(change, reported) -> None:
 def test_axes_without_readings_keep_their_value() -> None:
     found, _ = fit_dial(_only(readings(), 2, 1))
     piece = dial_piece("ren2018", "2026-01-01", found, {1: TRUE[1], 2: np.array([3e-6, 3e-6, 3e-6])})
-    assert piece.startswith("based_on: ren2018\ntool_2:\n  compliance: [3.0000 um/N, ")
+    assert piece.startswith('based_on: "ren2018"\ntool_2:\n  compliance: [3.0000 um/N, ')
     assert "tool_1" not in piece
     assert piece.count("not identified") == 2
     assert "+-" in piece

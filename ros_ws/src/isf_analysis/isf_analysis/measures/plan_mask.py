@@ -131,8 +131,7 @@ def _shape(text: str, option: str) -> PlanShape:
 def _polygon(path: Path) -> Array:
     """(N, 2) m, closed, of a CSV file with x and y in mm, a row of names before them or none."""
     try:
-        text = read_text(path, LARGEST_OUTLINE).removeprefix("\ufeff")  # spreadsheets begin with it
-        rows = [row for row in csv.reader(text.splitlines()) if row]
+        rows = [row for row in csv.reader(read_text(path, LARGEST_OUTLINE).splitlines()) if row]
         if rows and not _number(rows[0][0]):
             rows = rows[1:]
         corners = np.array([[float(value) for value in row[:2]] for row in rows]) / MM

@@ -46,7 +46,8 @@ def test_a_shape_holds_the_points_of_its_area(
 
 
 def test_an_l_is_no_box(tmp_path: Path) -> None:
-    (tmp_path / "l.csv").write_text("0,0\n20,0\n20,10\n10,10\n10,20\n0,20\n0,0\n")
+    text = "0,0\n20,0\n20,10\n10,10\n10,20\n0,20\n0,0\n"
+    (tmp_path / "l.csv").write_text(text, encoding="utf-8-sig")  # as spreadsheets write it
     (shape,) = shapes_of([f"polygon:{tmp_path / 'l.csv'}"], "--inside")
     asked = 1e-3 * np.array([[5, 15], [15, 5], [15, 15], [20, 10], [20.001, 10], [-0.001, 0]])
     np.testing.assert_array_equal(shape.holds(asked), [True, True, False, True, False, False])

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import re
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
+from isf_core.errors import IsfError
 from isf_core.files.job import JobFile
+from isf_core.files.yaml_file import find_named
 
 COMPUTED_BY = ("isf_core", "isf_planner", "isf_force_ctrl", "isf_springback", "isf_sim")
 """Packages whose sources count, but for their nodes; of isf_cell and isf_analysis only what takes part."""
@@ -55,8 +58,11 @@ def job_content(job_file: JobFile) -> str:
     text.update(job_file.rig.model_dump_json().encode() + job_file.material.model_dump_json().encode())
     own = job.springback
     named = [*map(str, job_file.sources), job.path.set_up, job.path.machine_error, own.learning, own.elastic.database]
-    named.append(job.die.mesh if job.die else None)
-    for name in named:
-        if name is not None and (path := job_file.base / name).is_file():
-            text.update(path.read_bytes())
+    named += [job.die.mesh if job.die else None, job.accuracy_surfaces]
+    files = [job_file.base / name for name in named if name is not None]
+    if job.adsif is not None:
+        with suppress(IsfError):  # where there is none, planning says so
+            files.append(find_named("adsif", job.adsif.surface, job_file.base))
+    for path in filter(Path.is_file, files):
+        text.update(path.read_bytes())
     return text.hexdigest()[:16]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ ROWS, TABLE, PAGE, PICTURE = "rows.jsonl", "campaign", "campaign.html", "errors.
 
 @dataclass(frozen=True)
 class Found:
-    """What a folder holds of a campaign.
+    """What a folder holds of a campaign; cases of equal content have one part, whatever they are called.
 
     Attributes
     ----------
@@ -54,12 +54,19 @@ class Found:
 
     @property
     def missing(self) -> list[Case]:
-        """Cases to be formed."""
-        return [case for case in self.cases if self.row_of(case) is None]
+        """Cases to be formed, one of each content."""
+        found: dict[str, Case] = {}
+        for case in self.cases:
+            if self.row_of(case) is None:
+                found.setdefault(case.row.key, case)
+        return list(found.values())
 
     def row_of(self, case: Case) -> CampaignRow | None:
-        """Row of a case; None while it is not formed."""
-        return case.row if case.row.code else self.rows.get(case.row.key)
+        """Row of a case, by the names of its own; None while it is not formed."""
+        if case.row.code:
+            return case.row
+        row = self.rows.get(case.row.key)
+        return None if row is None else replace(row, job=case.row.job, method=case.row.method)
 
 
 def run_campaign(path: Path, output: Path | None, processes: int, *, as_json: bool) -> None:
@@ -117,8 +124,7 @@ def _found(cases: Sequence[Case], kept: dict[str, dict[str, Any]]) -> Found:
 
 
 def _say_beginning(found: Found, digest: str, folder: Path) -> None:
-    done = len(found.cases) - len(found.missing)
-    terminal.say(f"{done} of {len(found.cases)} parts are there; sources {digest}; {folder}")
+    terminal.say(f"{len(found.ordered)} of {len(found.cases)} parts are there; sources {digest}; {folder}")
     refused = [case for case in found.cases if case.row.code]
     if found.stale:
         terminal.warn(
@@ -221,7 +227,7 @@ def _json(
         "files": {name: str(path) for name, path in files.items()},
     }
     if failure is not None:
-        data["error"] = {"code": int(failure.code), "name": failure.code.name, "message": failure.message}
+        data["error"] = terminal.error_data(failure)
     return data
 
 

@@ -26,6 +26,7 @@ from isf_dashboard.server import (
 
 from isf_cell.commands import terminal
 from isf_cell.processes import executables
+from isf_cell.processes.process_group import parameter_value
 
 
 def show_cell(port: int, token: str, log: Path | None, *, namespace: str | None, as_json: bool) -> None:
@@ -36,7 +37,7 @@ def show_cell(port: int, token: str, log: Path | None, *, namespace: str | None,
     if log is not None:
         if log.exists():
             raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "exists", where=str(log), advice="choose another --log")
-        arguments += ["-p", f"log:={log.absolute()}"]
+        arguments += ["-p", f"log:={parameter_value(log.absolute())}"]
     if namespace is not None:
         arguments += ["-r", executables.checked_remap(f"__ns:=/{namespace.strip('/')}")]
     _tell(f"http://{ADDRESS}:{port}/{token}/", as_json=as_json)

@@ -7,8 +7,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from isf_core.errors import ErrorCode, IsfError
+
 from isf_cell.commands import terminal
-from isf_cell.commands.exit_codes import Exit
+from isf_cell.commands.exit_codes import Exit, ReportedError
 from isf_cell.commands.run_folder import make_folder, make_run_folder
 from isf_cell.faults import campaign
 from isf_cell.faults.campaign import Case, Plan
@@ -47,10 +49,15 @@ def run_faults(
     total = len(wanted) * plan.faults
     cases = [case for case in campaign.read_cases(folder) if case.seed == seed]
     terminal.say(f"{total} faults of {len(wanted)} kinds, {len(cases)} of them done, in {folder}")
+    failure: IsfError | None = None
     try:
         for case in campaign.run(plan, lambda text: terminal.say(f"  {text}")):
             cases.append(case)
             terminal.say(f"  {len(cases)}/{total} {_line(case)}")
+    except KeyboardInterrupt:
+        failure = IsfError(ErrorCode.CANCELLED, "stopped by the operator", where=str(folder))
+    except IsfError as error:
+        failure = error
     finally:
         rows = rows_of(cases)
         if rows:
@@ -59,10 +66,15 @@ def run_faults(
             page.write_text(page_of(rows, seed=seed, load=load, cores=cores), encoding="utf-8")
             _show(rows)
             terminal.say(f"page    {page}")
-            if as_json:
-                good = len(cases) >= total and not any(row.misses for row in rows)
-                data = {"ok": good, "faults": len(cases), "planned": total, "seed": seed, "page": str(page)}
-                terminal.print_json({**data, "rows": [row.as_dict() for row in rows]})
+    if failure is not None and not rows:
+        raise failure
+    if as_json:
+        good = failure is None and len(cases) >= total and not any(row.misses for row in rows)
+        data = {"ok": good, "faults": len(cases), "planned": total, "seed": seed, "page": str(page)}
+        told = {} if failure is None else {"error": terminal.error_data(failure)}
+        terminal.print_json({**data, "rows": [row.as_dict() for row in rows], **told})
+    if failure is not None:
+        raise ReportedError(failure)
     if any(row.misses for row in rows):
         sys.exit(Exit.CHECK_FAILED)
 

@@ -50,6 +50,9 @@ springback: {{method: none}}
 DEFAULT_RIG = "ren2018"
 """Where neither a job nor a rig is named."""
 
+STEP, FEED = 1.0, 30.0
+"""mm and mm/s, where neither the command line nor a job says it."""
+
 _OF_SUPPORT = {"support_force", "force_rules", "components", "vertical_force", "tangential_force"}
 """Fields of control that a program has no place for."""
 
@@ -74,13 +77,15 @@ def run_program(
     set_up: Path | None,
     output: Path | None,
     *,
-    step: float,
-    feed: float,
+    step: float | None,
+    feed: float | None,
     simulate: bool,
     form: bool,
     as_json: bool,
 ) -> None:
     """Read, check and draw the program in ``file``; ``step`` mm and ``feed`` mm/s. Nothing but files is written to.
+
+    ``set_up``, ``step`` and ``feed`` that are None are those of the job.
 
     Raises
     ------
@@ -99,6 +104,13 @@ def run_program(
         )
     text = program_text(file)
     given = load_job(job) if job else None
+    if given is not None:
+        path = given.job.path
+        step = 1e3 * path.point_spacing if step is None else step
+        feed = 1e3 * path.feed if feed is None else feed
+        if set_up is None and path.set_up is not None:
+            set_up = given.base / path.set_up
+    step, feed = step or STEP, feed or FEED
     values, source = _set_up(set_up, given.rig.name if given else load_rig(_rig_path(sheet.rig or DEFAULT_RIG)).name)
     with run_folder(output, job_name(file.stem)) as folder:
         with terminal.console.status("reading"):

@@ -5,6 +5,9 @@ Without a job a job for the rig alone is made: what identification forms when no
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,8 +23,9 @@ from isf_identify.settings import IdentifySettings, Property
 from isf_planner.part_library import PARTS, part_mesh
 
 from isf_cell.commands import terminal
+from isf_cell.commands.exit_codes import ReportedError
 from isf_cell.commands.identify_dial import identify_dial
-from isf_cell.commands.run_folder import make_run_folder
+from isf_cell.commands.run_folder import run_folder
 
 NAMES = {
     "compliance": Property.TOOL_COMPLIANCE,
@@ -72,7 +76,8 @@ def identify_machine(
         if name not in (None, "compliance") or cell:
             raise IsfError(ErrorCode.FILE_FIELD, "a dial indicator measures compliances only", where="--dial")
         below = rig_name(rig) if rig is not None else rig_reference(_job(job, None, Path()))
-        identify_dial(dial, below, _files(output, "identify-dial")[0], as_json=as_json)
+        with _files(output, "identify-dial") as (piece, _):
+            identify_dial(dial, below, piece, as_json=as_json)
         return
     if name is None or name not in NAMES:
         raise IsfError(
@@ -82,7 +87,32 @@ def identify_machine(
             advice="one of " + ", ".join(NAMES),
         )
     settings = IdentifySettings.of(NAMES[name], tool, repeats, [c for text in places for c in _place(text)], max_force)
-    piece, picture = _files(output, f"identify-{name}")
+    with _files(output, f"identify-{name}") as (piece, picture):
+        found = _found(job, rig, name, settings, contours=contours, variant=variant, seed=seed, cell=cell)
+        data = _written(found, settings, piece, picture)
+    failure = IsfError(found.code, found.message, where="load cells") if found.code else None
+    if failure is not None:
+        data["error"] = terminal.error_data(failure)
+    if as_json:
+        terminal.print_json(data)
+    _show(found, settings)
+    terminal.say(f"rig file {piece}" + (f"\npicture  {picture}" if data["picture"] else ""))
+    if failure is not None:
+        raise ReportedError(failure)
+
+
+def _found(
+    job: Path | None,
+    rig: str | None,
+    name: str,
+    settings: IdentifySettings,
+    *,
+    contours: int | None,
+    variant: int,
+    seed: int,
+    cell: bool,
+) -> Finding:
+    """What is measured, in a running cell or on the simulated machine; raises IsfError, also where nothing is found."""
     with terminal.part_progress(f"identify {name}") as shown:
 
         def progress(phase: str, share: float) -> None:
@@ -100,13 +130,7 @@ def identify_machine(
                 found = identify(job_file, settings, contours=contours, variant=variant, seed=seed, progress=progress)
     if not len(found.value):
         raise IsfError(found.code, found.message)
-    data = _written(found, settings, piece, picture)
-    if as_json:
-        terminal.print_json(data)
-    _show(found, settings)
-    terminal.say(f"rig file {piece}" + (f"\npicture  {picture}" if data["picture"] else ""))
-    if found.code:
-        raise IsfError(found.code, found.message, where="load cells")
+    return found
 
 
 def _job(job: Path | None, rig: str | None, folder: Path) -> JobFile:
@@ -129,20 +153,24 @@ def _place(text: str) -> list[float]:
     return numbers
 
 
-def _files(output: Path | None, name: str) -> tuple[Path, Path]:
+@contextmanager
+def _files(output: Path | None, name: str) -> Iterator[tuple[Path, Path]]:
+    """Rig file and picture, in a folder of their own where ``output`` names none; raises IsfError FILE_NOT_WRITABLE."""
     if output is None:
-        folder = make_run_folder(None, name)
-        return folder / "rig.yaml", folder / "identified.png"
-    if not output.parent.is_dir():
+        with run_folder(None, name) as folder:
+            yield folder / "rig.yaml", folder / "identified.png"
+    elif not output.parent.is_dir():
         raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "its folder does not exist", where=str(output))
-    return output, output.with_suffix(".png")
+    else:
+        yield output, output.with_suffix(".png")
 
 
 def _written(found: Finding, settings: IdentifySettings, piece: Path, picture: Path) -> dict[str, Any]:
     """Write the files; returns the result for ``--json``."""
     text = found.piece
     if "based_on" in text:  # a whole rig file wants a name, a piece has none
-        text = text.replace("based_on:", f"name: {piece.stem}\nbased_on:", 1)
+        name = json.dumps(piece.stem, ensure_ascii=False)
+        text = text.replace("based_on:", f"name: {name}\nbased_on:", 1)
     try:
         piece.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -201,7 +229,8 @@ def rig_job(rig: str, folder: Path) -> JobFile:
     """
     part = part_mesh(PARTS["cone"](radius=0.016, angle=np.pi / 4.0, depth=0.005, entry=0.004, floor=0.004))
     trimesh.Trimesh(part.vertices * 1e3, part.faces, process=False).export(folder / "identification.stl")
-    return JobFile(_JOB.format(rig=rig_name(rig)), folder, "the job of --rig")
+    named = json.dumps(rig_name(rig), ensure_ascii=False)  # a YAML string, whatever is in the path
+    return JobFile(_JOB.format(rig=named), folder, "the job of --rig")
 
 
 def rig_name(rig: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from datetime import date
 from pathlib import Path
 
@@ -31,7 +32,8 @@ def identify_dial(path: Path, rig: str, piece: Path, *, as_json: bool) -> None:
         raise next(iter(far.values()))
     found = {pair: item for pair, item in found.items() if pair not in far}
     refused |= far
-    text = f"name: {piece.stem}\n" + dial_piece(rig, date.today().isoformat(), found, present, refused)
+    name = json.dumps(piece.stem, ensure_ascii=False)
+    text = f"name: {name}\n" + dial_piece(rig, date.today().isoformat(), found, present, refused)
     try:
         piece.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -25,10 +25,15 @@ def print_json(data: Mapping[str, Any]) -> None:
     print(json.dumps(without_nan(data), indent=2, allow_nan=False))
 
 
+def error_data(error: IsfError) -> dict[str, Any]:
+    """What ``--json`` tells of a failure, under the name ``error``."""
+    return {"code": error.code.value, "name": error.code.name, "message": error.message}
+
+
 def show_error(error: IsfError, *, as_json: bool = False) -> None:
     """One expected failure: sentence, place, advice and code."""
     if as_json:
-        print_json({"error": {"code": error.code.value, "name": error.code.name, "message": error.message}})
+        print_json({"error": error_data(error)})
     place = f"[bold]{escape(error.where)}[/bold]: " if error.where else ""
     console.print(f"[bold red]error[/bold red] {error.code.value} {error.code.name}", highlight=False)
     console.print(f"  {place}{escape(error.what)}", highlight=False, soft_wrap=True)

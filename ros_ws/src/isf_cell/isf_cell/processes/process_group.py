@@ -82,7 +82,7 @@ class ProcessGroup:
         """
         command = [str(executables.find(package, executable)), "--ros-args"]
         for key, value in parameters.items():
-            command += ["-p", f"{key}:={_yaml(value)}"]
+            command += ["-p", f"{key}:={parameter_value(value)}"]
         for rule in (*([f"__node:={name}"] if name else []), *remap):
             command += ["-r", rule]
         command += enclave_arguments(name or executable)
@@ -159,7 +159,8 @@ def _signal(popen: subprocess.Popen[bytes], number: signal.Signals) -> None:
         return
 
 
-def _yaml(value: object) -> str:
+def parameter_value(value: object) -> str:
+    """``value`` of a ROS parameter as the command line of a node takes it, in YAML; texts as they are, paths too."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):

@@ -33,15 +33,18 @@ def test_tune_refuses_nonsense(tmp_path: Path) -> None:
             tune_job(JOB, tmp_path, **{**TUNE, **wrong})  # type: ignore[arg-type]
 
 
-def write(path: Path, header: str, rows: np.ndarray) -> Path:
-    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+def write(path: Path, header: str, rows: np.ndarray, encoding: str = "utf-8") -> Path:
+    np.savetxt(path, rows, delimiter=",", header=header, comments="", encoding=encoding)
     return path
 
 
-def test_matrix_of_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_matrix_of_a_table(encoding: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A table of a spreadsheet, with a byte order mark, has the same columns of loads."""
     load = np.vstack([np.zeros((1, 3)), *(size * np.eye(3) for size in (100.0, -100.0, 300.0))])
     rows = np.column_stack([load, load / 2.0 + 7.0])
-    calibrate_file(write(tmp_path / "loads.csv", "fx,fy,fz,u1,u2,u3", rows), None, tmp_path / "cell.yaml", as_json=True)
+    table = write(tmp_path / "loads.csv", "fx,fy,fz,u1,u2,u3", rows, encoding)
+    calibrate_file(table, None, tmp_path / "cell.yaml", as_json=True)
     data = json.loads(capsys.readouterr().out)
     assert np.array(data["matrix"]) == pytest.approx(2.0 * np.eye(3), abs=1e-9)
     assert data["zero"] == pytest.approx([7.0, 7.0, 7.0])

@@ -6,14 +6,19 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from isf_cell import in_process
+from isf_cell import cli, in_process
 from isf_cell.cli import app
+from isf_cell.commands.exit_codes import exit_for
+from isf_cell.commands.identify import rig_job
 from isf_cell.options import RunOptions
+from isf_cell.run import identify_run
 from isf_cell.run.identify_run import identify
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.files.rig import load_rig
+from isf_identify.identification import Finding
 from isf_identify.settings import IdentifySettings, Property
 from typer.testing import CliRunner
 
@@ -64,9 +69,9 @@ def test_a_rig_alone_is_enough(tmp_path: Path) -> None:
     assert load_rig(str(tmp_path / "servo.yaml")).servo.bandwidth == pytest.approx(30.0, rel=0.02)
 
 
-@pytest.mark.parametrize("below", ["rig", "job"])
+@pytest.mark.parametrize("below", ["rig", "job", "file"])
 def test_compliance_by_dial_is_a_rig_file(tmp_path: Path, below: str) -> None:
-    table, piece = tmp_path / "dial.csv", tmp_path / "mine.yaml"
+    table, piece = tmp_path / "dial.csv", tmp_path / "mine: #2.yaml"
     rows = [
         f"1,{axis},{place},{repeat},{force},{5.0 + give * force + 0.1 * (-1) ** k:.3f}"
         for axis, give in (("x", 1.2), ("z", 0.12))
@@ -75,12 +80,15 @@ def test_compliance_by_dial_is_a_rig_file(tmp_path: Path, below: str) -> None:
         for k, force in enumerate((20, 60, 100, 140))
     ]
     table.write_text("# tip of tool_1\ntool,axis,place,repeat,force_N,deflection_um\n" + "\n".join(rows))
-    on = ("--rig", "ren2018") if below == "rig" else (str(JOB),)
+    own = tmp_path / "rig: #1.yaml"
+    own.write_text("name: own\nbased_on: ren2018\n")
+    on = {"rig": ("--rig", "ren2018"), "job": (str(JOB),), "file": ("--rig", str(own))}[below]
     done = _identify(*on, "--dial", str(table), "--json", "-o", str(piece))
     assert done.exit_code == 0, done.output
     values = json.loads(done.stdout)["values"]
     assert set(values) == {"tool_1.x", "tool_1.z"}
     rig = load_rig(str(piece))
+    assert rig.name == "mine: #2"
     assert rig.tool_1.compliance == pytest.approx((1.2e-6, 1.0e-6, 0.12e-6), rel=0.01)
     assert rig.tool_2 == load_rig("ren2018").tool_2
     assert "dial indicator" in rig.provenance["tool_1.compliance.x"]
@@ -146,6 +154,42 @@ def test_refusals_of_the_command(arguments: tuple[str, ...], code: ErrorCode) ->
     done = run(*arguments)
     assert isinstance(done.exception, IsfError)
     assert done.exception.code is code
+
+
+def test_the_rig_of_a_job_that_is_made_has_any_path(tmp_path: Path) -> None:
+    own = tmp_path / "my rigs: #1" / "own.yaml"
+    own.parent.mkdir()
+    own.write_text("name: own\nbased_on: ren2018\n")
+    assert rig_job(str(own), tmp_path).rig.name == "own"
+
+
+def test_what_fails_before_measuring_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for arguments in (("--rig", "nowhere", "-p", "servo"), ("--rig", "ren2018", "--dial", "nowhere.csv")):
+        done = _identify(*arguments)
+        assert isinstance(done.exception, IsfError)
+        assert done.exception.code is ErrorCode.FILE_NOT_FOUND
+        assert list(tmp_path.glob("runs/*")) == []
+
+
+def test_a_result_with_an_error_is_one_object(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Turned signs are found, and are an error."""
+    signs, none = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0]), np.zeros(6)
+    found = Finding(ErrorCode.LOAD_CELL_SIGN, "tool_1: Fy is turned round", signs, none, "# tool_1: Fy\n")
+    monkeypatch.setattr(identify_run, "identify", lambda *_, **__: found)
+    monkeypatch.setattr(cli, "keep_for_results", lambda: None)  # standard output is that of the tests
+    piece = tmp_path / "signs.yaml"
+    monkeypatch.setattr("sys.argv", ["isf", "identify", str(JOB), "-p", "signs", "--json", "-o", str(piece)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == exit_for(ErrorCode.LOAD_CELL_SIGN)
+    data = json.loads(capsys.readouterr().out)
+    assert data["value"] == list(signs)
+    assert data["error"]["name"] == "LOAD_CELL_SIGN"
+    assert "turned round" in data["error"]["message"]
+    assert piece.read_text() == found.piece
 
 
 def test_a_fault_of_the_machine_is_reported() -> None:

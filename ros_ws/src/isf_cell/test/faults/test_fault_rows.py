@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
+from isf_cell import cli
+from isf_cell.commands.exit_codes import exit_for
+from isf_cell.faults import campaign
 from isf_cell.faults.campaign import CASES_FILE, Case, chosen, read_cases
 from isf_cell.faults.kinds import KINDS
 from isf_cell.faults.rows import page_of, rows_of
@@ -71,3 +75,37 @@ def test_kinds_are_chosen_by_how_their_names_begin() -> None:
     with pytest.raises(IsfError, match="no kind of fault begins with 'earthquake'") as caught:
         chosen(["earthquake"], short=False)
     assert caught.value.code is ErrorCode.FILE_FIELD
+
+
+@pytest.mark.parametrize("judged", [0, 1])
+@pytest.mark.parametrize(
+    ("ended", "code"),
+    [
+        (IsfError(ErrorCode.NODE_DIED, "the planner died"), ErrorCode.NODE_DIED),
+        (KeyboardInterrupt(), ErrorCode.CANCELLED),
+    ],
+    ids=["error", "ctrl_c"],
+)
+def test_a_campaign_that_ends_early_is_one_object(
+    ended: BaseException,
+    code: ErrorCode,
+    judged: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def run(*_: object) -> Iterator[Case]:
+        yield from [GOOD] * judged
+        raise ended
+
+    monkeypatch.setattr(campaign, "run", run)
+    monkeypatch.setattr(cli, "keep_for_results", lambda: None)  # standard output is that of the tests
+    monkeypatch.setattr("sys.argv", ["isf", "faults", "--kinds", GOOD.kind, "--json", "-o", str(tmp_path / "run")])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == exit_for(code)
+    data = json.loads(capsys.readouterr().out)
+    assert data["error"]["name"] == code.name
+    assert data.get("faults", 0) == judged
+    assert not data.get("ok")
+    assert (tmp_path / "run" / "faults.md").is_file() == bool(judged)

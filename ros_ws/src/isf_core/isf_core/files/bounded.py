@@ -38,13 +38,15 @@ def read_content(path: Path, largest: int) -> bytes:
 def read_text(path: Path, largest: int = LARGEST_TABLE, errors: str = "strict") -> str:
     """Text of the file in UTF-8, line ends as of :meth:`Path.read_text`; ``errors`` as of :meth:`bytes.decode`.
 
+    The byte order mark that spreadsheets begin a file with is no part of it.
+
     Raises OSError as :func:`read_content`, and for what is no such text.
     """
     try:
         text = read_content(path, largest).decode("utf-8", errors)
     except UnicodeDecodeError as error:
         raise OSError(errno.EILSEQ, f"is no text in UTF-8: {error}", str(path)) from error
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_lines(path: Path, largest: int = LARGEST_NOTES) -> list[str]:

@@ -19,6 +19,7 @@ from pydantic_core import PydanticCustomError
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
+    from pint.facets.plain import PlainQuantity
 
 _NUMBER = r"[+-]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[eE][+-]?\d{1,3})?"
 _UNIT = r"(?:[^\W\d_]\w{0,20}|[%°])(?:\s*(?:\*\*|\^)\s*-?\d)?"
@@ -46,7 +47,7 @@ def parse(text: str, unit: str) -> float:
 
     Raises
     ------
-    ValueError : not one number with a unit, not finite, or of another dimension
+    ValueError : not one number with a unit, not finite, or of another dimension; an angle is one, too
     """
     import pint
 
@@ -55,14 +56,24 @@ def parse(text: str, unit: str) -> float:
     if found is None:
         raise ValueError(f"{shown} is not a number with a unit")
     try:
-        value = float(_registry().Quantity(float(found[1]), found[2].replace("·", "*")).to(unit).magnitude)
+        quantity = _registry().Quantity(float(found[1]), found[2].replace("·", "*"))
+        value = float(quantity.to(unit).magnitude)
+        angle = _power_of_angle(quantity)
     except pint.DimensionalityError as error:
         raise ValueError(f"{shown} is not a quantity in {unit}") from error
     except Exception as error:  # pint raises its own, and tokenizer errors, for what is no unit
         raise ValueError(f"{shown} is not a number with a unit") from error
     if not math.isfinite(value):
         raise ValueError(f"{shown} is not finite")
+    if angle != _power_of_angle(_registry().Quantity(1.0, unit)):  # to pint 157 rad/s are 157 Hz, and 50 % half a rad
+        raise ValueError(f"{shown} is not a quantity in {unit}: they differ by an angle")
     return value
+
+
+def _power_of_angle(quantity: PlainQuantity[Any]) -> float:
+    """1 of an angle and an angular speed, 0 of a frequency."""
+    powers: dict[str, Any] = dict(quantity.to_root_units().unit_items())
+    return float(powers.get("radian", 0.0))
 
 
 def _to_si(unit: str, example: str) -> Callable[[Any, ValidationInfo], Any]:

@@ -157,3 +157,13 @@ def test_a_table_with_an_endless_line_is_refused(tmp_path: Path) -> None:
     path.write_text("1\n" * 2_000_000)
     with pytest.raises(OSError, match="larger than 3 MB"):
         bounded.read_lines(path)
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+    """Spreadsheets begin a table with it: a first column of another name would be taken for something else."""
+    path = tmp_path / "x.csv"
+    path.write_bytes(b"\xef\xbb\xbffx,fy\r\n1,2\r\n")
+    assert bounded.read_text(path) == "fx,fy\n1,2\n"
+    assert bounded.read_lines(path) == ["fx,fy", "1,2"]
+    path.write_bytes(b"\xef\xbb\xbf[1]")
+    assert bounded.read_json(path) == [1]

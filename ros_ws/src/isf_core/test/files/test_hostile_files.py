@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from isf_core.files import bounded, quantity, yaml_file
 from isf_core.files.job import Job, JobFile, load_job
 from isf_core.files.material import load_material
 from isf_core.files.rig import load_rig
+from pydantic import TypeAdapter, ValidationError
 
 ROOT = Path(__file__).resolve().parents[5]
 JOBS = sorted((ROOT / "examples" / "jobs").glob("*.yaml"))
@@ -37,10 +39,30 @@ MINI = ROOT / "examples" / "jobs" / "mini_cone.yaml"
         ("12 l/min", "m**3/s", 2e-4),
         ("7 µm", "m", 7e-6),
         ("25 degC", "degC", 25.0),
+        ("50 °", "rad", 0.8726646259971648),
+        ("3 rpm", "rad/s", 0.3141592653589793),
     ],
 )
 def test_a_number_with_its_unit_is_read(text: str, unit: str, value: float) -> None:
     assert quantity.parse(text, unit) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "advice"),
+    [
+        ("157 rad/s", quantity.Frequency, "500 Hz"),
+        ("3000 rpm", quantity.Frequency, "500 Hz"),
+        ("50 %", quantity.Angle, "50 deg"),
+        ("5 dB", quantity.Angle, "50 deg"),
+        ("10 Hz", quantity.AngularSpeed, "10 deg/s"),
+        ("5 N*m/rad", quantity.Torque, "5 N*m"),
+        ("5 kN*m", quantity.AngularStiffness, "1.5 MN*m/rad"),
+    ],
+)
+def test_an_angle_is_no_mere_number(text: str, field: object, advice: str) -> None:
+    """To pint a turn is 6.28 of anything: 157 rad/s would be 157 Hz instead of 25."""
+    with pytest.raises(ValidationError, match=f"is not a quantity in .*; write for example {re.escape(advice)}"):
+        TypeAdapter(field).validate_python(text, context=quantity.FROM_FILE)
 
 
 @pytest.mark.parametrize(

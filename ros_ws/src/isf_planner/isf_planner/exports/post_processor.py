@@ -140,7 +140,7 @@ class PostProcessor(FileModel):
     lines_per_file: int | None = Field(default=None, ge=50)
     """A longer program is split into files of at most this many lines."""
     clearance: float = Field(default=20.0, gt=0.0)
-    """mm, how far the tools are lifted off the sheet plane."""
+    """mm, how far the tools are lifted off the sheet plane and all their points: the upper one up, the lower down."""
     channels: list[Channel] = Field(min_length=1)
 
 

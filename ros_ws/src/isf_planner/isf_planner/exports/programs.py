@@ -56,6 +56,13 @@ class PathPoints:
         """True when both tools move."""
         return bool(np.isfinite(self.tool_1).all() and np.isfinite(self.tool_2).all())
 
+    def lifted(self, clearance: float) -> tuple[float, float]:
+        """m, z of the lifted tools 1 and 2: each ``clearance`` beyond the sheet plane and all its points, as the
+        formed sheet is between the two."""
+        first, second = self.tool_1[:, 2], self.tool_2[:, 2]
+        up = first.max(initial=0.0, where=np.isfinite(first)) + clearance
+        return float(up), float(second.min(initial=0.0, where=np.isfinite(second)) - clearance)
+
 
 def path_points(contours: Sequence[Contour]) -> PathPoints:
     """Points of all contours in their order."""
@@ -131,14 +138,15 @@ def write_programs(
         "plan_id": contours[0].plan_id,
         "contours": len(contours),
     }
-    poses = _ArmFields(points, used)
+    heights = points.lifted(post.clearance / MM)
+    poses = _ArmFields(points, used, heights)
     for tool, arm in used.items():
         known |= frame_fields(arm, tool)
     if used:
-        known |= poses.above(0, post.clearance)
+        known |= poses.above(0)
     written = []
     for channel in channels:
-        body = list(_body(points, channel, post.clearance, known, poses))
+        body = list(_body(points, channel, heights, known, poses))
         for number, lines in enumerate(_files(body, channel, post.lines_per_file, known), start=1):
             split = f"_{number:03d}" if post.lines_per_file and len(body) > _room(channel, post.lines_per_file) else ""
             target = path.with_name(f"{path.stem}{channel.suffix}{split}{path.suffix or post.extension}")
@@ -184,13 +192,16 @@ def read_programs(paths: Sequence[Path], post: PostProcessor) -> list[tuple[Arra
 
 
 def _body(
-    points: PathPoints, channel: Channel, clearance: float, known: dict[str, object], poses: _ArmFields
+    points: PathPoints, channel: Channel, heights: tuple[float, float], known: dict[str, object], poses: _ArmFields
 ) -> Iterator[tuple[str, dict[str, object]]]:
-    """Templates with their values, line by line; the numbers of line and file come when files are made."""
+    """Templates with their values, line by line; the numbers of line and file come when files are made.
+
+    ``heights`` m, of the lifted tools.
+    """
     tips = np.column_stack([points.tool_1, points.tool_2]) * MM
     orientation = _orientation(points.axis) if points.tilted else np.tile(_orientation(UP[None]), (len(tips), 1))
     lifted = tips.copy()
-    lifted[:, 2], lifted[:, 5] = clearance, -clearance
+    lifted[:, [2, 5]] = np.array(heights) * MM
     names = ("x1", "y1", "z1", "x2", "y2", "z2")
     feed = points.speed * MM
     both = _both_speeds(points)
@@ -218,11 +229,9 @@ def _body(
                 yield line, at
             if points.lift[k]:
                 if k > 0:
-                    above = (
-                        values | dict(zip(names, lifted[k - 1].tolist(), strict=True)) | poses.above(k - 1, clearance)
-                    )
+                    above = values | dict(zip(names, lifted[k - 1].tolist(), strict=True)) | poses.above(k - 1)
                     yield from ((line, above) for line in channel.lift)
-                above = values | dict(zip(names, lifted[k].tolist(), strict=True)) | poses.above(k, clearance)
+                above = values | dict(zip(names, lifted[k].tolist(), strict=True)) | poses.above(k)
                 yield from ((line, above) for line in channel.lift)
         if k == 0 or points.lift[k] or (both[k] != both[k - 1]).any():
             yield from ((line, at) for line in channel.feed_change)
@@ -230,7 +239,7 @@ def _body(
         if k == last or points.contour[k + 1] != points.contour[k]:
             for line in channel.contour_end:
                 yield line, at
-    above = values | dict(zip(names, lifted[last].tolist(), strict=True)) | poses.above(last, clearance)
+    above = values | dict(zip(names, lifted[last].tolist(), strict=True)) | poses.above(last)
     yield from ((line, above) for line in channel.lift)
 
 
@@ -263,10 +272,10 @@ def _arms_of(
 
 
 class _ArmFields:
-    """Fields of the arms at every point; none without arms."""
+    """Fields of the arms at every point; none without arms. ``heights`` m, of the lifted tools."""
 
-    def __init__(self, points: PathPoints, arms: dict[int, SerialArm]) -> None:
-        self._points, self._arms = points, arms
+    def __init__(self, points: PathPoints, arms: dict[int, SerialArm], heights: tuple[float, float]) -> None:
+        self._points, self._arms, self._heights = points, arms, heights
         self._tilts = {1: tilt_of(points.axis), 2: np.zeros((len(points.axis), 2))}
         self._names: tuple[str, ...] = ()
         found = []
@@ -280,12 +289,12 @@ class _ArmFields:
         """Of point ``k``."""
         return dict(zip(self._names, self._values[k].tolist(), strict=True))
 
-    def above(self, k: int, clearance: float) -> dict[str, object]:
-        """Of point ``k`` lifted by ``clearance`` mm off the sheet plane."""
+    def above(self, k: int) -> dict[str, object]:
+        """Of point ``k`` with the tools lifted."""
         fields: dict[str, object] = {}
         for tool, arm in self._arms.items():
             tip = self._tips(tool)[k : k + 1].copy()
-            tip[:, 2] = (1.0 if tool == 1 else -1.0) * clearance / MM
+            tip[:, 2] = self._heights[tool - 1]
             names, values = pose_fields(arm, tool, tip, self._tilts[tool][k : k + 1])
             fields |= dict(zip(names, values[0].tolist(), strict=True))
         return fields

@@ -45,7 +45,8 @@ def export(
 
     Raises
     ------
-    IsfError : EXPORT_FORMAT_UNKNOWN, FILE_NOT_WRITABLE, or a fault in the user's post-processor
+    IsfError : EXPORT_FORMAT_UNKNOWN, also for what a format cannot say; FILE_NOT_WRITABLE; or a fault in the user's
+        post-processor
     """
     known = form or FORMATS.get(path.suffix.lower())
     if known is None:
@@ -62,6 +63,13 @@ def export(
         return [save_plan(plan, path)]
     if known == "stl":
         return [write_target(plan, path)]
+    if any(contour.holder_height for contour in plan.contours):
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"format {known} has no place for the blank holder, whose travel is the depth of a part over a die",
+            where=str(path),
+            advice="export a plan (.npz); isf form and isf simulate form the job itself",
+        )
     if known == "csv":
         if any(contour.tilted for contour in plan.contours):
             raise IsfError(

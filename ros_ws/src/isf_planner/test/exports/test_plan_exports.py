@@ -132,6 +132,18 @@ def test_a_format_that_cannot_hold_the_axis_says_so(form: str, one_tool: Plan, t
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("form", ["csv", *post_names()])
+def test_a_moving_blank_holder_is_in_a_plan_file_alone(form: str, one_tool: Plan, tmp_path: Path) -> None:
+    """Without its travel a program of a part over a die would go around at one height."""
+    over_die = [replace(one, holder_height=-0.5e-3 * one.index) for one in one_tool.contours]
+    plan_ = replace(one_tool, contours=tuple(over_die))
+    with pytest.raises(IsfError, match="blank holder") as caught:
+        export(plan_, tmp_path / "part.x", form)
+    assert caught.value.code == ErrorCode.EXPORT_FORMAT_UNKNOWN
+    assert not list(tmp_path.iterdir())
+    assert load_plan(*export(plan_, tmp_path / "part.npz")).contours[-1].holder_height < 0.0
+
+
 FOR_ROBOTS = {"joints", "krl_roboteam"}
 """Formats of rigs with arms, or of two robots alone: test_robot_programs.py."""
 
@@ -187,6 +199,31 @@ def test_tools_are_lifted_where_the_plan_says_so(one_tool: Plan, tmp_path: Path)
     # to the first point, away from contour 4 and to it again, away at the end
     assert len(lifts) == 4
     assert set(lifts) == {"G0 Z20.0000"}
+
+
+@pytest.mark.parametrize("form", sorted(set(post_names()) - FOR_ROBOTS))
+@pytest.mark.parametrize("shift", [-25e-3, 0.0, 30e-3])
+def test_lifted_tools_are_clear_of_the_formed_sheet(form: str, shift: float, made: Plan, tmp_path: Path) -> None:
+    """In a deep part the lower tool goes down, never up into the sheet; over a high one the upper tool goes up."""
+    moved = [
+        replace(one, forming_tip=one.forming_tip + [0.0, 0.0, shift], support_tip=one.support_tip + [0.0, 0.0, shift])
+        for one in made.contours
+    ]
+    points = path_points(moved)
+    wanted = {
+        "z1": 20.0 + 1e3 * max(0.0, points.tool_1[:, 2].max()),
+        "z2": -20.0 + 1e3 * min(0.0, points.tool_2[:, 2].min()),
+    }
+    channels = [channel for channel in load_post(form).channels if channel.plans == "two tools"]
+    files = export(replace(made, contours=tuple(moved)), tmp_path / "part", form)
+    for file, channel in zip(files, channels, strict=True):
+        lifts = [pattern(line) for line in channel.lift]
+        lines = file.read_text(encoding="ascii").splitlines()
+        matches = [match.groupdict() for line in lines for lift in lifts if (match := lift.fullmatch(line))]
+        for tool in channel.tools:
+            heights = [float(match[f"z{tool}"]) for match in matches if f"z{tool}" in match]
+            assert len(heights) >= 2
+            assert heights == pytest.approx([wanted[f"z{tool}"]] * len(heights), abs=1e-3)
 
 
 def test_ampl_tables(made: Plan, tmp_path: Path) -> None:

@@ -115,7 +115,10 @@ def test_krl_leads_the_arm_to_the_planned_joints_and_tips(
     # the shank leaves the sheet on the tool's own side
     assert points[0][2, 2] == pytest.approx(-1.0 if tool == 1 else 1.0)
     start = next(line for line in lines if line.startswith("PTP "))
-    above = base @ frames_of(next(line for line in lines if line.startswith("LIN {X"))) @ np.linalg.inv(held)
+    lifted = frames_of(next(line for line in lines if line.startswith("LIN {X")))
+    # clear of the sheet plane and the formed sheet
+    assert lifted[2, 3] == pytest.approx(20.0 if tool == 1 else tips[:, 2].min() - 20.0, abs=1e-3)
+    above = base @ lifted @ np.linalg.inv(held)
     np.testing.assert_allclose(
         flange_of([float(value) for value in re.findall(rf"A[1-6] {NUMBER}", start)])[:3, 3], above[:3, 3], atol=1e-3
     )
