@@ -32,7 +32,7 @@ from isf_planner.surface import target_surface
 def finish(contours: tuple[Contour, ...], job_file: JobFile) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
     """Contours with predicted forces, compensated tips and the axis of a tilted tool, and warnings with their place."""
     filled, warnings = with_predictions(contours, job_file)
-    moved, reported = compensate(filled, job_file)
+    moved, reported = compensate(filled, job_file) if job_file.job.path.compensation else (filled, ())
     if not job_file.tilts:
         return moved, (*warnings, *reported)
     tilted = with_tool_axis(moved, job_file)

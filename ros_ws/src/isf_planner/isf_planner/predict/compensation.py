@@ -69,8 +69,8 @@ def compensate(contours: Sequence[Contour], job_file: JobFile) -> tuple[tuple[Co
     IsfError : COMPENSATION_FAILED when the deflection does not settle, with the place; faults of the error map
     """
     job = job_file.job
-    if not job.path.compensation or not contours:
-        return tuple(contours), ()
+    if not contours:
+        return (), ()
     found = deflections(contours, job_file)
     moved = tuple(_moved(contour, one, job) for contour, one in zip(contours, found, strict=True))
     return moved, _remarks(contours, found, job_file)
