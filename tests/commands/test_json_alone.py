@@ -44,3 +44,32 @@ def test_results_of_commands_that_use_the_middleware_parse(environment: dict[str
     lonely = run(environment, *isf, "identify", job, "-p", "signs", "--cell", "--json")
     assert lonely.returncode != 0
     assert json.loads(lonely.stdout)["error"]["code"]
+
+
+@pytest.mark.parametrize("command", [("mode", "--json"), ("doctor", "--json")])
+def test_a_domain_that_ends_the_middleware_is_told(command: tuple[str, ...]) -> None:
+    """Fast DDS ends the process without an exception beyond 232."""
+    done = run({**os.environ, "ROS_DOMAIN_ID": "240"}, "-m", "isf_cell.cli", *command)
+    assert done.returncode not in (0, 1)
+    assert "domains go up to 232" in json.dumps(json.loads(done.stdout))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("-o", "there"), "a recording never overwrites"),
+        (("-o", "new", "--log", "there/log.txt"), "choose another --log"),
+        (("-o", "new", "--storage", "foo"), "no storage 'foo'"),
+        (("-o", "new", "--storage", "sqlite3", "--compression", "zstd"), "SQLite has no compression"),
+    ],
+)
+def test_a_recording_that_cannot_begin_ends_at_once(options: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "log.txt").touch()
+    done = subprocess.run(
+        [sys.executable, "-m", "isf_cell.cli", "record", *options],
+        capture_output=True, text=True, timeout=600, check=False, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode not in (0, 1)
+    assert words in done.stderr
+    assert not (tmp_path / "new").exists()

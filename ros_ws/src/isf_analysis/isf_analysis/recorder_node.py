@@ -173,16 +173,25 @@ class RecorderNode(CellNode[RecorderParameters]):
             self._faulty = set()
         else:
             self._recording = self._begin()
-        if values.text_log:
-            numbers = {topic.name: number for number, topic in enumerate(self._topics)}
-            path = Path(values.text_log).absolute()
-            if self._recordings > 1:  # activated once more, as the bag
-                path = path.with_stem(f"{path.stem}-{self._recordings}")
-            self._log = TextSamples(LogFile(path), [numbers.get(name) for name in LOGGED_TOPICS])
+        try:
+            self._begin_log()
+        except IsfError:  # the transition fails, and nobody would end the bag
+            if self._recording is not None:
+                self._close_recording()
+            raise
         self._group = Polled()
         self._subscriptions_polled = [self._subscribe(topic, _profile(topic)) for topic in self._topics]
         self._delivery = self.create_timer(DELIVERY_PERIOD, self._check_delivery, clock=self.steady_clock)
         self._timer = self.create_timer(POLL_PERIOD, self._poll, clock=self.steady_clock)
+
+    def _begin_log(self) -> None:
+        """The log of text, where one is wanted; raises IsfError."""
+        if text_log := self.values().text_log:
+            numbers = {topic.name: number for number, topic in enumerate(self._topics)}
+            path = Path(text_log).absolute()
+            if self._recordings > 1:  # activated once more, as the bag
+                path = path.with_stem(f"{path.stem}-{self._recordings}")
+            self._log = TextSamples(LogFile(path), [numbers.get(name) for name in LOGGED_TOPICS])
 
     def _begin(self) -> Recording:
         """A new bag, named after the first one."""
@@ -271,13 +280,14 @@ class RecorderNode(CellNode[RecorderParameters]):
             return
         batch = self._take()
         self._write_log(batch)
+        written = self._recording
         if self._ring is not None:
             self._ring.add(batch)
-            self._look_for_faults(batch)
+            self._look_for_faults(batch)  # a bag that begins with it has this batch from the ring
         recording = self._recording
         if recording is None:
             return
-        if batch:
+        if batch and recording is written:
             recording.add(batch)
         if recording.left_out and not self._told_left_out:
             self._told_left_out = True

@@ -313,6 +313,8 @@ def test_a_ring_is_written_when_a_node_reports_a_fault_and_when_asked(tmp_path: 
         found = messages(folder)
         assert [data for _, data in found["/tool_1/wrench"]][-100:] == [wrench_bytes(number) for number in range(100)]
         assert len(found["/part/info"]) >= 1
+        told = [time for time, _ in found["/diagnostics"]]
+        assert len(told) == len(set(told))  # what came with the fault is there once
     assert not (tmp_path / "bag-3").exists()
 
 

@@ -345,10 +345,17 @@ def record(
     ] = 0.0,
 ) -> None:
     """Record the topics of a running cell until Ctrl-C."""
-    from isf_cell.processes import executables
+    from isf_analysis.bag import bag_file, text_log
+
+    from isf_cell.processes import cell_nodes, executables
     from isf_cell.processes.process_group import parameter_value
 
     path = executables.find("isf_analysis", "recorder")
+    # now: a node that cannot record stays up and waits to be configured anew
+    bag_file.Storage(storage, compression, round(1e6 * split_size), split_time)
+    bag_file.check_free(output)
+    if log is not None:
+        text_log.check_free(log)
     values: dict[str, object] = {
         "autostart": True,
         "output": output.absolute(),
@@ -365,7 +372,7 @@ def record(
         arguments += ["-p", f"{name}:={parameter_value(value)}"]
     for names in remap or ():
         arguments += ["-r", executables.checked_remap(names)]
-    os.execv(path, [str(path), *arguments])
+    os.execv(path, [str(path), *arguments, *cell_nodes.enclave_arguments("recorder")])
 
 
 @app.command()

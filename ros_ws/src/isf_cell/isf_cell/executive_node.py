@@ -489,6 +489,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         try:
             self._modes.leave_for(error)
         finally:
+            self._hand_moves = False  # who moved a tool may be gone, and tells no more that it stands
             self._modes.changing = False
 
     def _tell_state(self) -> None:

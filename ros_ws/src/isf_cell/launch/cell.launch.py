@@ -245,6 +245,10 @@ def make_together(nodes: list[cell_nodes.CellNode], asked: dict[str, str]) -> li
         return []
     if cell_nodes.enclave_arguments(nodes[0].name):
         raise RuntimeError("together: one process has one security enclave, and the policy has one for each node")
+    respawn = asked["respawn"] == YES and all(node.keeps_nothing for node in nodes)
+    if asked["respawn"] == YES and any(node.keeps_nothing for node in nodes) and not respawn:
+        kept = ", ".join(node.name for node in nodes if not node.keeps_nothing)
+        raise RuntimeError(f"together with respawn:=true: {kept} cannot be started anew in mid-part; leave it out")
     own: list[str] = []
     for node in nodes:
         simulated = sim_time(asked, shows=node.name == "cell_state_publisher")
@@ -262,6 +266,8 @@ def make_together(nodes: list[cell_nodes.CellNode], asked: dict[str, str]) -> li
             parameters=[asked["params_file"]],
             ros_arguments=["--log-level", asked["log_level"], *own],
             output="screen",
+            respawn=respawn,
+            respawn_delay=RESPAWN_DELAY,
         )
     ]
 
@@ -339,4 +345,6 @@ def request_part(context: LaunchContext) -> list[Action]:
     }
     action = "/".join([LaunchConfiguration("namespace").perform(context).rstrip("/"), "form_part"])
     command = ["ros2", "action", "send_goal", "--feedback", action, "isf_msgs/action/FormPart", yaml.safe_dump(goal)]
-    return [ExecuteProcess(cmd=command, output="screen")]
+    secured = bool(cell_nodes.enclave_arguments(cell_nodes.OPERATOR))
+    own = {"ROS_SECURITY_ENCLAVE_OVERRIDE": cell_nodes.enclave(cell_nodes.OPERATOR)} if secured else {}
+    return [ExecuteProcess(cmd=command, output="screen", additional_env=own)]

@@ -88,10 +88,10 @@ class Driver:
         self._stand()
         self._next_cycle = time.monotonic()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        periods = {1.0 / self._rate: self._on_timer}
+        periods = [(1.0 / self._rate, self._on_timer)]
         if self._level >= SERVICES:
-            periods[STATE_PERIOD] = self._publish_state
-        self._running = [self._node.create_timer(period, work, clock=steady) for period, work in periods.items()]
+            periods.append((STATE_PERIOD, self._publish_state))
+        self._running = [self._node.create_timer(period, work, clock=steady) for period, work in periods]
 
     def stop(self) -> None:
         """Stand still."""

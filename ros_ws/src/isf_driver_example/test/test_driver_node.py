@@ -111,8 +111,8 @@ def sender() -> Iterator[Sender]:
         rclpy.try_shutdown()
 
 
-def driver(level: int) -> Any:
-    return forked_process.node("-m", "isf_driver_example.driver_node", level=level, rate=RATE)
+def driver(level: int, rate: float = RATE) -> Any:
+    return forked_process.node("-m", "isf_driver_example.driver_node", level=level, rate=rate)
 
 
 @pytest.mark.parametrize("level", [STREAMS, SERVICES])
@@ -175,6 +175,12 @@ def test_readings_of_cycles_that_came_late_are_not_left_out(sender: Sender) -> N
     made_up_for = np.diff(sent) < 0.2  # where the computer itself stood for longer, some are left out
     assert np.diff(sent)[made_up_for].max() > 0.04, "the process was not kept waiting"
     assert np.diff(stamps)[made_up_for] == pytest.approx(0.01, abs=0.5e-3)
+
+
+def test_a_rate_as_that_of_the_state_keeps_its_own_cycle(sender: Sender) -> None:
+    with driver(SERVICES, rate=10.0):
+        sender.begin(tared=False)  # poses and wrenches come
+        assert sender.wait(lambda: sender.state is not None)
 
 
 def test_targets_begin_where_the_tools_are(sender: Sender) -> None:

@@ -46,17 +46,26 @@ def join_graph(args: list[str] | None = None) -> None:
 
     Raises IsfError ROS_NOT_STARTED for arguments, a domain or a security set-up that ROS does not take.
     """
-    domain = os.environ.get("ROS_DOMAIN_ID", "")
-    advice = "look at the ROS arguments, and at ROS_DOMAIN_ID, RMW_IMPLEMENTATION and ROS_SECURITY_* in the environment"
-    if domain.isdecimal() and int(domain) > LARGEST_DOMAIN:  # Fast DDS ends the whole process without an exception
-        what = f"ROS_DOMAIN_ID is {domain}, domains go up to {LARGEST_DOMAIN}"
-        raise IsfError(ErrorCode.ROS_NOT_STARTED, what, where="environment", advice=advice)
+    check_domain()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # RCLError, UnknownROSArgsError, ...
         why = str(error).partition(", at /")[0].replace("failed to initialize rcl: error not set", _security())
         what = f"ROS could not be started: {why}"
-        raise IsfError(ErrorCode.ROS_NOT_STARTED, what, where="environment", advice=advice) from error
+        raise IsfError(ErrorCode.ROS_NOT_STARTED, what, where="environment", advice=_ENVIRONMENT) from error
+
+
+def check_domain() -> None:
+    """Raise IsfError ROS_NOT_STARTED for a domain for which Fast DDS ends the whole process without an exception."""
+    domain = os.environ.get("ROS_DOMAIN_ID", "")
+    if domain.isdecimal() and int(domain) > LARGEST_DOMAIN:
+        what = f"ROS_DOMAIN_ID is {domain}, domains go up to {LARGEST_DOMAIN}"
+        raise IsfError(ErrorCode.ROS_NOT_STARTED, what, where="environment", advice=_ENVIRONMENT)
+
+
+_ENVIRONMENT = (
+    "look at the ROS arguments, and at ROS_DOMAIN_ID, RMW_IMPLEMENTATION and ROS_SECURITY_* in the environment"
+)
 
 
 def _security() -> str:

@@ -34,6 +34,12 @@ def pose_angles(x: float, y: float, z: float, w: float) -> Array:
         return np.full(3, np.nan)
 
 
+def check_free(path: Path) -> None:
+    """Raise IsfError FILE_NOT_WRITABLE when ``path`` exists: a log is never overwritten."""
+    if path.exists():
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "exists", where=str(path), advice="choose another --log")
+
+
 class LogFile:
     """A log that is written as the samples come. Rows whose time does not ascend are left out."""
 

@@ -9,8 +9,8 @@ import threading
 from pathlib import Path
 
 from isf_analysis.bag.bag_reader import read_bag
-from isf_analysis.bag.text_log import LogFile
-from isf_core.errors import ErrorCode, IsfError
+from isf_analysis.bag.text_log import LogFile, check_free
+from isf_core.errors import IsfError
 from isf_dashboard.history import LOGGED
 from isf_dashboard.run_source import history_of
 from isf_dashboard.server import (
@@ -25,7 +25,7 @@ from isf_dashboard.server import (
 )
 
 from isf_cell.commands import terminal
-from isf_cell.processes import executables
+from isf_cell.processes import cell_nodes, executables
 from isf_cell.processes.process_group import parameter_value
 
 
@@ -35,11 +35,11 @@ def show_cell(port: int, token: str, log: Path | None, *, namespace: str | None,
     token, port = checked_token(token), free_port(port)
     arguments = ["--ros-args", "-p", f"port:={port}"]
     if log is not None:
-        if log.exists():
-            raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "exists", where=str(log), advice="choose another --log")
+        check_free(log)
         arguments += ["-p", f"log:={parameter_value(log.absolute())}"]
     if namespace is not None:
         arguments += ["-r", executables.checked_remap(f"__ns:=/{namespace.strip('/')}")]
+    arguments += cell_nodes.enclave_arguments("dashboard")
     _tell(f"http://{ADDRESS}:{port}/{token}/", as_json=as_json)
     os.environ[TOKEN_VARIABLE] = token
     sys.stdout.flush()

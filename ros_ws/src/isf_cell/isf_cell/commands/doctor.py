@@ -18,6 +18,7 @@ from rich.table import Table
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import Exit
 from isf_cell.processes import executables
+from isf_cell.processes.cell_nodes import operator_arguments
 
 EXECUTABLES = (
     ("isf_sim", "machine"),
@@ -166,14 +167,16 @@ def _round_trip() -> bool:
     """True when a message from one participant reaches another over the middleware."""
     import rclpy
     from isf_ros import qos
+    from isf_ros.process import check_domain
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
     from std_msgs.msg import String
 
+    check_domain()
     contexts = [Context(), Context()]
     received: list[str] = []
     for context in contexts:
-        rclpy.init(context=context)
+        rclpy.init(args=operator_arguments(), context=context)
     try:
         sender = rclpy.create_node("doctor_sender", context=contexts[0])
         receiver = rclpy.create_node("doctor_receiver", context=contexts[1])

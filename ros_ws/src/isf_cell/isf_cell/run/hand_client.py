@@ -15,13 +15,14 @@ from isf_msgs.action import MoveTo
 from isf_msgs.msg import ExecutiveState, HandState, Jog
 from isf_msgs.srv import SetMode, SetZero
 from isf_ros import qos
+from isf_ros.process import join_graph
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
+from isf_cell.processes.cell_nodes import operator_arguments
 from isf_cell.processes.ctrl_c import ctrl_c_held_back
 
 CELL = "start a cell in this ROS domain: isf cell JOB"
@@ -44,7 +45,7 @@ class HandClient:
     """For one thread; a context manager."""
 
     def __init__(self) -> None:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        join_graph(operator_arguments())
         self.name = f"isf_{os.getpid()}"
         self._node = Node(f"isf_hand_{os.getpid()}")
         self._executor = SingleThreadedExecutor()
