@@ -68,7 +68,7 @@ MODULES: dict[str, dict[str, type]] = {
     "launch.action": {"Action": _kind("Action")},
     "launch.actions": {
         "DeclareLaunchArgument": _kind("DeclareLaunchArgument", {"default_value", "description", "choices"}),
-        "ExecuteProcess": _kind("ExecuteProcess", {"cmd", "output", "name", "condition"}, {"cmd"}),
+        "ExecuteProcess": _kind("ExecuteProcess", {"cmd", "output", "name", "condition", "additional_env"}, {"cmd"}),
         "LogInfo": _kind("LogInfo", {"msg"}, {"msg"}),
         "OpaqueFunction": _kind("OpaqueFunction", {"function", "args", "kwargs"}, {"function"}),
         "SetEnvironmentVariable": _kind("SetEnvironmentVariable"),

@@ -199,6 +199,23 @@ def test_what_keeps_nothing_is_started_anew_if_asked_for(launch_file: dict[str, 
     again = {name for name, node in found.items() if node.keywords["respawn"]}
     assert again == {"planner", "springback", "cell_state_publisher"}
     assert not any(node.keywords["respawn"] for node in started(launch_file).values())
+    # in one process, too, where that holds for all in it
+    actions, _ = perform(launch_file, respawn="true", together="planner springback")
+    (shared,) = [one for one in actions if one.keywords.get("executable") == "together"]
+    assert shared.keywords["respawn"]
+    with pytest.raises(RuntimeError, match="force_ctrl cannot be started anew in mid-part"):
+        perform(launch_file, respawn="true", together="planner force_ctrl")
+
+
+def test_the_request_of_a_part_has_the_enclave_of_the_commands(
+    launch_file: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = tmp_path / "cone.yaml"
+    job.write_text("name: cone\n", encoding="utf-8")
+    for secured, expected in (("false", {}), ("true", {"ROS_SECURITY_ENCLAVE_OVERRIDE": "/isf/operator"})):
+        monkeypatch.setenv("ROS_SECURITY_ENABLE", secured)
+        (request,) = launch_file["request_part"]({"job": str(job), "namespace": ""})
+        assert request.keywords["additional_env"] == expected
 
 
 def test_named_config_file_exists_and_is_installed(launch_file: dict[str, Any]) -> None:
