@@ -4,11 +4,12 @@ An L, a star, two pockets of different depth, a ridge that flattens towards its 
 the first feature of a free form, from the part library; AA5754-O of 1 mm on the rig ren2018. Each is formed over the
 backing plate that its plan advises. ``isf campaign`` forms what is missing of the folder and writes its table and page.
 
-    ./isf python benchmarks/unseen_shapes.py                                # none, elastic and fused, nominal
+    ./isf python benchmarks/unseen_shapes.py                                # every method, nominal
     ./isf python benchmarks/unseen_shapes.py --methods elastic --variants 101-105 --jobs 2
 
-fused scans after every contour, the others never. A part on shell_coarse takes 2 to 5 minutes of one core. In the rows:
-wall and base, largest / mean; signed means of base and rim; of several variants the median, and the worst behind it.
+floor is elastic with passes over the floor (path.floor_step), fused scans after every contour. A part on shell_coarse
+takes 2 to 7 minutes of one core. In the rows: wall and base, largest / mean; signed means of base and rim; of several
+variants the median, and the worst behind it.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ SHAPES: dict[str, Callable[[], Part]] = {
 METHODS: dict[str, Any] = {
     "none": "none",
     "elastic": "elastic",
+    "floor": {"name": "elastic, floor_step", "change": {"path": {"floor_step": "1 mm"}}},
     "fused": {"name": "fused", "change": {"springback": {"method": "auto", "scan_every": 1}}},
 }
 
