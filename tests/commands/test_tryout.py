@@ -18,14 +18,14 @@ from isf_analysis.measures.deviation import compare
 from isf_analysis.measures.summary import summary as measured
 from isf_cell import in_process
 from isf_cell.commands.exit_codes import Exit
-from isf_cell.commands.tryout import Tryout, try_out
+from isf_cell.commands.tryout import SetUp, Tryout, _bands, _folder, try_out
 from isf_cell.options import RunOptions
 from isf_cell.replay.recorded_run import read_run
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_core.types import Array
 from isf_springback.estimators import learning
-from quick_cone import FOLDER, quick_cone_file
+from quick_cone import FOLDER, quick_cone, quick_cone_file
 
 REN_CONE_PLATE = FOLDER / "ren_cone_plate.yaml"
 
@@ -143,6 +143,39 @@ def test_another_job_does_not_go_on_in_its_folder(done: Done, tmp_path: Path) ->
     with pytest.raises(IsfError, match="another job") as caught:
         try_out(Tryout(job, sheet="fast"), done.folder, as_json=False)
     assert caught.value.code == ErrorCode.FILE_NOT_WRITABLE
+
+
+@pytest.mark.parametrize("named", ["springback.learning", "part.accuracy_surfaces", "springback.elastic.database"])
+def test_other_contents_of_a_file_that_the_job_names_do_not_go_on_in_its_folder(tmp_path: Path, named: str) -> None:
+    change: dict[str, object] = {"part": {"mesh": str(FOLDER.parent / "parts" / "mini_cone.stl")}}
+    *sections, field = named.split(".")
+    at = change
+    for section in sections:
+        at = at.setdefault(section, {})  # type: ignore[assignment]
+    at[field] = str(tmp_path / "named")
+    job_file = quick_cone().changed(change)
+    (tmp_path / "named").write_text("first", encoding="utf-8")
+    set_ups = [SetUp("first", "as the job says", job_file)]
+    folder = _folder(Tryout(Path("job.yaml")), set_ups, tmp_path / "out")
+    (folder / "first").mkdir()
+    assert _folder(Tryout(Path("job.yaml")), set_ups, folder) == folder
+    (tmp_path / "named").write_text("second", encoding="utf-8")
+    with pytest.raises(IsfError, match="other contents of a file"):
+        _folder(Tryout(Path("job.yaml")), set_ups, folder)
+
+
+def test_over_a_die_the_bands_follow_the_blank_holder(done: Done) -> None:
+    """There all tips are at z = 0."""
+    known = learning.load(done.folder / "step_1.npz")
+    nominal = read_bag(done.folder / "first" / "variant_1").nominal
+    deep = [float(contour.forming_tip[:, 2].min()) for contour in nominal]
+    over_die = [
+        replace(contour.shifted(np.array([0.0, 0.0, -depth])), holder_height=depth)
+        for contour, depth in zip(nominal, deep, strict=True)
+    ]
+    assert len(nominal) == 2
+    assert np.array_equal(_bands(known, over_die), _bands(known, nominal))
+    assert (_bands(known, over_die).sum(axis=0) > 0.0).all()
 
 
 def test_scans_of_the_real_part_are_held_against_those_of_the_chosen_one(tmp_path: Path) -> None:
@@ -293,6 +326,7 @@ def test_a_set_up_that_its_method_cannot_correct_says_so(tmp_path: Path, capsys:
     try_out(Tryout(tmp_path / "job.yaml", sheet="fast", checks=()), tmp_path / "out", as_json=False)
     told = " ".join(capsys.readouterr().err.split())
     assert "first was not corrected at 11 of 11 contours: contour 1: the contours reach within" in told
+    assert "% within 9 mm" in told  # the tolerance of the job
 
 
 def test_what_prevents_the_part_is_not_what_ended_another_set_up(

@@ -12,8 +12,9 @@ force of the machine, the limits, the room beside a die, and the message. A meth
 
 **Floor.** A pass over the floor (planner, ``path.floor_step``) needs less force than the contour on the wall before it,
 by a share that nobody knows before; a floor pressed too deep cannot be raised. So the contour that reaches the floor is
-pressed no more than the wall, the first pass less, and every further one as deep as the nearest pass before it, plus
-what a scan shows is left there: more where the floor still stands up, less where it lies too deep.
+pressed no more than the wall, the first pass less, and every further one as deep as the nearest pass that the newest
+scan has seen, plus what that shows is left there: more where the floor still stands up, less where it lies too deep.
+Without a scan it is as deep as the nearest pass before it. A method that replays a part replays its passes.
 
 **Force.** The force of forming grows with the step between two contours as they are formed, by an exponent that no
 controller knows of its machine. Bounds of it are enough: a step grows as if the larger one held, and shrinks as if the
@@ -154,8 +155,8 @@ class Corrector:
         the method predicts all the same, as it did where it was the same one with other parameters that corrected; some
         keep what they computed for the contours to come.
         """
-        self._begin(contour)
-        if predict:
+        fault = self._begin(contour)
+        if predict and fault is None:
             with suppress(IsfError):  # what it lacks was told by the one that corrected
                 self.estimator.estimate(contour, self.history)
         before = None if self.history.base is None else self.history.base.contour
@@ -207,15 +208,15 @@ class Corrector:
         self.estimator.add_formed(formed, self.history)
 
     def _push(self, contour: Contour, last: Array, prediction: Prediction | None, bounds: Bounds) -> _Push:
-        """Push of ``contour`` after the ``last`` (N,) m: over a floor what the floor needs, else what the method asks
-        for, within all bounds."""
+        """Push of ``contour`` after the ``last`` (N,) m: over a floor what the floor needs, else, and of a method that
+        replays, what the method asks for, within all bounds."""
         base = self.history.base
         pressed = self._floor.push(contour, None if base is None else base.contour, last)
         asked = last if prediction is None else self._asked(prediction)
-        if pressed is not None:
+        if pressed is None:
+            asked = at_edge(contour, self._job_file, asked, last) if bounds.at_floor else asked
+        elif prediction is None or not bounds.replays_floor:
             asked = pressed
-        elif bounds.at_floor:
-            asked = at_edge(contour, self._job_file, asked, last)
         # lifted tools jump nowhere; a floor may need far less push than the wall before it
         free = base is None or pressed is not None
         admitted, remarks = self._bounded(contour, asked, last, bounds, forced=pressed is None)
@@ -392,13 +393,29 @@ def at_edge(contour: Contour, job_file: JobFile, wanted: Array, pushed: Array) -
     return np.minimum(wanted, np.maximum(pushed, 0.0))
 
 
+@dataclass(frozen=True)
+class _Passes:
+    """Passes over one floor: ``place`` (K, 2) m of their tips, and their ``push`` (K,) m."""
+
+    place: Array
+    push: Array
+
+    def near(self, contour: Contour) -> tuple[Array, Array]:
+        """Place (N, 2) m and push (N,) m nearest to every tip of ``contour``."""
+        nearest = nearest_points(contour.forming_tip[:, :2], self.place)
+        return self.place[nearest], self.push[nearest]
+
+
+NO_PASSES = _Passes(np.empty((0, 2)), np.empty(0))
+
+
 class FloorFeedback:
     """Pushes on the floor of one feature, and the error of the floor by the newest scan."""
 
     def __init__(self) -> None:
-        self._place = np.empty((0, 2))
-        self._push = np.empty(0)
+        self._formed = NO_PASSES
         self._pending: tuple[Contour, Array] | None = None
+        self._scanned = NO_PASSES
         self._error: HeightMap | None = None
 
     def passes(self, contour: Contour) -> bool:
@@ -414,6 +431,7 @@ class FloorFeedback:
         if not unknown.all():  # in holes of the scan: as beside them
             row, column = distance_transform_edt(unknown, return_distances=False, return_indices=True)
             self._error = HeightMap(target.x, target.y, median_filter(error[row, column], WIDTH))
+            self._scanned = self._with_pending()
 
     def push(self, contour: Contour, before: Contour | None, pushed: Array) -> Array | None:
         """(N,) m, push wanted on ``contour``; None when it is no pass over the floor.
@@ -423,32 +441,35 @@ class FloorFeedback:
         if before is None or not over_floor(contour, before):
             return None
         if self.passes(before):
-            self._settle()
+            self._formed = self._with_pending()
         elif not self.passes(contour):  # asked again, the passes before it are those known
-            self._place, self._push = np.empty((0, 2)), np.empty(0)
-        if not len(self._place):
+            self._formed = self._scanned = NO_PASSES
+        if not len(self._formed.place):
             return FIRST_SHARE * np.maximum(pushed, 0.0)
-        near = nearest_points(contour.forming_tip[:, :2], self._place)
-        left = np.zeros(len(contour)) if self._error is None else heights_at(self._error, self._place[near])
-        again = np.linalg.norm(self._place[near] - contour.forming_tip[:, :2], axis=1) <= SAME_PLACE
+        if self._error is None or not len(self._scanned.place):
+            return np.maximum(self._formed.near(contour)[1], 0.0)
+        # what a scan shows to be left is left by the pushes that it has seen: later ones have had it added already
+        place, push = self._scanned.near(contour)
+        left = heights_at(self._error, place)
+        again = np.linalg.norm(place - contour.forming_tip[:, :2], axis=1) <= SAME_PLACE
         left = np.where(again & (left > 0.0), NEXT_ROUND * left, left)
-        return np.maximum(self._push[near] + left, 0.0)
+        return np.maximum(push + left, 0.0)
 
     def add(self, contour: Contour, push: Array) -> None:
         """The pass ``contour`` is formed with ``push`` (N,) m."""
         self._pending = contour, push
 
-    def _settle(self) -> None:
-        """The last pass replaces the passes before it at its place."""
+    def _with_pending(self) -> _Passes:
+        """The passes with the last one, which replaces those before it at its place."""
         if self._pending is None:
-            return
+            return self._formed
         contour, push = self._pending
-        place = contour.forming_tip[:, :2]
-        if len(self._place):
-            apart = np.linalg.norm(place[nearest_points(self._place, place)] - self._place, axis=1)
-            kept = apart > SAME_PLACE
-            self._place, self._push = self._place[kept], self._push[kept]
-        self._place, self._push = np.vstack([self._place, place]), np.concatenate([self._push, push])
+        place, before = contour.forming_tip[:, :2], self._formed
+        if not len(before.place):
+            return _Passes(place, push)
+        apart = np.linalg.norm(place[nearest_points(before.place, place)] - before.place, axis=1)
+        kept = apart > SAME_PLACE
+        return _Passes(np.vstack([before.place[kept], place]), np.concatenate([before.push[kept], push]))
 
 
 LARGEST_EXPONENT = 0.5

@@ -319,7 +319,7 @@ class CorrectionSession:
         corrector = self._made(method)
         for k, record in enumerate(self._history):
             if k < own or record.correction.code:  # corrected without what came too late: not so again
-                corrector.follow(record.nominal, record.correction)
+                corrector.follow(record.nominal, record.correction, predict=k >= own)
             else:
                 offset = corrector.correct(record.nominal).offset
                 if offset.shape != record.correction.offset.shape or not _same(offset, record.correction.offset):

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
+from isf_springback.corrector import Corrector
+from isf_springback.estimators.estimator import Estimator, Prediction
 from isf_springback.session import CorrectionSession
 from springback_parts import cone_contour, job_file, result_of
 
@@ -256,6 +258,31 @@ def test_a_method_that_decides_otherwise_by_now_is_noticed(session, tmp_path, cl
     assert refused.corrected is None
     assert refused.correction.code == ErrorCode.CHECKPOINT_UNUSABLE
     assert "another correction" in refused.correction.message
+
+
+class Counting(Estimator):
+    """Asks for 0.1 mm more each time, as a method does that keeps what it computed; lacks something at contour 3."""
+
+    name = "analytic"
+    asked = 0
+
+    def estimate(self, contour, history):
+        self.asked += 1
+        lacks = IsfError(ErrorCode.CORRECTION_FAILED, "lacks something") if contour.index == 3 else None
+        return Prediction(np.empty(0), push=np.full(len(contour), 0.1e-3 * self.asked), fault=lacks)
+
+
+def test_a_method_is_asked_again_for_a_contour_it_lacked_something_for(session, tmp_path, clock, monkeypatch):
+    monkeypatch.setattr("isf_springback.session.make_corrector", lambda name, job: Corrector(Counting(job), job))
+    for index in range(6):
+        form(session, index)
+        session.save(tmp_path)
+    other = CorrectionSession(TIMEOUT, clock)
+    other.load(tmp_path)
+    other.set_job(job_file(), "plan")
+    whole, again = form(session, 6), form(other, 6)
+    assert again.correction.code == 0, again.correction.message
+    assert np.array_equal(again.correction.offset, whole.correction.offset)
 
 
 @pytest.mark.parametrize("size", [0, 10, 5000])

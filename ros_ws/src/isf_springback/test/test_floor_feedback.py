@@ -9,6 +9,8 @@ from isf_core.contour import Contour, over_floor
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_springback.corrector import FIRST_SHARE, NEXT_ROUND, FloorFeedback, at_edge
+from isf_springback.estimators.learning import Learned, save
+from isf_springback.methods import make_corrector
 from springback_parts import JOB_TEXT, cone_contour
 
 GRID = np.arange(-40, 41) * 1e-3
@@ -70,11 +72,11 @@ def test_a_floor_comes_to_its_level_from_above(springback: float) -> None:
 def test_the_first_pass_is_pressed_less_than_the_wall_and_asking_again_changes_nothing() -> None:
     feedback = FloorFeedback()
     first, second = floor_contour(1, 20e-3), floor_contour(2, 15e-3)
-    feedback.update(HeightMap(GRID, GRID, TARGET.z + 0.1e-3), TARGET)
     for _ in range(2):
         push = feedback.push(first, EDGE, np.full(len(first), WALL_PUSH))
         assert push == pytest.approx(FIRST_SHARE * WALL_PUSH)
         feedback.add(first, push)
+    feedback.update(HeightMap(GRID, GRID, TARGET.z + 0.1e-3), TARGET)
     answers = []
     for _ in range(2):
         push = feedback.push(second, first, np.full(len(second), WALL_PUSH))
@@ -93,6 +95,45 @@ def test_what_lies_too_deep_is_pressed_less_and_a_hole_of_the_scan_is_as_beside_
     feedback.update(HeightMap(GRID, GRID, shape), TARGET)
     push = feedback.push(second, first, np.full(len(second), WALL_PUSH))
     assert push == pytest.approx(np.full(len(second), FIRST_SHARE * WALL_PUSH - 0.2e-3), abs=1e-6)
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 5])
+def test_what_a_scan_shows_is_pressed_once_however_long_the_next_one_takes(every: int) -> None:
+    """A floor that springs back by 0.8 mm from every pass: 0.2 mm are left by the first, pressed with 0.6 mm."""
+    feedback, before, push = FloorFeedback(), EDGE, np.full(len(EDGE), WALL_PUSH)
+    feedback.update(HeightMap(GRID, GRID, TARGET.z + 0.8e-3), TARGET)  # of the wall: it says nothing of the passes
+    pushes = []
+    for index in range(1, 13):
+        contour = floor_contour(index, 24e-3 - 1.5e-3 * index)
+        pushed = feedback.push(contour, before, np.full(len(contour), push.mean()))
+        assert pushed is not None
+        feedback.add(contour, pushed)
+        pushes.append(float(pushed.mean()))
+        if index % every == 0:
+            feedback.update(HeightMap(GRID, GRID, TARGET.z + 0.8e-3 - pushes[-1]), TARGET)
+        before, push = contour, pushed
+    assert pushes[:every] == pytest.approx([FIRST_SHARE * WALL_PUSH] * every)
+    assert pushes[every:] == pytest.approx([0.8e-3] * (12 - every), abs=1e-6)
+
+
+@pytest.mark.parametrize(("method", "on_the_floor"), [("learned", 0.5e-3), ("analytic", None)])
+def test_a_method_that_replays_a_part_replays_its_passes_over_the_floor(
+    method: str, on_the_floor: float | None, tmp_path: Path
+) -> None:
+    contours = [replace(EDGE, count=3), *(replace(floor_contour(k, r), count=3) for k, r in ((1, 20e-3), (2, 15e-3)))]
+    index = np.concatenate([np.full(len(contour), contour.index) for contour in contours])
+    push, none = np.full(len(index), 0.5e-3), np.zeros(len(index))
+    place = np.concatenate([contour.contact[:, :2] for contour in contours])
+    known = Learned("cone", 3, 1, index, place, push, push, none, none, np.zeros((0, 4)), np.zeros(0), np.zeros((1, 2)))
+    save(known, tmp_path / "known.npz")
+    text = JOB_TEXT.replace("path: {", "path: {floor_step: 5 mm, ")
+    job_file = JobFile(text.replace("method: analytic", f"method: {method}, learning: known.npz"), tmp_path)
+    corrector = make_corrector(method, job_file)
+    corrections = [corrector.correct(contour) for contour in contours]
+    assert [formed.code for formed in corrections] == ([0] * 3 if method == "learned" else [0, 1302, 1302])
+    wanted = on_the_floor if on_the_floor is not None else -FIRST_SHARE * float(corrections[0].offset[:, 2].mean())
+    for correction in corrections[1:]:
+        assert -correction.offset[:, 2] == pytest.approx(np.full(len(correction.offset), wanted), abs=1e-6)
 
 
 @pytest.mark.parametrize(("error", "share"), [(0.2e-3, NEXT_ROUND), (-0.2e-3, 1.0)])

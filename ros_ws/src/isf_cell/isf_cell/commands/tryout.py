@@ -35,7 +35,7 @@ from isf_analysis.figures import style
 from isf_analysis.measures.deviation import BANDS, Deviation, compare
 from isf_analysis.measures.record import PartRecord
 from isf_core import __version__
-from isf_core.contour import Process
+from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
 from isf_core.files import yaml_file
@@ -49,9 +49,11 @@ from isf_springback.estimators import learning
 from isf_springback.estimators.learning import LEAST_PUSH, Learned, together
 from isf_springback.loop_path import LARGEST_CORRECTION
 from isf_springback.methods import check_method
+from isf_springback.scan.feedback import contour_over_die
 from scipy.optimize import lsq_linear
 
 from isf_cell import in_process
+from isf_cell.campaign.content import job_content
 from isf_cell.commands import terminal
 from isf_cell.commands.learn import learn_record
 from isf_cell.commands.report import first_failure
@@ -292,7 +294,7 @@ class Search:
             return
         record = first.trials[0].record
         start = learn_record(record, self.job_file.base)
-        bands = _bands(start, np.array([float(contour.forming_tip[:, 2].min()) for contour in record.nominal]))
+        bands = _bands(start, record.nominal)
         base = first
         if len(self.wanted.variants) > 1:  # each had the correction that its forces asked for
             (base,) = self._add([self._plan("replay", start, start.applied)])
@@ -375,9 +377,10 @@ class Search:
         self.parts += found
         for part in found:
             for trial in part.trials:
+                tolerance = trial.record.tolerance.shape
                 terminal.say(
                     f"{trial.part}, variant {trial.variant}: {1e3 * trial.largest:.2f} mm largest, "
-                    f"{1e3 * trial.mean:.2f} mm mean, {100 * trial.within:.0f} % within 0.3 mm"
+                    f"{1e3 * trial.mean:.2f} mm mean, {100 * trial.within:.0f} % within {1e3 * tolerance:g} mm"
                 )
                 if lost := [step for step in trial.record.corrections if step.code]:
                     count = f"{len(lost)} of {len(trial.record.corrections)} contours"
@@ -436,8 +439,10 @@ class Search:
         self.steps_used_up = True
 
 
-def _bands(start: Learned, tips: Array) -> Array:
-    """(places, bands), weights of the bands of depth: hats that add up to 1; ``tips`` (contours,) m, their heights."""
+def _bands(start: Learned, nominal: Sequence[Contour]) -> Array:
+    """(places, bands), weights of the bands of depth: hats that add up to 1; depths over a die are those in its
+    frame."""
+    tips = np.array([float(contour_over_die(contour).forming_tip[:, 2].min()) for contour in nominal])
     count = min(PROBES, len(tips))
     share = (tips.max() - tips) / max(float(np.ptp(tips)), 1e-9) * (count - 1)
     weights = np.maximum(0.0, 1.0 - np.abs(share[:, None] - np.arange(count)))
@@ -509,13 +514,9 @@ def _folder(wanted: Tryout, set_ups: Sequence[SetUp], output: Path | None) -> Pa
     """Of this try-out, new or begun earlier."""
     job_file = set_ups[0].job_file
     folder = make_folder(output or Path("runs") / f"tryout-{job_file.job.name}")
-    ways = [
-        f"{job.text} {job.rig.model_dump_json()} {job.material.model_dump_json()}"
-        for job in (way.job_file for way in set_ups)
-    ]
-    sources = b"".join(path.read_bytes() for path in job_file.sources if path.is_file())
+    ways = [job_content(way.job_file) for way in set_ups]
     said = json.dumps([__version__, *ways, wanted.sheet, wanted.variants, wanted.seed, wanted.correction])
-    key = hashlib.sha256(said.encode() + sources).hexdigest()
+    key = hashlib.sha256(said.encode()).hexdigest()
     state = folder / STATE
     others = [item for item in folder.iterdir() if item != state]  # a refused try-out leaves none
     if others and not state.exists():
@@ -523,7 +524,8 @@ def _folder(wanted: Tryout, set_ups: Sequence[SetUp], output: Path | None) -> Pa
     if others and key not in state.read_text(encoding="utf-8", errors="replace"):
         raise IsfError(
             ErrorCode.FILE_NOT_WRITABLE,
-            "holds a try-out of another job, part, sheet or choice of variants, or by another version",
+            "holds a try-out of another job, part, sheet or choice of variants, by another version, or of other "
+            "contents of a file that the job names",
             where=str(folder),
             advice="choose another --output, or remove the folder",
         )

@@ -194,7 +194,8 @@ def cached_path(job_file: JobFile) -> Path:
     elastic = job.springback.elastic.model_dump(exclude={"database", "forecast", "block", "engine"})
     parts += [] if job.springback.elastic.engine == "compact" else [job.springback.elastic.engine]
     digest = hashlib.sha256(repr([*parts, elastic]).encode())
-    for source in filter(Path.is_file, job_file.sources):
+    named = [] if job.accuracy_surfaces is None else [job_file.base / job.accuracy_surfaces]
+    for source in filter(Path.is_file, [*job_file.sources, *named]):
         digest.update(source.read_bytes())
     return cache_folder() / f"{job.name}-{digest.hexdigest()[:16]}.json"
 

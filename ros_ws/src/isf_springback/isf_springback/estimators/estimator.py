@@ -173,6 +173,8 @@ class Bounds:
     rise : m, by which the push may grow over the one on the contour before
     by_force : the push is held to what the force of the machine bears (:mod:`isf_springback.corrector`)
     at_floor : where a contour reaches a floor that is passed over it is pushed no more than the wall before it
+    replays_floor : passes over a floor are pushed as the method asks for, which knows what they came to on a part
+        before; else the corrector presses them (:mod:`isf_springback.corrector`)
     die : room beside a die that the tools must keep to
     """
 
@@ -181,6 +183,7 @@ class Bounds:
     rise: float = np.inf
     by_force: bool = False
     at_floor: bool = True
+    replays_floor: bool = False
     die: DieRoom | None = None
 
 

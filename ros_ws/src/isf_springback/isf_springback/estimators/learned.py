@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from isf_core.contour import Contour, makes_floor
+from isf_core.contour import Contour, contour_label, makes_floor
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
@@ -66,8 +66,8 @@ NOTHING_SEEN = (
 
 
 class LearnedEstimator(Estimator):
-    """Predicts what ``predict`` says of a contour and, with ``before``, what scans show to differ from that part;
-    ``check`` raises where the file does not belong to its plan."""
+    """Predicts what ``predict`` says of a contour and, with ``before``, the same part formed before, what scans show to
+    differ from it; ``check`` raises where the file does not belong to its plan."""
 
     def __init__(
         self,
@@ -81,6 +81,7 @@ class LearnedEstimator(Estimator):
         self.name = name
         self._predict = predict
         self._check = check
+        self._replays = before is not None
         self._difference: Difference | None = None
         if before is not None and job_file.job.springback.scan_every and job_file.job.process != "TPIF":
             self.uses_scans = True
@@ -111,8 +112,8 @@ class LearnedEstimator(Estimator):
         )
 
     def bounds(self, contour: Contour, history: History) -> Bounds:
-        """Parts formed before may have come out too deep."""
-        return Bounds(pulls_back=True, at_floor=False)
+        """Parts formed before may have come out too deep; of the same one the passes over a floor are known, too."""
+        return Bounds(pulls_back=True, at_floor=False, replays_floor=self._replays)
 
     def add_formed(self, formed: FormedContour, history: History) -> None:
         """As the base class; asking again for a contour replaces it."""
@@ -263,13 +264,22 @@ def learned(job_file: JobFile) -> LearnedEstimator:
     known = knowledge(job_file)
 
     def check(contour: Contour) -> None:
-        if contour.count != known.contours or not len(known.of_contour(contour.index)[0]):
-            raise IsfError(
-                ErrorCode.LEARNING_UNUSABLE,
-                f"was learned on a plan of {known.contours} contours, this one has {contour.count}",
-                where="springback.learning",
-                advice="learn from parts of this plan, or use learned_map",
+        away = learning.misplaced(known, contour)
+        if contour.count != known.contours or not np.isfinite(away):
+            why = f"was learned on a plan of {known.contours} contours, this one has {contour.count}"
+        elif away > learning.SAME_PLACE:
+            why = (
+                f"was learned on another plan, on which {contour_label(contour.index)} runs up to {1e3 * away:.1f} mm "
+                "elsewhere: another part, or one that was moved or turned"
             )
+        else:
+            return
+        raise IsfError(
+            ErrorCode.LEARNING_UNUSABLE,
+            why,
+            where=f"springback.learning: {job_file.job.springback.learning}",
+            advice="learn from parts of this plan, or use learned_map",
+        )
 
     def predict(contour: Contour, remarks: list[str]) -> Array:
         return _along(contour, *known.of_contour(contour.index))
@@ -281,15 +291,14 @@ def learned_map(job_file: JobFile) -> LearnedEstimator:
     """Method "learned_map"; raises IsfError LEARNING_UNUSABLE."""
     known = knowledge(job_file)
     model, low, high, smallest, largest = fit_map(known)
-    depth: dict[str, float] = {}
+    depth: dict[tuple[str, int], float] = {}
 
     def predict(contour: Contour, remarks: list[str]) -> Array:
         contour = contour_over_die(contour)  # depths of samples count from the top of the die
         # the floor of the plan lies where its last contour goes: count and step tell, as on the plan itself
-        step = job_file.job.path.incremental_depth
-        floor = depth.setdefault(
-            contour.plan_id, float(contour.forming_tip[:, 2].min()) - step * (contour.count - 1 - contour.index)
-        )
+        step, sign = job_file.job.path.incremental_depth, contour.push_sign
+        deepest = float((sign * contour.forming_tip[:, 2]).max()) + step * (contour.count - 1 - contour.index)
+        floor = depth.setdefault((contour.plan_id, contour.forming_tool), sign * deepest)
         row = features(contour, floor)
         inside = np.clip(row, low, high)
         far = np.abs(row - inside) > 0.05 * np.maximum(high - low, 1e-9)

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, nearest_points
 from isf_springback.scan import FormedShape, ScanExpectation, process_scan
-from isf_springback.scan.feedback import contour_over_die, shape_over_die, target_over_die
+from isf_springback.scan.feedback import contour_over_die, shape_over_die, target_over_die, turned_shape
 from isf_springback.scan.readings import read_errors
 
 FORMAT = 1
@@ -52,13 +52,14 @@ class Learned:
     ----------
     job : name of the job ; contours : number of contours of its plan ; parts : parts learned from
     contour : (K,) index ; place : (K, 2) m, contact in plan view
-    push : (K,) m, correction for the next part ; applied : (K,) m, that of the last part
-    error : (K,) m, formed minus target height there after the last part, NaN where not seen
+    push : (K,) m, correction along the push for the next part ; applied : (K,) m, that of the last part
+    error : (K,) m, by which the last part was not pushed far enough there: formed minus target height, and the reverse
+        of what is formed from below; NaN where not seen
     gain : (K,) part of the error that is put into the next correction
     feature : (S, 4), see :data:`FEATURES` ; springback : (S,) m
     history : (P, 2) m, mean and largest error of the wall and floor below the rim, per part
-    seen : (K, 2) m, errors of the wall just above the contact and of the bottom inside the tip, in the scan made after
-        that contour of the last part; NaN where nothing was seen. None: no scans were made between its contours
+    seen : (K, 2) m, such errors of the wall just beside the contact and of the bottom inside the tip, in the scan made
+        after that contour of the last part; NaN where nothing was seen. None: no scans were made between its contours
     """
 
     job: str
@@ -138,6 +139,10 @@ MINIMUM_RESPONSE = 0.3
 """Change of the error over the change of the push below which a place is not moved any more (assumed)."""
 NOTICEABLE = 0.15e-3
 """m of change of the push below which its effect cannot be told from the scatter of parts."""
+SAME_PLACE = 1e-3
+"""m in plan; farther from its contour than this a place belongs to another plan, as a control point does."""
+BETWEEN = 0.25e-3
+"""m between the points of a contour that a place is compared with: a plan may have few of them."""
 FULL_HEIGHT = 1.0 - np.cos(np.radians(50.0))
 """Height of the contact over the tip in tool radii on a common wall: the last contours below it make the floor."""
 
@@ -159,7 +164,7 @@ def learn_part(
     ----------
     nominal, corrections : of every contour, in order ; scan : (P, 3) m, points of the finished part in the clamp, the
     flange at z = 0, over a die as well
-    radius : m, of the forming tool ; known : from earlier parts of the same job, or other jobs (samples only)
+    radius : m, of the forming tool ; known : from earlier parts of the same plan, or of other ones (samples only)
     shapes : scanned after some of the contours, by their index
 
     Raises
@@ -177,14 +182,17 @@ def learn_part(
         # the flange moves from contour to contour: contours, target and shape meet in the frame of the die
         shape = shape_over_die(scan, target, clamp, nominal[-1])
         target, nominal = target_over_die(target), [contour_over_die(contour) for contour in nominal]
+    elif all(contour.forming_tool == 2 for contour in nominal):
+        shape = turned_shape(scan, target, clamp)
     else:
         lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
         shape = process_scan(scan, ScanExpectation(target, clamp, lowest))
-    floor = float(np.nanmin(target.z))
+    ends = {1: float(np.nanmin(target.z)), 2: float(np.nanmax(target.z))}
     index, place, applied, error, feature, seen = [], [], [], [], [], []
     for contour, correction in zip(nominal, corrections, strict=True):
         reading = read_errors(contour, shape, target, radius)
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
+        floor, too_little = ends[contour.forming_tool], -contour.push_sign
         left = np.abs(contour.forming_tip[near, 2] - floor)
         share = np.where(np.isfinite(reading.bottom), np.clip(1.0 - left / (FULL_HEIGHT * radius), 0.0, 1.0), 0.0)
         bottom = np.where(np.isfinite(reading.bottom), reading.bottom, 0.0)
@@ -192,15 +200,16 @@ def learn_part(
         index.append(np.full(len(near), contour.index))
         place.append(reading.place)
         applied.append(contour.push_sign * np.asarray(correction.offset)[near, 2])
-        error.append((1.0 - share) * wall + share * bottom)
+        error.append(too_little * ((1.0 - share) * wall + share * bottom))
         feature.append(features(contour, floor)[near])
         then = read_errors(contour, shapes[contour.index], target, radius) if contour.index in shapes else None
         nothing = np.full((len(near), 2), np.nan)
-        seen.append(nothing if then is None else np.column_stack([then.wall, then.bottom]))
+        seen.append(nothing if then is None else too_little * np.column_stack([then.wall, then.bottom]))
+    before = known if known is not None and known.job == job and _of_plan(known, nominal) else None
     now = Learned(
         job,
         len(nominal),
-        1 + (known.parts if known is not None and known.job == job else 0),
+        1 + (before.parts if before is not None else 0),
         np.concatenate(index).astype(np.int64),
         np.concatenate(place),
         np.zeros(sum(map(len, place))),
@@ -212,17 +221,34 @@ def learn_part(
         np.zeros((0, 2)),
         np.vstack(seen) if shapes else None,
     )
-    before = known if known is not None and known.job == job and known.contours == len(nominal) else None
     return _with_samples(_adjusted(now, before), known)
+
+
+def misplaced(known: Learned, contour: Contour) -> float:
+    """m, largest distance in plan of the places of ``known`` on this contour from where ``contour`` runs; infinite
+    where there are none."""
+    place, _ = known.of_contour(contour.index)
+    if not len(place):
+        return float("inf")
+    path = LoopPath.of(contour)
+    position = path.even_positions(int(np.ceil(path.length / BETWEEN)))
+    runs = np.column_stack([path.at(contour.contact[:, axis], position) for axis in (0, 1)])
+    return float(np.linalg.norm(place - runs[nearest_points(place, runs)], axis=1).max())
+
+
+def _of_plan(known: Learned, nominal: Sequence[Contour]) -> bool:
+    """True when ``known`` was learned on the contours ``nominal``, all of a plan."""
+    return known.contours == len(nominal) and all(misplaced(known, contour) <= SAME_PLACE for contour in nominal)
 
 
 def features(contour: Contour, floor: float) -> Array:
     """(N, 4) features of the points of a contour, see :data:`isf_springback.estimators.learning.FEATURES`.
 
-    Over a die ``contour`` and ``floor`` (m) are those of the frame of the die, in which depth counts from its top.
+    Depth counts along the push, so that of a feature formed from below as well, to its ``floor`` (m, its top). Over a
+    die ``contour`` and ``floor`` are those of the frame of the die, in which depth counts from its top.
     """
-    depth = -contour.contact[:, 2]
-    return np.column_stack([contour.wall_angle, curvature(contour), depth, contour.contact[:, 2] - floor])
+    depth = contour.push_sign * contour.contact[:, 2]
+    return np.column_stack([contour.wall_angle, curvature(contour), depth, contour.push_sign * floor - depth])
 
 
 def curvature(contour: Contour) -> Array:

@@ -17,7 +17,7 @@ from isf_core.geometry.opening import SMALLEST_GAP
 from isf_core.types import Array
 
 from isf_springback.scan import FormedShape, ScanExpectation, process_scan
-from isf_springback.scan.formed_shape import OPENING_DEPTH
+from isf_springback.scan.formed_shape import OPENING_DEPTH, opening_around
 from isf_springback.scan.registration import ClampEdges
 
 
@@ -89,7 +89,9 @@ class ScanMemory:
             else:
                 level = float(contour.forming_tip[:, 2].min())
                 dome = plausible_dome(self._job_file, contour, self.target)
-                expected = ScanExpectation(self.target, clamp, level, dome=dome, edges=self._edges)
+                # other features are formed already, or not begun
+                worked = opening_around(self.target, contour.contact[:, :2])
+                expected = ScanExpectation(self.target, clamp, level, dome=dome, edges=self._edges, worked=worked)
                 self.shape = process_scan(points, expected)
             self.index, self._edges = index, self.shape.edges
             return self.shape
@@ -117,7 +119,7 @@ def shape_over_die(
 
     ``points`` (P, 3) m in frame ``sheet``, in which the flange stays at z = 0 and the part stands up; ``target`` the
     finished part on its flange; ``edges`` of the clamp in an earlier scan. Turned over, what stands up so far is a
-    pocket as deep as the holder has moved: the checks are those of a pocket.
+    pocket as deep as the holder has moved (:func:`turned_shape`).
 
     Raises
     ------
@@ -125,10 +127,23 @@ def shape_over_die(
     """
     holder = contour.holder_height
     stands = np.maximum(target_over_die(target).z - holder, 0.0)
-    turned = ScanExpectation(HeightMap(target.x, target.y, -stands), clamp, float(np.nanmin(-stands)), edges=edges)
+    shape = turned_shape(points, HeightMap(target.x, target.y, stands), clamp, edges)
+    return replace(shape, surface=HeightMap(shape.surface.x, shape.surface.y, holder + shape.surface.z))
+
+
+def turned_shape(
+    points: Array, target: HeightMap, clamp: tuple[float, float], edges: ClampEdges | None = None
+) -> FormedShape:
+    """The shape in ``points`` (P, 3) m of a ``target`` that stands up, all of it formed: checked as a pocket is.
+
+    Raises
+    ------
+    IsfError : as :func:`isf_springback.scan.process_scan`
+    """
+    pocket = HeightMap(target.x, target.y, -target.z)
+    turned = ScanExpectation(pocket, clamp, float(np.nanmin(pocket.z)), edges=edges)
     shape = process_scan(np.asarray(points) * np.array([1.0, 1.0, -1.0]), turned)
-    surface = HeightMap(shape.surface.x, shape.surface.y, holder - shape.surface.z)
-    return replace(shape, surface=surface)
+    return replace(shape, surface=HeightMap(shape.surface.x, shape.surface.y, -shape.surface.z))
 
 
 def target_over_die(target: HeightMap) -> HeightMap:

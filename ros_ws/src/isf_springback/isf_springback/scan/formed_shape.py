@@ -56,6 +56,7 @@ class ScanExpectation:
     clamped : the part is in the clamp; else the sheet beside the clamp may have moved, and is not used
     dome : m, by which the middle of the unformed floor may stand over or under its edge beside springback
     edges : those of the clamp in an earlier scan, used where this one does not show them
+    worked : (ny, nx) cells of ``target`` that ``level`` is of, beside which nothing is known of the shape; None: all
     """
 
     target: HeightMap
@@ -64,10 +65,14 @@ class ScanExpectation:
     clamped: bool = True
     dome: float = 0.0
     edges: ClampEdges | None = None
+    worked: Mask | None = None
 
     def shape(self) -> HeightMap:
-        """Expected upper surface: the target, not deeper than the tool has been."""
-        return HeightMap(self.target.x, self.target.y, np.maximum(self.target.z, self.level))
+        """Expected upper surface: the target, not deeper than the tool has been; flat beside ``worked``."""
+        formed = np.maximum(self.target.z, self.level)
+        if self.worked is not None:
+            formed = np.where(self.worked, formed, 0.0)
+        return HeightMap(self.target.x, self.target.y, formed)
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,8 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
     if -expected.level > SMALLEST_DEPTH:
         shape = expected.shape()
         shift, deviation = registration.plan_shift(surface, shape)
-        _check_identity(surface, shape, opening, shift, expected.dome)
+        worked = opening if expected.worked is None else expected.worked
+        _check_identity(surface, shape, worked, shift, expected.dome)
     noise = plane.noise if plane is not None else 50e-6
     return FormedShape(surface, coverage, outliers, plane, edges, shift, deviation, noise, tuple(remarks))
 
@@ -153,6 +159,18 @@ def regions(target: HeightMap) -> dict[str, Mask]:
     pitch = float(target.x[1] - target.x[0])
     near = ndimage.distance_transform_edt(~opening) * pitch <= RIM_WIDTH if opening.any() else np.zeros_like(opening)
     return {"opening": opening, "wall": opening & ~flat, "base": base, "rim": np.asarray(near & ~opening)}
+
+
+def opening_around(target: HeightMap, places: Array) -> Mask | None:
+    """(ny, nx) mask of the openings of the target that the places (P, 2) m lie in; None where that is all of the part,
+    or none of the openings."""
+    number, _ = ndimage.label(regions(target)["opening"], structure=np.ones((3, 3)))
+    low, pitch = np.array([target.y[0], target.x[0]]), np.array([target.y[1] - target.y[0], target.x[1] - target.x[0]])
+    cell = np.clip(np.rint((places[:, ::-1] - low) / pitch).astype(np.intp), 0, np.array(number.shape) - 1)
+    here = np.unique(number[cell[:, 0], cell[:, 1]])
+    mask = np.isin(number, here[here > 0])
+    whole = not (~mask & (np.abs(np.nan_to_num(target.z)) > OPENING_DEPTH)).any()
+    return None if whole or not mask.any() else mask
 
 
 def close_small_holes(surface: HeightMap) -> HeightMap:

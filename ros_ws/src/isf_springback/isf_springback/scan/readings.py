@@ -61,7 +61,8 @@ def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius:
     level = directions.tip_level
     inner = _inner(contour)
     inside = (reach[None, :] >= tip[:, None] - 0.5e-3) & (reach[None, :] <= tip[:, None] + inner)
-    flat = wanted <= level[:, None] + 0.05e-3
+    up = -contour.push_sign
+    flat = up * wanted <= up * level[:, None] + 0.05e-3
     bottom = np.where(inside & flat, formed - level[:, None], np.nan)
     middle = _median(bottom)
     # By area: beside the tip the bottom lies deeper than in the middle, and there is more of it.

@@ -130,6 +130,16 @@ def test_stored_and_found_again(tmp_path, cone, monkeypatch, quick):
     assert database_of(job_file) is None
 
 
+def test_a_database_is_of_what_the_accuracy_surfaces_say(tmp_path):
+    """They move the path: other ones under the same name are another part."""
+    text = JOB_TEXT.replace("unit: mm}", "unit: mm, accuracy_surfaces: surfaces.npz}")
+    paths = []
+    for content in (b"first", b"second"):
+        (tmp_path / "surfaces.npz").write_bytes(content)
+        paths.append(cached_path(JobFile(text, tmp_path)))
+    assert paths[0] != paths[1]
+
+
 @pytest.mark.parametrize(
     "damage",
     [

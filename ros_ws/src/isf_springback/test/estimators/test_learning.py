@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from isf_core.contour import ContourCorrection
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
@@ -125,7 +126,68 @@ class HeldSheet(Sheet):
         self.z = np.minimum(TARGET.z + 1.0e-3, 0.0)
 
 
-@pytest.mark.parametrize("fault", ["missing", "damaged", "foreign", "other plan", "none named", "few samples"])
+def mirrored(points):
+    return points * np.array([1.0, 1.0, -1.0])
+
+
+def test_what_is_formed_from_below_alone_is_learned_as_its_mirror_image():
+    """Where it stands up too high it was pushed too far; depth counts along the push."""
+    nominal, corrections, sheet = form(make_corrector("none", JobFile(JOB_TEXT, Path("."))))
+    up = learn_part(nominal, corrections, sheet.points(), TARGET, CLAMP, 5e-3, "cone")
+    below = [cone_contour(index, count=COUNT, tool=2) for index in range(COUNT)]
+    bump = HeightMap(GRID, GRID, -TARGET.z)
+    down = learn_part(below, corrections, mirrored(sheet.points()), bump, CLAMP, 5e-3, "cone")
+    assert up.push.max() > 0.5e-3
+    for name in ("push", "error", "feature", "springback"):
+        assert getattr(down, name) == pytest.approx(getattr(up, name), abs=1e-9)
+
+
+def test_each_of_two_features_is_pushed_on_in_its_own_direction():
+    """A pocket and a bump, all of it 0.4 mm too high: the one goes deeper, the other lower."""
+    half = 12
+    moved = {tool: np.array([x, 0.0, 0.0]) for tool, x in ((1, -60e-3), (2, 60e-3))}
+    contours = [
+        replace(cone_contour(k % half, tool=tool, opening=30e-3).shifted(moved[tool]), index=k, count=2 * half)
+        for k, tool in enumerate([1] * half + [2] * half)
+    ]
+    depth = -float(contours[half - 1].forming_tip[:, 2].min())
+    x, y = np.meshgrid(GRID, GRID)
+    cones = [
+        np.clip((30e-3 - np.hypot(x - move[0], y)) * np.tan(np.radians(50.0)), 0.0, depth) for move in moved.values()
+    ]
+    target = cones[1] - cones[0]
+    formed = np.where(np.abs(target) > 0.3e-3, target + 0.4e-3, target)
+    points = np.column_stack([x.ravel(), y.ravel(), formed.ravel()])
+    none = [ContourCorrection(c.plan_id, c.index, "none", np.zeros((len(c), 3)), np.zeros(len(c))) for c in contours]
+    known = learn_part(contours, none, points, HeightMap(GRID, GRID, target), CLAMP, 5e-3, "two")
+    from_below = known.contour >= half
+    assert np.median(known.push[~from_below]) == pytest.approx(0.7 * 0.4e-3, abs=0.05e-3)
+    assert np.median(known.push[from_below]) == pytest.approx(-0.7 * 0.4e-3, abs=0.05e-3)
+
+
+@pytest.mark.parametrize(("off", "parts"), [(0.0, 5), (0.6e-3, 5), (2e-3, 1)])
+def test_a_part_that_was_moved_begins_anew(four_parts, off, parts):
+    """It has as many contours as the one that was learned; its samples stay."""
+    _, known, sheets = four_parts
+    moved = [cone_contour(index, count=COUNT).shifted(np.array([off, 0.0, 0.0])) for index in range(COUNT)]
+    corrections = form(make_corrector("none", JobFile(JOB_TEXT, Path("."))))[1]
+    again = learn_part(moved, corrections, sheets[-1].points(), TARGET, CLAMP, 5e-3, "cone", known)
+    assert (again.parts, len(again.history)) == (parts, parts)
+    assert len(again.springback) > len(known.springback)
+
+
+def test_points_far_apart_make_no_other_plan(four_parts):
+    """A contour of 3 mm steps: the places in between lie on it."""
+    folder, _, _ = four_parts
+    contour = cone_contour(0, count=COUNT)
+    few = replace(contour, **{
+        name: getattr(contour, name)[::6]
+        for name in ("contact", "normal", "wall_angle", "thickness", "forming_tip", "support_tip", "support_force")
+    })  # fmt: skip
+    assert make_corrector("learned", job("learned", folder)).correct(few).code == 0
+
+
+@pytest.mark.parametrize("fault", ["missing", "damaged", "foreign", "other plan", "moved", "none named", "few samples"])
 def test_a_file_that_cannot_be_used_is_refused_with_its_name(four_parts, tmp_path, fault):
     folder, known, _ = four_parts
     path = tmp_path / "known.npz"
@@ -133,7 +195,7 @@ def test_a_file_that_cannot_be_used_is_refused_with_its_name(four_parts, tmp_pat
         path.write_bytes((folder / "known.npz").read_bytes()[:500])
     elif fault == "foreign":
         np.savez(path, something=np.zeros(3))
-    elif fault in ("other plan", "few samples"):
+    elif fault in ("other plan", "moved", "few samples"):
         learning.save(known, path)
         if fault == "few samples":
             few = replace(known, springback=known.springback[:5], feature=known.feature[:5])
@@ -143,12 +205,18 @@ def test_a_file_that_cannot_be_used_is_refused_with_its_name(four_parts, tmp_pat
         "other plan": lambda: make_corrector("learned", job("learned", tmp_path)).correct(
             cone_contour(0, count=COUNT + 1)
         ),
+        "moved": lambda: make_corrector("learned", job("learned", tmp_path)).correct(
+            cone_contour(3, count=COUNT).shifted(np.array([2e-3, 0.0, 0.0]))
+        ),
         "few samples": lambda: make_corrector("learned_map", job("learned_map", tmp_path)),
     }
     with pytest.raises(IsfError) as caught:
         attempts.get(fault, lambda: make_corrector("learned", job("learned", tmp_path)))()
     assert caught.value.code == ErrorCode.LEARNING_UNUSABLE
     assert caught.value.where
+    if fault == "moved":
+        assert "contour 4 runs up to 2.0 mm elsewhere" in caught.value.message
+        assert "known.npz" in caught.value.where
 
 
 def test_an_unfinished_part_teaches_nothing():

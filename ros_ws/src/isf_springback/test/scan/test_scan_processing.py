@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import load_job
+from isf_core.files.job import JobFile, load_job
 from isf_core.geometry.height_map import HeightMap
 from isf_springback.scan import ScanExpectation, process_scan, sections
-from isf_springback.scan.feedback import plausible_dome
+from isf_springback.scan.feedback import ScanMemory, plausible_dome
 from isf_springback.scan.formed_shape import regions
-from springback_parts import cone_contour
+from springback_parts import JOB_TEXT, cone_contour
 
 CLAMP = (0.25, 0.25)
 GRID = np.arange(-125, 126) * 1e-3
@@ -179,6 +179,45 @@ def test_what_dome_is_plausible_follows_from_the_opening(job, low, high):
     target = HeightMap(x, x, np.clip((away - opening) * np.tan(np.radians(25.0)), -20e-3, 0.0))
     contour = cone_contour(7, angle=25.0 if job.startswith("praveen") else 50.0)
     assert low < plausible_dome(job_file, contour, target) < high
+
+
+def pockets(*parts):
+    """Height map of cones of 50 deg at x m, depth m each, 35 mm in radius."""
+    return HeightMap(GRID, GRID, np.min([cone(depth, 35e-3, centre=(x, 0.0)).z for x, depth in parts], axis=0))
+
+
+def memory_of(target):
+    memory = ScanMemory(JobFile(JOB_TEXT, Path(".")))
+    memory.target = target
+    return memory
+
+
+@pytest.mark.parametrize(("first", "place"), [(None, -50e-3), (-50e-3, 50e-3)])
+@pytest.mark.parametrize("index", [5, 9, 19, 35])
+def test_of_pockets_formed_one_after_the_other_the_one_in_work_must_be_the_expected_one(first, place, index):
+    """Beside it a finished one, or none as yet."""
+    depth = 0.5e-3 * (index + 1)
+    contour = cone_contour(index, opening=35e-3).shifted(np.array([place, 0.0, 0.0]))
+    level = -float(contour.forming_tip[:, 2].min())
+    memory = memory_of(pockets((-50e-3, 20e-3), (50e-3, 20e-3)))
+    before = [] if first is None else [(first, 20e-3)]
+    shape = memory.take(pockets(*before, (place, level)).points(), contour, index)
+    assert memory.fault is None, memory.fault
+    assert shape.coverage == 1.0
+    assert np.linalg.norm(shape.shift) < 0.1e-3
+    if depth > 4e-3:  # a shallow one may have sprung back altogether
+        other = cone(level, 35e-3, centre=(place + 8e-3, 0.0), square=True)
+        assert memory.take(other.points(), contour, index) is None
+        assert memory.fault.code in (ErrorCode.SCAN_OF_ANOTHER_PART, ErrorCode.SCAN_SHIFTED)
+
+
+def test_a_bump_that_is_still_to_come_is_not_missed():
+    target = HeightMap(GRID, GRID, pockets((-50e-3, 20e-3)).z - pockets((50e-3, 20e-3)).z)
+    contour = cone_contour(19, opening=35e-3).shifted(np.array([-50e-3, 0.0, 0.0]))
+    memory = memory_of(target)
+    shape = memory.take(pockets((-50e-3, -float(contour.forming_tip[:, 2].min()))).points(), contour, 19)
+    assert memory.fault is None
+    assert np.linalg.norm(shape.shift) < 0.1e-3
 
 
 def test_an_unclamped_part_keeps_its_flange():
