@@ -7,6 +7,7 @@ Between parts it lets an operator move the tools, set work offsets and check pro
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from dataclasses import dataclass, replace
 from functools import partial
@@ -102,6 +103,9 @@ class ExecutiveParameters:
     )
 
 
+HAND_NEWS = 0.5
+"""s of wall time within which a node hears of the end of a movement by hand after another one has."""
+
 MODE_PERIOD = 0.25
 """s of wall time between two looks at what a mode other than automatic needs."""
 
@@ -114,7 +118,8 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         self._cell: GraphCell | None = None
         self._handle: ServerGoalHandle | None = None
         self._paused = False
-        self._hand_moves = False
+        self._hand_stands = threading.Event()
+        self._hand_stands.set()
         self._run: PartRun | None = None
         self._waits_for = ""
         self._modes = OperatorModes(self._new_cell)
@@ -156,7 +161,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         # a group of their own: while they wait for a thread, the node takes the answers that the thread waits for
         beside: dict[str, Any] = {"callback_group": ReentrantCallbackGroup()}
         self.create_service(SetMode, "executive/set_mode", self._on_set_mode, **beside)
-        self.create_service(SetZero, "executive/zero", self._on_zero)
+        self.create_service(SetZero, "executive/zero", self._on_zero, **beside)
         self.create_service(CheckProgram, "executive/check_program", self._on_check_program, **beside)
         self.create_action_server(
             FormPart, "form_part", self._execute, lambda _: self.is_active and self._handle is None
@@ -361,7 +366,10 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             self._monitor.stream(MACHINE)
 
     def _on_hand(self, message: HandState) -> None:
-        self._hand_moves = message.moving
+        if message.moving:
+            self._hand_stands.clear()
+        else:
+            self._hand_stands.set()
 
     def _on_event(self, message: MachineEvent) -> None:
         if cell := self._listening:
@@ -408,6 +416,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
 
     async def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
         modes = self._modes
+        await self._news_of_hand()
         try:
             wanted, job_file = self._mode_of(request)
             modes.changing = True
@@ -436,7 +445,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
             refusal = "a part is being formed"
         elif self._modes.changing:
             refusal = "the mode is being changed"
-        elif self._hand_moves:
+        elif not self._hand_stands.is_set():
             refusal = "a tool is moving"
         if refusal:
             raise IsfError(
@@ -448,9 +457,15 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         job_file = JobFile(request.job_text, Path(request.base_folder), "job") if request.job_text else None
         return OperatorMode(request.mode), job_file
 
-    def _on_zero(self, request: SetZero.Request, response: SetZero.Response) -> SetZero.Response:
+    async def _news_of_hand(self) -> None:
+        """A client that asks once a tool stands may have heard of it before this node: that news is waited for."""
+        if not self._hand_stands.is_set():
+            await in_thread(partial(self._hand_stands.wait, HAND_NEWS), self.executor)
+
+    async def _on_zero(self, request: SetZero.Request, response: SetZero.Response) -> SetZero.Response:
+        await self._news_of_hand()
         try:
-            if self._hand_moves:
+            if not self._hand_stands.is_set():
                 raise IsfError(
                     ErrorCode.MODE_REFUSED, "a tool is moving", where="executive/zero", advice="let it stand"
                 )
@@ -489,7 +504,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
         try:
             self._modes.leave_for(error)
         finally:
-            self._hand_moves = False  # who moved a tool may be gone, and tells no more that it stands
+            self._hand_stands.set()  # who moved a tool may be gone, and tells no more that it stands
             self._modes.changing = False
 
     def _tell_state(self) -> None:
