@@ -23,7 +23,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.quantity import Length, Stress
 from isf_core.files.yaml_file import FileModel, find_named
-from isf_core.geometry.loops import area_of, inside_loops
+from isf_core.geometry.loops import area_of, crosses_itself, inside_loops
 from isf_core.types import Array
 
 SMALLEST_OPENING = 1e-6
@@ -136,6 +136,8 @@ class BackingPlateSpec(FileModel):
         for number, loop in enumerate(self.loops, start=1):
             if len(loop) < 3 or abs(area_of(loop)) < SMALLEST_OPENING:
                 raise ValueError(f"opening {number} encloses nothing")
+            if crosses_itself(loop):
+                raise ValueError(f"opening {number} crosses itself")
         return self
 
     @cached_property

@@ -45,6 +45,17 @@ def reach_to_loops(loops: Sequence[Array], points: Array, directions: Array) -> 
     return np.asarray(np.where(met, reach, np.inf).min(axis=1))
 
 
+def crosses_itself(loop: Array) -> bool:
+    """True when two sides of ``loop`` (N, 2) m cross between their ends."""
+    begin, along = _sides([loop])
+    offset = begin - begin[:, None]
+    cross = along[:, None, 0] * along[:, 1] - along[:, None, 1] * along[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one = (offset[..., 0] * along[:, 1] - offset[..., 1] * along[:, 0]) / cross
+        other = (offset[..., 0] * along[:, None, 1] - offset[..., 1] * along[:, None, 0]) / cross
+    return bool(((one > 0.0) & (one < 1.0) & (other > 0.0) & (other < 1.0)).any())
+
+
 def area_of(loop: Array) -> float:
     """m^2, enclosed by ``loop`` (N, 2) m; positive counter-clockwise."""
     x, y = loop.T

@@ -166,6 +166,10 @@ CORNERS = "[[0 mm, 0 mm], [40 mm, 0 mm], [40 mm, 20 mm]]"
         (f"shape: outline, size: [90 mm, 90 mm], openings: [{CORNERS}]", "neither size nor corner_radius"),
         ("shape: outline, openings: [[[0 mm, 0 mm], [40 mm, 0 mm]]]", "opening 1 encloses nothing"),
         (f"shape: outline, openings: [{CORNERS}, [[1 mm, 0 mm], [2 mm, 0 mm], [3 mm, 0 mm]]]", "opening 2 encloses"),
+        (
+            "shape: outline, openings: [[[0 mm, 0 mm], [40 mm, 0 mm], [40 mm, 40 mm], [20 mm, -20 mm], [0 mm, 40 mm]]]",
+            "opening 1 crosses itself",
+        ),
         ("shape: outline, openings: [[[0, 0], [40, 0], [40, 20]]]", "unit"),
         ("shape: outline, openings: [[[0 mm, .nan], [40 mm, 0 mm], [40 mm, 20 mm]]]", "nan"),
         (f"shape: circle, size: [90 mm, 90 mm], openings: [{CORNERS}]", "openings belong to shape: outline"),
