@@ -27,6 +27,7 @@ from isf_core.errors import ErrorCode, IsfError, coded
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -34,7 +35,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 
 from isf_ros import parameters
-from isf_ros.answers import keep_answers, once
+from isf_ros.answers import client_discovered, keep_answers, once
 from isf_ros.background import PatientActionServer
 from isf_ros.busy_heartbeat import BusyHeartbeat
 from isf_ros.guard import guarded, refuse
@@ -259,7 +260,8 @@ class CellNode(LifecycleNode, Generic[P]):
     def create_action_server(
         self, kind: Any, name: str, execute: Callable[..., Any], accept: Callable[[Any], bool]
     ) -> ActionServer:
-        """Server of an action that accepts a goal when ``accept`` of it is true, and every request to cancel.
+        """Server of an action that accepts a goal when ``accept`` of it is true, and every request to cancel. A goal
+        is looked at when its client can be answered (:func:`isf_ros.answers.client_discovered`).
 
         The result of a goal that is aborted has a code: that of the exception, or INTERNAL. ``execute`` is a coroutine
         function that awaits nothing but :func:`isf_ros.background.in_thread`.
@@ -278,17 +280,20 @@ class CellNode(LifecycleNode, Generic[P]):
                 refuse(result, int(ErrorCode.INTERNAL), f"{name} was aborted without a reason")
             return result
 
+        async def answer(goal: Any) -> GoalResponse:
+            await client_discovered(self, name)
+            return GoalResponse.ACCEPT if accept(goal) else GoalResponse.REJECT
+
         server = PatientActionServer(
             self,
             kind,
             name,
             serve,
             handle_accepted_callback=lambda handle: handle.execute(serve),
-            goal_callback=guarded(
-                lambda goal: GoalResponse.ACCEPT if accept(goal) else GoalResponse.REJECT,
-                partial(self._goal_failed, where, GoalResponse.REJECT),
-            ),
+            goal_callback=guarded(answer, partial(self._goal_failed, where, GoalResponse.REJECT)),
             cancel_callback=lambda _: CancelResponse.ACCEPT,
+            # of its own: rclpy's SingleThreadedExecutor calls none of a group while a goal of it waits for its client
+            callback_group=MutuallyExclusiveCallbackGroup(),
         )
         return self._noted(ActionServer.destroy, server)
 

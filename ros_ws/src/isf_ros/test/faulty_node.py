@@ -7,7 +7,7 @@ from typing import Any
 from isf_core.errors import IsfError
 from isf_msgs.action import PlanPart
 from isf_msgs.srv import Tare
-from isf_ros import process
+from isf_ros import answers, process
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
 from rcl_interfaces.msg import SetParametersResult
@@ -21,6 +21,7 @@ class FaultyParameters:
 
     number: int = parameter(0, "a parameter whose change fails", read_only=False)
     fails_in: str = parameter("", "transition that fails", read_only=False)
+    undiscovered: int = parameter(0, "looks at the graph that find no place for answers to goals", read_only=False)
     streams: bool = parameter(False, "served as the nodes with streams are")
 
 
@@ -29,6 +30,7 @@ class FaultyNode(CellNode[FaultyParameters]):
         super().__init__("faulty", FaultyParameters)
         self._ticks = 0
         self._made_safe = 0
+        self._looks = 0
         self.add_on_set_parameters_callback(self._on_parameters)
 
     def configure(self) -> None:
@@ -37,6 +39,7 @@ class FaultyNode(CellNode[FaultyParameters]):
         self.create_subscription(String, "text", self._on_text, 10)
         self.create_service(Tare, "with_code", self._on_service)
         self.create_service(Trigger, "with_success", self._on_service)
+        answers.answers_reach_all = self._answers_reach_all
         self.create_action_server(PlanPart, "plan", self._on_goal, self._accept)
 
     def activate(self) -> None:
@@ -51,6 +54,10 @@ class FaultyNode(CellNode[FaultyParameters]):
 
     def health_values(self) -> dict[str, object]:
         return {"ticks": self._ticks, "made_safe": self._made_safe}
+
+    def _answers_reach_all(self, node: Any, service: str) -> bool:
+        self._looks += 1
+        return self._looks > self.values().undiscovered
 
     def _fail_in(self, transition: str) -> None:
         if self.values().fails_in == transition:

@@ -155,6 +155,20 @@ def test_a_parameter_whose_check_raises_is_refused(faulty: Faulty) -> None:
     assert "ZeroDivisionError: by a parameter" in result.reason
 
 
+def test_a_goal_waits_for_its_client_and_nothing_else_waits(faulty: Faulty) -> None:
+    faulty.set(undiscovered=10**9)  # given up after 10 s
+    client = ActionClient(faulty.node, PlanPart, "plan")
+    assert client.wait_for_server(LIMIT)
+    sent = client.send_goal_async(PlanPart.Goal())
+    before = faulty.state()  # asked of a service
+    assert not sent.done()
+    faulty.set(undiscovered=0)
+    assert faulty.wait(sent.done)
+    assert sent.result().accepted
+    assert before == "active"
+    client.destroy()
+
+
 def test_an_aborted_goal_never_has_code_0(faulty: Faulty) -> None:
     assert faulty.goal("refuse") is None
     raised = faulty.goal("raise")
