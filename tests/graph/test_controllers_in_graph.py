@@ -6,7 +6,6 @@ real one does. The chain is force_ctrl - trajectory controllers - hardware compo
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -73,7 +72,7 @@ class Cell:
 
     def form(self, job: JobFile) -> Any:
         assert self.wait(self._action.server_is_ready)
-        goal = FormPart.Goal(job_text=job.text, base_folder=str(job.base), support_force=math.nan)
+        goal = FormPart.Goal(job_text=job.text, base_folder=str(job.base))
         sent = self._action.send_goal_async(goal)
         assert self.wait(sent.done)
         assert sent.result().accepted

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 import time
@@ -100,7 +99,7 @@ class Cell:
         self.states.clear()
         self.said: list[str] = []
         job = tiny_part(self.folder, springback)
-        goal = FormPart.Goal(job_text=job.text, base_folder=str(job.base), support_force=math.nan)
+        goal = FormPart.Goal(job_text=job.text, base_folder=str(job.base))
 
         def heard(message: Any) -> None:
             self.said.append(message.feedback.phase)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 import subprocess
@@ -100,7 +99,7 @@ def test_two_cells_in_one_process_form_the_same_part_at_once(tmp_path: Path) -> 
         command += ["-p", f"{cell}/springback:state_folder:={tmp_path}{cell}"]
     command += ["-p", "force_ctrl:state_decimation:=7"]
     job = quick_cone()
-    goal = FormPart.Goal(job_text=job.text, base_folder=str(job.base), support_force=math.nan)
+    goal = FormPart.Goal(job_text=job.text, base_folder=str(job.base))
     results: dict[str, list[ContourResult]] = {cell: [] for cell in CELLS}
     rounds = ParameterRounds([f"{CELLS[0]}/{name}" for name in nodes], 1000)
     rclpy.init()

@@ -38,7 +38,7 @@ from isf_msgs.msg import (
 from isf_msgs.srv import CheckProgram, SetMode, SetZero
 from isf_ros import process, qos
 from isf_ros.background import Worker, in_thread
-from isf_ros.conversion import correction_from_message, result_from_message, tip_of
+from isf_ros.conversion import correction_from_message, result_from_message, set_point_of, tip_of
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
 from isf_ros.process_identity import running
@@ -324,7 +324,7 @@ class ExecutiveNode(CellNode[ExecutiveParameters]):
                 )
             _check_request(request, checkpoint.read())
             return PartGoal.resumed(checkpoint.take_up())
-        force = None if np.isnan(request.support_force) else float(request.support_force)
+        force = set_point_of(request.support_force)
         options = RunOptions(request.correction or None, force, request.world, request.seed, sheet_kind(request.sheet))
         return PartGoal(JobFile(request.job_text, Path(request.base_folder), "job"), options, request.first_index)
 

@@ -546,9 +546,11 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             raise IsfError(ErrorCode.NOT_ARMED, "the tools are moving", advice="stop or disarm first")
         job_file = JobFile(request.job_text, Path(request.base_folder), "job")
         job_file = with_raised_force_limit(job_file, self._simulated_sheet(request))
-        override = None if math.isnan(request.support_force) else request.support_force
+        override = conversion.set_point_of(request.support_force)
         job_file.job.check_set_point(
-            override, where="support_force", advice="send NaN, or use a job of process DSIF with a support tool"
+            override,
+            where="support_force",
+            advice="leave it out (-1), or use a job of process DSIF with a support tool",
         )
         self._ready.needed = tools_with_load_cell(job_file.job)
         self._ready.check(tared=self._settings.wrenches_tared)

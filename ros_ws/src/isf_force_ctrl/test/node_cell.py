@@ -103,7 +103,7 @@ class Cell:
         assert self._arm.wait_for_service(LIMIT)
 
     def arm(
-        self, plan_id: str = "plan", count: int = 1, support_force: float = float("nan"), job: str = ""
+        self, plan_id: str = "plan", count: int = 1, support_force: float | None = None, job: str = ""
     ) -> Arm.Response:
         """Arm; asks again while wrenches and poses have not been discovered yet."""
         deadline = time.monotonic() + LIMIT
@@ -116,13 +116,14 @@ class Cell:
         self,
         plan_id: str = "plan",
         count: int = 1,
-        support_force: float = float("nan"),
+        support_force: float | None = None,
         job: str = "",
         sheet: str = "",
     ) -> Arm.Response:
         """The answer to one request."""
-        request = Arm.Request(plan_id=plan_id, count=count, job_text=job or self.job, support_force=support_force)
-        request.sheet = sheet
+        request = Arm.Request(plan_id=plan_id, count=count, job_text=job or self.job, sheet=sheet)
+        if support_force is not None:
+            request.support_force = support_force
         future = self._arm.call_async(request)
         assert self.wait(future.done)
         return future.result()

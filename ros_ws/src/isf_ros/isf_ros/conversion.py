@@ -6,6 +6,7 @@ a thinned sheet as one of its nodes, with thickness (m) and strain margin.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -67,6 +68,14 @@ def set_wrench(message: WrenchStamped, wrench: Sequence[float] | NDArray[np.floa
     """Write (6,) N and N m into a message."""
     force, torque = message.wrench.force, message.wrench.torque
     force.x, force.y, force.z, torque.x, torque.y, torque.z = (float(value) for value in wrench)
+
+
+def set_point_of(support_force: float) -> float | None:
+    """N, set-point that the field ``support_force`` of a goal or of Arm asks for; None: that of the job.
+
+    That is meant by NaN and by -1, which a field that was left out has; others are handed on, to be refused or held.
+    """
+    return None if math.isnan(support_force) or support_force == -1.0 else support_force
 
 
 def machine_fault(state: isf.MachineState) -> IsfError:

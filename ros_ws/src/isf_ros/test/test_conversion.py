@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -17,10 +18,12 @@ import pytest
 import rclpy
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.geometry.height_map import HeightMap
+from isf_msgs.action import FormPart
 from isf_msgs.msg import Contour as ContourMessage
 from isf_msgs.msg import ContourCorrection as CorrectionMessage
 from isf_msgs.msg import ContourResult as ResultMessage
 from isf_msgs.msg import MachineState
+from isf_msgs.srv import Arm
 from isf_ros import conversion, fields, qos, stamps
 
 RANDOM = np.random.default_rng(1)
@@ -166,6 +169,14 @@ def test_the_fault_of_a_driver_is_told_whatever_its_code(
     fault = conversion.machine_fault(MachineState(fault_codes=codes, fault_messages=texts))
     assert (int(fault.code), fault.where) == (code, "machine")
     assert words in fault.what
+
+
+def test_a_set_point_that_was_left_out_is_that_of_the_job() -> None:
+    for request in (Arm.Request(), FormPart.Goal(), Arm.Request(support_force=math.nan)):
+        assert conversion.set_point_of(request.support_force) is None
+    assert conversion.set_point_of(Arm.Request(support_force=0.0).support_force) == 0.0  # position control
+    assert conversion.set_point_of(120.0) == 120.0
+    assert conversion.set_point_of(-2.0) == -2.0  # to be refused by whoever gets it
 
 
 def test_a_height_map_goes_through_a_point_cloud() -> None:

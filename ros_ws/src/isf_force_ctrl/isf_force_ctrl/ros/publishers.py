@@ -69,7 +69,8 @@ class ForceCtrlPublishers:
         for point, tip in ((message.tip_1, tip_1), (message.tip_2, tip_2)):
             point.x, point.y, point.z = tip
         message.axis.x, message.axis.y, message.axis.z = axis
-        message.support_force = request.support_force
+        asked = conversion.set_point_of(request.support_force)
+        message.support_force = math.nan if asked is None else asked
         message.settings = config.to_json()
         self._armed.publish(message)
 

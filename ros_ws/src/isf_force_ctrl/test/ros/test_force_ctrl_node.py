@@ -259,7 +259,7 @@ def test_a_support_force_that_nothing_holds_is_refused(cell: Cell) -> None:
     ):
         answer = cell.ask_to_arm(support_force=80.0, job=job)
         assert answer.code == ErrorCode.FILE_FIELD
-        assert answer.message.startswith(f"support_force: {why}: 80 N cannot be held (send NaN, or use a job")
+        assert answer.message.startswith(f"support_force: {why}: 80 N cannot be held (leave it out (-1), or use a job")
     cell.armed(support_force=0.0, job=spif)
 
 
