@@ -95,7 +95,8 @@ class ForceCtrlParameters:
     state_decimation: int = parameter(10, "publish force_ctrl/state every n-th tick", minimum=1, maximum=100_000)
     set_point: float = parameter(
         OF_THE_JOB,
-        "support force instead of that of the contours under force control; -1: as in the contours",
+        "support force instead of that of the contours under force control, at least contact_threshold; -1: as in the "
+        "contours",
         unit="N",
         read_only=False,
         minimum=OF_THE_JOB,
