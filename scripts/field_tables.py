@@ -16,11 +16,15 @@ import math
 import re
 import sys
 import textwrap
+import typing
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
+from isf_core.files.quantity import Reading
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -143,6 +147,40 @@ def default_text(value: Any, kind: str) -> str:
     return f"`{value}`"
 
 
+BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+
+
+def bounds_text(info: FieldInfo, kind: str) -> str:
+    """Range that a field of a file is held to by itself, as it would be written there."""
+    said = [*info.metadata, *_said(info.annotation)]
+    found: dict[str, float] = {}
+    for item in said:
+        for name in BOUNDS:
+            if (bound := getattr(item, name, None)) is not None:
+                found[name] = float(bound)
+    if not found:
+        return "-"
+    reading = next((item for item in said if isinstance(item, Reading)), None)
+    factor, unit = UNITS.get(kind) or ((1.0 / reading.size, reading.unit) if reading else (1.0, ""))
+    # five digits: a bound of 1.5708 rad is one of 90 deg
+    numbers = {name: f"{float(f'{bound * factor:.5g}'):.10g}" for name, bound in found.items()}
+    if set(numbers) == {"ge", "le"}:
+        text = f"{numbers['ge']} .. {numbers['le']}"
+    else:
+        text = " and ".join(f"{sign} {numbers[name]}" for name, sign in BOUNDS.items() if name in numbers)
+    return f"{text} {unit}".strip()
+
+
+def _said(annotation: Any) -> Iterator[Any]:
+    """What stands beside the types in an annotation, at any depth."""
+    for item in typing.get_args(annotation):  # of Annotated: the type, then what stands beside it
+        if isinstance(item, FieldInfo):
+            yield from item.metadata
+        else:
+            yield item
+            yield from _said(item)
+
+
 def range_text(item: Any) -> str:
     """Range or choices of a node's parameter."""
     said = item.metadata
@@ -160,13 +198,12 @@ def table(name: str) -> str:
     kind = getattr(importlib.import_module(module), attribute)
     lines = []
     if issubclass(kind, BaseModel):
-        lines += ["| field | value | default | meaning |", "|---|---|---|---|"]
+        lines += ["| field | value | default | range | meaning |", "|---|---|---|---|---|"]
         texts = field_docstrings(kind)
         for field, info in kind.model_fields.items():
             words = written_type(kind, field)
-            lines.append(
-                f"| `{field}` | {words} | {default_text(info.default, words)} | {_cell(texts.get(field, ''))} |"
-            )
+            cells = [f"`{field}`", words, default_text(info.default, words), bounds_text(info, words)]
+            lines.append(f"| {' | '.join(cells)} | {_cell(texts.get(field, ''))} |")
     else:
         lines += ["| parameter | default | unit | range | set | meaning |", "|---|---|---|---|---|---|"]
         for item in dataclasses.fields(kind):

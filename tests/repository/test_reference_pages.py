@@ -45,6 +45,17 @@ def test_every_field_and_parameter_says_what_it_means() -> None:
         assert not re.findall(r"^\| `.*\|  \|$", text, flags=re.MULTILINE)
 
 
+def test_the_tables_of_files_tell_the_ranges_that_are_refused_outside() -> None:
+    job, rig = (
+        (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8") for name in ("job", "rigs_and_materials")
+    )
+    assert "| `rate` | frequency | `500 Hz` | 100 .. 2000 Hz |" in job
+    assert "| `support_force` | `auto` or force | `0 N` | 0 .. 1500 N |" in job  # in a type within another one
+    assert "| `engage_wall_angle` | angle | `15 deg` | >= 0 and < 90 deg |" in job  # no end of it where it is excluded
+    assert "| `contact_stiffness` | stiffness | needed | > 0 N/um |" in rig
+    assert "| `method` | text | `auto` | - |" in job
+
+
 def test_the_page_of_error_codes_names_all_of_them() -> None:
     text = (DOCS / "reference" / "error_codes.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (\d+) \| (\w+) \| (.+) \| (.+) \|$", text, flags=re.MULTILINE)

@@ -69,6 +69,12 @@ def test_wheels_do_without_ros_what_needs_none(tmp_path: Path) -> None:
     assert refused.returncode == 5, refused.stderr
     assert json.loads(refused.stdout)["error"]["code"] == 1501
     assert "needs ROS 2" in refused.stdout
+    examined = isf(home, "doctor")
+    assert examined.returncode == 0, examined.stdout
+    warned = {
+        check["name"]: check["advice"] for check in json.loads(examined.stdout)["checks"] if check["state"] != "ok"
+    }
+    assert "needed for form, play and nodes" in warned["ROS 2"]
 
 
 def test_wheels_ask_for_the_libraries_that_the_workspace_installs() -> None:

@@ -116,7 +116,7 @@ def make_part(
     target = target_map(cone, spacing)
     depths = np.linspace(cone.depth / contours, cone.depth, contours)
     nominal, corrected, corrections, results = [], [], [], []
-    time = 2.0
+    time = 0.0
     for k, depth in enumerate(depths):
         contour = _contour(cone, k, contours, float(depth), process, support_force, points)
         share = depth / cone.depth

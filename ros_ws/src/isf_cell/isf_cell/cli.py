@@ -14,7 +14,7 @@ from isf_core.simulated_sheet import sheet_kind
 from typer.core import TyperGroup
 
 from isf_cell.commands import bag_cli, hand_cli, springback_cli, terminal
-from isf_cell.commands.arguments import Job, Json, Namespace, Output, Seed, Variant, given, numbers
+from isf_cell.commands.arguments import Job, Json, Namespace, Output, Seed, Variant, given, numbers, refuse
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.options import RunOptions
 from isf_cell.processes.ctrl_c import ctrl_c_handled_by, interrupt
@@ -74,6 +74,7 @@ def _main() -> None:
 
 @app.command()
 def plan(
+    context: typer.Context,
     part: Annotated[
         Path,
         typer.Argument(
@@ -103,13 +104,22 @@ def plan(
     json: Json = False,
 ) -> None:
     """Plan the contours of a part; writes a picture and a table of points. PART may be a plan file (.npz), too."""
-    from isf_cell.commands.plan import Wanted, plan_part
+    from isf_cell.commands.plan import FEATURES, Wanted, is_mesh, plan_part
 
+    if not is_mesh(part):
+        refuse(context, ["--unit"], f"{part} is no mesh: a job or a plan tells the unit itself", "leave it out")
+    if not export:
+        refuse(context, ["--format"], "is the format of --export", "add --export FILE, or leave it out")
+    if not show and colour != FEATURES:  # whose summary is told, too
+        refuse(context, ["--colour"], "is what --show colours", "add --show FILE, or leave it out")
+    if part.suffix.lower() == ".npz":
+        refuse(context, ["--output"], "of a plan file nothing but --export and --show is written", "leave it out")
     plan_part(part, unit, output, Wanted(tuple(export or ()), form, tuple(show or ()), colour), as_json=json)
 
 
 @app.command()
 def gcode(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(help="program (G-code)", metavar="FILE")],
     job: Annotated[
         Path | None, typer.Option("--job", help="sheet, tools and rig of this job; its part is not used", metavar="JOB")
@@ -146,6 +156,9 @@ def gcode(
     """Read a program: what is not understood or out of reach, by line; picture; optionally form it."""
     from isf_cell.commands.gcode import Sheet, run_program
 
+    if job is not None:
+        of_job = ["--rig", "--material", "--thickness", "--radius"]
+        refuse(context, of_job, "a job names its own rig, sheet and tools", "leave it out, or --job")
     sheet = Sheet(rig, material, thickness, radius)
     run_program(file, job, sheet, set_up, output, step=step, feed=feed, simulate=simulate, form=form, as_json=json)
 
@@ -350,6 +363,9 @@ def record(
     from isf_cell.processes import cell_nodes, executables
     from isf_cell.processes.process_group import parameter_value
 
+    for option, number in (("--split-size", split_size), ("--split-time", split_time), ("--ring", ring)):
+        if not 0.0 <= number < float("inf"):  # NaN is not
+            raise IsfError(ErrorCode.FILE_FIELD, f"{number:g} is no size or time", where=option, advice="0 or more")
     path = executables.find("isf_analysis", "recorder")
     # now: a node that cannot record stays up and waits to be configured anew
     bag_file.Storage(storage, compression, round(1e6 * split_size), split_time)
@@ -430,6 +446,7 @@ def dashboard(
 
 @app.command()
 def play(
+    context: typer.Context,
     bag: Annotated[Path, typer.Argument(help="bag, or folder of a run", metavar="BAG", show_default=False)],
     rate: Annotated[float, typer.Option(help="of time: 2 is twice as fast")] = 1.0,
     contour: Annotated[
@@ -471,6 +488,7 @@ def play(
 
     options = PlayOptions(rate, contour, topic or (), remap or (), clock, paused, delay, namespace)
     if into is None:
+        refuse(context, ["--param", "--base"], "is of the node that --into names", "add --into NODE, or leave it out")
         play_bag(bag, options, as_json=json)
     else:
         play_into_node(bag, into, options, param or (), base, as_json=json)
@@ -567,12 +585,15 @@ def compare(
 
 @app.command()
 def learn(
+    context: typer.Context,
     runs: Annotated[
         list[Path],
         typer.Argument(help="run or bag folders, oldest first; of one part without --surfaces", metavar="RUN..."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="correction file; added to when it exists")],
-    base: Annotated[Path | None, typer.Option(help="folder that paths in the recorded jobs refer to")] = None,
+    base: Annotated[
+        Path | None, typer.Option(help="folder that paths in the recorded jobs refer to  [default: the recorded one]")
+    ] = None,
     surfaces: Annotated[
         bool,
         typer.Option("--surfaces", help="from runs of different parts: accuracy surfaces for parts not formed yet"),
@@ -583,6 +604,7 @@ def learn(
     from isf_cell.commands.learn import learn_runs, learn_surfaces
 
     if surfaces:
+        refuse(context, ["--base"], "accuracy surfaces need no file that a job names", "leave it out")
         learn_surfaces(runs, output, as_json=json)
         return
     learn_runs(runs, output, base, as_json=json)
@@ -657,6 +679,7 @@ def campaign(
 
 @app.command()
 def tune(
+    context: typer.Context,
     job: Job,
     stiffness: Annotated[float | None, typer.Option(help="contact stiffness in N/um  [default: the rig's]")] = None,
     delay: Annotated[float, typer.Option(help="delay in ms beyond filter and hold")] = 0.0,
@@ -668,6 +691,8 @@ def tune(
 ) -> None:
     """Try the force loop of a job on a contact model, or the loops of its rig's legs: responses and pictures."""
     if legs:
+        of_force = ["--stiffness", "--delay", "--noise", "--gain"]
+        refuse(context, of_force, "is of the force loop; those of the legs stand in the rig file", "leave it out")
         from isf_cell.commands.tune_legs import tune_legs
 
         tune_legs(job, output, as_json=json)

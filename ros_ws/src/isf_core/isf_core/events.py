@@ -52,14 +52,17 @@ class Event:
         return kind_name(self.kind)
 
 
-def torn(events: Iterable[Event]) -> IsfError | None:
-    """Why the part is lost, SHEET_TORN with the place, when its sheet tore; else None."""
+def torn(events: Iterable[Event], began: float = 0.0) -> IsfError | None:
+    """Why the part is lost, SHEET_TORN with the place, when its sheet tore; else None.
+
+    ``began``: s, when the part began, by the clock of the events.
+    """
     for event in events:
         if event.kind == EventKind.FRACTURE:
             return IsfError(
                 ErrorCode.SHEET_TORN,
                 event.text,
-                where=f"after {event.time:.1f} s",
+                where=f"after {event.time - began:.1f} s",
                 advice="make the wall flatter, take another material, larger steps or more support force",
             )
     return None

@@ -475,7 +475,7 @@ class DashboardNode(CellNode[DashboardParameters]):
             asked[-1].add_done_callback(lambda _: loop.call_soon_threadsafe(answered.set))
             try:
                 await asyncio.wait_for(answered.wait(), patience)
-            except TimeoutError:
+            except asyncio.TimeoutError:  # until Python 3.11 another one than TimeoutError
                 continue
             break
         for future in asked:

@@ -95,7 +95,8 @@ class PartFeed:
         """The shape that is wanted. It is told before the job that it belongs to, and again with it."""
         try:
             label = ndimage.label(regions_of(target)["wall_and_base"], structure=np.ones((3, 3)))
-        except IsfError:  # flat: there is nothing to draw
+        except IsfError:  # flat: there is nothing to draw, the shape of the part before least of all
+            self._target = self._opening = None
             return
         self._target, self._opening = target, np.asarray(label[0], dtype=np.int32)
         self._window = _window(target, self._opening)

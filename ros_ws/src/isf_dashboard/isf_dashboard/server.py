@@ -329,7 +329,7 @@ class _Stream(WebSocketHandler):
         jog = self.gate.site.jog
         if jog is None or not isinstance(message, str) or len(message) > LONGEST_WORD:
             return
-        with suppress(ValueError, TypeError, KeyError):
+        with suppress(ValueError, TypeError, KeyError, OverflowError):  # the last for 1e999, which is no integer
             jog(f"page {id(self) % 10_000}", dict(json.loads(message)["jog"]))
 
     def on_close(self) -> None:

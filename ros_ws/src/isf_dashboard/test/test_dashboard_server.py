@@ -8,7 +8,7 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -290,3 +290,27 @@ def test_tokens_differ() -> None:
     assert len(tokens) == 50
     assert min(map(len, tokens)) >= 32
     assert all(checked_token(token) == token for token in tokens)
+
+
+def test_a_button_that_asks_for_what_is_no_number_leaves_the_page_its_socket(served: Served) -> None:
+    asked: list[int] = []
+
+    def jog(_: str, values: Mapping[str, Any]) -> None:
+        asked.append(int(values["tool"]))
+
+    served.server.stop()
+    served.server = DashboardServer(Site(served.history, {}, jog), 0, TOKEN)
+    served.server.start()
+
+    async def press() -> None:
+        socket = await served.connected()
+        for text in ('{"jog":{"tool":1e999}}', '{"jog":{"tool":"x"}}', '{"jog":{"tool":2}}'):
+            await socket.write_message(text)
+        for _ in range(int(LIMIT / 0.05)):
+            if asked:
+                break
+            await asyncio.sleep(0.05)
+        socket.close()
+
+    asyncio.run(press())
+    assert asked == [2]

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import json
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import deviation_of
 from isf_core.contour import Process
-from isf_core.errors import ErrorCode
+from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 from isf_dashboard.history import COLUMNS, Cursor, History
 from isf_dashboard.part_feed import Job, PartFeed
@@ -192,3 +198,63 @@ def test_a_flood_of_events_has_an_end() -> None:
     told = items_of(history)["event"]
     assert len(told) == 1001
     assert "more events" in told[-1]["text"]
+
+
+def test_a_run_by_the_clock_counts_from_its_beginning(tmp_path: Path) -> None:
+    """Its stamps are s since 1970: as float32, as the page gets them, they are 128 s apart."""
+    record = part()
+    began = 1_760_000_000.0
+    moved = tuple(
+        replace(item, start=item.start + began, end=item.end + began, tick_time=item.tick_time + began)
+        for item in record.results
+    )
+    bag = write_bag(replace(record, lockstep=False, results=moved), tmp_path / "bag")
+    history = history_of(read_bag(bag))
+    seconds = history.table()[:, 0].astype(np.float32)
+    assert seconds[0] == 0.0
+    assert len(np.unique(seconds)) > 0.99 * len(seconds)
+    assert history.status["end"] == pytest.approx(record.results[-1].end, abs=1e-3)
+
+
+def test_a_flat_target_does_not_leave_the_shape_of_the_part_before() -> None:
+    record, history = part(), History("live")
+    assert record.target is not None
+    flat = HeightMap(record.target.x, record.target.y, np.zeros_like(record.target.z))
+    feed = PartFeed(history)
+    feed.target(0.0, record.target)
+    feed.job(0.0, Job("cone", "", "plan", "DSIF", "none", 0.0, 0, True, "", ""))
+    assert "target" in items_of(history)
+    feed.target(1.0, flat)
+    feed.job(1.0, Job("flat", "", "another plan", "DSIF", "none", 0.0, 0, True, "", ""))
+    feed.nominal(1.0, replace(record.nominal[0], plan_id="another plan"))
+    items = items_of(history)
+    assert "target" not in items
+    assert items["contour"][0]["levels"] == {}
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_service_without_an_answer_is_told_on_python_3_10(answers: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """There the error of asyncio is none of Python's own."""
+    node = pytest.importorskip("isf_dashboard.dashboard_node")
+
+    class OwnError(Exception):
+        pass
+
+    async def wait_for(waiting: Any, _: float) -> None:
+        waiting.close()
+        if not answers:
+            raise OwnError
+
+    monkeypatch.setattr("asyncio.TimeoutError", OwnError)
+    monkeypatch.setattr("asyncio.wait_for", wait_for)
+    answer = SimpleNamespace(
+        add_done_callback=lambda _: None, done=lambda: answers, cancel=lambda: None, result=lambda: 7
+    )
+    client = SimpleNamespace(srv_name="/stop", service_is_ready=lambda: True, call_async=lambda _: answer)
+    asked = node.DashboardNode._asked(None, client, None, patience=0.1)
+    if answers:
+        assert asyncio.run(asked) == 7
+        return
+    with pytest.raises(IsfError) as caught:
+        asyncio.run(asked)
+    assert caught.value.code is ErrorCode.SERVICE_TIMEOUT

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import MISSING, dataclass
 from dataclasses import fields as dataclass_fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from isf_core import __version__
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
@@ -23,6 +24,7 @@ from isf_core.files.rig import load_rig
 from isf_core.files.yaml_file import find_shipped
 from isf_core.thinned_sheet import ThinnedSheet
 from isf_ros import fields
+from rosbags.interfaces import Connection
 
 from isf_analysis.bag import topics
 from isf_analysis.bag.open_bag import RECORD_WITH, OpenBag, open_bag, unreadable
@@ -30,6 +32,7 @@ from isf_analysis.bag.topics import Topic
 from isf_analysis.measures import scan_cloud
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
 from isf_analysis.measures.events import event_of_message
+from isf_analysis.measures.part_time import from_beginning
 from isf_analysis.measures.record import PartRecord, Vector
 
 NANO = 1_000_000_000
@@ -48,7 +51,8 @@ Item = TypeVar("Item", Contour, ContourCorrection, ContourResult)
 def read_bag(path: Path | str, namespace: str | None = None) -> PartRecord:
     """Record of the (last) part in the bag folder or MCAP file ``path``; of the cell ``namespace``, None: the only one.
 
-    A bag whose recorder was killed is read as far as it was written; ``notes`` of the record tells so.
+    A bag whose recorder was killed is read as far as it was written; ``notes`` of the record tells so. Times count from
+    the beginning of the part.
 
     Raises
     ------
@@ -57,13 +61,13 @@ def read_bag(path: Path | str, namespace: str | None = None) -> PartRecord:
         FILE_FIELD (it holds several cells, or none of that name)
     """
     with open_bag(path) as bag:
-        return part_of(bag, namespace)
+        return from_beginning(*_part_and_rests(bag, namespace))
 
 
 def read_cell(path: Path | str, namespace: str | None) -> PartRecord:
     """As :func:`read_bag`, where ``namespace`` chooses among several cells: a bag of one is read whatever its name."""
     with open_bag(path) as bag:
-        return part_of(bag, namespace if len(_cells_of(bag)) > 1 else None)
+        return from_beginning(*_part_and_rests(bag, namespace if len(_cells_of(bag)) > 1 else None))
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,8 @@ class PartSpan:
     announced : ns since 1970, when its job was announced, last
     begun : ns since 1970, when its job was announced, first: a part that was resumed is announced again
     dropped : (after, before) ns since 1970: what was formed beyond the checkpoint with which the part went on
+    went_on : contours with which it did
+    until : ns since 1970, messages received from then on are of another part
     """
 
     plan_id: str
@@ -84,10 +90,12 @@ class PartSpan:
     announced: int
     begun: int
     dropped: tuple[tuple[int, int], ...] = ()
+    went_on: tuple[int, ...] = ()
+    until: float = math.inf
 
     def holds(self, time: int) -> bool:
         """True for a message received at ``time`` (ns since 1970)."""
-        return time >= self.start and not any(begin < time < end for begin, end in self.dropped)
+        return self.start <= time < self.until and not any(begin < time < end for begin, end in self.dropped)
 
 
 def last_part(bag: OpenBag, namespace: str | None = None) -> PartSpan:
@@ -102,31 +110,45 @@ def last_part(bag: OpenBag, namespace: str | None = None) -> PartSpan:
 
 def _last_span(messages: _Messages) -> PartSpan:
     jobs = list(_first_heard(messages.of(topics.JOB)))
-    # where the part goes on, another one that the cell has announced meanwhile is latched, and heard before the rest
-    goes_on = min((reader.start_time for reader in messages.bag.readers[1:]), default=math.inf)
-    rest = max((time for time, job in jobs if getattr(job, "first_index", 0) > 0), default=0)
-    jobs = [(time, job) for time, job in jobs if getattr(job, "first_index", 0) > 0 or not goes_on <= time < rest]
+    # a bag beside the first is that of a rest: what else is announced in it is of another part of the cell, latched
+    later = sorted(reader.start_time for reader in messages.bag.readers[1:])
+    goes_on = min(later, default=math.inf)
+    plans = {job.plan_id for time, job in jobs if time < goes_on}
+    jobs = [(time, job) for time, job in jobs if time < goes_on or _is_rest(job, plans)]
     if not jobs:
         raise _incomplete(messages.bag.path, f"holds no job: nothing was received on {topics.JOB.name}")
     announced, job = jobs[-1]
     first = len(jobs) - 1
-    dropped = []
+    until = min((time for time in later if time > announced), default=math.inf)
+    dropped, went_on = [], []
     while first > 0 and _goes_on(jobs[first][1], jobs[first - 1][1]):
-        (until, resumed), since = jobs[first], jobs[first - 1][0]
+        (again, resumed), since = jobs[first], jobs[first - 1][0]
         beyond = [
             time
             for time, contour in messages.of(topics.NOMINAL)
-            if contour.plan_id == job.plan_id and contour.index >= resumed.first_index and since <= time < until
+            if contour.plan_id == job.plan_id and contour.index >= resumed.first_index and since <= time < again
         ]
         if not beyond:  # nothing to be left out but the time in which nobody formed the part
             news = (topics.NOMINAL, topics.RESULT, topics.SCAN)
-            heard = (time for topic in news for time, _ in _first_heard(messages.of(topic)) if time < until)
-            beyond = [max(heard, default=until)]
-        dropped.append((min(beyond), until))
+            heard = (
+                time
+                for topic in news
+                for time, item in _first_heard(messages.of(topic))
+                if time < again and getattr(item, "plan_id", job.plan_id) == job.plan_id
+            )
+            beyond = [max(heard, default=again)]
+        dropped.append((min(beyond), again))
+        went_on.append(int(resumed.first_index))
         first -= 1
     begun = jobs[first][0]
     # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted
-    return PartSpan(job.plan_id, begun if first > 0 else 0, announced, begun, tuple(dropped))
+    start = begun if first > 0 else 0
+    return PartSpan(job.plan_id, start, announced, begun, tuple(dropped), tuple(went_on), until)
+
+
+def _is_rest(job: Any, plans: Collection[str]) -> bool:
+    """True when ``job`` may announce the rest of a part of one of the ``plans``, of which none may be known."""
+    return getattr(job, "first_index", 0) > 0 and (not plans or job.plan_id in plans)
 
 
 def _first_heard(received: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
@@ -147,9 +169,17 @@ def _goes_on(job: Any, before: Any) -> bool:
 
 
 def part_of(bag: OpenBag, namespace: str | None = None) -> PartRecord:
-    """As :func:`read_bag`, of a bag that is open."""
+    """As :func:`read_bag`, of a bag that is open; times are those of the stamps of its messages."""
+    return _part_and_rests(bag, namespace)[0]
+
+
+def _part_and_rests(bag: OpenBag, namespace: str | None) -> tuple[PartRecord, tuple[int, ...]]:
+    """Record of the part, and by the clock, which goes on meanwhile, the contours with which the part went on."""
     try:
-        return _read_part(_Messages(bag, namespace), bag.path)
+        messages = _Messages(bag, namespace)
+        span = _last_span(messages)
+        record = _read_part(messages, span, bag.path)
+        return record, () if record.lockstep else span.went_on
     except IsfError as error:
         if not bag.notes:
             raise
@@ -159,9 +189,9 @@ def part_of(bag: OpenBag, namespace: str | None = None) -> PartRecord:
         raise unreadable(bag.path, f"is damaged: {error}") from error
 
 
-def _read_part(messages: _Messages, path: Path) -> PartRecord:
-    span = _last_span(messages)
-    start, job = span.begun, list(messages.of(topics.JOB))[-1][1]
+def _read_part(messages: _Messages, span: PartSpan, path: Path) -> PartRecord:
+    start = span.begun
+    job = [job for time, job in messages.of(topics.JOB) if (time, job.plan_id) == (span.announced, span.plan_id)][-1]
     part = _Part(messages, span)
     notes = messages.missing_fields()
     nominal = part.by_index(topics.NOMINAL, fields.contour_of)
@@ -171,7 +201,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
     if not nominal and not results:
         raise _incomplete(path, f"holds the job '{job.job_name}', but no contour: nothing was formed")
     # the target is latched when the part is planned, before the job is announced; the scan comes after it
-    target_message = _last(messages.of(topics.TARGET))
+    target_message = _last(item for item in messages.of(topics.TARGET) if item[0] < span.until)
     target = None if target_message is None else fields.height_map_of(target_message[1])
     scans = [item for item in messages.of(topics.SCAN) if item[0] >= start and span.holds(item[0])]
     formed = max((result.end for result in results), default=math.inf)
@@ -183,10 +213,7 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
     formed_sheet, sheet_notes = _formed_sheet(
         scan_cloud.final_scans(told, formed, part.unfinished_since(results), part.last_news())
     )
-    states = list(messages.of(topics.MACHINE_STATE))
-    # the state at the start of the part, not the last one: a run of no duration has all its messages at one time
-    before = [state for time, state in states[:-1] if time <= start][-1:] or [state for _, state in states[:1]]
-    after = states[-1:]
+    before, after = messages.states(span)
     return PartRecord(
         job_name=job.job_name,
         job_text=job.job_text,
@@ -208,8 +235,8 @@ def _read_part(messages: _Messages, path: Path) -> PartRecord:
         ticks=_counted(before, after, "tick"),
         late_ticks=_counted(before, after, "late_ticks") + sum(result.late_ticks for result in results),
         lost_messages=_counted(before, after, "targets_lost") + sum(result.lost_messages for result in results),
-        sim_time=_process_time(before, after, results),
-        wall_time=(_end_time(messages, scans if last else [], start) - start - _passed(span)) / NANO,
+        sim_time=_process_time(before, after, results) - (0.0 if job.lockstep else _passed(span) / NANO),
+        wall_time=(_end_time(messages, scans if last else [], span) - start - _passed(span)) / NANO,
         faults=_faults(after),
         notes=(
             *messages.bag.notes,
@@ -319,36 +346,34 @@ def _sheet(job: Any) -> dict[str, object]:
     return {"model": model} if model else {}
 
 
-def _counted(before: list[Any], after: list[tuple[int, Any]], name: str) -> int:
-    return max(0, int(getattr(after[0][1], name)) - int(getattr(before[0], name))) if after else 0
+def _counted(before: Any, after: Any, name: str) -> int:
+    return max(0, int(getattr(after, name)) - int(getattr(before, name))) if after is not None else 0
 
 
-def _process_time(before: list[Any], after: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -> float:
-    """s from the first to the last state of the machine, or over the contours when it published none."""
-    if after and len({id(before[0]), id(after[0][1])}) == 2:
-        first, last = before[0].header.stamp, after[0][1].header.stamp
+def _process_time(before: Any, after: Any, results: tuple[ContourResult, ...]) -> float:
+    """s from the first to the last state of the machine, or over the contours when it published none, or one."""
+    if after is not before:
+        first, last = before.header.stamp, after.header.stamp
         return float((last.sec - first.sec) + (last.nanosec - first.nanosec) / NANO)
     return results[-1].end - results[0].start if results else 0.0
 
 
-def _end_time(messages: _Messages, scans: list[tuple[int, Any]], start: int) -> int:
+def _end_time(messages: _Messages, scans: list[tuple[int, Any]], span: PartSpan) -> int:
     """ns since 1970 of the last scan, or of the last result when there is none."""
     if scans:
         return scans[-1][0]
-    return max((time for time, _ in messages.of(topics.RESULT)), default=start)
+    return max((time for time, _ in messages.of(topics.RESULT) if time < span.until), default=span.begun)
 
 
-def _faults(after: list[tuple[int, Any]]) -> tuple[tuple[int, str], ...]:
-    if not after:
+def _faults(state: Any) -> tuple[tuple[int, str], ...]:
+    if state is None:
         return ()
-    state = after[0][1]
     texts = (*state.fault_messages, *("without a text" for _ in state.fault_codes))  # a driver may leave them out
     return tuple((int(code), text) for code, text in zip(state.fault_codes, texts, strict=False))
 
 
-def _axis_error(after: list[tuple[int, Any]]) -> tuple[float, float] | None:
+def _axis_error(state: Any) -> tuple[float, float] | None:
     """None where the machine does not tell it, as in older bags."""
-    state = after[0][1] if after else None
     largest = float(getattr(state, "axis_error_largest", 0.0))
     return (float(state.axis_error_rms), largest) if state is not None and largest > 0.0 else None
 
@@ -371,7 +396,7 @@ def _tool_compliance(messages: _Messages, job: Any) -> tuple[Vector, Vector] | N
     return first, second
 
 
-def _last(items: Iterator[tuple[int, Any]]) -> tuple[int, Any] | None:
+def _last(items: Iterable[tuple[int, Any]]) -> tuple[int, Any] | None:
     found = None
     for item in items:
         found = item
@@ -392,15 +417,42 @@ class _Messages:
             self._read[topic.name] = list(self._load(topic))
         return iter(self._read[topic.name])
 
+    def states(self, span: PartSpan) -> tuple[Any, Any]:
+        """State of the machine when the part began, and its last one; both None when there is none.
+
+        At 50 states per second a long part has hundreds of thousands: all but those two are never looked into.
+        """
+        found: list[tuple[int, int, bytes]] = []
+        for number, block in enumerate(self.bag.blocks(self._connections(topics.MACHINE_STATE))):
+            order = np.argsort(block.times, kind="stable")
+            order = order[block.times[order] < span.until]
+            begun = int(np.searchsorted(block.times[order], span.begun, side="right"))
+            # first, the two last ones until the part began, and the last: as below, of the block
+            for k in {*order[:1].tolist(), *order[max(0, begun - 2) : begun].tolist(), *order[-1:].tolist()}:
+                found.append((int(block.times[k]), (number << 32) + k, block.message(k).tobytes()))
+        found.sort()
+        if not found:
+            return None, None
+        # the state at the start of the part, not the last one: a run of no duration has all its messages at one time
+        until_begun = [item for item in found[:-1] if item[0] <= span.begun]
+        first = (until_begun or found)[-1 if until_begun else 0]
+        last = self.bag.types.deserialize_cdr(found[-1][2], topics.MACHINE_STATE.type)
+        if first is found[-1]:
+            return last, last
+        return self.bag.types.deserialize_cdr(first[2], topics.MACHINE_STATE.type), last
+
     def _load(self, topic: Topic) -> Iterator[tuple[int, Any]]:
+        for connection in self._connections(topic):
+            yield from self.bag.messages([connection])
+
+    def _connections(self, topic: Topic) -> list[Connection]:
         name = f"{self._namespace}/{topic.name}"
-        for connection in self.bag.connections:
-            if connection.topic != name:
-                continue
+        found = [connection for connection in self.bag.connections if connection.topic == name]
+        for connection in found:
             if connection.msgtype != topic.type:
                 what = f"{topic.name} is of type {connection.msgtype}, expected {topic.type}"
                 raise _incomplete(self.bag.path, what)
-            yield from self.bag.messages([connection])
+        return found
 
     def missing_fields(self) -> tuple[str, ...]:
         """Notes on fields that messages of an older version do not have; raises IsfError when one is needed."""

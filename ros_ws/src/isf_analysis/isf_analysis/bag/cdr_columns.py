@@ -92,8 +92,13 @@ class ColumnReader:
             return {}
         order = np.concatenate([numbers for numbers, _ in rows])
         self.damaged += len(block) - (len(order) if self._flat else len(rows))
-        names = list(rows[0][1])
-        whole = {name: np.concatenate([part[name] for _, part in rows]) for name in names}
+        kinds: Columns = {}
+        for _, part in rows:  # clouds may differ in their fields
+            kinds |= {name: values[:0] for name, values in part.items() if name not in kinds}
+        whole = {
+            name: np.concatenate([part.get(name, nothing(kind, len(numbers))) for numbers, part in rows])
+            for name, kind in kinds.items()
+        }
         whole = {RECEIVED: block.times[order], **whole}
         if len(rows) == 1:
             return whole
@@ -336,6 +341,11 @@ def _cloud_columns(message: Any) -> Columns:
         single = item.count == 1
         columns |= {item.name if single else f"{item.name}[{k}]": values[:, k] for k in range(item.count)}
     return columns
+
+
+def nothing(kind: NDArray[Any], n: int) -> NDArray[Any]:
+    """(n,) of the type of the column ``kind``, for what has no such field: NaN, of what is no float 0."""
+    return np.full(n, np.nan if kind.dtype.kind == "f" else 0, dtype=kind.dtype)
 
 
 def _objects(values: list[Any]) -> NDArray[Any]:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 
 from isf_analysis.bag.bag_reader import part_of
-from isf_analysis.bag.cdr_columns import ColumnReader, Columns
+from isf_analysis.bag.cdr_columns import ColumnReader, Columns, nothing
 from isf_analysis.bag.open_bag import OpenBag, open_bag
 from isf_analysis.measures import part_tables
 from isf_analysis.measures.record import PartRecord
@@ -122,17 +122,13 @@ def read_tables(bag: OpenBag, connections: Mapping[str, list[Connection]]) -> It
             continue
         first = kinds.setdefault(name, {column: values[:0] for column, values in columns.items()})
         n = len(next(iter(columns.values())))
-        yield name, {column: columns.get(column, _nothing(kind, n)) for column, kind in first.items()}
+        yield name, {column: columns.get(column, nothing(kind, n)) for column, kind in first.items()}
     for name, reader in readers.items():
         if reader.damaged:
             bag.note(f"{reader.damaged} damaged message(s) of {name} left out")
     for name, items in connections.items():
         if any(item.msgtype != items[0].msgtype for item in items):
             bag.note(f"{name} has messages of several types: only those of {items[0].msgtype} are in its table")
-
-
-def _nothing(kind: NDArray[Any], n: int) -> NDArray[Any]:
-    return np.full(n, np.nan if kind.dtype.kind == "f" else 0, dtype=kind.dtype)
 
 
 class Bag(Mapping[str, TopicTable]):

@@ -56,7 +56,7 @@ def what_if(
     differ from it.
     """
     panels: list[Callable[[Axes, _Shown], None]] = []
-    if again is not None and force_metrics(again.results, again.control_rate) is not None:
+    if again is not None and _compared_forces(part, again):
         panels += [_draw_rms, _draw_force]
     if moved is not None and len(moved):
         panels.append(_draw_moved)
@@ -71,6 +71,13 @@ def what_if(
         axes = figure.add_subplot(len(panels), 1, k + 1)
         draw(axes, shown)
     return figure
+
+
+def _compared_forces(part: PartRecord, again: PartRecord) -> bool:
+    """True when both held a force, on a contour that both have."""
+    held = [{result.index for result in record.results if has_set_point(result)} for record in (part, again)]
+    known = (force_metrics(record.results, record.control_rate) is not None for record in (part, again))
+    return bool(held[0] & held[1]) and all(known)
 
 
 def _contour_axis(axes: Axes, shown: _Shown) -> None:

@@ -66,7 +66,7 @@ def deviation_map(
         _draw_cut(axes, cut)
     if events:
         _draw_events(axes, events)
-        figure.legend(loc="outside lower center", ncols=3, handletextpad=0.3)
+        style.legend_below(figure, axes, 3)
     return figure
 
 
@@ -165,8 +165,7 @@ def region_errors(deviation: Deviation, reference: Deviation | None) -> Figure:
         axes.grid(visible=False, axis="y")
     panels[0].set_yticks(rows, [REGION_LABELS[name] for name in names])
     if reference is not None:
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+        style.legend_below(figure, panels[0], 2)
     return figure
 
 

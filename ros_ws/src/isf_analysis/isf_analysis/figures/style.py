@@ -110,6 +110,19 @@ def legend_above(axes: Axes, columns: int = 4) -> None:
     )
 
 
+def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
+    """Legend of what has a name in ``axes``, below all axes of the ``figure``, which leave it the room.
+
+    matplotlib has places outside of axes from 3.7 on; Ubuntu 24.04 comes with 3.6.3.
+    """
+    handles, labels = axes.get_legend_handles_labels()
+    legend = figure.legend(handles, labels, loc="lower center", ncols=columns, handletextpad=0.3)
+    height = legend.get_window_extent().y1 / figure.bbox.height
+    layout = figure.get_layout_engine()
+    assert isinstance(layout, ConstrainedLayoutEngine)  # of new_figure
+    layout.set(rect=(0.0, height, 1.0, 1.0 - height))
+
+
 def rounded_limit(largest: float) -> float:
     """Smallest round number (1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten) not below ``largest``; 1 for nothing."""
     if not np.isfinite(largest) or largest <= 0:

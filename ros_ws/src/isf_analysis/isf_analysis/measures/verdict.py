@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import Any
 
 from isf_analysis.measures.force_metrics import BAND
-from isf_analysis.measures.percent import in_percent
+from isf_analysis.measures.percent import in_percent, percent
 
 WITHIN_BAND = 0.99
 """Share of the time in full force control in which the force should be in its band (Ren 2018, 2.4: +-10 N; assumed)."""
@@ -102,7 +102,7 @@ def force_remarks(force: Numbers | None) -> list[str]:
     within = None if force is None else force["within_10N_fraction"]
     if within is None or within >= WITHIN_BAND:
         return []
-    limits = f"within {BAND:g} N of its set-point in {100 * within:.1f} % of the controlled time"
+    limits = f"within {BAND:g} N of its set-point in {percent(within, 1)} of the controlled time"
     return [f"force out of band: the support force is {limits}, {100 * WITHIN_BAND:.0f} % are wanted"]
 
 
@@ -115,7 +115,7 @@ def _contact(numbers: Numbers) -> list[str]:
     if force is not None and force["contact_fraction"] is not None:
         kept = force["contact_fraction"]
         if kept < CONTROLLED_CONTACT:
-            return [f"contact lost: the support tool touched the sheet in {100 * kept:.1f} % of the controlled time"]
+            return [f"contact lost: the support tool touched the sheet in {percent(kept, 1)} of the controlled time"]
     elif path and length > (1.0 - POSITIONED_CONTACT) * path:
         return [f"contact lost: the support tool is under position control and has {where}"]
     return []

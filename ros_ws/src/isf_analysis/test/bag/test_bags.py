@@ -188,6 +188,28 @@ def test_a_damaged_contour_is_told_from_a_fault(bag: Path, tmp_path: Path) -> No
     assert caught.value.code == ErrorCode.BAG_UNREADABLE
 
 
+def test_of_the_states_of_the_machine_only_those_at_begin_and_end_are_looked_into(bag: Path, tmp_path: Path) -> None:
+    """A long part has hundreds of thousands: here those between, and those long before it, are no messages at all."""
+    name = "/machine/state"
+    with Writer(tmp_path / "many", version=9, storage_plugin=StoragePlugin.MCAP) as writer, Reader(bag) as reader:
+        added = {c.topic: writer.add_connection(c.topic, c.msgtype, typestore=cell_types()) for c in reader.connections}
+        (first, begin), (_, end) = [
+            (cell_types().deserialize_cdr(data, c.msgtype), time)
+            for c, time, data in reader.messages()
+            if c.topic == name
+        ]
+        for second in (5, 4):
+            writer.write(added[name], begin - second * 1_000_000_000, b"nothing")
+        started = cell_types().serialize_cdr(replace(first, tick=40), first.__msgtype__)
+        writer.write(added[name], begin - 1_000_000, started)
+        for connection, time, data in reader.messages():
+            if connection.topic != name or time == end:
+                writer.write(added[connection.topic], time, data)
+            if connection.topic == "/contour/result":
+                writer.write(added[name], time, b"nothing")
+    assert read_bag(tmp_path / "many").ticks == PART.ticks - 40
+
+
 def test_the_last_part_of_a_bag_is_read(tmp_path: Path) -> None:
     first = make_part(contours=5, spacing=10e-3)
     second = replace(make_part(contours=5, spacing=10e-3, stop_after=2, seed=9), variant=4)

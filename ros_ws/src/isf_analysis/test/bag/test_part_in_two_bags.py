@@ -14,6 +14,7 @@ from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.bag.open_bag import next_bag, open_bag
 from isf_analysis.bag.playback import begin_of_contour
 from isf_analysis.bag.topics import cell_types
+from isf_analysis.measures.process_time import process_time
 from isf_analysis.measures.record import PartRecord
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from synthetic_part import make_part
@@ -77,10 +78,67 @@ def test_the_time_in_which_nobody_formed_is_not_counted(tmp_path: Path) -> None:
     assert read_bag(run_in_two_bags(tmp_path)).wall_time < 600.0
 
 
-def test_the_second_bag_without_its_announcement_of_a_rest_is_a_part_of_its_own(tmp_path: Path) -> None:
+@pytest.mark.parametrize("first_index", [0, AT])
+def test_a_rest_that_was_refused_leaves_the_part_as_it_was(tmp_path: Path, first_index: int) -> None:
+    """The cell that is up formed another part meanwhile, of which the recorder got what is latched, and more."""
     write_bag(part_of(slice(0, 5), 100.0), tmp_path / "bag", end=200 * SECOND)
-    write_bag(part_of(slice(AT, CONTOURS), 300.0), next_bag(tmp_path / "bag"), end=900 * SECOND)
-    assert [result.index for result in read_bag(tmp_path / "bag").results] == [3, 4, 5]
+    alone = read_bag(tmp_path / "bag")
+    other = part_of(slice(0, CONTOURS), 300.0)
+    other = replace(
+        other,
+        plan_id="other",
+        job_name="other",
+        target=None,
+        ticks=77,
+        nominal=tuple(replace(item, plan_id="other") for item in other.nominal),
+        corrected=(),
+        corrections=(),
+        results=tuple(replace(item, plan_id="other") for item in other.results),
+    )
+    source = write_bag(other, tmp_path / "other", end=900 * SECOND)
+    changed_bag(source, next_bag(tmp_path / "bag"), first_index, second=400)
+    record = read_bag(tmp_path / "bag")
+    assert (record.job_name, record.plan_id) == ("cone", "cone-plan")
+    assert [float(item.forming_force[0, 2]) for item in record.results] == [100.0] * 5
+    assert record.target is not None
+    assert record.ticks == alone.ticks
+    assert record.wall_time == alone.wall_time
+    assert [len(record.events), len(record.scans)] == [len(alone.events), len(alone.scans)]
+
+
+def test_a_rest_goes_on_after_one_that_was_refused(tmp_path: Path) -> None:
+    write_bag(part_of(slice(0, 5), 100.0), tmp_path / "bag", end=200 * SECOND)
+    other = replace(part_of(slice(0, 1), 200.0), plan_id="other")
+    changed_bag(write_bag(other, tmp_path / "other", end=500 * SECOND), next_bag(tmp_path / "bag"), 0, second=400)
+    source = write_bag(part_of(slice(AT, CONTOURS), 300.0), tmp_path / "later", end=900 * SECOND)
+    changed_bag(source, next_bag(tmp_path / "bag"), AT, second=800)
+    record = read_bag(tmp_path)
+    assert record.failure() is None
+    assert [float(item.forming_force[0, 2]) for item in record.results] == [100.0] * AT + [300.0] * (CONTOURS - AT)
+
+
+def test_by_the_clock_the_time_in_which_nobody_formed_is_no_time_of_the_process(tmp_path: Path) -> None:
+    """Contours 0 to 2 at 100 s and 3 to 5 at 800 s by the clock: nobody formed from 200 s on."""
+
+    def clocked(contours: slice, begin: float) -> PartRecord:
+        part = part_of(contours, begin)
+        moved = tuple(
+            replace(item, start=item.start + begin, end=item.end + begin, tick_time=item.tick_time + begin)
+            for item in part.results
+        )
+        return replace(part, lockstep=False, results=moved)
+
+    write_bag(clocked(slice(0, AT), 100.0), tmp_path / "bag", end=200 * SECOND)
+    rest = replace(clocked(slice(AT, CONTOURS), 800.0), sim_time=900.0, wall_time=100.0)
+    changed_bag(write_bag(rest, tmp_path / "later", end=900 * SECOND), next_bag(tmp_path / "bag"), AT, second=800)
+    record = read_bag(tmp_path)
+    assert record.sim_time == pytest.approx(900.0 - 600.0)  # by the stamps of its states it began at 0 s
+    whole = make_part(contours=CONTOURS, spacing=10e-3, points=12)
+    assert record.formed == CONTOURS
+    found = process_time(record)
+    assert found is not None
+    assert found.between == pytest.approx(4 * 0.4, abs=1e-6)
+    assert record.results[-1].end == pytest.approx(whole.results[-1].end - 0.4, abs=1e-6)
 
 
 def test_a_contour_is_played_from_where_it_was_formed_for_good(tmp_path: Path) -> None:

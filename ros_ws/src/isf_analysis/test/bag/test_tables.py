@@ -92,6 +92,38 @@ def test_arrays_and_clouds_of_a_part(bag: Path) -> None:
         assert found["machine/state"]["fault_messages"][0] == "[]"
 
 
+def test_clouds_with_different_fields_are_one_table(tmp_path: Path) -> None:
+    """Two in one chunk: the second has a quality (float32) and a count (uint8) as well."""
+
+    def cloud(names: dict[str, tuple[int, str]], rows: list[tuple[float, ...]]) -> Any:
+        kind = np.dtype([(name, code) for name, (_, code) in names.items()])
+        offsets = np.cumsum([0, *(kind[name].itemsize for name in names)])
+        return make_message(
+            "sensor_msgs/msg/PointCloud2",
+            height=1,
+            width=len(rows),
+            fields=[
+                make_message("sensor_msgs/msg/PointField", name=name, offset=int(offset), datatype=number, count=1)
+                for (name, (number, _)), offset in zip(names.items(), offsets, strict=False)
+            ],
+            point_step=kind.itemsize,
+            row_step=len(rows) * kind.itemsize,
+            data=np.frombuffer(np.array(rows, dtype=kind).tobytes(), dtype=np.uint8),
+        )
+
+    x = {"x": (7, "<f4")}
+    clouds = [cloud(x, [(1.0,), (2.0,)]), cloud({**x, "quality": (7, "<f4"), "count": (2, "u1")}, [(3.0, 0.5, 7)])]
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/scan", "sensor_msgs/msg/PointCloud2", typestore=cell_types())
+        for time, message in enumerate(clouds):
+            writer.write(connection, time, cell_types().serialize_cdr(message, connection.msgtype))
+    with isf_analysis.open(tmp_path / "bag") as found:
+        table = found["scan"]
+        np.testing.assert_array_equal(table["x"], [1.0, 2.0, 3.0])
+        np.testing.assert_array_equal(table["quality"], [np.nan, np.nan, 0.5])
+        np.testing.assert_array_equal(table["count"], [0, 0, 7])
+
+
 def test_a_table_per_part_holds_what_was_planned_corrected_and_measured(bag: Path) -> None:
     with isf_analysis.open(bag) as found:
         contours, points, ticks = found.contours, found.points, found.ticks

@@ -8,7 +8,7 @@ from isf_analysis.figures import process_figures, shape_figures, style
 from isf_analysis.figures.cuts import Cut
 from isf_analysis.measures.deviation import compare
 from matplotlib.figure import Figure
-from synthetic_part import Cone, formed_map, make_part, target_map
+from synthetic_part import Cone, formed_map, make_events, make_part, target_map
 
 CONE = Cone()
 TARGET = target_map(CONE)
@@ -86,3 +86,20 @@ def test_the_force_envelope_hides_no_outlier() -> None:
 )
 def test_limits_are_round(largest: float, limit: float) -> None:
     assert style.rounded_limit(largest) == pytest.approx(limit)
+
+
+@pytest.mark.parametrize("pair", [False, True])
+def test_a_legend_below_has_room_of_its_own(pair: bool) -> None:
+    """Without what matplotlib has for it from 3.7 on: Ubuntu 24.04 comes with 3.6.3."""
+    with style.applied():
+        if pair:
+            figure = shape_figures.region_errors(AFTER, BEFORE)
+        else:
+            events = [event for event in make_events(PART) if event.has_place]
+            figure = shape_figures.deviation_map(AFTER, TARGET, 2.0, events)
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        assert getattr(legend, "_outside_loc", None) is None
+        box = legend.get_window_extent()
+        assert 0.0 <= box.y0 < box.y1 < 0.2 * figure.bbox.height
+        assert all(axes.get_tightbbox().y0 >= box.y1 for axes in figure.axes)

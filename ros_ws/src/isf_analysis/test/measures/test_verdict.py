@@ -9,7 +9,7 @@ import pytest
 from isf_analysis.measures.deviation import regions_of
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import summary
-from isf_analysis.measures.verdict import verdict
+from isf_analysis.measures.verdict import force_remarks, verdict
 from isf_analysis.report.result_tables import banners, cards
 from isf_core.contour import ContourCorrection
 from isf_core.errors import ErrorCode
@@ -141,9 +141,19 @@ def test_a_force_out_of_its_band_is_a_red_card_and_a_note_and_leaves_a_part_good
     assert reported(part) == []
     numbers = summary(part)
     (text,) = numbers["notes"]
-    assert text.startswith("force out of band: the support force is within 10 N of its set-point in 98.0 %")
+    assert text.startswith("force out of band: the support force is within 10 N of its set-point in 97.9 %")
     assert '<div class="card bad"><div class="label">Within ± 10 N' in cards(numbers)
     assert summary(EXACT)["notes"] == []
+
+
+def test_a_share_that_falls_short_does_not_read_as_the_wanted_one() -> None:
+    """Of 98.96 %."""
+    (band,) = force_remarks({"within_10N_fraction": 0.9896})
+    assert "in 98.9 % of the controlled time, 99 % are wanted" in band
+    numbers = summary(EXACT)
+    numbers["force"]["contact_fraction"] = 0.9896
+    (contact,) = verdict(numbers)["short_of"]
+    assert "touched the sheet in 98.9 % of the controlled time" in contact
 
 
 def test_what_the_plan_warned_of_is_told_and_leaves_a_part_good() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -33,12 +33,21 @@ Json = Annotated[bool, typer.Option("--json", help="print one JSON object on std
 
 def given(context: typer.Context, values: Mapping[str, Any]) -> dict[str, Any]:
     """Those of ``values``, by the names of their options, that are on the command line."""
-    names = {name: name.lstrip("-").replace("-", "_").lower() for name in values}
-    sources = {name: context.get_parameter_source(own) for name, own in names.items()}
+    names = {option: item.name or "" for item in context.command.params for option in item.opts}
+    sources = {name: context.get_parameter_source(names.get(name, name.lower())) for name in values}
     return {name: values[name] for name, source in sources.items() if source is not None and source.name in _GIVEN}
 
 
 _GIVEN = ("COMMANDLINE", "ENVIRONMENT")
+
+
+def refuse(context: typer.Context, options: Sequence[str], what: str, advice: str) -> None:
+    """Refuse ``options`` that are on the command line although they have no effect beside the others.
+
+    Raises IsfError FILE_FIELD: ``what`` says why, ``advice`` what to do.
+    """
+    if found := given(context, dict.fromkeys(options)):
+        raise IsfError(ErrorCode.FILE_FIELD, what, where=", ".join(found), advice=advice)
 
 
 def numbers(text: str, where: str) -> tuple[int, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from isf_analysis.bag.bag_reader import read_cell
 from isf_analysis.figures import distance_figures, style
 from isf_analysis.measures.deviation import BANDS
+from isf_analysis.measures.percent import percent
 from isf_analysis.measures.plan_mask import PlanMask, region_of, shapes_of
 from isf_analysis.measures.surface_distance import (
     NO_MOTION,
@@ -387,7 +388,7 @@ def _show(data: dict[str, Any]) -> None:
     ):
         table.add_row(label, f"{data[key]:.3f} mm")
     for band, share in data["within_fraction"].items():
-        table.add_row(f"within {band} mm", f"{100 * share:.1f} %")
+        table.add_row(f"within {band} mm", percent(share, 1))
     if any(data["mask"].values()):
         table.add_row("masked, left out", f"{100 * data['masked_fraction']:.1f} %")
     table.add_row("beside, left out", f"{100 * data['beside_fraction']:.1f} %")

@@ -55,6 +55,10 @@ LIBRARIES = (
 )
 
 
+ANEW = "in the repository: ./scripts/setup.sh --force, which brings what is missing and builds the workspace anew"
+"""What to do about an installation that is not whole."""
+
+
 @dataclass(frozen=True)
 class Check:
     """Outcome of one check; ``state`` is ok, warning or failed."""
@@ -67,7 +71,8 @@ class Check:
 
 def examine(*, as_json: bool) -> None:
     """Run all checks and show them; exits with CHECK_FAILED when one failed."""
-    checks = [check for group in (_python, _ros, _libraries, _nodes, _middleware, _machine) for check in group()]
+    of_ros = (_without_ros,) if _alone() else (_ros, _nodes, _middleware)
+    checks = [check for group in (_python, *of_ros, _libraries, _machine) for check in group()]
     failed = [check for check in checks if check.state == "failed"]
     if as_json:
         terminal.print_json({"ok": not failed, "checks": [asdict(check) for check in checks]})
@@ -82,13 +87,34 @@ def examine(*, as_json: bool) -> None:
     if failed:
         terminal.console.print(f"\n[bold red]{len(failed)} check(s) failed[/bold red]")
         sys.exit(Exit.CHECK_FAILED)
-    terminal.console.print("\nall good")
+    good = all(check.state == "ok" for check in checks)
+    terminal.console.print("\nall good" if good else "\nno check failed; see the warnings")
 
 
 def _python() -> list[Check]:
     version = platform.python_version()
     good = sys.version_info[:2] >= (3, 10)
     return [Check("Python", "ok" if good else "failed", f"{version} ({sys.executable})", "" if good else "needs 3.10+")]
+
+
+def _alone() -> bool:
+    """True in a Python with the packages alone: what needs no ROS is all that is to work there."""
+    around = any(os.environ.get(name) for name in ("ROS_DISTRO", "AMENT_PREFIX_PATH"))
+    return not around and _import_error("rclpy") is not None
+
+
+def _without_ros() -> list[Check]:
+    advice = f"needed for form, play and nodes; {ANEW}"
+    return [Check("ROS 2", "warning", "none, and no workspace: plan, simulate, report and replay work", advice)]
+
+
+def _import_error(module: str) -> str | None:
+    """Why ``module`` cannot be imported; None: it can."""
+    try:
+        importlib.import_module(module)
+    except ImportError as error:
+        return str(error)
+    return None
 
 
 def _ros() -> list[Check]:
@@ -100,10 +126,8 @@ def _ros() -> list[Check]:
         else Check("ROS 2", "warning" if distribution else "failed", distribution or "none", "made for ROS 2 Jazzy")
     ]
     for module in ("rclpy", "isf_msgs.msg"):
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            checks.append(Check(module, "failed", str(error), "run ./test.sh --quick: it sets up what is missing"))
+        if error := _import_error(module):
+            checks.append(Check(module, "failed", error, ANEW))
         else:
             checks.append(Check(module, "ok", "imports"))
     return checks
@@ -120,7 +144,8 @@ def _libraries() -> list[Check]:
             found.append(f"{name} {getattr(module, '__version__', '')}".strip())
     checks = [Check("libraries", "ok", ", ".join(found))]
     if missing:
-        checks.append(Check("libraries", "failed", f"missing: {', '.join(missing)}", "run ./test.sh --quick"))
+        again = "pip install isf-cell again, with its dependencies" if _alone() else ANEW
+        checks.append(Check("libraries", "failed", f"missing: {', '.join(missing)}", again))
     return checks
 
 
@@ -132,7 +157,7 @@ def _nodes() -> list[Check]:
         except IsfError as error:
             faults.append(error.what)
     if faults:
-        return [Check("nodes", "failed", "; ".join(faults), "build the workspace: ./test.sh --quick")]
+        return [Check("nodes", "failed", "; ".join(faults), ANEW)]
     return [Check("nodes", "ok", ", ".join(name for _, name in EXECUTABLES if name != "isf"))]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from pathlib import Path
 
 from isf_core.errors import ErrorCode, IsfError
@@ -35,7 +35,8 @@ RESUMED_IN_SHORT = ("kill force_ctrl",)
 def run_faults(
     output: Path | None, kinds: Sequence[str], *, short: bool, faults: int, seed: int, resume: bool, as_json: bool
 ) -> None:
-    """Run the campaign, or the rest of the one in ``output``; exits with CHECK_FAILED when a kind misses a goal.
+    """Run the campaign, or the rest of the one in ``output``; exits with CHECK_FAILED when a kind misses a goal, or
+    faults are missing.
 
     Raises IsfError FILE_FIELD (unknown kind), FILE_NOT_WRITABLE, of cells that do not come up; Ctrl-C keeps what was
     judged.
@@ -46,14 +47,16 @@ def run_faults(
     (folder / campaign.CASES_FILE).touch()  # ended before the first case, it goes on as well
     resumed = frozenset(RESUMED_IN_SHORT if short else ())
     plan = Plan(folder, wanted, 1 if short else faults, seed, None if resume and not short else resumed)
-    total = len(wanted) * plan.faults
+    planned = {(kind.name, number) for kind in wanted for number in range(plan.faults)}
+    total = len(planned)
     cases = [case for case in campaign.read_cases(folder) if case.seed == seed]
-    terminal.say(f"{total} faults of {len(wanted)} kinds, {len(cases)} of them done, in {folder}")
+    terminal.say(f"{total} faults of {len(wanted)} kinds, {_done(cases, planned)} of them done, in {folder}")
     failure: IsfError | None = None
+    page = folder / PAGE
     try:
         for case in campaign.run(plan, lambda text: terminal.say(f"  {text}")):
             cases.append(case)
-            terminal.say(f"  {len(cases)}/{total} {_line(case)}")
+            terminal.say(f"  {_done(cases, planned)}/{total} {_line(case)}")
     except KeyboardInterrupt:
         failure = IsfError(ErrorCode.CANCELLED, "stopped by the operator", where=str(folder))
     except IsfError as error:
@@ -61,22 +64,26 @@ def run_faults(
     finally:
         rows = rows_of(cases)
         if rows:
-            page = folder / PAGE
             load, cores = os.getloadavg()[1], os.cpu_count() or 1
             page.write_text(page_of(rows, seed=seed, load=load, cores=cores), encoding="utf-8")
             _show(rows)
             terminal.say(f"page    {page}")
     if failure is not None and not rows:
         raise failure
+    good = failure is None and _done(cases, planned) == total and not any(row.misses for row in rows)
     if as_json:
-        good = failure is None and len(cases) >= total and not any(row.misses for row in rows)
-        data = {"ok": good, "faults": len(cases), "planned": total, "seed": seed, "page": str(page)}
+        data = {"ok": good, "faults": len(cases), "planned": total, "seed": seed, "page": str(page) if rows else None}
         told = {} if failure is None else {"error": terminal.error_data(failure)}
         terminal.print_json({**data, "rows": [row.as_dict() for row in rows], **told})
     if failure is not None:
         raise ReportedError(failure)
-    if any(row.misses for row in rows):
+    if not good:
         sys.exit(Exit.CHECK_FAILED)
+
+
+def _done(cases: Sequence[Case], planned: Set[tuple[str, int]]) -> int:
+    """How many of the faults that are ``planned``, by kind and number, are among the ``cases``."""
+    return len(planned & {(case.kind, case.number) for case in cases})
 
 
 def _line(case: Case) -> str:

@@ -163,11 +163,11 @@ def _form(
             raise resume.with_advice(error, folder) from error
         if failure is not None:
             failure = resume.with_advice(failure, folder)
-        reference = None
+        reference: Path | None = None
         if compared is not None and method != UNCORRECTED and failure is None:
             progress.phase("simulating the uncorrected part")
-            reference = stack.enter_context(ReferenceRun(compared, options, folder / "uncorrected"))
-            reference.wait()
+            run = stack.enter_context(ReferenceRun(compared, options, folder / "uncorrected"))
+            reference = run.bag_at_end(terminal.warn)
     from isf_cell.commands.report import finish  # late: figures take a second to load, the nodes should start first
 
     counts = {
@@ -181,4 +181,4 @@ def _form(
     if not result.wall_time:  # of an executive that is gone: the bag knows them
         counts = {}
     counts = {**told, **counts}
-    finish(folder, reference.bag if reference else None, failure=failure, as_json=as_json, counts=counts)
+    finish(folder, reference, failure=failure, as_json=as_json, counts=counts)

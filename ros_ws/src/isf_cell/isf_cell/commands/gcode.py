@@ -98,10 +98,6 @@ def run_program(
             where="--simulate, --form",
             advice="leave one out",
         )
-    if job is not None and sheet.rig is not None:
-        raise IsfError(
-            ErrorCode.FILE_FIELD, "a job names its own rig", where="--rig", advice="leave out --rig, or --job"
-        )
     text = program_text(file)
     given = load_job(job) if job else None
     if given is not None:

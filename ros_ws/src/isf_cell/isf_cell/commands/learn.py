@@ -19,20 +19,22 @@ from isf_springback.scan import FormedShape
 from isf_springback.scan.feedback import ScanMemory
 
 from isf_cell.commands import terminal
+from isf_cell.replay.recorded_run import recorded_job
 
 
 def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bool) -> None:
     """Learn from ``runs`` (folders of runs or bags, oldest first) on top of ``output`` when it exists, and write it.
 
-    ``base`` : folder that the paths in the recorded jobs refer to (rig and material files of one's own)
+    ``base`` : folder that the paths in the recorded jobs refer to (rig and material files of one's own), None: the
+    recorded one of each
 
     Raises
     ------
-    IsfError : BAG_UNREADABLE, LEARNING_UNUSABLE, codes of scan processing
+    IsfError : BAG_UNREADABLE, LEARNING_UNUSABLE, codes of a job, codes of scan processing
     """
     known = learning.load(output) if output.exists() else None
     for run in runs:
-        known = learn_record(read_bag(run), base or Path.cwd(), known)
+        known = learn_record(read_bag(run), base, known)
         mean, largest = 1e3 * known.history[-1]
         terminal.say(
             f"{run}: part {known.parts} of {known.job}, error of wall and floor {mean:.2f} mm mean, {largest:.2f} mm "
@@ -133,8 +135,11 @@ def _formed_part(record: PartRecord, where: str) -> tuple[FormedPart, Conditions
     return formed_part(record.job_name, record.target, record.scan, radius, thickness), own
 
 
-def learn_record(record: PartRecord, base: Path, known: Learned | None = None) -> Learned:
-    """Knowledge after the part of ``record``; raises IsfError LEARNING_UNUSABLE when it is not whole."""
+def learn_record(record: PartRecord, base: Path | None, known: Learned | None = None) -> Learned:
+    """Knowledge after the part of ``record``; ``base`` as in :func:`recorded_job`.
+
+    Raises IsfError LEARNING_UNUSABLE when it is not whole, and what :func:`recorded_job` raises.
+    """
     if record.scan is None or record.target is None:
         raise IsfError(
             ErrorCode.LEARNING_UNUSABLE,
@@ -142,7 +147,7 @@ def learn_record(record: PartRecord, base: Path, known: Learned | None = None) -
             where=record.job_name,
             advice="record scan and part/target; isf record does",
         )
-    job_file = JobFile(record.job_text, base, record.job_name)
+    job_file = recorded_job(record, base)
     return learn_part(
         record.nominal,
         record.corrections,

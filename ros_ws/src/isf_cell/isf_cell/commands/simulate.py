@@ -35,11 +35,12 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
     check_method(options.method(job_file), job_file, options.named_at)
     with run_folder(output, job_file.job.name) as folder:
         bag = folder / "bag"
-        reference = None
+        run: ReferenceRun | None = None
+        reference: Path | None = None
         try:
             with ExitStack() as stack:
                 if compare and options.method(job_file) != UNCORRECTED:
-                    reference = stack.enter_context(ReferenceRun(job, options, folder / "uncorrected"))
+                    run = stack.enter_context(ReferenceRun(job, options, folder / "uncorrected"))
                 title = f"{job_file.job.name} ({options.method(job_file)}, in process)"
                 progress = stack.enter_context(terminal.part_progress(title))
                 prepare_database(job_file, options.method(job_file), progress.phase)
@@ -47,12 +48,10 @@ def simulate_part(job: Path, options: RunOptions, output: Path | None, *, compar
                 write_bag(record, bag)
                 counts = {"sheet": dict(record.sheet)}
                 failure = torn(record.events) or first_failure(record.results) or stopped(record)
-                if reference and failure and failure.code == ErrorCode.CANCELLED:
-                    reference = None  # ended with the stack
-                if reference:
+                if run is not None and not (failure and failure.code == ErrorCode.CANCELLED):
                     progress.phase("waiting for the uncorrected part")
-                    reference.wait()
-            finish(folder, reference.bag if reference else None, failure=failure, as_json=as_json, counts=counts)
+                    reference = run.bag_at_end(terminal.warn)
+            finish(folder, reference, failure=failure, as_json=as_json, counts=counts)
         except KeyboardInterrupt:
             raise _stopped_at_once(bag) from None
 

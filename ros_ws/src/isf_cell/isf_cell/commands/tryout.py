@@ -33,6 +33,7 @@ from isf_analysis.bag.bag_reader import read_bag
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.figures import style
 from isf_analysis.measures.deviation import BANDS, Deviation, compare
+from isf_analysis.measures.percent import percent
 from isf_analysis.measures.record import PartRecord
 from isf_core import __version__
 from isf_core.contour import Contour, Process
@@ -380,7 +381,7 @@ class Search:
                 tolerance = trial.record.tolerance.shape
                 terminal.say(
                     f"{trial.part}, variant {trial.variant}: {1e3 * trial.largest:.2f} mm largest, "
-                    f"{1e3 * trial.mean:.2f} mm mean, {100 * trial.within:.0f} % within {1e3 * tolerance:g} mm"
+                    f"{1e3 * trial.mean:.2f} mm mean, {percent(trial.within, 0)} within {1e3 * tolerance:g} mm"
                 )
                 if lost := [step for step in trial.record.corrections if step.code]:
                     count = f"{len(lost)} of {len(trial.record.corrections)} contours"
@@ -732,7 +733,7 @@ def _cells(trial: Trial) -> tuple[str, str, str, str]:
         str(trial.variant),
         f"{1e3 * trial.largest:.2f}",
         f"{1e3 * trial.mean:.2f}",
-        f"{100 * trial.within:.0f} %",
+        percent(trial.within, 0),
     )
 
 

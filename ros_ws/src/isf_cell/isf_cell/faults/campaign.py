@@ -180,7 +180,8 @@ def run(plan: Plan, report: Report) -> Iterator[Case]:
     Raises IsfError where a cell cannot be brought up, CANCELLED for Ctrl-C.
     """
     job_file = write_part(plan.folder / "part")
-    done = {(case.kind, case.number) for case in read_cases(plan.folder)}
+    # the cases of another seed in the folder are other faults
+    done = {(case.kind, case.number) for case in read_cases(plan.folder) if case.seed == plan.seed}
     whole: dict[bool, Undisturbed] = {}
     for place in ("lockstep", "clock", "command"):
         kinds = [kind for kind in plan.kinds if _place(kind) == place]

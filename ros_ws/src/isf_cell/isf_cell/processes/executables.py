@@ -20,7 +20,9 @@ def find(package: str, name: str) -> Path:
             return path
         offered += sorted(item.name for item in folder.iterdir() if os.access(item, os.X_OK) and item.is_file())
     what = f"no executable '{name}' in package '{package}'" if offered else f"no package '{package}' with executables"
-    advice = f"it offers: {', '.join(offered)}" if offered else "build the workspace (./test.sh or ./demo.sh do it)"
+    advice = (
+        f"it offers: {', '.join(offered)}" if offered else "build the workspace: ./scripts/setup.sh in the repository"
+    )
     raise IsfError(ErrorCode.NODE_MISSING, what, advice=advice)
 
 

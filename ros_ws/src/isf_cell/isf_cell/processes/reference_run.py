@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
@@ -69,6 +70,21 @@ class ReferenceRun:
                 f"the uncorrected reference failed: {lines[-1]}",
                 advice=f"see {self._log}, or run with --no-compare",
             )
+
+    def bag_at_end(self, warn: Callable[[str], None]) -> Path | None:
+        """Its bag when it has ended; None, and why is told to ``warn``, when it failed or Ctrl-C ends the waiting.
+
+        The part that it is compared with is formed by then: it is reported without it.
+        """
+        try:
+            self.wait()
+        except IsfError as error:
+            warn(f"the part is reported without the uncorrected one: {error}")
+        except KeyboardInterrupt:
+            warn("stopped by the operator: the part is reported without the uncorrected one")
+        else:
+            return self.bag
+        return None
 
     def __enter__(self) -> ReferenceRun:
         return self

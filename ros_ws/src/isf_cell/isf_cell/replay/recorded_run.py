@@ -126,16 +126,8 @@ class RecordedRun:
 
         Raises IsfError of the job, its rig or its material.
         """
-        folder = base or Path(self.part.base_folder or ".")
-        try:
-            job_file = JobFile(text or self.part.job_text, folder, f"job {self.part.job_name}")
-            return with_raised_force_limit(job_file, str(self.part.sheet.get("model", "")))
-        except IsfError as error:
-            if error.code is not ErrorCode.FILE_NOT_FOUND:
-                raise
-            raise IsfError(
-                error.code, error.what, where=error.where, advice="--base DIR: folder that the job's paths refer to"
-            ) from error
+        job_file = recorded_job(self.part, base, text)
+        return with_raised_force_limit(job_file, str(self.part.sheet.get("model", "")))
 
     def options(self, job_file: JobFile) -> RunOptions:
         """What the run chose beyond its job."""
@@ -145,6 +137,21 @@ class RecordedRun:
             force = part.support_force
         sheet: Any = part.sheet.get("model", "fast")
         return RunOptions(part.correction, force, max(0, part.variant), part.seed, sheet)
+
+
+def recorded_job(part: PartRecord, base: Path | None = None, text: str | None = None) -> JobFile:
+    """The job of ``part``, or ``text`` in its place; ``base``: folder that its paths refer to, None: the recorded one.
+
+    Raises IsfError of the job, its rig or its material.
+    """
+    try:
+        return JobFile(text or part.job_text, base or Path(part.base_folder or "."), f"job {part.job_name}")
+    except IsfError as error:
+        if error.code is not ErrorCode.FILE_NOT_FOUND:
+            raise
+        raise IsfError(
+            error.code, error.what, where=error.where, advice="--base DIR: folder that the job's paths refer to"
+        ) from error
 
 
 def read_run(path: Path, namespace: str | None = None) -> RecordedRun:

@@ -40,6 +40,8 @@ def form_again(
 ) -> PartRecord:
     """The part of ``run`` with the changes ``what_if``; ``base``: folder that the job's paths refer to.
 
+    A part whose plan holds no force anywhere is planned anew where one is to be held.
+
     Raises
     ------
     IsfError : FILE_FIELD (not a part of the simulated machine), what the job or its methods refuse
@@ -50,8 +52,9 @@ def form_again(
     options = _options(run, job_file, what_if)
     config = ControlConfig.from_job(job_file, support_force=options.support_force)
     control = _differing(config, what_if.control(recorded_config(run, base, job_file)))
+    part_plan = None if _needs_forces(part, job_file, what_if) else _plan(part)
     return in_process.form(
-        job_file, options, part_plan=_plan(part), control=control, progress=progress, cancelled=cancelled
+        job_file, options, part_plan=part_plan, control=control, progress=progress, cancelled=cancelled
     )
 
 
@@ -130,9 +133,22 @@ def _held_force(run: RecordedRun, job_file: JobFile, start: int) -> float:
             ErrorCode.FILE_FIELD,
             f"no contour from {contour_label(start)} on was formed under force control, and the plan says which are",
             where=where,
-            advice="an earlier contour, or leave --from out",
+            advice=_where_force_is_held(run.part, start),
         )
     return force
+
+
+def _where_force_is_held(part: PartRecord, start: int) -> str:
+    held = [result.index for result in part.results if result.index < start and has_set_point(result)]
+    whole = "leave --from out: the whole part is formed so"
+    return f"--from 1 to {held[-1] + 1}, or {whole}" if held else whole
+
+
+def _needs_forces(part: PartRecord, job_file: JobFile, what_if: WhatIf) -> bool:
+    """True when ``job_file`` is to hold a force that the recorded contours have no place for: planned without one, all
+    of them are under position control."""
+    wanted = SET_POINT in what_if.of_job and job_file.job.support_force_at() > 0.0
+    return wanted and not any(contour.force_controlled for contour in part.nominal)
 
 
 def recorded_config(run: RecordedRun, base: Path | None, job_file: JobFile) -> ControlConfig:

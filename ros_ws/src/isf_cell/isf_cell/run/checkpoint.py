@@ -287,9 +287,12 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 def _on_disk(path: Path) -> str:
     """SHA-256 of a file, which is on the disk when this returns."""
+    digest = hashlib.sha256()
     with path.open("rb") as file:
         os.fsync(file.fileno())
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        while part := file.read(1 << 20):
+            digest.update(part)
+    return digest.hexdigest()
 
 
 def _sync_folder(path: Path) -> None:

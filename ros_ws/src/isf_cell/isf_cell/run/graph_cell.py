@@ -152,6 +152,8 @@ class GraphCell:
         self._events: list[Event] = []
         self._at_start = TickCounts()
         self._plan_id = ""
+        self._began: float | None = None
+        self._formed_before = 0.0
         self._sensor = False
         self._record = ""
         self._force_ctrl: int | None = None
@@ -223,6 +225,8 @@ class GraphCell:
         self._machine.check(goal.method, goal.job_file)
         self._leave_contour(goal)
         self._state, self._events = None, []
+        self._began = None
+        self._formed_before = 0.0 if goal.resume is None else goal.resume.ended - goal.resume.began
         kept = goal.resume.state_of(MACHINE) if goal.resume is not None else ""
         if kept and not self._machine.offer.simulated:
             raise IsfError(
@@ -409,6 +413,8 @@ class GraphCell:
             self._results.pop(index, None)
         self._to_graph.publish_nominal(response.contour)
         result = self._wait_for_result(index)
+        if self._began is None:
+            self._began = result.start - self._formed_before
         return FormedContour(contour_from_message(response.contour), self._corrections.get(index), result)
 
     def lift(self, formed: FormedContour) -> None:
@@ -485,7 +491,7 @@ class GraphCell:
 
     def torn(self) -> IsfError | None:
         """As in the protocol."""
-        return torn(self._events)
+        return torn(self._events, self._began or 0.0)
 
     def explain(self, error: IsfError) -> IsfError:
         """A fault that a dead node explains is told as its death, one that a second publisher explains names him."""

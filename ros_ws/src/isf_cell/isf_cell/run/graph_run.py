@@ -36,6 +36,7 @@ from isf_cell.processes.ctrl_c import ctrl_c_held_back
 from isf_cell.processes.domain_lock import alone_in_domain, busy
 from isf_cell.processes.process_group import NodeProcess, ProcessGroup
 from isf_cell.run.checkpoint import CHECKPOINT
+from isf_cell.run.served import Served
 
 START_TIMEOUT = 180.0
 """s for all nodes to come up; the first start after a build compiles kernels, and a busy computer takes a minute."""
@@ -49,9 +50,6 @@ PATIENCE = 0.02
 
 FIND_TIMEOUT = 30.0
 """s to find a cell that is up, with the start of the recorder beside it."""
-
-GONE = 5.0
-"""s without a server of form_part after which an executive that another command started counts as gone."""
 
 CANCEL_TIME, STOP_TIME = 3.0, 0.5
 """s for a part to be left along its path, and for the machine to confirm that it holds: a cell ends within 5 s."""
@@ -266,16 +264,13 @@ class CellClient:
 
     def _wait(self, future: Future, group: ProcessGroup, timeout: float | None = None) -> Any:
         executive = next((node for node in group.nodes if node.name == "executive"), None)
-        served = time.monotonic()
+        served = Served(self._action.server_is_ready, "the executive")
 
         def done() -> bool:
-            nonlocal served
             if executive is not None and not executive.alive:
                 raise _died(executive)
             if executive is None:  # of a cell that is up
-                served = time.monotonic() if self._action.server_is_ready() else served
-                if time.monotonic() > served + GONE:
-                    raise IsfError(ErrorCode.NODE_DIED, "the executive is gone", advice="start the cell again")
+                served.check()
             return future.done()
 
         if not self._spin_until(done, timeout):

@@ -24,6 +24,7 @@ from std_srvs.srv import SetBool
 
 from isf_cell.processes.cell_nodes import operator_arguments
 from isf_cell.processes.ctrl_c import ctrl_c_held_back
+from isf_cell.run.served import Served
 
 CELL = "start a cell in this ROS domain: isf cell JOB"
 PART = "no part is formed in this ROS domain; start one: isf form JOB"
@@ -98,14 +99,20 @@ class HandClient:
     ) -> tuple[float, float, float]:
         """Move a tip to ``position`` (3,) m with ``speed`` m/s; returns where it is commanded to be then.
 
-        It moves as long as this client publishes; Ctrl-C cancels. ``progress`` is told m to go. Raises IsfError.
+        It moves as long as this client publishes; Ctrl-C cancels. ``progress`` is told m to go. Raises IsfError,
+        NODE_DIED when force_ctrl is gone.
         """
         if not self._wait(self._move.server_is_ready, START):
             raise _missing("no node serves the action 'move_to'")
         x, y, z = position
         goal = MoveTo.Goal(tool=tool, position=Point(x=x, y=y, z=z), speed=speed, client=self.name)
         sent: Future = self._move.send_goal_async(goal, lambda message: progress(message.feedback.left))
-        alive = self._held(tool)
+        held, served = self._held(tool), Served(self._move.server_is_ready, "force_ctrl")
+
+        def alive() -> None:
+            held()
+            served.check()
+
         if not self._wait(sent.done, START, alive) or not sent.result().accepted:
             raise IsfError(ErrorCode.BUSY, "force_ctrl refused the goal", where="move_to", advice="is the node active?")
         result: Future = sent.result().get_result_async()

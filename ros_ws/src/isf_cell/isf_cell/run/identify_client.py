@@ -21,6 +21,7 @@ from rclpy.task import Future
 
 from isf_cell.processes.cell_nodes import operator_arguments
 from isf_cell.processes.ctrl_c import ctrl_c_held_back
+from isf_cell.run.served import Served
 
 START, LIFTED = 10.0, 60.0
 """s: the action must be there; the tools are lifted after a cancel."""
@@ -29,7 +30,7 @@ START, LIFTED = 10.0, 60.0
 def identify_in_cell(settings: IdentifySettings, progress: Callable[[str, float], None]) -> Finding:
     """Result of the action of the cell in this ROS domain; Ctrl-C cancels it and waits until the tools are lifted.
 
-    Raises IsfError NODE_MISSING, BUSY.
+    Raises IsfError NODE_MISSING, BUSY, NODE_DIED.
     """
     join_graph(operator_arguments())
     node = Node(f"isf_identify_{os.getpid()}")
@@ -37,11 +38,13 @@ def identify_in_cell(settings: IdentifySettings, progress: Callable[[str, float]
     executor.add_node(node)
     client = ActionClient(node, Identify, "identify")
 
-    def wait(condition: Callable[[], bool], timeout: float) -> bool:
+    def wait(condition: Callable[[], bool], timeout: float, served: Served | None = None) -> bool:
         deadline = time.monotonic() + timeout
         with ctrl_c_held_back() as let_ctrl_c_through:
             while not condition() and time.monotonic() < deadline:
                 let_ctrl_c_through()
+                if served is not None:
+                    served.check()
                 executor.spin_once(timeout_sec=0.1)
         return condition()
 
@@ -66,7 +69,7 @@ def identify_in_cell(settings: IdentifySettings, progress: Callable[[str, float]
             raise IsfError(ErrorCode.BUSY, "force_ctrl refused the goal", advice="is the node active?")
         result: Future = sent.result().get_result_async()
         try:
-            wait(result.done, float("inf"))
+            wait(result.done, float("inf"), Served(client.server_is_ready, "force_ctrl"))
         except KeyboardInterrupt:
             sent.result().cancel_goal_async()
             with suppress(KeyboardInterrupt):

@@ -38,7 +38,11 @@ class StateSaver(Protocol):
 
 @dataclass(frozen=True)
 class PartTotals:
-    """Numbers of a part over all its sessions; ``began``, ``ended`` in s by the clock of the results."""
+    """Numbers of a part over all its sessions.
+
+    ``began``, ``ended``: s by the clock of the results. Between them lies the time of the process: of a part that went
+    on by the wall clock, ``began`` is later by the time in which nobody formed it.
+    """
 
     contours: int
     ticks: int
@@ -60,12 +64,13 @@ class PartTotals:
         )
         if before is None:
             return now
+        nobody = now.began - before.ended if results and not before.lockstep else 0.0
         return cls(
             before.next_index + now.contours,
             before.ticks + now.ticks,
             before.late_ticks + now.late_ticks,
             before.lost_messages + now.lost_messages,
-            before.began,
+            before.began + nobody,
             now.ended or before.ended,
         )
 

@@ -163,6 +163,17 @@ def test_the_rig_of_a_job_that_is_made_has_any_path(tmp_path: Path) -> None:
     assert rig_job(str(own), tmp_path).rig.name == "own"
 
 
+def test_a_part_of_one_tool_identifies_its_servo(tmp_path: Path) -> None:
+    spif = str(JOB.with_name("spif_cone.yaml"))
+    done = _identify(spif, "-p", "servo", "--repeats", "1", "--json", "-o", str(tmp_path / "mine.yaml"))
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["value"][0] == pytest.approx(30.0, rel=0.03)
+    done = _identify(spif, "-p", "servo", "--tool", "2", "-o", str(tmp_path / "other.yaml"))
+    assert isinstance(done.exception, IsfError)
+    assert done.exception.code is ErrorCode.MEASUREMENT_REFUSED
+    assert "only the servo of tool 1" in str(done.exception)
+
+
 def test_what_fails_before_measuring_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for arguments in (("--rig", "nowhere", "-p", "servo"), ("--rig", "ren2018", "--dial", "nowhere.csv")):

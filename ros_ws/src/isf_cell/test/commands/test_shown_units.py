@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from isf_cell.commands import identify, springback_compare, terminal
+from isf_cell.commands import compare, identify, springback_compare, terminal, tryout
 from isf_cell.commands.calibrate_cell import calibrate_file
 from isf_cell.commands.springback import calibrate_clamp, predict_part
 from isf_core.errors import ErrorCode, IsfError
@@ -76,3 +78,22 @@ def test_residuals_of_a_load_cell_have_units(tmp_path: Path) -> None:
     first = shown.get().splitlines()[0]
     assert " N, fy " in first
     assert first.split("tx ")[1].split(";")[0].endswith(" N m")
+
+
+def test_a_share_that_falls_short_does_not_read_as_the_wanted_one() -> None:
+    """99.96 % of a comparison, 89.6 % of a part that is tried out."""
+    lengths = {"mean_mm": 0.1, "mean_abs_mm": 0.1, "rms_mm": 0.1, "p95_abs_mm": 0.1, "max_abs_mm": 0.1}
+    shares = {"within_fraction": {"0.3": 0.9996}, "mask": {}, "beside_fraction": 0.0, "worst_mm": [0.0, 0.0, 0.0]}
+    files = {
+        "moved": None,
+        "picture": "p",
+        "table": "t",
+        "first": {"kind": "k", "path": "f"},
+        "second": {"kind": "k", "path": "f"},
+    }
+    with terminal.console.capture() as shown:
+        compare._show({**lengths, **shares, **files})
+    (line,) = (line for line in shown.get().splitlines() if "within 0.3 mm" in line)
+    assert "99.9 %" in line
+    trial: Any = SimpleNamespace(variant=0, largest=0.4e-3, mean=0.1e-3, within=0.896)
+    assert tryout._cells(trial)[-1] == "89 %"

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 from isf_cell import cli
-from isf_cell.commands.exit_codes import exit_for
+from isf_cell.commands.exit_codes import Exit, exit_for
 from isf_cell.faults import campaign
-from isf_cell.faults.campaign import CASES_FILE, Case, chosen, read_cases
-from isf_cell.faults.kinds import KINDS
+from isf_cell.faults.campaign import CASES_FILE, Case, Plan, chosen, read_cases
+from isf_cell.faults.kinds import KINDS, FaultKind
 from isf_cell.faults.rows import page_of, rows_of
 from isf_core.errors import ErrorCode, IsfError
 
@@ -109,3 +109,51 @@ def test_a_campaign_that_ends_early_is_one_object(
     assert data.get("faults", 0) == judged
     assert not data.get("ok")
     assert (tmp_path / "run" / "faults.md").is_file() == bool(judged)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_faults_of_another_seed_are_others(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of seed 1 are in the folder."""
+    waiting: list[tuple[int, str]] = []
+
+    def of_cell(_: object, cases: list[tuple[int, FaultKind]], *__: object, **___: object) -> Iterator[Case]:
+        waiting.extend((number, kind.name) for number, kind in cases)
+        yield from ()
+
+    monkeypatch.setattr(campaign, "_of_cell", of_cell)
+    (tmp_path / CASES_FILE).write_text(json.dumps(asdict(GOOD)) + "\n")
+    kinds = [kind for kind in KINDS if kind.name == GOOD.kind]
+    assert not list(campaign.run(Plan(tmp_path, kinds, 2, seed), lambda _: None))
+    assert waiting == [(1, GOOD.kind)] if seed == 1 else [(0, GOOD.kind), (1, GOOD.kind)]
+
+
+def test_a_campaign_without_all_its_faults_is_not_good(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two of other seeds and kinds are in the folder, and none comes."""
+    (tmp_path / CASES_FILE).write_text(
+        "".join(f"{json.dumps(asdict(case))}\n" for case in (replace(GOOD, seed=2), GOOD))
+    )
+    monkeypatch.setattr(campaign, "run", lambda *_: iter(()))
+    monkeypatch.setattr(cli, "keep_for_results", lambda: None)
+    for seed in ("1", "3"):
+        words = [
+            "isf",
+            "faults",
+            "--kinds",
+            "kill planner",
+            "--faults",
+            "1",
+            "--seed",
+            seed,
+            "--json",
+            "-o",
+            str(tmp_path),
+        ]
+        monkeypatch.setattr("sys.argv", words)
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        assert left.value.code == Exit.CHECK_FAILED
+        data = json.loads(capsys.readouterr().out)
+        assert not data["ok"]
+        assert data["page"] == (str(tmp_path / "faults.md") if seed == "1" else None)

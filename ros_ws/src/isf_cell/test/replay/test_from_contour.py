@@ -287,6 +287,27 @@ def test_a_support_force_where_none_is_held_is_refused(tmp_path: Path) -> None:
     with pytest.raises(IsfError, match="under force control") as caught:
         from_contour(tmp_path, N, "control.support_force=100 N")
     assert caught.value.code == ErrorCode.FILE_FIELD
+    assert caught.value.advice == "leave --from out: the whole part is formed so"
+
+
+def test_a_support_force_is_held_where_the_plan_had_none(tmp_path: Path) -> None:
+    """Planned with 0 N: all contours are under position control."""
+    job = quick_cone("method: none")
+    without = JobFile(job.text.replace("support_force: 120 N", "support_force: 0 N"), job.base)
+    assert without.job.support_force_at() == 0.0
+    planned = in_process.form(without, OPTIONS)
+    assert not any(contour.force_controlled for contour in planned.nominal)
+    write_bag(planned, tmp_path / "bag")
+    found = replay(read_run(tmp_path), parse(["control.support_force=100 N"]))
+    assert found.again is not None
+    (held,) = (
+        result for result in found.again.results if result.tick_engaged.any()
+    )  # the first and the last never are
+    assert held.index == 1
+    assert held.tick_set_point[held.tick_engaged].max() == pytest.approx(100.0)
+    # and it can be drawn, though only one of the two held a force
+    replay_run(tmp_path, ["control.support_force=100 N"], tmp_path / "out", None, None, as_json=False)
+    assert (tmp_path / "out" / "replay.png").is_file()
 
 
 def test_what_contradicts_it_is_refused(part: PartRecord, run: Path, tmp_path: Path) -> None:

@@ -7,13 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from isf_cell.options import RunOptions
 from isf_cell.run.cell import PartGoal, PlannedPart
 from isf_cell.run.checkpoint import CONTOURS, PART_FILE, Checkpoint, CheckpointFolder, folder_below, state_file
-from isf_cell.run.part_keeper import PartKeeper, TickCounts
+from isf_cell.run.part_keeper import PartKeeper, PartTotals, TickCounts
+from isf_core.contour import ContourResult
 from isf_core.errors import ErrorCode, IsfError
 from quick_cone import quick_cone
 
@@ -51,6 +53,27 @@ def refusal(path: Path) -> IsfError:
     with pytest.raises(IsfError) as caught:
         CheckpointFolder(path).read()
     return caught.value
+
+
+def test_a_checkpoint_is_checked_on_python_3_10(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("hashlib.file_digest", raising=False)
+    kept(tmp_path)
+    (tmp_path / state_file("machine", 2)).write_bytes(b"another")
+    assert refusal(tmp_path).code is ErrorCode.CHECKPOINT_UNUSABLE
+
+
+@pytest.mark.parametrize(("lockstep", "seconds"), [(True, 43_250.0 - 1.5), (False, 18.75 + 30.0)])
+def test_by_the_clock_the_time_in_which_nobody_formed_is_no_time_of_the_process(lockstep: bool, seconds: float) -> None:
+    """Formed from 1.5 to 20.25 s and, gone on with at 43,220 s, to 43,250 s."""
+    none, nothing, ticks = np.empty((0, 3)), np.empty(0), np.array([43_220.0, 43_250.0])
+    points = (none, none, none, none, nothing, none, ticks, nothing, nothing, np.zeros(2, dtype=bool))
+    rest = [ContourResult("cone-1", 2, 43_220.0, 43_250.0, True, *points)]
+    before = replace(PART, lockstep=lockstep)
+    totals = PartTotals.of(rest, TickCounts(), before)
+    assert totals.ended - totals.began == pytest.approx(seconds)
+    assert totals.contours == 3
+    again = PartTotals.of([], TickCounts(), before)
+    assert again.ended - again.began == pytest.approx(18.75)
 
 
 def test_it_is_read_as_it_was_written(tmp_path: Path) -> None:

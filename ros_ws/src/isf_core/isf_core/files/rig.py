@@ -356,7 +356,7 @@ def load_rig(name_or_path: str, base: Path | None = None) -> Rig:
 
     A file may tell only what differs from another rig: see :mod:`isf_core.files.rig`.
     """
-    path = find_named("rigs", name_or_path, base)
+    path = find_named("rigs", name_or_path, base).absolute()  # paths of error maps stand on it
     text, files = layered_text(path)
     rig = yaml_file.parse(text, Rig, files[0][0], files)
     tools = {}

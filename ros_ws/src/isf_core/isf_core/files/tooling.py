@@ -147,6 +147,16 @@ class BackingPlateSpec(FileModel):
         return tuple(loop if area_of(loop) > 0.0 else loop[::-1] for loop in loops)
 
     @property
+    def edges(self) -> tuple[Array, ...]:
+        """(N, 2) m, corners of the edge of every opening, counter-clockwise; of one that is round, 1 deg apart."""
+        if self.size is None:
+            return self.loops
+        round_to = 0.5 * self.size[0] if self.shape == "circle" else self.corner_radius
+        angle = np.radians(np.arange(0.5, 360.0)) if round_to > 0.0 else np.radians(np.arange(45.0, 360.0, 90.0))
+        directions = np.column_stack([np.cos(angle), np.sin(angle)])
+        return (np.sign(directions) * (0.5 * np.array(self.size) - round_to) + round_to * directions,)
+
+    @property
     def extent(self) -> tuple[float, float]:
         """m, smallest rectangle around 0, along x and y, that holds the opening."""
         if self.size is not None:

@@ -30,6 +30,16 @@ def test_an_error_map_stays_beside_the_file_that_names_it(tmp_path: Path) -> Non
         assert getattr(rig, tool).error_map == getattr(below, tool).error_map
 
 
+def test_a_rig_is_found_from_the_folder_that_one_is_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A relative folder names the map once."""
+    (tmp_path / "rigs").mkdir()
+    (tmp_path / "rigs" / "below.yaml").write_text("based_on: ren2018\ntool_1:\n  error_map: map.csv\n")
+    (tmp_path / "rigs" / "above.yaml").write_text("based_on: below.yaml\ncontact_stiffness: 0.4 N/um\n")
+    monkeypatch.chdir(tmp_path)
+    for name in ("below.yaml", "above.yaml"):
+        assert load_rig(name, Path("rigs")).tool_1.error_map == str(tmp_path / "rigs" / "map.csv")
+
+
 @pytest.mark.parametrize(
     ("text", "code"),
     [

@@ -121,11 +121,14 @@ ACCELERATION = 0.05
 
 
 class Probe(ABC):
-    """Base of measurements that begin anywhere and end with the tools parked."""
+    """Base of measurements that begin anywhere and end with the tools parked.
+
+    ``both_tools``: both take part; else the other tool than the forming one stays where it is, or there is none.
+    """
 
     keeps_offsets = False
 
-    def __init__(self, rest: AtRest) -> None:
+    def __init__(self, rest: AtRest, *, both_tools: bool = True) -> None:
         self.config, stand = rest.config, rest.stand
         self.row = list(rest.row)
         """Commanded for the present tick."""
@@ -135,7 +138,7 @@ class Probe(ABC):
         self._lift_tools, self.lift_normal = stand.tools, np.asarray(stand.lift_normal, dtype=float)
         self.clear = stand.clear
         """The tools are off the sheet."""
-        self.tools = Tools(stand.tools.forming, with_support=True)
+        self.tools = Tools(stand.tools.forming, with_support=both_tools)
         self.forces: tuple[float, ...] = (0.0,) * 6
         self.targets = self.row[:6]
         """(6,) m, tips that were commanded for the present tick, offsets included."""
@@ -237,12 +240,13 @@ class Probe(ABC):
         yield from self.away()
 
     def away(self) -> Program:
-        """Lift both tools clear of the sheet, and park them."""
+        """Lift the tools clear of the sheet, and park them."""
         config, here = self.config, self.here()
         self.phase = "lifting the tools"
         if self.clear:
             height = config.park_height
-            one, two = np.array([*here.tip_1[:2], height]), np.array([*here.tip_2[:2], -height])
+            one = np.array([*here.tip_1[:2], height]) if self.tools.moves(1) else here.tip_1
+            two = np.array([*here.tip_2[:2], -height]) if self.tools.moves(2) else here.tip_2
             high = Posture(one, two, here.angle, here.holder, here.axis)
             if max(np.abs(high.tip_1 - here.tip_1).max(), np.abs(high.tip_2 - here.tip_2).max()) > 1e-9:
                 yield from self.follow([tool_moves.move(config, here, high, config.rapid_speed)])

@@ -78,7 +78,7 @@ class IdentifyAction:
         identification = load_measurement("identify")(
             job_file, goal.property, goal.tool, goal.repeats, goal.places, goal.max_force
         )
-        self._ready.check()
+        self._ready.check(tared=self._node.values().wrenches_tared)
         with self._lock:
             probe = controller.measure(identification.probe)
             self._begun()

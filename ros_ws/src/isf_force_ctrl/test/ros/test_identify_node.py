@@ -14,7 +14,7 @@ from isf_core.files.rig import load_rig
 from isf_msgs.action import Identify
 from isf_msgs.msg import ForceCtrlState
 from isf_ros import conversion
-from node_cell import Cell, call_action, watched
+from node_cell import FAR_JOB, Cell, call_action, watched
 from test_measurement_node import Measured
 
 pytestmark = pytest.mark.graph
@@ -73,6 +73,30 @@ def test_refused_before_arming_and_while_forming(cell: Cell) -> None:
     result, _ = call(cell, goal(Identify.Goal.SERVO_RESPONSE))
     assert result.code == ErrorCode.NOT_ARMED
     assert "moving" in result.message
+
+
+def test_wrenches_that_come_tared_are_enough(cell: Cell) -> None:
+    """What may be armed may be measured: a driver of level 1 tells nobody that its load cells are tared."""
+    cell.start({"tared": False}, wrenches_tared=True)
+    cell.armed()
+    cancelled(cell)
+
+
+def test_the_servo_of_a_job_with_one_tool(cell: Cell) -> None:
+    """Nobody tells the forces on tool 2, as with a driver of one tool; in lockstep wrenches come in pairs."""
+    cell.start({"silent": 2, "lockstep": False}, lockstep=False)
+    one_tool = (
+        FAR_JOB.replace("DSIF", "SPIF").replace("tool_2: {radius: 5 mm}\n", "").replace("support_force: 120 N, ", "")
+    )
+    cell.armed(job=one_tool)
+    cancelled(cell)
+
+
+def cancelled(cell: Cell) -> None:
+    """Begin with the servo, and cancel it while the tool moves; fails soon where it does not begin."""
+    request = goal(Identify.Goal.SERVO_RESPONSE)
+    result, _ = call_action(cell, Identify, "identify", request, cancel_when=lambda told: "chirp" in told.phase)
+    assert result.code == ErrorCode.STOPPED, result.message
 
 
 @pytest.mark.parametrize(
