@@ -18,6 +18,7 @@ from isf_planner import Plan, exports, plan
 from isf_planner.checks.arm_checks import ArmClearance, ArmPath, arm_paths, clearances
 from isf_planner.checks.backing_plate import nearer_plate, plate_file
 from isf_planner.checks.leg_checks import leg_path
+from isf_planner.exports.plate_drawing import plate_drawing
 from isf_planner.features.segmentation import find_features
 from isf_planner.features.surface_features import FeatureMap
 from isf_planner.part import meshes
@@ -79,7 +80,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     data |= {"finishing_passes": job_file.job.path.finishing_passes}
     data |= {"tool_axis": tool_axis(result), "accuracy_surfaces": moved_target(result)}
     data |= reach(result, job_file.job, job_file.rig, folder)
-    data |= {"backing_plate": _write_plate(result, job_file, folder)}
+    data |= _write_plate(result, job_file, folder)
     if as_json:
         terminal.print_json(data)
     terminal.console.print(
@@ -120,19 +121,22 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     if "picture" in data["machine"]:
         terminal.say(f"reach   {data['machine']['picture']}")
     if data["backing_plate"]:
-        terminal.say(f"plate   {data['backing_plate']}")
+        terminal.say(f"plate   {data['backing_plate']}\n        {data['backing_plate_drawing']}")
     for path in data["files"]:
         terminal.say(f"file    {path}")
 
 
-def _write_plate(result: Plan, job_file: JobFile, folder: Path) -> str | None:
-    """File of the backing plate that would hold the sheet near the opening; None where none is advised."""
+def _write_plate(result: Plan, job_file: JobFile, folder: Path) -> dict[str, str | None]:
+    """Files of the backing plate that would hold the sheet near the opening, for the job and to cut it by; None where
+    none is advised."""
     plate = nearer_plate(result.contours, Mesh(*result.mesh), job_file.job, job_file.rig)
     if plate is None:
-        return None
+        return {"backing_plate": None, "backing_plate_drawing": None}
     path = folder / "backing_plate.yaml"
     path.write_text(plate_file(plate, job_file.job.name), encoding="utf-8")
-    return str(path)
+    drawing = path.with_suffix(".dxf")
+    drawing.write_text(plate_drawing(plate), encoding="ascii")
+    return {"backing_plate": str(path), "backing_plate_drawing": str(drawing)}
 
 
 def moved_target(result: Plan) -> dict[str, Any] | None:
@@ -287,11 +291,15 @@ def _write(result: Plan, wanted: Wanted, found: FeatureMap | None = None, rig: R
     return written + [feature_view.show_features(found, result.plan_id, path, drawn) for path in wanted.show]
 
 
+def is_mesh(part: Path) -> bool:
+    """True where ``part`` is the shape itself, a mesh or a CAD file, by its name."""
+    return part.suffix.lower().lstrip(".") in meshes.KNOWN
+
+
 def _job_of(part: Path, unit: str | None) -> JobFile:
-    kind = part.suffix.lower().lstrip(".")
-    if kind not in meshes.KNOWN:
+    if not is_mesh(part):
         return load_job(part)
-    if unit is None and kind in meshes.FORMATS:
+    if unit is None and part.suffix.lower().lstrip(".") in meshes.FORMATS:
         raise IsfError(
             ErrorCode.FILE_UNIT,
             "the mesh file does not state its unit",

@@ -31,6 +31,9 @@ INK, MUTED, SHEET = "#1f2933", "#66727f", "#c9d1d9"
 FORMING, SUPPORT, THICKNESS = "#0072B2", "#D55E00", "#009E73"
 ANGLE_MAP = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.87, 256)))
 """Without the light end, which thin lines on white do not show."""
+PLATE = "#9aa5b1"
+PLATE_SHOWN = 4e-3
+"""m of the backing plate that are shown below its upper face; a job does not tell how thick it is."""
 MM = 1e3
 
 STYLE: dict[str, Any] = {
@@ -85,6 +88,9 @@ def _draw_from_above(figure: Figure, axes: Axes, plan: Plan, job_file: JobFile) 
     """Tip paths coloured by wall angle, in the clamp."""
     width, height = (side * MM for side in job_file.rig.clamp.size)
     axes.add_patch(Rectangle((-width / 2, -height / 2), width, height, fill=False, ec=MUTED, lw=1.5))
+    if (plate := job_file.job.backing_plate) is not None:
+        edges = [np.vstack([edge, edge[:1]]) * MM for edge in plate.edges]
+        axes.add_collection(LineCollection(edges, colors=MUTED, linewidths=1.2, label="opening of the backing plate"))
     lines = LineCollection([], cmap=ANGLE_MAP, linewidths=1.1)
     segments, angles = [], []
     for contour in plan.contours:
@@ -98,6 +104,8 @@ def _draw_from_above(figure: Figure, axes: Axes, plan: Plan, job_file: JobFile) 
     starts = np.array([contour.forming_tip[0, :2] for contour in plan.contours]) * MM
     axes.plot(*starts.T, ".", ms=3, color=SUPPORT, label="start of each contour")
     outer = np.abs(np.vstack([contour.forming_tip[:, :2] for contour in plan.contours])).max() * MM
+    if plate is not None:
+        outer = max(outer, max(plate.extent) / 2 * MM / 1.2)
     # the clamp is shown when the part fills a good share of it; a small part would vanish in it
     reach = max(width, height) / 2 * 1.04 if outer > 0.2 * max(width, height) else outer * 1.25
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="x in mm", ylabel="y in mm", aspect="equal")
@@ -117,6 +125,8 @@ def _draw_section(figure: Figure, axes: Axes, plan: Plan, job: Job) -> None:
     # by the sine law the thickness measured along z stays that of the blank
     axes.fill_between(x * MM, (z - job.sheet.thickness) * MM, z * MM, color=SHEET, lw=0, label="sheet")
     axes.plot(x * MM, z * MM, color=INK, lw=1.2, label="target")
+    if job.backing_plate is not None:
+        _draw_plate(axes, x, y, job)
     rise = flange_rise(plan)
     crossings = [_crossings(_line(contour), y) + [0.0, contour.holder_height + rise] for contour in plan.contours]
     tips = np.vstack(crossings) * MM
@@ -140,6 +150,17 @@ def _draw_section(figure: Figure, axes: Axes, plan: Plan, job: Job) -> None:
         ncols=5,
         handlelength=1.2,
         columnspacing=1.0,
+    )
+
+
+def _draw_plate(axes: Axes, x: Array, y: float, job: Job) -> None:
+    """The backing plate at ``y`` m: its flat lies a sheet's thickness below z = 0."""
+    assert job.backing_plate is not None
+    along = np.linspace(x[0], x[-1], 2000)  # m; the rounded edge is narrower than the steps of a target
+    top = job.backing_plate.height(along, np.full_like(along, y)) - job.sheet.thickness
+    below = -job.sheet.thickness - PLATE_SHOWN
+    axes.fill_between(
+        along * MM, below * MM, top * MM, where=np.isfinite(top), color=PLATE, lw=0, label="backing plate", zorder=0.5
     )
 
 

@@ -42,6 +42,20 @@ def balls(axes: Axes, colour: str) -> list[tuple[float, float]]:
     return sorted(circle.center for circle in circles if to_hex(circle.get_edgecolor()) == colour.lower())
 
 
+def test_the_backing_plate_lies_under_the_sheet_around_its_opening() -> None:
+    job_file = load_job(EXAMPLES / "jobs" / "ren_cone_plate.yaml")  # opening 76 mm, sheet 1 mm, edge rounded by 2 mm
+    above, section, _ = panels(plan(job_file), job_file)
+    edge, _ = [found for found in above.collections if isinstance(found, LineCollection)]
+    assert np.hypot(*edge.get_segments()[0].T) == pytest.approx(38.0, abs=1e-9)
+    assert above.get_xlim()[1] > 38.0
+    (plate,) = [found for found in section.collections if found.get_label() == "backing plate"]
+    corners = np.vstack([path.vertices for path in plate.get_paths()])
+    assert np.abs(corners[:, 0]).min() == pytest.approx(38.0, abs=0.1)
+    assert corners[:, 1].max() == pytest.approx(-1.0, abs=1e-9)
+    at_edge = corners[np.abs(corners[:, 0]) < 38.2]
+    assert -3.0 - 1e-9 <= at_edge[:, 1][at_edge[:, 1] > -4.9].max() < -2.0  # under the rounding
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_what_every_process_shows(name: str, made: dict[str, tuple[Plan, JobFile]]) -> None:
     planned, job_file = made[name]
