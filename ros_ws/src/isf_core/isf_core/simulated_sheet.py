@@ -37,7 +37,18 @@ def is_structural(variant: int) -> bool:
 
 def default_sheet(job: Job) -> SheetKind:
     """The kind that ``job`` is formed on where none is named: the fast one, unless it does not know the job."""
-    return "shell_coarse" if job.support_stays else DEFAULT_SHEET
+    return DEFAULT_SHEET if _unknown_to_fast(job) is None else "shell_coarse"
+
+
+def _unknown_to_fast(job: Job) -> tuple[str, str] | None:
+    """What of ``job`` the fast sheet has no model of, and the field that asks for it; None: it knows the job."""
+    if job.support_stays:
+        return "a support tool that holds the blank beside the contact", "path.support: on_blank"
+    for name, tool in (("tool_1", job.tool_1), ("tool_2", job.tool_2)):
+        # a flat tip in accumulative forming, which no other sheet knows either, is refused by the planner
+        if tool is not None and tool.flat_radius > 0.0 and job.process != "ADSIF":
+            return "a flat tip: it would press as a ball of the whole radius", f"{name}.corner_radius"
+    return None
 
 
 def with_raised_force_limit(job_file: JobFile, sheet: str) -> JobFile:
@@ -75,13 +86,13 @@ def check_sheet(kind: SheetKind, job: Job) -> None:
 
     Raises
     ------
-    IsfError : FILE_FIELD, the model has no place for the process, or for where the support tool stands
+    IsfError : FILE_FIELD, the model has no place for the process, the tip of a tool, or where the support tool stands
     """
-    if kind == "fast" and job.support_stays:
+    if kind == "fast" and (unknown := _unknown_to_fast(job)) is not None:
         raise IsfError(
             ErrorCode.FILE_FIELD,
-            "the fast sheet does not know a support tool that holds the blank beside the contact",
-            where="path.support: on_blank",
+            f"the fast sheet does not know {unknown[0]}",
+            where=unknown[1],
             advice="take --sheet shell_coarse",
         )
     if kind != "fast" and job.process not in ("SPIF", "DSIF", "TPIF"):

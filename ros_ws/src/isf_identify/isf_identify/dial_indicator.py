@@ -10,7 +10,7 @@ tells one tool from the other and from the contact, which a squeeze alone cannot
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
@@ -69,6 +69,7 @@ class DialAxis:
     repeats : series ; readings, rejected : used and left out
     residual, largest : m rms, N
     constant : True where the places agree within CONSTANT, or there is one alone
+    arm : m/N of the arm that carries the tool, taken off ``value`` and ``per_place``
     """
 
     value: float
@@ -81,6 +82,7 @@ class DialAxis:
     residual: float
     largest: float
     constant: bool
+    arm: float = 0.0
 
 
 def fit_dial(table: DialTable) -> tuple[dict[Pair, DialAxis], dict[Pair, IsfError]]:
@@ -101,6 +103,29 @@ def fit_dial(table: DialTable) -> tuple[dict[Pair, DialAxis], dict[Pair, IsfErro
     if not found and refused:
         raise next(iter(refused.values()))
     return found, refused
+
+
+def without_arms(
+    found: dict[Pair, DialAxis], arms: dict[int, Array]
+) -> tuple[dict[Pair, DialAxis], dict[Pair, IsfError]]:
+    """``found`` of tool and holder alone: without what the ``arms`` (3,) m/N of the tools give way, 0 without an arm.
+
+    Refused (MEASUREMENT_FAILED) is an axis on which the deviation hides what is left.
+    """
+    alone: dict[Pair, DialAxis] = {}
+    refused: dict[Pair, IsfError] = {}
+    for (tool, axis), item in found.items():
+        arm = float(arms[tool][axis])
+        left = item.value - arm
+        if arm > 0.0 and not left > item.deviation:
+            refused[tool, axis] = _failed(
+                f"compliance of tool_{tool} along {AXES[axis]} is {1e6 * item.value:.4g} um/N, of which its arm takes "
+                f"{1e6 * arm:.4g}: the {1e6 * left:.4g} +- {1e6 * item.deviation:.2g} um/N that are left are not known",
+                f"check the stiffness of the joints of tool_{tool}.arm in the rig file",
+            )
+        else:
+            alone[tool, axis] = replace(item, value=left, per_place=item.per_place - arm, arm=arm)
+    return alone, refused
 
 
 def far_from(found: dict[Pair, DialAxis], present: dict[int, Array], column: str) -> dict[Pair, IsfError]:
@@ -152,6 +177,7 @@ def dial_piece(
 
 def _remarks(item: DialAxis) -> str:
     apart = "" if item.constant else ", not constant over the workspace"
+    apart += f", {1e6 * item.arm:.4f} um/N of the arm taken off" if item.arm else ""
     return (
         f"{1e6 * item.value:.4f} +- {1e6 * item.deviation:.4f} um/N, dial indicator at the tip, {len(item.places)} "
         f"places, {item.repeats} series, {item.readings} readings ({item.rejected} left out), forces to "

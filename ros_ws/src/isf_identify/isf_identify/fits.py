@@ -151,6 +151,22 @@ class ComplianceFit:
         return value, deviation, how
 
 
+def without_arm(arm: Array, value: Array, deviation: Array, how: list[str]) -> tuple[Array, Array, list[str]]:
+    """Compliance of tool and holder alone, its deviation, m/N, and how, from the ``value`` (3,) with the ``arm`` (3,).
+
+    What is left is NaN where the deviation hides it: the stiffness of an arm's joints is known less well than it takes.
+    """
+    value, deviation, how = value - arm, deviation.copy(), list(how)
+    for axis in np.flatnonzero((arm > 0.0) & np.isfinite(value)):
+        taken = f"{1e6 * arm[axis]:.4f} um/N of the arm taken off"
+        how[axis] = f"{how[axis]}; {taken}"
+        if not value[axis] > deviation[axis]:
+            left = f"{1e6 * value[axis]:.4f} +- {1e6 * deviation[axis]:.4f} um/N are left, {taken}"
+            value[axis] = deviation[axis] = np.nan
+            how[axis] = f"not observable: {left}; check the stiffness of the arm's joints in the rig file"
+    return value, deviation, how
+
+
 def fit_compliance(readings: list[Reading], places: list[Place], geometry: ToolGeometry) -> ComplianceFit:
     """Compliances of both tools as far as the ``readings`` show them; raises IsfError MEASUREMENT_FAILED."""
     used = [item for item in readings if item.kind in ("squeeze", "carried")]

@@ -24,8 +24,9 @@ from isf_identify.fits import (
     fit_compliance,
     fit_signs,
     fit_stiffness,
+    without_arm,
 )
-from isf_identify.rig_piece import compliance_piece, rig_reference, servo_piece, signs_piece, stiffness_piece
+from isf_identify.rig_piece import arm_part, compliance_piece, rig_reference, servo_piece, signs_piece, stiffness_piece
 from isf_identify.servo_probe import ServoFit, ServoProbe, fit_servo
 from isf_identify.settings import IdentifySettings, Property, ToolGeometry, places_for
 from isf_identify.squeeze_probe import SqueezeProbe
@@ -77,15 +78,17 @@ class Identification:
 def make_probe(rest: AtRest, settings: IdentifySettings, geometry: ToolGeometry) -> Probe:
     """The measurement that identifies ``settings.property``; raises IsfError MEASUREMENT_REFUSED."""
     settings.check_force(rest.config)
-    if min(geometry.radii) <= 0.0:
+    servo = settings.property is Property.SERVO_RESPONSE
+    if not geometry.both_tools and (not servo or settings.tool == 2):
+        what = "the job has no tool_2" if servo else "is measured by squeezing the sheet between both tools"
         raise IsfError(
             ErrorCode.MEASUREMENT_REFUSED,
-            "identification needs both tools",
+            f"{settings.property.name}: {what}",
             where="identify",
-            advice="use a job with tool_2 (DSIF)",
+            advice="use a job with tool_2 (DSIF); with one tool only the servo of tool 1 can be identified",
         )
-    if settings.property is Property.SERVO_RESPONSE:
-        return ServoProbe(rest, settings)
+    if servo:
+        return ServoProbe(rest, settings, both_tools=geometry.both_tools)
     return SqueezeProbe(rest, settings, geometry, places_for(settings, rest.config, geometry, rest.formed))
 
 
@@ -115,8 +118,12 @@ def _compliance(probe: SqueezeProbe, rig: Rig, rig_name: str, date: str) -> Find
             where="identify",
             advice="check the signs of the load cells first (property LOAD_CELL_SIGNS)",
         )
-    ratio = np.array(rig.tool_2.compliance) / np.maximum(rig.tool_1.compliance, 1e-12)
-    value, deviation, how = fit.of_tool(probe.settings.tool, ratio)
+    tool = probe.settings.tool
+    arms = arm_part(rig, 1), arm_part(rig, 2)
+    whole = rig.tool_1.compliance + arms[0], rig.tool_2.compliance + arms[1]
+    ratio = whole[1] / np.maximum(whole[0], 1e-12)
+    value, deviation, how = fit.of_tool(tool, ratio)
+    value, deviation, how = without_arm(arms[tool - 1], value, deviation, how)
     notes = [f"{axis}: {text}" for axis, text in zip("xyz", how, strict=True)]
     notes.append(
         "sum of both tools and the contact: "
@@ -128,7 +135,7 @@ def _compliance(probe: SqueezeProbe, rig: Rig, rig_name: str, date: str) -> Find
         f"residual {1e6 * fit.residual:.2f} um of {1e6 * fit.span:.0f} um; {fit.rejected} of {len(fit.force)} readings "
         "rejected as outliers"
     )
-    present = (rig.tool_1 if probe.settings.tool == 1 else rig.tool_2).compliance
+    present = (rig.tool_1 if tool == 1 else rig.tool_2).compliance
     piece = compliance_piece(rig_name, date, probe, value, deviation, how, present)
     return Finding(ErrorCode.OK, "", value, deviation, piece, tuple(notes), fit)
 

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 from isf_core.files.job import JobFile
+from isf_core.files.rig import Rig
 from isf_core.files.yaml_file import find_named
 from isf_core.types import Array
 
@@ -63,6 +64,15 @@ def signs_piece(rig: str, date: str, probe: SqueezeProbe, fit: SignFit, faults: 
         return "".join(f"# {fault}\n" for fault in faults)
     fact = f"identified {date}: largest share seen, signs and order right; {_conditions(probe)}"
     return rig_piece(rig, ["load_cell:", f"  crosstalk: {crosstalk:.4f}"], {"load_cell.crosstalk": fact})
+
+
+def arm_part(rig: Rig, tool: int) -> Array:
+    """(3,) m/N in x, y and z at the middle of the sheet: what the arm of ``tool`` (1, 2) takes; 0 without one.
+
+    A rig file has the compliance of tool and holder alone; what is measured at the tip has that of the arm in it.
+    """
+    arm = rig.arm(tool)
+    return np.zeros(3) if arm is None else np.diagonal(arm.compliance(arm.held(np.zeros(3))[0])).copy()
 
 
 def rig_reference(job_file: JobFile) -> str:

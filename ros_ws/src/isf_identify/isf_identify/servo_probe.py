@@ -45,8 +45,8 @@ _FAILED_ADVICE = "check that the machine publishes tool_1/pose and tool_2/pose, 
 class ServoProbe(Probe):
     """Collects commands and reports of one tool; :attr:`commands` and :attr:`reports` per axis."""
 
-    def __init__(self, rest: AtRest, settings: IdentifySettings) -> None:
-        super().__init__(rest)
+    def __init__(self, rest: AtRest, settings: IdentifySettings, *, both_tools: bool = True) -> None:
+        super().__init__(rest, both_tools=both_tools)
         self.settings = settings
         self.commands: list[list[tuple[float, float]]] = [[], [], []]
         """(time s, m) per axis; the time is when the command is to be reached."""

@@ -14,6 +14,7 @@ import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.files.tooling import BackingPlateSpec
 from isf_core.types import Array
 from isf_force_ctrl.control_config import ControlConfig
 
@@ -28,6 +29,9 @@ MINIMUM_WALL = np.deg2rad(20.0)
 
 MAXIMUM_REPEATS = 20
 
+ROOM_SHARE = 0.5
+"""Of the way from the middle to where a ball touches clamp or backing plate: as far out flat places are (chosen)."""
+
 
 class Property(IntEnum):
     """What can be identified; values as in ``isf_msgs/action/Identify``."""
@@ -40,16 +44,27 @@ class Property(IntEnum):
 
 @dataclass(frozen=True)
 class ToolGeometry:
-    """``radii`` (2,) m of the balls of tool 1 and tool 2, ``thickness`` m of the blank."""
+    """``radii`` (2,) m of the balls of tool 1 and tool 2, ``thickness`` m of the blank.
+
+    ``clamp`` m, free sheet in x and y; ``plate`` under it, None without: where neither tool may stand.
+    """
 
     radii: tuple[float, float]
     thickness: float
+    clamp: tuple[float, float] = (np.inf, np.inf)
+    plate: BackingPlateSpec | None = None
 
     @staticmethod
     def from_job(job_file: JobFile) -> ToolGeometry:
         """Of a job; without a second tool its radius is 0."""
         job = job_file.job
-        return ToolGeometry((job.tool_1.radius, job.tool_2.radius if job.tool_2 else 0.0), job.sheet.thickness)
+        radii = job.tool_1.radius, job.tool_2.radius if job.tool_2 else 0.0
+        return ToolGeometry(radii, job.sheet.thickness, job_file.rig.clamp.size, job.backing_plate)
+
+    @property
+    def both_tools(self) -> bool:
+        """False where the job has one tool."""
+        return min(self.radii) > 0.0
 
 
 @dataclass(frozen=True)
@@ -128,6 +143,7 @@ def places_for(
         places = _default_places(geometry, wall, config)
     for place in places:
         _check_reach(place, config)
+        _check_room(place, geometry)
     if settings.property is Property.CONTACT_STIFFNESS and all(place.flat for place in places):
         raise _refused(
             "the contact stiffness of eq. 2-8 acts along the horizontal normal, which flat sheet does not have",
@@ -139,7 +155,7 @@ def places_for(
 def _default_places(geometry: ToolGeometry, wall: Contour | None, config: ControlConfig) -> list[Place]:
     """On a part: the points of the contour that face +x, +y, -x and -y, and its middle; on a blank: three places."""
     if wall is None:
-        apart = 0.2 * min(config.travel[0], config.travel[1])
+        apart = min(0.2 * min(config.travel[0], config.travel[1]), ROOM_SHARE * _room(geometry))
         return [_flat(np.array([x, y, 0.0]), geometry) for x, y in ((0.0, 0.0), (apart, 0.0), (0.0, apart))]
     away = wall.support_tip - wall.forming_tip
     places: list[Place] = []
@@ -172,6 +188,33 @@ def _on_wall(index: int, geometry: ToolGeometry, wall: Contour) -> Place:
 def _flat(point: Array, geometry: ToolGeometry) -> Place:
     below = point - np.array([0.0, 0.0, geometry.thickness])
     return Place(point, below, np.array([0.0, 0.0, -1.0]), 0.0)
+
+
+def _room(geometry: ToolGeometry) -> float:
+    """m from the middle of the sheet that both balls can stand at in x and y; of an outline as in its rectangle."""
+    room = 0.5 * min(geometry.clamp) - max(geometry.radii)
+    return room if geometry.plate is None else min(room, 0.5 * min(geometry.plate.extent) - geometry.radii[1])
+
+
+def _check_room(place: Place, geometry: ToolGeometry) -> None:
+    """Raise IsfError MEASUREMENT_REFUSED for a tool on the clamp, or a lower one in the backing plate."""
+    for number, (tip, radius) in enumerate(zip((place.tip_1, place.tip_2), geometry.radii, strict=True), start=1):
+        x, y, z = (float(value) for value in tip)
+        at = f"tool {number}, a ball of radius {1e3 * radius:g} mm, at ({1e3 * x:.1f}, {1e3 * y:.1f}, {1e3 * z:.1f}) mm"
+        if radius > 0.0 and (abs(x) > 0.5 * geometry.clamp[0] - radius or abs(y) > 0.5 * geometry.clamp[1] - radius):
+            width, height = (1e3 * size for size in geometry.clamp)
+            raise _refused(
+                f"{at}, would stand on the clamp",
+                f"give places further from the edge of the free sheet, {width:g} x {height:g} mm",
+            )
+        # its shank is below its ball: beside the opening there is plate at every height
+        if number == 2 and radius > 0.0 and geometry.plate is not None:
+            inside = float(geometry.plate.inside(np.array(x), np.array(y)))
+            if inside < radius:
+                raise _refused(
+                    f"{at}, would run into the backing plate: {1e3 * inside:.1f} mm inside its opening",
+                    f"give places at least {1e3 * radius:g} mm inside the opening of the backing plate",
+                )
 
 
 def _check_reach(place: Place, config: ControlConfig) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_identify.dial_indicator import DialTable, dial_piece, far_from, fit_dial
+from isf_identify.dial_indicator import DialTable, dial_piece, far_from, fit_dial, without_arms
 
 TRUE = {1: np.array([1.0e-6, 1.1e-6, 0.1e-6]), 2: np.array([0.9e-6, 1.0e-6, 0.08e-6])}
 """m/N, in plane ten times softer than in z (Ren 2018, 2.2.1)."""
@@ -137,3 +137,24 @@ def test_another_unit_is_refused(scale: float, column: str, reported: str) -> No
 def _only(table: DialTable, tool: int, axis: int) -> DialTable:
     rows = (table.tool == tool) & (table.axis == axis)
     return DialTable(*(values[rows] for values in vars(table).values()))
+
+
+def test_what_the_arm_takes_is_no_part_of_the_tool() -> None:
+    """Springs in row: 4.20 um/N at the tip, 4.15 um/N of them the arm's joints."""
+    item = fit_dial(_only(readings(), 1, 0))[0][1, 0]
+    tip = replace(item, value=4.2e-6, deviation=0.01e-6, per_place=np.array([4.19e-6, 4.21e-6]))
+    arms = {1: np.array([4.15e-6, 4.15e-6, 0.0]), 2: np.zeros(3)}
+    alone, refused = without_arms({(1, 0): tip, (1, 2): item, (2, 0): item}, arms)
+    assert not refused
+    assert alone[1, 0].value == pytest.approx(0.05e-6)
+    assert alone[1, 0].per_place == pytest.approx([0.04e-6, 0.06e-6])
+    assert (alone[1, 2].value, alone[2, 0].value) == (item.value, item.value)
+    piece = dial_piece("robot", "2026-01-01", alone, {1: np.zeros(3), 2: np.zeros(3)})
+    assert "compliance: [0.0500 um/N" in piece
+    assert "4.1500 um/N of the arm taken off" in piece
+    hidden = replace(tip, deviation=0.06e-6)
+    alone, refused = without_arms({(1, 0): hidden, (2, 0): item}, arms)
+    assert set(alone) == {(2, 0)}
+    assert refused[1, 0].code is ErrorCode.MEASUREMENT_FAILED
+    assert "of which its arm takes 4.15" in refused[1, 0].what
+    assert "tool_1.arm" in refused[1, 0].advice

@@ -29,10 +29,10 @@ def goal(kind: Property, *, tool: int = 1, places: Any = (), force: float = 600.
 
 
 class Bench:
-    """The small cone on a machine of another variant, some contours formed."""
+    """The small cone on a machine of another variant, some contours formed; ``changes`` in the text of its job."""
 
-    def __init__(self, contours: int, variant: int = 0) -> None:
-        self.cell = PlantCell(ForceController)
+    def __init__(self, contours: int, variant: int = 0, **changes: str) -> None:
+        self.cell = PlantCell(ForceController, **changes)
         self.cell.machine = SimulatedMachine(self.cell.job_file, variant=variant)
         self.cell.machine.tare()
         self.cell.sample = self.cell.machine.sample()
@@ -298,8 +298,26 @@ def _countdown(ticks: int) -> Callable[[], bool]:
     return lambda: next(left, None) is None
 
 
-def test_one_tool_is_not_enough(parked_cell: PlantCell) -> None:
+@pytest.mark.parametrize(
+    ("kind", "tool", "text"),
+    [(kind, 1, "both tools") for kind in Property if kind is not Property.SERVO_RESPONSE]
+    + [(Property.SERVO_RESPONSE, 2, "has no tool_2")],
+)
+def test_one_tool_is_not_enough(parked_cell: PlantCell, kind: Property, tool: int, text: str) -> None:
     geometry = ToolGeometry.from_job(parked_cell.job_file)
     spif = replace(geometry, radii=(5e-3, 0.0))
-    with pytest.raises(IsfError, match="both tools"):
-        parked_cell.controller.measure(lambda rest: make_probe(rest, goal(Property.LOAD_CELL_SIGNS), spif))
+    with pytest.raises(IsfError, match=text) as caught:
+        parked_cell.controller.measure(lambda rest: make_probe(rest, goal(kind, tool=tool), spif))
+    assert caught.value.code is ErrorCode.MEASUREMENT_REFUSED
+
+
+def test_the_servo_of_a_job_with_one_tool() -> None:
+    """After a contour, too: the tool is lifted first, and the one that the job does not have stays where it is."""
+    bench = Bench(1, **{"DSIF\n": "SPIF\n", "tool_2:\n  radius: 5 mm\n": "", "support_force: 120 N": ""})
+    assert bench.cell.job_file.job.tool_2 is None
+    probe = bench.begin(goal(Property.SERVO_RESPONSE))
+    targets = bench.run()
+    assert (probe.code, probe.message) == (ErrorCode.OK, "")
+    assert fit_servo(probe, 500.0, 30.0).bandwidth == pytest.approx(30.0, rel=0.02)
+    assert np.ptp(targets[:, 3:], axis=0).max() == 0.0
+    assert bench.parked()

@@ -81,6 +81,7 @@ class CellReading:
         weight = np.linalg.pinv(self.settings.matrix) @ self._weight(rotation)
         self.zero = readings.mean(axis=0) - weight
         self._tared = True
+        self._last, self._same = np.full(len(self.zero), np.nan), 0  # a signal that was frozen is looked at anew
         for fir in self._filters:
             fir.reset(0.0)
 

@@ -229,3 +229,20 @@ def test_drift_asks_for_a_tare_and_contact_refuses_one():
         reading.watch_drift(counts([0.0, 0.0, 25.0], 0.0))
     with pytest.raises(IsfError, match="while it is tared"):
         reading.tare([counts([0.0, 0.0, force], 0.0) for force in (0.0, 80.0, 0.0)])
+
+
+def test_a_tare_takes_up_a_signal_that_was_frozen():
+    """The last readings before the tare, and those after it, are of two counts."""
+    reading = cell(frozen_after=5)
+    reading.tare(np.zeros((5, 3)))
+    ones = np.ones(3)
+    for _ in range(5):
+        reading.force(ones)
+    with pytest.raises(IsfError, match="frozen"):
+        reading.force(ones)
+    reading.tare(np.zeros((5, 3)))
+    for _ in range(5):
+        reading.force(ones)
+    assert ones.tolist() == [1.0, 1.0, 1.0]  # what the driver owns stays as it is
+    with pytest.raises(IsfError, match="the same 5 times"):
+        reading.force(ones)

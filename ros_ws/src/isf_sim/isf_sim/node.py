@@ -718,7 +718,7 @@ class MachineServices:
     def _job_of(self, request: Reset.Request) -> JobFile:
         if request.job_text:
             return JobFile(request.job_text, Path(request.base_folder), "job")
-        return self._node.needed().job_file
+        return self._node.needed().given_file  # another sheet raises its force limits otherwise
 
     def _path_of(self, request: StateFile.Request) -> Path:
         return path_below(self._node.state_folder, request.path)

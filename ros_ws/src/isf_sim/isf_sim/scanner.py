@@ -68,7 +68,7 @@ def measured_points(
     seen &= ~_shining(points, slopes, generator, round(SHINE_PATCHES * variant.scan_shine))
     points, slopes = points[seen], slopes[seen]
     if not clamped:
-        points = _levelled(points, slopes)
+        points = _levelled(points, slopes, _from_formed(points[:, :2], surface) > 0.0)
     else:
         points = np.vstack([points, _clamp_beside(shape, variant.scan_beyond)])
     largest = 3.0 * variant.scan_noise or NOISE
@@ -138,21 +138,32 @@ def _shining(points: Array, slopes: Array, generator: np.random.Generator, patch
 
 def kept_by_trimming(plan: Array, surface: Surface) -> NDArray[np.bool_]:
     """Points in the formed region, what it encloses, and a rim around it."""
+    return np.asarray(_from_formed(plan, surface) <= TRIM_MARGIN)
+
+
+def _from_formed(plan: Array, surface: Surface) -> Array:
+    """(N,) m from the points (N, 2) m to the formed region and what it encloses, 0 in it; TRIM_MARGIN without one."""
     formed = surface.formed != 0
     if not formed.any():
-        return np.ones(len(plan), dtype=bool)
+        return np.full(len(plan), TRIM_MARGIN)
     distance = distance_transform_edt(~binary_fill_holes(formed)) * surface.h
     i = np.clip(np.round((plan[:, 0] - surface.x0) / surface.h).astype(int), 0, formed.shape[1] - 1)
     j = np.clip(np.round((plan[:, 1] - surface.y0) / surface.h).astype(int), 0, formed.shape[0] - 1)
-    return np.asarray(distance[j, i] <= TRIM_MARGIN)
+    return np.asarray(distance[j, i])
 
 
-def _levelled(points: Array, slopes: Array) -> Array:
-    """Shifted and tilted so that the nearly flat rim lies on z = 0, as a trimmed part lies on a table."""
+def _levelled(points: Array, slopes: Array, beside: NDArray[np.bool_]) -> Array:
+    """Shifted and tilted so that the nearly flat rim lies on z = 0, as a trimmed part lies on a table.
+
+    ``beside`` (N,): points beside the formed region. The rim is what is highest; where most of what is flat beside the
+    region is lower, the part stands up from it (over a die, or formed from below), and that is the rim.
+    """
     if len(points) == 0:
         return points
-    top = points[:, 2] > np.quantile(points[:, 2], 0.9) - 0.5e-3
-    rim = points[top & ((slopes**2).sum(axis=1) < 0.1)]
+    flat = (slopes**2).sum(axis=1) < 0.1
+    top = flat & (points[:, 2] > np.quantile(points[:, 2], 0.9) - 0.5e-3)
+    stands_up = np.count_nonzero(top & beside) < 0.5 * np.count_nonzero(flat & beside)
+    rim = points[flat & beside if stands_up else top]
     if len(rim) < 30:
         return points
     design = np.column_stack([np.ones(len(rim)), rim[:, :2]])

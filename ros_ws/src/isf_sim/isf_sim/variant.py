@@ -21,7 +21,7 @@ from typing import Any, Literal
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.hardening_law import FlowCurve
+from isf_core.files.hardening_law import FlowCurve, Voce
 from isf_core.files.job import JobFile
 from isf_core.files.material import LAWS, Material, flow_curve
 from isf_core.files.rig import Clamp, ToolAxis
@@ -144,7 +144,7 @@ class Variant:
             tools["tool_2"] = _worn(job.tool_2, self.tool_radius_2)
         plant.job = job.model_copy(update={"sheet": sheet, **tools})
         strength = material.yield_strength * self.blank_yield
-        plant.material = self._hardened(material.model_copy(update={"yield_strength": strength}))
+        plant.material = self._hardened(material).model_copy(update={"yield_strength": strength})
         return plant
 
     def edge(self, clamp: Clamp, nominal: float) -> tuple[float, float]:
@@ -155,11 +155,28 @@ class Variant:
         return self.edge_stiffness or spring, self.edge_limit or limit
 
     def flow_stress(self, material: Material, strain: Array) -> Array:
-        """Pa, flow stress at the plastic ``strain``, without the factor ``force_level``."""
+        """Pa, flow stress of the plant's ``material`` at the plastic ``strain``, without the factor ``force_level``.
+
+        The factors on the yield strength, which ``material`` has already, are those of the first flow stress, whatever
+        law the curve follows, and fade to 1 at MATCHED_STRAIN; no yield strength is above the stress there.
+        """
         curve = flow_curve(material)
+        if isinstance(curve, Voce):
+            curve = replace(curve, yield_stress=min(curve.yield_stress, curve.saturation_stress))
+        matched = float(curve.stress(MATCHED_STRAIN + curve.begin))
+        # Voce's law and an estimated one are made of the yield strength
+        more = 0.0 if curve.estimated or isinstance(curve, Voce) else self.yield_strength * self.blank_yield - 1.0
+
+        def stress(strain: Array) -> Array:
+            own = curve.stress(strain + curve.begin)
+            if more == 0.0:
+                return own
+            scaled = np.minimum(own * (1.0 + more * (1.0 - strain / MATCHED_STRAIN)), matched)
+            return np.where(strain < MATCHED_STRAIN, scaled, own)
+
         if self.flow_law == "power":
-            return curve.stress(strain + curve.begin)
-        first, matched = float(curve.stress(curve.begin)), float(curve.stress(MATCHED_STRAIN + curve.begin))
+            return stress(strain)
+        first = float(stress(np.zeros(1))[0])
         gain = (matched - first) / (1.0 - math.exp(-MATCHED_STRAIN / VOCE_STRAIN))
         return np.asarray(first + gain * (1.0 - np.exp(-strain / VOCE_STRAIN)))
 

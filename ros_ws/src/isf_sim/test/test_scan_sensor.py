@@ -121,3 +121,18 @@ def test_standard_worlds_are_twenty_different_ones() -> None:
     variants = [make_variant(number) for number in STANDARD_VARIANTS]
     assert len(set(variants)) == 20
     assert all(variant != Variant() for variant in variants)
+
+
+def test_a_part_that_stands_up_is_levelled_on_its_rim() -> None:
+    """A frustum 15 mm high, its flat top 3.5 times as large as the rim of 8 mm would be seen by height alone."""
+    surface = flat_surface((0.16, 0.16), 0.5e-3)
+    x = surface.x0 + surface.h * np.arange(surface.height.shape[1])
+    gx, gy = np.meshgrid(x, x)
+    z = np.clip((45e-3 - np.hypot(gx, gy)) * SLOPE, 0.0, 15e-3)
+    surface.height[...] = z
+    surface.formed[(z > 0.0) & (z < 15e-3)] = 1
+    true = HeightMap(x[::2], x[::2], (z + 0.01 * gx)[::2, ::2])
+    points = measured_points(true, surface, AWAY, RADII, Variant(), np.random.default_rng(1), False)
+    r = np.hypot(points[:, 0], points[:, 1])
+    assert np.abs(points[r > 48e-3][:, 2]).max() < 0.15e-3
+    assert points[r < 25e-3][:, 2].mean() == pytest.approx(15e-3, abs=0.1e-3)

@@ -264,3 +264,40 @@ def test_a_scan_is_of_the_whole_sheet_wherever_its_heights_are_known() -> None:
     sheet, frame = points[points[:, 2] < 5e-3, :2], points[points[:, 2] > 5e-3, :2]
     assert sheet.max(axis=0) + sheet.min(axis=0) == pytest.approx([0.0, 0.0], abs=0.1e-3)
     assert np.abs(frame).max(axis=1).min() == pytest.approx(60.3e-3, abs=2.1e-3)
+
+
+def test_the_yield_strength_acts_on_the_flow_curve_of_every_law() -> None:
+    """1.1 times 1.03 at the begin, half as much more at half the matched strain, nothing beyond it."""
+    material = load_material("AA5754-O")
+    strain, variant = np.array([0.0, 0.05, 0.1, 2.0]), Variant(yield_strength=1.1, blank_yield=1.03)
+    for law in (
+        {"strength_coefficient": 400e6, "hardening_exponent": 0.3},
+        {"strength_coefficient": 400e6, "hardening_exponent": 0.3, "pre_strain": 0.005},
+        {"flow_curve": ((0.0, 100e6), (0.05, 150e6), (0.1, 200e6), (2.0, 300e6))},
+    ):
+        own = material.model_copy(update=law)
+        factor = variant.flow_stress(own, strain) / Variant().flow_stress(own, strain)
+        assert factor == pytest.approx([1.133, 1.0665, 1.0, 1.0], abs=1e-9)
+
+
+def test_a_yield_strength_beyond_the_hardening_makes_no_sheet_that_softens() -> None:
+    material = load_material("AA5754-O")
+    strain, variant = np.linspace(0.0, 0.3, 301), Variant(yield_strength=1.1, blank_yield=1.03)
+    stiff = material.model_copy(update={"strength_coefficient": 144e6, "hardening_exponent": 0.02})  # as Al8011
+    stress = variant.flow_stress(stiff, strain)
+    assert np.diff(stress).min() >= 0.0
+    assert stress[0] == pytest.approx(137.57e6, abs=0.02e6)
+    saturated = {"saturation_stress": 115e6, "saturation_strain": 0.06, "yield_strength": 1.133 * 110e6}
+    stress = variant.flow_stress(material.model_copy(update=saturated), strain)
+    assert stress == pytest.approx(np.full(301, 115e6))
+
+
+def test_a_blank_of_a_variant_that_hardens_has_its_yield_strength() -> None:
+    """The hardening is of the material; the yield strength of the blank comes on top, as without it."""
+    variant = Variant(hardening=0.6, blank_yield=1.03)
+    plant = variant.plant_file(job_file())
+    other = Variant(hardening=0.6).plant_file(job_file())
+    strain = np.array([0.0, 0.1])
+    factor = variant.flow_stress(plant.material, strain) / Variant().flow_stress(other.material, strain)
+    assert factor == pytest.approx([1.03, 1.0], abs=1e-9)
+    assert plant.material.yield_strength == pytest.approx(1.03 * 110e6)

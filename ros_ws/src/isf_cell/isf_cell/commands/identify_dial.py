@@ -11,7 +11,8 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.bounded import read_lines
 from isf_core.files.rig import load_rig
-from isf_identify.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial
+from isf_identify.dial_indicator import AXES, DialTable, dial_piece, far_from, fit_dial, without_arms
+from isf_identify.rig_piece import arm_part
 from rich.markup import escape
 
 from isf_cell.commands import terminal
@@ -27,11 +28,12 @@ def identify_dial(path: Path, rig: str, piece: Path, *, as_json: bool) -> None:
     found, refused = fit_dial(table)
     below = load_rig(rig)
     present = {1: np.array(below.tool_1.compliance), 2: np.array(below.tool_2.compliance)}
-    far = far_from(found, present, column)
-    if len(far) == len(found):
-        raise next(iter(far.values()))
-    found = {pair: item for pair, item in found.items() if pair not in far}
-    refused |= far
+    arms = {tool: arm_part(below, tool) for tool in (1, 2)}
+    far = far_from(found, {tool: present[tool] + arms[tool] for tool in (1, 2)}, column)
+    found, hidden = without_arms({pair: item for pair, item in found.items() if pair not in far}, arms)
+    if not found:
+        raise next(iter((far | hidden).values()))
+    refused |= far | hidden
     name = json.dumps(piece.stem, ensure_ascii=False)
     text = f"name: {name}\n" + dial_piece(rig, date.today().isoformat(), found, present, refused)
     try:

@@ -14,7 +14,7 @@ _UNIT_MM = "\n9\n$INSUNITS\n70\n4"
 
 
 def plate_drawing(plate: BackingPlateSpec) -> str:
-    """Text of a DXF file (AutoCAD 2000): a circle, or closed polylines; 0 is the middle of the clamp.
+    """Text of a DXF file: a circle, or closed polylines; 0 is the middle of the clamp.
 
     The edge is that of the opening at its narrowest, below the rounding of the plate's upper edge.
     """

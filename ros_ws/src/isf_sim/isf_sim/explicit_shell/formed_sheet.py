@@ -16,8 +16,9 @@ from isf_core.files.job import METRES, JobFile
 from isf_core.files.material import Material, forming_limit
 from isf_core.files.mesh_parser import LARGEST, parse_mesh
 from isf_core.files.rig import Clamp
+from isf_core.files.tooling import ToolSpec
 from isf_core.geometry.height_map import HeightMap
-from isf_core.simulated_sheet import SheetKind
+from isf_core.simulated_sheet import SheetKind, default_sheet
 from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 from numpy.typing import NDArray
@@ -26,14 +27,18 @@ from scipy.interpolate import griddata
 from isf_sim.explicit_shell.grid import graded_lines
 from isf_sim.explicit_shell.library import LANES
 from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet, Support
-from isf_sim.explicit_shell.strength import Strength
+from isf_sim.explicit_shell.strength import Strength, from_tip
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import kept_by_trimming
 from isf_sim.sheet.surface import Surface
 from isf_sim.variant import Variant
 
 AWAKE = 1.0e-3
-"""m between a tool and the sheet, beyond which a sheet at rest is not computed."""
+"""m between a tool and the nodes of a sheet, beyond which it is not computed while it is at rest."""
+
+ROOM = 0.25e-3
+"""m between a tool and the faces of the sheet, beyond which that holds where large cells have their nodes further away:
+more than the way of a tick."""
 
 STILL_ENERGY = 1.0e-7
 """J, kinetic energy of a sheet that is at rest."""
@@ -49,7 +54,7 @@ FIDELITY: dict[str, tuple[float, float, float]] = {
 """Per kind of sheet: factors on the size of the cells, on the speed of one tool, on that of two along the sheet."""
 
 LARGEST_CELL = 1.5
-"""Radii of the smallest tool that a cell of the even region may be long (chosen)."""
+"""Radii of the smallest ball, or rounding of a flat tip, that a cell of the even region may be long (chosen)."""
 
 GLANCE = 8
 """Moves between two looks at the kinetic energy of a sheet with a tool on it."""
@@ -100,14 +105,16 @@ class FormedSheet:
         self.kind = kind
         coarseness, haste, haste_of_two = FIDELITY[kind]
         even = _part_region(job_file, job.tool_1.radius)
-        smallest = min(tool.radius for tool in (job.tool_1, job.tool_2) if tool)
+        smallest, flat = min((tool.ball_radius, tool.flat_radius) for tool in (job.tool_1, job.tool_2) if tool)
         cell = coarseness * max(constants.shell_cell_radii * smallest, float(np.ptp(even, axis=1).max()) / MOST_CELLS)
         if cell > LARGEST_CELL * smallest:
+            tip = "a tool" if flat == 0.0 else "a tip with a corner"
+            other = "fast, " if default_sheet(job) == "fast" else ""
             raise IsfError(
                 ErrorCode.SHEET_MESH_COARSE,
-                f"cells of {1e3 * cell:.1f} mm for this part are too large for a tool of radius {1e3 * smallest:g} mm",
+                f"cells of {1e3 * cell:.1f} mm for this part are too large for {tip} of radius {1e3 * smallest:g} mm",
                 where=f"--sheet {kind}",
-                advice="take a finer --sheet, fast, or a larger tool",
+                advice=f"take a finer --sheet, {other}or a larger tool",
             )
         x, y = (
             graded_lines(
@@ -133,11 +140,9 @@ class FormedSheet:
         )
         self.shell.state.position[2] = -0.5 * thickness
         far = np.array([0.0, 0.0, 1.0])
-        compliance = np.array(rig.tool_1.compliance) * variant.compliance
-        self.shell.set_tool(0, Ball(job.tool_1.radius, 1, compliance=tuple(compliance)), far)
+        self.shell.set_tool(0, _tip(job.tool_1, 1, np.array(rig.tool_1.compliance) * variant.compliance), far)
         if job.tool_2 is not None:
-            compliance = np.array(rig.tool_2.compliance) * variant.compliance
-            self.shell.set_tool(1, Ball(job.tool_2.radius, -1, compliance=tuple(compliance)), -far)
+            self.shell.set_tool(1, _tip(job.tool_2, -1, np.array(rig.tool_2.compliance) * variant.compliance), -far)
         if support is not None:
             self.shell.set_support(Support(support, surface.x0, surface.y0, surface.h))
         self.strength = Strength(self.shell, forming_limit(material), constants.window_radii * job.tool_1.radius)
@@ -155,7 +160,7 @@ class FormedSheet:
         started = time.thread_time()
         tools = self.shell.tools
         near = any(
-            tools["touching"][number] > 0 or self._clearance(number, tip) < AWAKE
+            tools["touching"][number] > 0 or self._near(number, tip)
             for number, tip in enumerate(tips)
             if tools["radius"][number] > 0.0
         )
@@ -265,12 +270,22 @@ class FormedSheet:
             "cpu_s": round(self.cpu, 2),
         }
 
-    def _clearance(self, number: int, tip: Array) -> float:
-        """m between the ball of tool ``number`` and the faces of the sheet, from the nodes."""
-        tool, position = self.shell.tools[number], self.shell.state.position
+    def _near(self, number: int, tip: Array) -> bool:
+        """Whether tool ``number`` with its ``tip`` (3,) m may touch the sheet soon: by its distance from the nearest
+        node and by how much nearer the sheet may be to it between the nodes."""
+        shell = self.shell
+        tool = shell.tools[number]
         centre = np.array([tip[0], tip[1], tip[2] + tool["side"] * tool["radius"]])
-        nearest = np.sqrt(((position - centre[:, None]) ** 2).sum(axis=0).min())
-        return float(nearest - tool["radius"] - 0.5 * self.thickness)
+        square = (from_tip(tool, shell.state.position - centre[:, None]) ** 2).sum(axis=0)
+        nearest, reach = int(square.argmin()), float(tool["radius"]) + 0.5 * self.thickness
+        row, column = divmod(nearest, len(shell.x))
+        half = 0.5 * math.hypot(_longest_beside(shell.x, column), _longest_beside(shell.y, row))
+        between = math.hypot(reach, half) - reach
+        return float(np.sqrt(square[nearest])) - reach < max(AWAKE, between + ROOM)
+
+
+def _tip(tool: ToolSpec, side: int, compliance: Array) -> Ball:
+    return Ball(tool.ball_radius, side, flat=tool.flat_radius, compliance=tuple(compliance))
 
 
 def edge_of(clamp: Clamp, constants: PlantConstants, variant: Variant) -> Edge:
@@ -310,6 +325,11 @@ def _part_region(job_file: JobFile, radius: float) -> Array:
         pass
     place = np.array(job_file.job.place) if job_file.job.place is not None else np.zeros(2)
     return np.stack([place - half, place + half], axis=1)
+
+
+def _longest_beside(line: Array, k: int) -> float:
+    """m, the longer one of the cells on both sides of coordinate ``k`` of ``line``."""
+    return float(np.diff(line[max(0, k - 1) : k + 2]).max())
 
 
 def _inside(region: Array, size: float) -> tuple[float, float]:

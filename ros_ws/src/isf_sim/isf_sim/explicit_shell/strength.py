@@ -3,6 +3,8 @@ elements, which stay with the material through all passes."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from isf_core.files.material import FormingLimit
 from isf_core.types import Array, Indices
@@ -23,7 +25,8 @@ class Strength:
 
     Attributes
     ----------
-    bending : (e,) 1/m, curvatures of the tools that an element was bent to, a pass each, summed up
+    bending : (e,) 1/m, curvatures of the tools, of flat tips those of the corners, that an element was bent to, a pass
+        each, summed up
     touched : (e,) m, path of the tool at which an element was last touched
     strain, place : largest one when it was judged last, as the forming limit counts it, and where, (3,) m
     """
@@ -43,10 +46,11 @@ class Strength:
         middle = _middles(shell)
         for tool in tools:
             centre = tool["end"] + tool["compliance"] * tool["felt"]
-            around = np.abs(middle[:2] - centre[:2, None]).max(axis=0) < tool["radius"] + self._blank
+            around = np.abs(middle[:2] - centre[:2, None]).max(axis=0) < tool["radius"] + tool["flat"] + self._blank
             near = np.flatnonzero(around)
             reach = tool["radius"] + 0.5 * shell.state.thickness[near]
-            touched = near[np.linalg.norm(_smooth_middles(shell, near) - centre[:, None], axis=0) < reach]
+            apart = from_tip(tool, _smooth_middles(shell, near) - centre[:, None])
+            touched = near[np.linalg.norm(apart, axis=0) < reach]
             begins = touched[path - self.touched[touched] >= self._window]
             self.bending[begins] += 1.0 / tool["radius"]
             self.touched[touched] = path
@@ -82,6 +86,15 @@ def principal_strains(shell: ExplicitShell) -> tuple[Array, Array]:
     major = half + spread
     minor = (xx * yy - xy**2) / major
     return 0.5 * np.log(major.ravel()), 0.5 * np.log(np.maximum(minor.ravel(), 1e-12))
+
+
+def from_tip(tool: Any, apart: Array) -> Array:
+    """(3, n) m from the disc in the tip of ``tool`` (library.TOOL), as in shell.c, to what is ``apart`` (3, n) m from
+    its centre: what lies beside the disc is nearer by its radius. A ball has no disc but its centre."""
+    if tool["flat"] == 0.0:
+        return apart
+    out = np.hypot(apart[0], apart[1]) + 1e-12
+    return np.concatenate([apart[:2] * np.maximum(1.0 - tool["flat"] / out, 0.0), apart[2:]])
 
 
 def _corners(shell: ExplicitShell) -> tuple[Array, Array, Array, Array]:

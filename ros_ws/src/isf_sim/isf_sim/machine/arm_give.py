@@ -44,7 +44,13 @@ def _own(arm: SerialArm) -> Array:
 
 
 class ArmGive:
-    """What is left to the arms of ``rig``; ``factor`` of the variant, ``rate`` of control Hz."""
+    """What is left to the arms of ``rig``; ``factor`` of the variant, ``rate`` of control Hz.
+
+    Attributes
+    ----------
+    at : (2, 5) m and rad, tips and tilts at which the compliance was found, NaN before it was ; rest : (2, 3, 3) m/N,
+        that compliance without what the tools have of it
+    """
 
     def __init__(self, rig: Rig, factor: float, rate: float) -> None:
         self._arms = (rig.arm(1), rig.arm(2))
@@ -54,8 +60,8 @@ class ArmGive:
         ]
         self._own = [np.zeros((3, 3)) if arm is None else np.diag(_own(arm)) for arm in self._arms]
         self._factor = factor
-        self._at: list[Array | None] = [None, None]
-        self._rest = [np.zeros((3, 3)), np.zeros((3, 3))]
+        self.at = np.full((2, 5), np.nan)
+        self.rest = np.zeros((2, 3, 3))
 
     @property
     def present(self) -> bool:
@@ -71,10 +77,9 @@ class ArmGive:
             if arm is None:
                 continue
             place = np.append(tips[k], tilt if k == 0 else (0.0, 0.0))
-            last = self._at[k]
-            if last is None or np.abs(place - last).max() > AGAIN:
+            if not np.abs(place - self.at[k]).max() <= AGAIN:
                 joints, margin, _ = arm.held(tips[k], place[3:])
                 if np.isfinite(margin):
-                    self._rest[k], self._at[k] = self._factor * (arm.compliance(joints) - self._own[k]), place
-            way[k] += self._share[k] * (self._rest[k] @ forces[k] - way[k])
+                    self.rest[k], self.at[k] = self._factor * (arm.compliance(joints) - self._own[k]), place
+            way[k] += self._share[k] * (self.rest[k] @ forces[k] - way[k])
             tips[k] += way[k]

@@ -108,6 +108,10 @@ def follow_targets(axes: Array, start: Array, end: Array, servo: ServoConstants)
     return saturated
 
 
+UNEVEN = 1.0e-3
+"""mm, by which a coordinate of an error map may be off an even grid: rounded to um."""
+
+
 class ErrorMap(NamedTuple):
     """Errors (nx, ny, nz, 3) m on a regular grid: start, step (3,) m; a grid of one node in an axis does not vary."""
 
@@ -185,20 +189,21 @@ def read_error_map(path: Path) -> ErrorMap:
         )
     axes = [np.unique(table[:, k]) for k in range(3)]
     shape = tuple(len(axis) for axis in axes)
-    steps = [np.diff(axis) for axis in axes]
-    regular = all(len(step) == 0 or np.allclose(step, step[0], rtol=1e-6, atol=0.0) for step in steps)
-    if len(table) != math.prod(shape) or not regular:
+    even = [np.linspace(axis[0], axis[-1], len(axis)) for axis in axes]
+    regular = all(np.abs(axis - grid).max() <= UNEVEN for axis, grid in zip(axes, even, strict=True))
+    errors = np.full((*shape, 3), np.nan)
+    place = [np.searchsorted(axis, table[:, k]) for k, axis in enumerate(axes)]
+    errors[place[0], place[1], place[2]] = 1e-6 * table[:, 3:]
+    if len(table) != math.prod(shape) or not regular or not np.isfinite(errors).all():
         raise IsfError(
             ErrorCode.FILE_FIELD,
             f"{len(table)} rows are not a complete regular grid of {' x '.join(map(str, shape))}",
             where=str(path),
+            advice="give every combination of the values of x, y and z, evenly spaced to 1 um, in one row",
         )
-    errors = np.empty((*shape, 3))
-    place = [np.searchsorted(axis, table[:, k]) for k, axis in enumerate(axes)]
-    errors[place[0], place[1], place[2]] = 1e-6 * table[:, 3:]
     return ErrorMap(
         start=1e-3 * np.array([axis[0] for axis in axes]),
-        step=1e-3 * np.array([step[0] if len(step) else 1.0 for step in steps]),
+        step=1e-3 * np.array([(axis[-1] - axis[0]) / (len(axis) - 1) if len(axis) > 1 else 1.0 for axis in axes]),
         error=errors,
     )
 

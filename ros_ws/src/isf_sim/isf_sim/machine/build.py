@@ -101,7 +101,7 @@ def make_parts(
             # accumulative forming squeezes with up to 1500 N (Ren 2018, 3.2.4); no limit of chips is published for it
             math.inf if job.process == "ADSIF" else material.tensile_strength * variant.force_level,
             forming_limit(material),
-            min(job.tool_1.radius, job.tool_2.radius if job.tool_2 else job.tool_1.radius),
+            min(tool.ball_radius for tool in (job.tool_1, job.tool_2) if tool),
             plant.thickness,
             rate,
         ),

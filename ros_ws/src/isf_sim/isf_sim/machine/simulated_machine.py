@@ -25,6 +25,7 @@ from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 
 from isf_sim.explicit_shell.formed_sheet import FormedSheet
+from isf_sim.explicit_shell.library import threads
 from isf_sim.legs.legs import Legs, LegState
 from isf_sim.machine import tick as mt
 from isf_sim.machine.arm_give import ArmGive, with_arms
@@ -32,6 +33,7 @@ from isf_sim.machine.build import make_parts
 from isf_sim.machine.events import (
     BUCKLES,
     LIMITED,
+    LOADED,
     NEVER,
     EventBounds,
     EventWatch,
@@ -93,6 +95,7 @@ class SimulatedMachine:
     Attributes
     ----------
     control_rate : Hz ; tick_count : ticks since the blank was clamped ; variant : Variant
+    given_file : the job as it was given ; job_file : the same on a machine that bears more
     faults : latched faults (code, text), oldest first ; limits : flags of limits hit since the last reset
     events : what happened to the part, oldest first ; tared : True after :meth:`tare`
     holder_height : m, blank holder over its start (TPIF: negative as the sheet comes down over the die)
@@ -111,6 +114,7 @@ class SimulatedMachine:
         job = job_file.job
         sheet = sheet or default_sheet(job)
         check_sheet(sheet, job)
+        self.given_file = job_file
         self.job_file = job_file = with_raised_force_limit(job_file, sheet)
         rig = job_file.rig
         self.variant_number, self.seed, self.blank = variant, seed, blank
@@ -169,7 +173,7 @@ class SimulatedMachine:
         self._legs: Legs | None = None
         if plant_file.rig.legs is not None:
             seeds = (seed % 2**63, variant, 4)
-            self._legs = Legs(plant_file.rig, self.variant, self.control_rate, park_1, job.tool_1.radius, seeds)
+            self._legs = Legs(plant_file.rig, self.variant, self.control_rate, park_1, job.tool_1.ball_radius, seeds)
         self._arms = ArmGive(rig, self.variant.compliance, self.control_rate)
         self._way = np.zeros((2, 3))
         self._reached: Array | None = None
@@ -179,17 +183,18 @@ class SimulatedMachine:
         self._tilt = ToolTilt()
         self._solid = tool_solid(job.tool_1)
         self._linear = all(isinstance(item, Gantry) for item in self._kinematics)
-        radius_2 = job.tool_2.radius if job.tool_2 else 0.0
         self._watch = EventWatch(parts.event_limits)
         self._settled = NEVER
         self._travel = np.array(rig.limits.travel)
         speed_step = rig.limits.speed / self.control_rate
-        self._balls = (job.tool_1.radius, radius_2)
-        self._radii = np.array(self._balls)
+        lower = job.tool_2
+        self._balls = (job.tool_1.ball_radius, lower.ball_radius if lower else 0.0)
+        self._radii = np.array([job.tool_1.radius, lower.radius if lower else 0.0])
+        flat = job.tool_1.flat_radius + (lower.flat_radius if lower else 0.0)
         # force and compliance offsets may both drive the balls towards each other
         overlap = 2.0 * rig.limits.offset
         jump_step = constants.jump_margin * speed_step
-        self._target_limits = mt.TargetLimits(self._travel, jump_step, speed_step, *self._balls, overlap)
+        self._target_limits = mt.TargetLimits(self._travel, jump_step, speed_step, *self._balls, overlap, flat)
         self._bounds = event_bounds(parts.event_limits, self._balls, self.plant.thickness)
         # the tick looks at targets of its own accord, where no cylinder has to be asked
         self._check_in_tick = self._linear and self._adsif is None
@@ -450,6 +455,8 @@ class SimulatedMachine:
             tilt=self._tilt,
             legs=self._legs.state if self._legs is not None else None,
             way=self._way,
+            arms_at=self._arms.at,
+            arms_rest=self._arms.rest,
             watch=self._watch,
             settled=self._settled,
         )
@@ -465,7 +472,9 @@ class SimulatedMachine:
         self._shell = state.shell
         self._cell_1, self._cell_2, self._held = state.cell_1, state.cell_2, state.held
         self._tilt, self._watch, self._settled = state.tilt, state.watch, state.settled
-        self._way = state.way
+        self._way, self._arms.at, self._arms.rest = state.way, state.arms_at, state.arms_rest
+        if self._shell is not None:
+            self._shell.shell.threads = threads()  # of this computer and process, not of those that saved it
         if self._legs is not None and state.legs is not None:
             self._legs.take_up(state.legs, state.tick_count)
 
@@ -543,7 +552,7 @@ class SimulatedMachine:
             self._tilt.follow(self._constants.servo)
         if self.plant.worker.waiting:
             self.between_ticks()
-        before = self._axes.tips[0].tolist() if self._shell is not None else []
+        before = self._axes.tips.copy() if self._shell is not None else self._axes.tips
         if self._legs is not None:
             self._drive_legs(self._legs, target)
         if self._arms.present:
@@ -610,13 +619,14 @@ class SimulatedMachine:
             else:
                 plant.serve(request, pressing_tip(self._axes.tips, plant.pressing, plant.thickness))
 
-    def _advance_shell(self, shell: FormedSheet, target: Array, before: list[float], draws: Array, waited: int) -> int:
-        """One tick on the elasto-plastic sheet, the upper tip being at ``before`` (3,) m; the conditions of events."""
+    def _advance_shell(self, shell: FormedSheet, target: Array, before: Array, draws: Array, waited: int) -> int:
+        """One tick on the elasto-plastic sheet, the tips being at ``before`` (2, 3) m; the conditions of events."""
         if waited != UNCHECKED:
             self._check(target, waited)
         axes, constants, path = self._axes, self._constants, self.plant.contact.path
         mt.move_axes(target, axes, constants)
-        path[TRAVELLED] += float(np.linalg.norm(axes.tips[0] - before))
+        forming = self.plant.pressing - 1
+        path[TRAVELLED] += float(np.linalg.norm(axes.tips[forming] - before[forming]))
         try:
             axes.force_1[:], axes.force_2[:] = shell.move(axes.tips)
             shell.strength.note(shell.shell, float(path[TRAVELLED]))
@@ -627,15 +637,31 @@ class SimulatedMachine:
         bounds = self._bounds
         gap = math.inf
         if bounds.lower > 0.0:
+            self._find_forming_tool()
             upper, lower = axes.tips + np.array([[0.0, 0.0, bounds.upper], [0.0, 0.0, -bounds.lower]])
-            gap = float(np.linalg.norm(upper - lower)) - bounds.upper - bounds.lower
+            dx, dy, dz = (upper - lower).tolist()
+            gap = mt.apart(dx, dy, dz, self._target_limits.flat) - bounds.upper - bounds.lower
         if self.tick_count % THINNING_TICKS == 0:
             shell.strength.judge(shell.shell)
-        support = float(np.linalg.norm(axes.force_2))
+        turned = self.plant.pressing == 2
+        axial = -float(axes.force_2[2]) if turned else float(axes.force_1[2])
+        support = float(np.linalg.norm(axes.force_1 if turned else axes.force_2))
         clipped = max(int(self._cell_1.clipped[0]), int(self._cell_2.clipped[0]))
         saturated = int(axes.saturated[0])
-        bits = judge(float(axes.force_1[2]), support, gap, shell.strength.strain, 0.0, saturated, clipped, bounds)
+        bits = judge(axial, support, gap, shell.strength.strain, 0.0, saturated, clipped, bounds)
         return bits | (LIMITED if axes.flags[0] else 0)
+
+    def _find_forming_tool(self) -> None:
+        """On the elasto-plastic sheet, the tool that presses harder forms: it pushes the sheet towards the other one.
+
+        Another one does only with LOADED more than the one so far: forces ripple, and tools leave one by one.
+        """
+        role, watch = self.plant.role, self._watch
+        push = float(self._axes.force_1[2] + self._axes.force_2[2])  # of the sheet, upwards on the upper tool
+        if (-push if role.pressing[0] == 1 else push) > LOADED:
+            role.pressing[0] = 3 - role.pressing[0]
+            watch.engaged, watch.carrying = 0.0, False  # that was of the tool that forms now
+            self._settled = NEVER
 
     def _check_limits(self) -> None:
         axes = self._axes
@@ -707,6 +733,7 @@ class MachineState:
     axes, squeeze, cell_1, cell_2 : axes, sheet between the tools, load cells
     held : (2, 9) V, what stuck channels of spindle cells hold
     tilt : of tool 1 ; legs : None where the rig has none that move ; way : (2, 3) m, by which arms have given way
+    arms_at, arms_rest : where their compliance was found, and what of it: of :class:`isf_sim.machine.arm_give.ArmGive`
     watch, settled : what is counted of events, and the conditions that change nothing of it
     """
 
@@ -732,6 +759,8 @@ class MachineState:
     tilt: ToolTilt
     legs: LegState | None
     way: Array
+    arms_at: Array
+    arms_rest: Array
     watch: EventWatch
     settled: int
 

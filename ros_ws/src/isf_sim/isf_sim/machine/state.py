@@ -1,13 +1,15 @@
 """A simulated machine saved to one file and taken up again: sheet, axes, load cells, events, generators, time.
 
 The file is a numpy archive of plain arrays with a header in JSON: format, version, digest of the sources of the plant,
-job, variant, seed, blank and the structure of the state. A machine taken up goes on bit by bit as the saved one would
-have gone on, with the same software; a file saved by another plant is refused.
+job, digests of its rig and material, variant, seed, blank and the structure of the state. A machine taken up goes on
+bit by bit as the saved one would have gone on, with the same software; a file saved by another plant, or with another
+rig or material, is refused.
 """
 
 from __future__ import annotations
 
 import ast
+import contextlib
 import dataclasses
 import hashlib
 import json
@@ -30,7 +32,7 @@ from isf_sim.shell.shell_assembly import SupportPoints
 
 _SOURCES = Path(__file__).resolve().parents[1]
 
-FORMAT, VERSION = "isf-machine-state", 11
+FORMAT, VERSION = "isf-machine-state", 12
 
 
 def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
@@ -50,6 +52,7 @@ def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:
         "plant": plant_digest(),
         "job": machine.job_file.text,
         "base": str(machine.job_file.base),
+        "files": file_digests(machine.job_file),
         "variant": machine.variant_number,
         "seed": machine.seed,
         "blank": machine.blank,
@@ -68,8 +71,8 @@ def load_machine(path: str | Path) -> SimulatedMachine:
 
     Raises
     ------
-    IsfError : FILE_NOT_FOUND; FILE_SYNTAX (not such a file, damaged, other version or plant); as JobFile for
-        the job in it
+    IsfError : FILE_NOT_FOUND; FILE_SYNTAX (not such a file, damaged, other version or plant, or another rig or
+        material); as JobFile for the job in it
     """
     path = Path(path)
     header, arrays = _read(path)
@@ -83,6 +86,7 @@ def load_machine(path: str | Path) -> SimulatedMachine:
             constants=PlantConstants(**header["constants"]),
             sheet=header["sheet"],
         )
+        _check_files(header["files"], machine.job_file, path)
         fresh, encoder = vars(machine.state()), _encoder()
         if set(header["state"]) != set(fresh):
             raise StateMismatchError(f"a machine has other fields than the file ({differing(header['state'], fresh)})")
@@ -96,6 +100,32 @@ def load_machine(path: str | Path) -> SimulatedMachine:
             advice=f"it was saved by version {header.get('software', '?')}, this is {__version__}",
         ) from error
     return machine
+
+
+def file_digests(job_file: JobFile) -> dict[str, str]:
+    """Digests of what the files of rig, with its error maps, and material of a job say; their sources left out."""
+    rig, material = (
+        hashlib.sha256(model.model_dump_json(exclude={"provenance"}).encode())
+        for model in (job_file.rig, job_file.material)
+    )
+    for tool in (job_file.rig.tool_1, job_file.rig.tool_2):
+        if tool.error_map is not None:
+            with contextlib.suppress(OSError):  # whoever reads the map says why
+                rig.update(Path(tool.error_map).read_bytes())
+    return {"rig": rig.hexdigest()[:12], "material": material.hexdigest()[:12]}
+
+
+def _check_files(saved: dict[str, str], job_file: JobFile, path: Path) -> None:
+    """Raise IsfError FILE_SYNTAX where rig or material of ``job_file`` are not those that were ``saved`` with."""
+    named = {"rig": job_file.job.rig, "material": job_file.job.sheet.material}
+    if changed := [name for name, digest in file_digests(job_file).items() if saved[name] != digest]:
+        raise IsfError(
+            ErrorCode.FILE_SYNTAX,
+            f"was saved with another content of {' and '.join(f'{name} {named[name]}' for name in changed)}: the part "
+            "would go on as a mixture of both",
+            where=str(path),
+            advice="bring back what the files held when it was saved, or form the part again and save it anew",
+        )
 
 
 @cache

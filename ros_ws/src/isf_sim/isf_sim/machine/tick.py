@@ -195,7 +195,8 @@ class TargetLimits(NamedTuple):
     Attributes
     ----------
     travel : (3,) largest |coordinate| ; jump : largest step ; speed : step at the speed limit (FAST alone is no fault)
-    upper, lower : radii of the balls, which may overlap by ``overlap`` (the machine gives way by as much)
+    upper, lower : radii of the balls, or of the roundings of flat tips, which may overlap by ``overlap`` (the machine
+        gives way by as much) ; flat : sum of the radii of the flats
     """
 
     travel: Array
@@ -204,6 +205,7 @@ class TargetLimits(NamedTuple):
     upper: float
     lower: float
     overlap: float
+    flat: float
 
 
 @kernel
@@ -229,6 +231,16 @@ def check_target(target: Array, held: Array, waited: int, limits: TargetLimits) 
             bits |= FAST
     dx, dy = target[3] - target[0], target[4] - target[1]
     dz = (target[5] - limits.lower) - (target[2] + limits.upper)
-    if limits.lower > 0.0 and math.sqrt(dx * dx + dy * dy + dz * dz) < limits.upper + limits.lower - limits.overlap:
+    if limits.lower > 0.0 and apart(dx, dy, dz, limits.flat) < limits.upper + limits.lower - limits.overlap:
         bits |= OVERLAP
     return bits
+
+
+@kernel
+def apart(dx: float, dy: float, dz: float, flat: float) -> float:
+    """m between the flats of two upright tools whose centres are ``dx``, ``dy``, ``dz`` m apart, ``flat`` m the sum of
+    their radii; 0: between the centres of two balls."""
+    if flat > 0.0:
+        beside = max(math.sqrt(dx * dx + dy * dy) - flat, 0.0)
+        return math.sqrt(beside * beside + dz * dz)
+    return math.sqrt(dx * dx + dy * dy + dz * dz)

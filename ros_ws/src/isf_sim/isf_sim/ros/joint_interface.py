@@ -54,6 +54,7 @@ class JointInterface:
         self._joints: tuple[ToolJoints, ToolJoints] | None = None
         self._parked: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._last: Array | None = None
+        self._last_tick = 0
         self._rate, self._told = 1.0, ""
         self._stray: Command | None = None
         self._state = JointState()
@@ -82,8 +83,10 @@ class JointInterface:
             return
         upper, lower = self._joints
         positions = np.concatenate([upper.positions(sample.tip_1, sample.axis_1), lower.positions(sample.tip_2)])
-        velocities = np.zeros(len(positions)) if self._last is None else self._rate * (positions - self._last)
-        self._last = positions
+        ticks = max(1, sample.tick - self._last_tick)  # more than one after a time without ticks
+        way = np.zeros(len(positions)) if self._last is None else positions - self._last
+        velocities = self._rate * way / ticks
+        self._last, self._last_tick = positions, sample.tick
         self._state.header.stamp = stamps.to_stamp(nanoseconds)
         self._state.position, self._state.velocity = positions.tolist(), velocities.tolist()
         self._states.publish(self._state)

@@ -99,3 +99,17 @@ def test_a_wall_that_is_pulled_thin_after_the_tool_has_passed_is_judged() -> Non
     assert strength.strain == pytest.approx(1.0)
     assert strength.place[:2] == pytest.approx([8e-3, 8e-3])
     assert strength.margin(shell).min() == pytest.approx(-0.1)
+
+
+def test_a_flat_tip_touches_with_its_disc_and_bends_to_its_corner() -> None:
+    """0.1 mm inside a flat sheet, corner 2 mm, disc 1.5 mm: it touches to 1.5 mm + sqrt(2.5^2 - 2.4^2) = 2.2 mm."""
+    line = np.linspace(-4e-3, 4e-3, 33)
+    shell = ExplicitShell(line, line, Sheet(70e9, 0.33, BLANK, np.array([0.0, 1.0]), np.array([100e6, 200e6])))
+    shell.set_tool(0, Ball(2e-3, flat=1.5e-3), np.array([0.0, 0.0, 0.4e-3]))
+    shell.tools["touching"][0] = 1
+    strength = Strength(shell, FormingLimit(1.0, 1.0, 0.15), 15e-3)
+    strength.note(shell, 0.0)
+    middle = 0.5 * (line[1:] + line[:-1])
+    disc = np.hypot(*np.meshgrid(middle, middle)) < 2.2e-3
+    assert (strength.bending > 0.0).reshape(disc.shape).tolist() == disc.tolist()
+    assert strength.bending.max() == pytest.approx(500.0)

@@ -11,6 +11,7 @@ from isf_core.files.job import JobFile
 from isf_core.files.rig import load_rig
 from isf_sim.machine.arm_give import ArmGive, with_arms
 from isf_sim.machine.simulated_machine import SimulatedMachine
+from isf_sim.machine.state import load_machine, save_machine
 
 EXAMPLES = Path(__file__).resolve().parents[5] / "examples" / "jobs"
 
@@ -81,3 +82,34 @@ def test_a_state_taken_up_goes_on_bit_by_bit() -> None:
         for a, b in zip(first, second, strict=True)
     )
     np.testing.assert_allclose(first[-1].tip_1, tip, atol=1e-5)  # the encoders
+
+
+def test_a_saved_machine_goes_on_bit_by_bit(tmp_path: Path) -> None:
+    """Saved 1 mm after its compliance was found, which another 1.5 mm do not find anew."""
+    machine, below = SimulatedMachine(job_file()), np.array([0.0, 0.0, -0.1])
+    tip = np.array([0.0, 0.0, 0.1])
+    for _ in range(600):
+        tip = tip - np.array([0.0, 0.0, 0.17e-3])
+        machine.tick(tip, below)
+    found = machine._arms.at[0].copy()
+    while np.array_equal(machine._arms.at[0], found):
+        tip = tip + np.array([0.1e-3, 0.0, 0.0])
+        machine.tick(tip, below)
+    for _ in range(8):
+        tip = tip + np.array([0.1e-3, 0.0, 0.0])
+        machine.tick(tip, below)
+    kept = machine.state_copy()
+    file = save_machine(machine, tmp_path / "arm.npz")
+
+    def goes_on(machine: SimulatedMachine) -> np.ndarray:
+        way = tip + np.arange(1, 60)[:, None] * np.array([0.1e-3, 0.0, 0.0])
+        return np.array(
+            [[*sample.true_force_1, *machine._axes.tips[0]] for sample in (machine.tick(at, below) for at in way)]
+        )
+
+    once = goes_on(machine)
+    assert not machine.faulted
+    assert abs(once[-1, 2]) > 50.0
+    assert np.array_equal(goes_on(load_machine(file)), once)
+    machine.restore(kept)
+    assert np.array_equal(goes_on(machine), once)

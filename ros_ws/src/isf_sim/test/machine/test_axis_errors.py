@@ -69,6 +69,7 @@ def test_map_is_trilinear_and_constant_beyond_its_edge(tmp_path: Path) -> None:
         ("x,y,z,ex,ey,ez\n1,2,3,nan,5,6\n", ErrorCode.FILE_SYNTAX),
         ("x,y,z,ex,ey,ez\n0,0,0,0,0,0\n1,1,0,0,0,0\n", ErrorCode.FILE_FIELD),
         ("x,y,z,ex,ey,ez\n0,0,0,0,0,0\n1,0,0,0,0,0\n3,0,0,0,0,0\n", ErrorCode.FILE_FIELD),
+        ("x,y,z,ex,ey,ez\n0,0,0,0,0,0\n1,0,0,1,0,0\n1,0,0,2,0,0\n1,1,0,3,0,0\n", ErrorCode.FILE_FIELD),
     ],
 )
 def test_maps_that_are_none_are_refused(text: str, code: ErrorCode, tmp_path: Path) -> None:
@@ -134,3 +135,16 @@ def test_an_unlimited_loop_and_a_wide_limit_agree() -> None:
         follow_targets(b, start, end, wide)
         start = end
         assert abs(a[0, 0] - b[0, 0]) < 0.04e-3
+
+
+def test_a_map_on_a_grid_rounded_to_um_is_read(tmp_path: Path) -> None:
+    """700 mm in six steps: 116.667 mm, 116.667 mm and 116.666 mm."""
+    path = tmp_path / "map.csv"
+    places = (-350.0, -233.333, -116.667, 0.0, 116.667, 233.333, 350.0)
+    path.write_text("\n".join(["x,y,z,ex,ey,ez", *(f"{x},0,0,{x / 10},0,0" for x in places)]))
+    read = read_error_map(path)
+    assert read.step[0] == pytest.approx(0.7 / 6.0, rel=1e-12)
+    assert read.error[-1, 0, 0, 0] == pytest.approx(35e-6)
+    path.write_text("\n".join(["x,y,z,ex,ey,ez", *(f"{x},0,0,0,0,0" for x in (0.0, 10.0, 20.002, 30.0))]))
+    with pytest.raises(IsfError, match="complete regular grid"):
+        read_error_map(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from isf_core.events import EventKind
 from isf_core.files.job import JobFile
 from isf_core.files.yaml_file import find_named
 from isf_core.simulated_sheet import SheetKind
+from isf_msgs.srv import Reset
 from isf_sim.explicit_shell.shell import Edge
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.machine.state import load_machine, save_machine
+from isf_sim.node import MachineServices
 from isf_sim.plant_constants import PlantConstants
 
 EXAMPLES = Path(__file__).resolve().parents[5] / "examples" / "jobs"
@@ -80,7 +83,8 @@ def test_a_released_part_finds_another_shape_and_the_blank_in_the_machine_keeps_
     pressed: SimulatedMachine,
 ) -> None:
     saved = pressed.state_copy()
-    go(pressed, -7e-3, 5e-3)
+    go(pressed, -7e-3, -9e-3)
+    go(pressed, -9e-3, 5e-3)
     shell, surface = pressed._shell, pressed.plant.surface
     assert shell is not None
     before = shell.shell.state.position.copy()
@@ -297,3 +301,86 @@ def test_a_die_carries_the_sheet_when_the_holder_comes_down() -> None:
     assert cell.measured_shape().at(np.array([[0.0, 0.0]]))[0] < 1.5e-3
     cell.restore(saved)
     assert cell.measured_shape().at(np.array([[0.0, 0.0]]))[0] == middle
+
+
+def test_a_tool_meets_the_sheet_in_the_middle_of_a_large_cell() -> None:
+    """Cells of 10.7 mm: the ball of 5 mm is 9.3 mm from the nearest nodes as it touches the sheet between four."""
+    cell = machine()
+    assert cell._shell is not None
+    x, y = cell._shell.shell.x, cell._shell.shell.y
+    widths = [np.diff(line)[2:-2] for line in (x, y)]
+    i, j = (2 + int(np.argmax(width)) for width in widths)
+    assert (x[i + 1] - x[i], y[j + 1] - y[j]) == pytest.approx((10.66e-3, 10.66e-3), abs=0.01e-3)
+    place, park = (0.5 * (x[i] + x[i + 1]), 0.5 * (y[j] + y[j + 1])), cell.job_file.rig.park_height
+    for share in np.linspace(0.0, 1.0, 700):
+        cell.tick((share * place[0], share * place[1], park), (0.0, 0.0, -park))
+    forces = {}
+    for height in (*np.arange(park, 2e-3, -0.2e-3), *np.arange(2e-3, -1.6e-3, -0.05e-3)):
+        forces[round(1e3 * height, 2)] = cell.tick((*place, height), (0.0, 0.0, -park)).true_force_1[2]
+    assert not cell.faults
+    # rises from nothing as the tool comes onto the sheet, without a kick
+    assert forces[0.5] == 0.0
+    assert max(np.abs(np.diff(list(forces.values())))) < 100.0
+    assert forces[-1.5] > 50.0
+
+
+DSIF = JOB.replace("process: SPIF", "process: DSIF").replace(
+    "tool_1: {radius: 5 mm}", "tool_1: {radius: 5 mm}\ntool_2: {radius: 5 mm}"
+)
+
+
+def test_a_lower_tool_that_forms_alone_is_no_support() -> None:
+    """Pushed up 7 mm it carries more than a support tool may without chips, 452 N; and it is moved clear downwards."""
+    cell = machine(DSIF)
+    park = cell.job_file.rig.park_height
+    heights = (*np.arange(-park, -3e-3, 0.2e-3), *np.arange(-3e-3, 8e-3, 0.08e-3))
+    for height in heights:
+        cell.tick((0.0, 0.0, park), (0.0, 0.0, height))
+    for x in np.arange(0.0, 3e-3, 0.1e-3):
+        sample = cell.tick((0.0, 0.0, park), (x, 0.0, heights[-1]))
+    assert sample.true_force_2[2] < -460.0
+    assert cell.plant.pressing == 2
+    assert cell.events == []
+    # its way counts, as that of the upper one would, from where it presses with 50 N on, 1 mm up
+    assert float(cell.plant.contact.path[0]) == pytest.approx(heights[-1] - 1e-3 + 2.9e-3, abs=1e-3)
+    assert not cell.faults
+    cell.restore(cell.state_copy())
+    assert cell.plant.pressing == 2
+    cell.latch(ErrorCode.FORCE_LIMIT, "as if")
+    cell.release()
+    assert not cell.loaded
+    assert cell.sample().tip_2[2] < heights[-1] - 2e-3
+
+
+def test_the_tool_that_presses_harder_forms_and_ripple_changes_nothing() -> None:
+    cell = machine(DSIF)
+    forces = cell._axes.force_1, cell._axes.force_2
+    found = []
+    for up, down in ((400.0, -120.0), (100.0, -140.0), (100.0, -160.0), (130.0, -100.0), (300.0, -100.0)):
+        forces[0][2], forces[1][2] = up, down
+        cell._watch.carrying = True
+        cell._find_forming_tool()
+        found.append((cell.plant.pressing, cell._watch.carrying))
+    assert found == [(1, True), (1, True), (2, False), (2, True), (1, False)]
+
+
+def test_another_blank_has_the_limits_of_its_own_sheet() -> None:
+    """What the node clamps anew where no job comes with the request."""
+    cell = machine()
+    assert cell.job_file.rig.limits.force == pytest.approx((2325.0, 2325.0, 3100.0))
+    node = SimpleNamespace(needed=lambda: cell)
+    services = MachineServices.__new__(MachineServices)
+    services._node = node  # type: ignore[assignment]
+    file = services._job_of(Reset.Request(new_blank=True))
+    again = SimulatedMachine(file, sheet="fast")
+    assert again.job_file.rig.limits.force == pytest.approx((1500.0, 1500.0, 2000.0))
+
+
+def test_a_saved_sheet_is_computed_with_the_threads_of_the_one_who_takes_it_up(
+    pressed: SimulatedMachine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = save_machine(pressed, tmp_path / "state")
+    monkeypatch.setenv("ISF_SHELL_THREADS", "1")
+    again = load_machine(file)
+    assert again._shell is not None
+    assert again._shell.shell.threads == 1

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.files.yaml_file import find_named
 from isf_sim.machine.simulated_machine import MachineSample, SimulatedMachine
 from isf_sim.machine.state import load_machine, plant_digest, save_machine
 from isf_sim.plant_constants import PlantConstants
@@ -145,3 +146,34 @@ def test_a_state_outlives_comments_but_no_other_number(tmp_path: Path) -> None:
     file.write_text('"""The sheet."""\nHARDENING = 0.21\n', encoding="utf-8")
     plant_digest.cache_clear()
     assert plant_digest(tmp_path) != before
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("rig", "force: [1000 N", "force: [1001 N"),
+        ("material", "young_modulus: 70 GPa", "young_modulus: 71 GPa"),
+        ("map", "0,0,0,5,0,0", "0,0,0,6,0,0"),
+        ("", "assumed: one", "assumed: two"),
+    ],
+)
+def test_a_machine_whose_rig_or_material_has_changed_is_refused(name: str, old: str, new: str, tmp_path: Path) -> None:
+    """Their sources may be told otherwise; what they say decides."""
+    (tmp_path / "map.csv").write_text("x,y,z,ex,ey,ez\n0,0,0,5,0,0\n")
+    rig = "based_on: ren2018\nlimits: {force: [1000 N, 1000 N, 1500 N]}\ntool_1: {error_map: map.csv}\n"
+    (tmp_path / "rig.yaml").write_text(rig + "provenance: {limits.force: 'assumed: one'}\n")
+    (tmp_path / "sheet.yaml").write_text(find_named("materials", "AA5754-O").read_text())
+    text = JOB.replace("rig: ren2018", "rig: rig.yaml").replace("AA5754-O", "sheet.yaml")
+    file = save_machine(SimulatedMachine(JobFile(text, tmp_path), constants=COARSE), tmp_path / "machine.npz")
+    load_machine(file)
+    changed = tmp_path / {"material": "sheet.yaml", "map": "map.csv"}.get(name, "rig.yaml")
+    assert old in changed.read_text()
+    changed.write_text(changed.read_text().replace(old, new))
+    if not name:
+        load_machine(file)
+        return
+    what = "material sheet.yaml" if name == "material" else "rig rig.yaml"
+    with pytest.raises(IsfError, match=f"was saved with another content of {what}: ") as error:
+        load_machine(file)
+    assert error.value.code == ErrorCode.FILE_SYNTAX
+    assert "form the part again" in error.value.advice
