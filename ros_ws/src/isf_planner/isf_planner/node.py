@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isf_core.contour import contour_label
+from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.types import Array
 from isf_msgs.action import PlanPart
 from isf_msgs.srv import GetContour
 from isf_ros import process, qos
@@ -122,15 +124,17 @@ class PlannerNode(CellNode[PlannerParameters]):
     def _publish(self, made: Plan) -> None:
         stamp = self._now()
         self._target.publish(height_map_to_message(made.target, stamp))
-        forming = np.vstack([contour.forming_tip for contour in made.contours])
-        support = np.vstack([contour.support_tip for contour in made.contours])
-        tips = (forming, support) if made.contours[0].forming_tool == 1 else (support, forming)
-        for publisher, tip in zip(self._paths, tips, strict=True):
-            publisher.publish(path_to_message(tip, stamp, self._settings.path_poses))
+        for tool, publisher in enumerate(self._paths, 1):
+            publisher.publish(path_to_message(tips_of(made.contours, tool), stamp, self._settings.path_poses))
         self._markers.publish(plan_markers(made, stamp))
 
     def _now(self) -> Any:
         return self.get_clock().now().to_msg()
+
+
+def tips_of(contours: Sequence[Contour], tool: int) -> Array:
+    """(N, 3) m, tips of ``tool`` (1 or 2) along all contours, which it forms or supports."""
+    return np.vstack([one.forming_tip if one.forming_tool == tool else one.support_tip for one in contours])
 
 
 def main(args: list[str] | None = None) -> None:

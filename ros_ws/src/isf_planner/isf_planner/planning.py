@@ -9,6 +9,7 @@ import hashlib
 from dataclasses import replace
 
 from isf_core.contour import Contour
+from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 
 from isf_planner import replanning
@@ -27,6 +28,9 @@ from isf_planner.predict.predictions import with_predictions
 from isf_planner.processes import Cancelled, Progress, Steps, process_of
 from isf_planner.replanning import PlanBase
 from isf_planner.surface import target_surface
+
+OF_SHAPE = (ErrorCode.WALL_TOO_STEEP, ErrorCode.PART_TOO_SMALL_FOR_TOOL)
+"""Faults that a part may have only because accuracy surfaces move its target."""
 
 
 def finish(contours: tuple[Contour, ...], job_file: JobFile) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
@@ -61,7 +65,14 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings = list(repaired)
     process = process_of(job)
     moved = _moved(loaded, job_file, step) if job.accuracy_surfaces is not None else None
-    part = process.prepare(moved.moved if moved else loaded, job_file, step)
+    try:
+        part = process.prepare(moved.moved if moved else loaded, job_file, step)
+    except IsfError as error:
+        if moved is None or error.code not in OF_SHAPE:
+            raise
+        what = f"{error.what}; so it is with the target that part.accuracy_surfaces moves"
+        advice = f"leave part.accuracy_surfaces out, or {error.advice}"
+        raise IsfError(error.code, what, where=error.where, advice=advice) from error
     planned = list(part.sides)
     warnings += [*part.warnings, *(moved.warnings if moved else ())]
     if job.path.islands == "swap":
@@ -158,7 +169,8 @@ def _moved(loaded: Mesh, job_file: JobFile, step: Steps) -> MovedTarget:
     step("accuracy surfaces", 0.0)
     job, clamp = job_file.job, job_file.rig.clamp.size
     placed = mesh_checks.check_and_place(loaded, clamp, job.tool_1.radius, place=job.place)
-    return compensated(placed.mesh, job_file)
+    made = compensated(placed.mesh, job_file)
+    return replace(made, warnings=(*placed.warnings, *made.warnings))
 
 
 def _identify(job_file: JobFile) -> str:

@@ -88,8 +88,10 @@ class FormingProcess(ABC):
         begins = np.linspace(0.5, 0.9, len(made.parts) + 1)
         of_part = sides[0].partial.found if sides[0].partial else None
         preforms = tuple(
-            _plan_half(half, job_file, step.part(float(begin), float(end)), of_part)[0]
-            for half, (begin, end) in zip(made.parts, pairwise(begins), strict=True)
+            _plan_preform(
+                half, job_file, step.part(float(begin), float(end)), of_part, f"stage {k} of {len(made.stages)}"
+            )
+            for k, (half, (begin, end)) in enumerate(zip(made.parts, pairwise(begins), strict=True), 1)
         )
         return PreparedPart(mesh, tuple(sides), preforms, (*warnings, *made.warnings), stages=made.stages)
 
@@ -175,17 +177,32 @@ def _parts(mesh: Mesh, job_file: JobFile) -> list[HalfPart]:
     return parts(mesh, swap_islands=job_file.job.path.islands == "swap")
 
 
+def _plan_preform(half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None, stage: str) -> Side:
+    """Loops of a shape before the part; an error names the ``stage``, as its place is none of the part's own.
+
+    ``of_part``: features of the part that the shape becomes; they are its own, too, at common levels.
+    """
+    try:
+        return _plan_half(half, job_file, step, of_part, preform=True)[0]
+    except IsfError as error:
+        if error.code == ErrorCode.PLAN_CANCELLED:
+            raise
+        option = "path.morph" if job_file.job.path.morph else "path.stages"
+        what, advice = f"{stage}, a shape before the part: {error.what}", f"change {option}, or {error.advice}"
+        raise IsfError(error.code, what, where=error.where, advice=advice) from error
+
+
 def _plan_half(
-    half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None = None
+    half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None = None, *, preform: bool = False
 ) -> tuple[Side, Array, list[str]]:
     """Loops of what one tool forms, in the view of that tool; the shift (3,) m of the mesh in frame ``sheet``.
 
-    ``of_part``: features of the part that a shape before it becomes; they are its own, too, at common levels.
+    A ``preform`` and ``of_part`` as in :func:`_plan_view`.
 
     What is told, also by an error, names places in frame ``sheet``.
     """
     try:
-        side, shift, warnings = _plan_view(half, job_file, step, of_part)
+        side, shift, warnings = _plan_view(half, job_file, step, of_part, preform=preform)
     except IsfError as error:
         what, where = (in_sheet(text, half.forming_tool, half.base) for text in (error.what, error.where))
         raise IsfError(error.code, what, where=where, advice=error.advice) from error
@@ -194,36 +211,47 @@ def _plan_half(
 
 
 def _plan_view(
-    half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None
+    half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None, *, preform: bool
 ) -> tuple[Side, Array, list[str]]:
+    """As :func:`_plan_half`, in the view of the tool.
+
+    A ``preform`` is as steep as it was made, and is formed as deep as the tool goes: neither is a fault of the part.
+    ``of_part``: features of the part that it becomes, None without partial paths.
+    """
     job, rig = swapped(job_file.job, half.forming_tool), job_file.rig
     radius = job.tool_1.ball_radius
     part = mesh_checks.check_and_place(half.mesh, rig.clamp.size, job.tool_1.radius, place=job.place)
     part_checks.check_fit(part, job, rig)
     if job.process == "ADSIF":
         adsif_path.check_reachable(part.mesh, adsif_path.surface_for(job_file))
-    limit = job.wall_angle_limit or job_file.material.max_wall_angle
-    moved = part.warnings if half.base == 0.0 else ()  # told once, with the height of the flange
-    warnings = list(moved + part_checks.check_wall_angle(part.mesh, limit))
+    warnings = list(part.warnings if half.base == 0.0 else ())  # told once, with the height of the flange
+    if not preform:
+        limit = job.wall_angle_limit or job_file.material.max_wall_angle
+        warnings += part_checks.check_wall_angle(part.mesh, limit)
 
     step("sampling the surface", 0.05)
     surface = target_surface.fine_surface(part.mesh, radius)
     step("dropping the tool", 0.3)
     x, y, height = tip_surface.tip_grid(surface, radius)
-    warnings += part_checks.check_reach(surface, height, part.depth, radius)
+    depth = part.depth
+    if preform:
+        depth = tip_surface.reached_depth(surface, height, depth, radius)
+    else:
+        warnings += part_checks.check_reach(surface, height, depth, radius)
 
-    grid = sections.TipGrid(x, y, height, part.depth)
+    grid = sections.TipGrid(x, y, height, depth)
     found = (of_part or find_features(part.mesh, radius)) if job.path.partial_paths else None
     by_feature = feature_levels(grid, surface, found, job, own=of_part is None) if found else None
     if by_feature:
         levels = by_feature.z
     elif job.path.spacing == "depth":
-        levels = tip_loops.levels(part.depth, job.path.incremental_depth)
+        levels = tip_loops.levels(depth, job.path.incremental_depth)
     else:
         levels = level_spacing.levels(grid, surface, job)
     nodes, reported = sections.trace(grid, levels, job)
     warnings += reported
-    part_checks.check_pockets(part.mesh, levels, nodes, radius)
+    if not preform:
+        part_checks.check_pockets(part.mesh, levels, nodes, radius)
     tree = sections.settle_all(nodes, surface, job, lambda k, n: step(f"contour {k + 1} of {n}", 0.4 + 0.5 * k / n))
     shift = part.mesh.vertices.min(axis=0) - half.mesh.vertices.min(axis=0)
     partial = partial_paths(tree, found, by_feature, radius) if found and by_feature else None

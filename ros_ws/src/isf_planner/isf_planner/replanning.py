@@ -50,10 +50,12 @@ class PlanBase:
 
 
 def same_contacts(before: Job, after: Job) -> bool:
-    """True when the contacts of a plan for the job ``before`` also serve the job ``after``."""
+    """True when the contacts of a plan for the job ``before`` also serve the job ``after``, and its wall angles do."""
     if before.process not in ("SPIF", "DSIF"):
         return False
     same = all(getattr(before, name) == getattr(after, name) for name in KEPT_SECTIONS)
+    # without a limit of the job, how steep the part may be is the material's to say
+    same &= after.wall_angle_limit is not None or before.sheet.material == after.sheet.material
     return same and all(getattr(before.path, name) == getattr(after.path, name) for name in KEPT_PATH)
 
 

@@ -1,11 +1,14 @@
-"""Markers for RViz: colours by wall angle, warnings at their place."""
+"""What RViz shows of a plan: colours by wall angle, warnings at their place, the way of each tool."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from isf_core.geometry.height_map import HeightMap
 from isf_planner import Plan
+from isf_planner.node import tips_of
 from isf_planner.node_markers import TEXT_LENGTH, plan_markers
 from planner_contours import circle
 from visualization_msgs.msg import Marker
@@ -42,3 +45,16 @@ def test_warnings_stand_at_their_place() -> None:
     np.testing.assert_allclose([place.x, place.y, place.z], [12.5e-3, -3e-3, -4e-3])
     assert markers[1].text == f"{long[:TEXT_LENGTH]}..."
     assert markers[1].pose.position.z > place.z
+
+
+def test_the_way_of_a_tool_is_its_own_where_the_tools_swap() -> None:
+    pocket = circle(tools=2)
+    dome = replace(circle(z=3e-3, tools=2), forming_tool=2)
+    contours = (pocket, dome, pocket)
+    np.testing.assert_array_equal(
+        tips_of(contours, 1), np.vstack([pocket.forming_tip, dome.support_tip, pocket.forming_tip])
+    )
+    np.testing.assert_array_equal(
+        tips_of(contours, 2), np.vstack([pocket.support_tip, dome.forming_tip, pocket.support_tip])
+    )
+    assert len(tips_of((circle(),), 2)) == 0  # one tool alone

@@ -72,3 +72,21 @@ def test_other_levels_need_a_new_plan(made: tuple[Plan, JobFile]) -> None:
     coarse = changed(job_file, "incremental_depth: 0.5 mm", "incremental_depth: 2 mm")
     after = replan(before, coarse)
     assert len(after.contours) == len(plan(coarse).contours) < len(before.contours)
+
+
+@pytest.mark.parametrize(("limit", "refused"), [("", True), ("wall_angle_limit: 80 deg", False)])
+def test_a_material_that_bears_less_refuses_walls_that_the_one_before_bore(
+    limit: str, refused: bool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """65 deg: AA5754-O bears 66, AISI-304 63; a limit of the job holds for both."""
+    steep = Cone(angle=np.radians(65.0))
+    job_file = job_for(write(steep.mesh(), tmp_path_factory.mktemp("steep") / "cone.stl"), depth="1 mm")
+    job_file = changed(job_file, "wall_angle_limit: 80 deg", limit)
+    before, other = plan(job_file), changed(job_file, "AA5754-O", "AISI-304")
+    if not refused:
+        assert len(replan(before, other).contours) == len(before.contours)
+        return
+    with pytest.raises(IsfError) as caught:
+        replan(before, other)
+    assert caught.value.code is ErrorCode.WALL_TOO_STEEP
+    assert "63.0 deg may be planned" in caught.value.what

@@ -38,9 +38,6 @@ SMALLEST_FACET = 1e-10
 UNREACHED_TOLERANCE = 0.1e-3
 """m, material left by the tool in a fillet before it is worth a warning."""
 
-REACH_TOLERANCE = 20e-6
-"""m, by which the tool may miss the deepest point."""
-
 PRESSING_TOLERANCE = 0.1e-3
 """m, by which the support tool may press beside its contact before it is worth a warning."""
 
@@ -102,8 +99,8 @@ def check_reach(surface: TargetSurface, tip_height: Array, depth: float, radius:
     """
     row, column = np.unravel_index(int(np.argmin(surface.z)), surface.z.shape)
     deepest = np.array([surface.x[column], surface.y[row]])
-    missing = tip_surface.lowest_tip(surface, tip_height, radius) + depth
-    if missing > REACH_TOLERANCE:
+    missing = depth - tip_surface.reached_depth(surface, tip_height, depth, radius)
+    if missing > 0.0:
         raise IsfError(
             ErrorCode.PART_TOO_SMALL_FOR_TOOL,
             f"the tool of radius {radius * 1e3:.2f} mm stops {missing * 1e3:.2f} mm above the deepest point",

@@ -4,7 +4,8 @@ A wall steeper than the material bears in one pass is formed in stages. Two kind
 
 * ``path.stages``: one for every wall angle that is given, 3 or 5 deg steeper from stage to stage (Hirt 2004 in Lu 2016,
   2.3.2): the lowest surface above the part that is nowhere steeper. It keeps the opening, and reaches the floor where
-  there is room for it.
+  there is room for it; where its walls meet before, it ends where the tool does. An angle that the part itself does not
+  exceed makes no shape before it.
 * ``path.morph``: shapes between the flat blank and the part, which get deeper and steeper at once, so that no floor is
   formed long before the walls around it (Behera 2015; :mod:`isf_planner.morphing`).
 
@@ -25,8 +26,6 @@ from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile, MorphSpec
 from isf_core.geometry.height_map import HeightMap
-from isf_core.types import Array
-from numpy.typing import NDArray
 
 from isf_planner.features.segmentation import find_features
 from isf_planner.forming.sides import HalfPart
@@ -53,6 +52,9 @@ LARGEST_MORPH = 200
 LIFTED = 0.5e-3
 """m, by how much a morph may have to be lifted onto the part before it is worth a warning."""
 
+SAME = 0.05e-3
+"""m, a preform that lies nowhere farther above the part is the part itself: facets say no more."""
+
 STEEP_MARGIN = np.radians(1.0)
 """rad, a wall of a stage is looked at for folds from this much below the angle of the first stage."""
 
@@ -63,7 +65,7 @@ class Stage:
 
     Attributes
     ----------
-    heights : the formed surface, m, flange at z = 0
+    heights : the surface to be formed, m, flange at z = 0; in a groove of a shape before the part the tool stops above
     fold_over : after the stage before; None for the first one
     """
 
@@ -129,7 +131,7 @@ def preforms(
     if morph is None and not job.path.stages:
         return Preforms(stages=(Stage(part, None), *[Stage(part, UNCHANGED)] * finishing))
     if morph is None:
-        shapes = [preform(part, angle, radius) for angle in job.path.stages]
+        shapes = _by_angles(part, job.path.stages, radius, step, reported)
         steep = job.path.stages[0] - STEEP_MARGIN
         measure = MorphSpec().gap
     else:
@@ -139,6 +141,7 @@ def preforms(
         shapes = _morphed(mesh, part, job, morph, failure, steep, step, reported)
     folds = [fold_over(a, b, radius, steep, measure) for a, b in pairwise([*shapes, part])]
     stages = tuple(Stage(shape, fold) for shape, fold in zip([*shapes, part], [None, *folds], strict=True))
+    stages += (Stage(part, UNCHANGED),) * finishing
     worst = max(range(len(folds)), key=lambda k: folds[k].ratio, default=None)
     if worst is not None and folds[worst].ratio > 1.0:
         fold = folds[worst]
@@ -148,7 +151,6 @@ def preforms(
             f"({fold.limit * 1e3:.1f} mm)"
         )
     halves = tuple(HalfPart(height_grid.as_mesh(shape), 1) for shape in shapes)
-    stages += (Stage(part, UNCHANGED),) * finishing
     return Preforms(halves, stages if len(stages) > 1 else (), tuple(reported))
 
 
@@ -166,14 +168,14 @@ def joined(groups: Sequence[Sequence[Contour]]) -> tuple[Contour, ...]:
 def preform(part: HeightMap, wall_angle: float, radius: float) -> HeightMap:
     """Lowest surface above ``part`` that is nowhere steeper than ``wall_angle`` (rad), for a tool of ``radius`` m.
 
+    Where its walls meet in a point or a groove the tool will stop above that.
+
     Raises
     ------
     IsfError : PART_TOO_SMALL_FOR_TOOL when nothing is left to be formed at that angle
     """
     flange = float(part.z.max())
-    size = max(float(np.ptp(part.x)), float(np.ptp(part.y)))
-    cone = _cone(np.tan(wall_angle), height_grid.pitch_of(part), flange - float(part.z.min()), size)
-    z = surface_kernels.dilate(part.z, *cone)
+    z = surface_kernels.hung(part.z, float(np.tan(wall_angle)) * height_grid.pitch_of(part))
     if flange - z.min() < 0.1 * radius:
         raise IsfError(
             ErrorCode.PART_TOO_SMALL_FOR_TOOL,
@@ -184,17 +186,27 @@ def preform(part: HeightMap, wall_angle: float, radius: float) -> HeightMap:
     return HeightMap(part.x, part.y, z)
 
 
+def _by_angles(
+    part: HeightMap, angles: Sequence[float], radius: float, step: Callable[[str, float], None], reported: list[str]
+) -> list[HeightMap]:
+    """Preforms of the ascending wall ``angles`` (rad) that are not the part itself."""
+    shapes: list[HeightMap] = []
+    for number, angle in enumerate(angles):
+        step("shapes before the part", number / len(angles))
+        shape = preform(part, angle, radius)
+        if (shape.z - part.z).max() <= SAME:
+            left = ", ".join(f"{np.degrees(one):g}" for one in angles[number:])
+            reported.append(
+                f"path.stages: the part is no steeper than {np.degrees(angle):g} deg; before it, walls of {left} deg "
+                "would form the part itself and are left out"
+            )
+            break
+        shapes.append(shape)
+    return shapes
+
+
 def _pitch(mesh: Mesh, wanted: float, cells: int) -> float:
     return max(wanted, float(np.ptp(mesh.vertices[:, :2], axis=0).max()) / cells)
-
-
-def _cone(slope: float, pitch: float, height: float, farthest: float) -> tuple[NDArray[np.int64], Array]:
-    """Node offsets (M, 2) of a hanging cone and how far (M,) m it has fallen there, to ``height`` or ``farthest`` m."""
-    reach = int(np.ceil(min(height / slope, farthest) / pitch))
-    steps = np.arange(-reach, reach + 1)
-    offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-    falls = slope * pitch * np.sqrt((offsets**2).sum(axis=1))
-    return offsets[falls <= height], falls[falls <= height]
 
 
 def _morphed(

@@ -64,6 +64,7 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
             limit = job.path.acceleration or STOPPING
             made = replace(made, speed=contour_making.speeds(made.forming_tip, False, made.feed, limit))
         contours.append(replace(made, retract=piece.retract and bool(contours)))
+    contours = tool_paths.with_lifts(contours, job)
     return tuple(contour_making.with_speed(contours, [False] * len(contours), job.path.acceleration))
 
 

@@ -10,7 +10,8 @@ sheet, one thickness below the given surface.
 
 The last contour of a wall leaves the floor inside it standing up as a low dome (pillow). Passes in rings, one tool step
 apart, press it down: inwards, then outwards, as often as ``path.floor_rounds`` says, so that what a scan shows after
-one round is mended in the next. Only flat floors without anything in them get passes.
+one round is mended in the next. Only flat floors without anything in them get passes. Where a ring splits, as in a neck
+of the floor, one part is passed over after the other.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
                 first = contour.support_tip
             contours.append(replace(contour, retract=k == 0 and bool(contours)))
             joins.append(path.joins)
-    return tuple(contour_making.with_speed(contours, joins, job.path.acceleration))
+    return tuple(contour_making.with_speed(with_lifts(contours, job), joins, job.path.acceleration))
 
 
 def feature_paths(chain: Sequence[TipLoop], side: Side, job: Job) -> list[TipPath]:
@@ -123,6 +124,8 @@ SMALLEST = 0.5
 def floor_paths(surface: TargetSurface, wall: TipPath, job: Job) -> list[TipPath]:
     """Rings over the floor inside the last path of a feature, in the order of forming; none where it is not flat.
 
+    Inwards every ring is followed by all that lie in it before its neighbours are, outwards it follows them.
+
     Parameters
     ----------
     surface : the sampled target as the forming tool sees it ; wall : the last path, as the tool sees it
@@ -132,18 +135,43 @@ def floor_paths(surface: TargetSurface, wall: TipPath, job: Job) -> list[TipPath
     if step is None:
         return []
     level = float(wall.points[:, 2].mean())
-    rings: list[list[TipPath]] = []
     shape = shapely.Polygon(wall.points[:, :2])
-    for number in itertools.count(1):
-        inside = shape.buffer(-number * step)
-        found = [part for part in _polygons(inside) if part.area >= np.pi * (SMALLEST * step) ** 2]
-        if not found:
-            break
-        rings.append([_ring(part, level, wall, job.path.point_spacing) for part in found])
-    passes = [path for ring in rings for path in ring]
+    shapes = [[shape]]
+    while shapes[-1]:
+        inside = shape.buffer(-len(shapes) * step)
+        shapes.append([part for part in _polygons(inside) if part.area >= np.pi * (SMALLEST * step) ** 2])
+    inner = _inner(shapes)
+    passes: list[TipPath] = []
+    splits = any(len(parts) > 1 for parts in shapes)
+    near = wall.points[0, :2]
+    waiting = [(place, near) for place in inner.get((0, 0), [])[::-1]]
+    while waiting:
+        (number, part), near = waiting.pop()
+        passes.append(_ring(shapes[number][part], level, wall, near, job.path.point_spacing))
+        if splits:  # behind a neck the start of the wall is no guide
+            near = passes[-1].points[0, :2]
+        waiting += [(place, near) for place in inner.get((number, part), [])[::-1]]
     if not all(_flat(surface, path, level, job.tool_1.ball_radius) for path in passes):
         return []
     return [path for turn in range(job.path.floor_rounds) for path in (passes if turn % 2 == 0 else passes[::-1])]
+
+
+def with_lifts(contours: Sequence[Contour], job: Job) -> list[Contour]:
+    """``contours``, the tools lifted before a pass over a floor that straight on is reached only through its wall."""
+    if job.path.floor_step is None:
+        return list(contours)
+    found, wall = list(contours[:1]), contours[0]
+    room: shapely.Geometry | None = None
+    for before, contour in itertools.pairwise(contours):
+        if not over_floor(contour, before):
+            wall, room = contour, None
+        else:
+            room = room or shapely.Polygon(wall.forming_tip[:, :2]).buffer(GOUGE_TOLERANCE)
+            way = before.forming_tip[0 if before.closed else -1], contour.forming_tip[0]
+            clear = room.covers(shapely.LineString([tip[:2] for tip in way]))
+            contour = replace(contour, retract=contour.retract or not clear)
+        found.append(contour)
+    return found
 
 
 def left_out(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
@@ -158,13 +186,25 @@ def left_out(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
     )
 
 
-def _ring(shape: shapely.Polygon, level: float, wall: TipPath, spacing: float) -> TipPath:
+def _ring(shape: shapely.Polygon, level: float, wall: TipPath, near: Array, spacing: float) -> TipPath:
+    """The outline of ``shape`` at ``level`` m, from the place next to ``near`` (2,) m on, in the sense of ``wall``."""
     line = np.asarray(shapely.geometry.polygon.orient(shape).exterior.coords)[:-1]
-    points = tip_loops.with_equal_chords(line, spacing, wall.points[0, :2])
+    points = tip_loops.with_equal_chords(line, spacing, near)
     tips = np.column_stack([points, np.full(len(points), level)])
     ring = replace(wall, points=tips, normal=np.tile([0.0, 0.0, 1.0], (len(tips), 1)), joins=False, closed=True)
     ring = replace(ring, wall_right=True)
     return ring if wall.wall_right else ring.turned()
+
+
+def _inner(levels: Sequence[Sequence[shapely.Polygon]]) -> dict[tuple[int, int], list[tuple[int, int]]]:
+    """For a part of a level, both by their number, those of the next level that lie in it."""
+    inner: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for k, (outer, parts) in enumerate(itertools.pairwise(levels)):
+        for number, part in enumerate(parts):
+            place = part.representative_point()
+            around = min(range(len(outer)), key=lambda one: outer[one].distance(place))
+            inner.setdefault((k, around), []).append((k + 1, number))
+    return inner
 
 
 def _polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:

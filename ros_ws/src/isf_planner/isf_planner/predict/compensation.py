@@ -29,7 +29,7 @@ from scipy.spatial import KDTree
 
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.predict import machine_error
-from isf_planner.predict.predictions import EQUILIBRIUM, step_depths
+from isf_planner.predict.predictions import EQUILIBRIUM, formed_after, near_of, step_depths
 
 SETTLED = 20e-6
 """m, change of the sheet deflection below which the iteration ends (Praveen 2020, 2.5)."""
@@ -81,10 +81,10 @@ def deflections(contours: Sequence[Contour], job_file: JobFile) -> tuple[Deflect
     job = job_file.job
     wanted = job.path.compensation
     error = machine_error.load(job_file.base / job.path.machine_error) if job.path.machine_error else None
-    steps = step_depths(contours, job.path.incremental_depth)
+    steps = step_depths(contours, job.path.incremental_depth, near_of(job))
     curve = flow_curve(job_file.material)
     angles = [contour.wall_angle for contour in contours]
-    before = _before(contours)
+    before = formed_after(contours, near_of(job))
     radii = _radii(contours, job_file)
     passes = MAXIMUM_PASSES if "sheet" in wanted else 1
     sheet = [np.zeros(len(contour)) for contour in contours]
@@ -188,17 +188,6 @@ def tool_compliance(tool: ToolSpec) -> float:
 
 def _tool(job: Job, contour: Contour) -> ToolSpec:
     return job.tool_1 if contour.forming_tool == 1 or job.tool_2 is None else job.tool_2
-
-
-def _before(contours: Sequence[Contour]) -> list[int]:
-    """Index of the contour before each one in its feature, -1 for the first."""
-    last: dict[tuple[int, int], int] = {}
-    result = []
-    for k, contour in enumerate(contours):
-        key = (contour.feature, contour.stage)
-        result.append(last.get(key, -1))
-        last[key] = k
-    return result
 
 
 def _moved_angle(

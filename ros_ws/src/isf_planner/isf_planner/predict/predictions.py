@@ -19,11 +19,18 @@ from isf_core.process.forming_force import aerens_axial_force, equilibrium_force
 from isf_core.process.support_window import chip_force
 from isf_core.types import Array
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from isf_planner.part.mesh_checks import place_text
 
 MARGIN = 0.95
 """Part of a limit above which a point is warned of."""
+
+NEAR = 3.0
+"""Distance to the pass that a pass of partial paths is formed after, at most, over the tool radius."""
+
+PLACES = 64
+"""Points of a pass, about, by which its distance to another one is known."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +111,7 @@ def predict(contours: Sequence[Contour], job_file: JobFile) -> tuple[Prediction,
     job, material = job_file.job, job_file.material
     limits = limits_of(material, job)
     curve = flow_curve(material)
-    steps = step_depths(contours, job.path.incremental_depth)
+    steps = step_depths(contours, job.path.incremental_depth, near_of(job))
     predictions = []
     before: Contour | None = None
     for contour, step in zip(contours, steps, strict=True):
@@ -181,16 +188,59 @@ def _radius(forming_tool: int, job: Job) -> float:
     return tool.ball_radius
 
 
-def step_depths(contours: Sequence[Contour], default: float) -> Array:
-    """(K,) m, how much deeper each contour runs than the one before it in its feature; ``default`` for the first."""
-    last: dict[tuple[int, int], float] = {}
+def step_depths(contours: Sequence[Contour], default: float, near: float | None = None) -> Array:
+    """(K,) m, how much deeper each contour runs than the one it is formed after; ``default`` for the first.
+
+    ``near`` as in :func:`formed_after`.
+    """
+    height = [float(contour.forming_tip[:, 2].mean()) + contour.holder_height for contour in contours]
     steps = np.empty(len(contours))
-    for k, contour in enumerate(contours):
-        key, z = (contour.feature, contour.stage), float(contour.forming_tip[:, 2].mean()) + contour.holder_height
-        step = abs(last[key] - z) if key in last else default
+    for k, before in enumerate(formed_after(contours, near)):
+        step = abs(height[before] - height[k]) if before >= 0 else default
         steps[k] = step if step > 1e-6 else default
-        last[key] = z
     return steps
+
+
+def near_of(job: Job) -> float | None:
+    """m, ``near`` of :func:`formed_after` for the contours of ``job``."""
+    return NEAR * job.tool_1.ball_radius if job.path.partial_paths else None
+
+
+def formed_after(contours: Sequence[Contour], near: float | None) -> list[int]:
+    """Index of the contour that each one deepens: the one before it in its feature and stage, -1 for the first.
+
+    Passes of partial paths run on one wall after the other. There it is the one that runs nearest, by the median over
+    the tips, no more than ``near`` m away; -1 where there is none.
+    """
+    earlier: dict[tuple[int, int], list[int]] = {}
+    result = []
+    trees: dict[int, KDTree] = {}
+    for k, contour in enumerate(contours):
+        mine = earlier.setdefault((contour.feature, contour.stage), [])
+        if near is None:
+            result.append(mine[-1] if mine else -1)
+        else:
+            result.append(_nearest(contours, mine, contour, near, trees))
+        mine.append(k)
+    return result
+
+
+def _nearest(
+    contours: Sequence[Contour], earlier: Sequence[int], contour: Contour, near: float, trees: dict[int, KDTree]
+) -> int:
+    """Which of the ``earlier`` contours (indices) runs nearest to ``contour``, the last of these; fills ``trees``."""
+    tips = contour.forming_tip[:: max(1, len(contour) // PLACES)]
+    top = float(tips[:, 2].max())
+    found, least = -1, near
+    for k in reversed(earlier):
+        if float(contours[k].forming_tip[:, 2].min()) - top > least:
+            continue
+        if k not in trees:
+            trees[k] = KDTree(contours[k].forming_tip)
+        distance = float(np.median(trees[k].query(tips, distance_upper_bound=least)[0]))
+        if distance < least:
+            found, least = k, distance
+    return found
 
 
 def contour_time(contour: Contour) -> float:

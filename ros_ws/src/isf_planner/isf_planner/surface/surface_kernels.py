@@ -148,6 +148,39 @@ def dilate(z: Array, offsets: Indices, drops: Array) -> Array:
 
 
 @kernel
+def hung(z: Array, fall: float) -> Array:
+    """(ny, nx) m, lowest surface above ``z`` that nowhere falls faster than ``fall`` m per node: the highest of the
+    cones that hang from all nodes.
+
+    Cones are followed outwards ring by ring, the highest first. A node below another cone is passed over: its own cone
+    lies below that one everywhere. On a ring that lies below others by a quarter of a fall at every node, a cone ends:
+    a cone that is higher at a node of the ring stays so behind it, but for the detour of less than a quarter of a node
+    that the way past a node is.
+    """
+    ny, nx = z.shape
+    out = z.copy()
+    order = np.argsort(z.ravel())
+    for k in range(len(order) - 1, -1, -1):
+        row, column = order[k] // nx, order[k] % nx
+        top = z[row, column]
+        if out[row, column] > top:
+            continue
+        for ring in range(1, max(nx, ny)):
+            ends = True
+            for j in range(max(row - ring, 0), min(row + ring + 1, ny)):
+                stride = 1 if abs(j - row) == ring else 2 * ring
+                for i in range(column - ring, column + ring + 1, stride):
+                    if i < 0 or i >= nx:
+                        continue
+                    value = top - fall * np.sqrt(float(j - row) ** 2 + float(i - column) ** 2)
+                    ends = ends and value + 0.25 * fall <= out[j, i]
+                    out[j, i] = max(out[j, i], value)
+            if ends:
+                break
+    return out
+
+
+@kernel
 def best_drop(
     z: Array, origin: Array, pitch: float, points: Array, start: Indices, reach: int, stride: int, radius: float
 ) -> tuple[Array, Indices]:

@@ -17,6 +17,9 @@ from isf_planner.surface.target_surface import TargetSurface
 STRIDE = 5
 """Coarse search: every fifth node of the fine grid."""
 
+REACH_TOLERANCE = 20e-6
+"""m, by which the tool may miss the deepest point."""
+
 _WORST = 6
 
 CONSISTENT = 0.02
@@ -46,6 +49,15 @@ def lowest_tip(surface: TargetSurface, tip_height: Array, radius: float) -> floa
         best = int(np.argmin(height))
         place, lowest = points[best], min(lowest, float(height[best]))
     return lowest
+
+
+def reached_depth(surface: TargetSurface, tip_height: Array, depth: float, radius: float) -> float:
+    """m, how deep the tool gets into a part ``depth`` m deep: all of it where no more than the tolerance is missing.
+
+    ``tip_height`` as from :func:`tip_grid`, ``radius`` m.
+    """
+    reached = -lowest_tip(surface, tip_height, radius)
+    return depth if depth - reached <= REACH_TOLERANCE else reached
 
 
 def unreached(surface: TargetSurface, tip_height: Array, radius: float, tolerance: float) -> tuple[float, Array]:

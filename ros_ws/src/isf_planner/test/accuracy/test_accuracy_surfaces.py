@@ -238,6 +238,30 @@ def test_a_part_is_planned_on_its_moved_target_and_compared_with_itself(learned:
     assert load_mesh(path, "mm").vertices[:, 2].min() == pytest.approx(-cone.depth, abs=1e-8)
 
 
+def test_where_a_part_was_moved_to_is_told_of_a_moved_target_too(learned: FormedParts, tmp_path: Path) -> None:
+    formed_parts.save(learned, tmp_path / "m.npz")
+    job_file = job_with(tmp_path, CONES[1], "m.npz")
+    mesh = CONES[1].mesh(2e-5)
+    write(mesh.moved(np.array([12e-3, -7e-3, 3e-3])), tmp_path / "cone.stl")
+    (told,) = [text for text in plan(job_file).warnings if "was moved by" in text]
+    assert told.startswith("the part was moved by (-12.000, 7.000, -3.000) mm")
+
+
+def test_a_wall_that_is_too_steep_only_where_the_target_is_moved_is_told_so(
+    learned: FormedParts, tmp_path: Path
+) -> None:
+    formed_parts.save(learned, tmp_path / "m.npz")
+    limit = {"wall_angle_limit: 80 deg": "wall_angle_limit: 45.3 deg"}
+    assert plan(job_with(tmp_path, CONES[1], None, **limit)).moved is None
+    with pytest.raises(IsfError) as refused:
+        plan(job_with(tmp_path, CONES[1], "m.npz", **limit))
+    assert refused.value.code == ErrorCode.WALL_TOO_STEEP
+    assert refused.value.what.endswith(
+        "45.3 deg may be planned; so it is with the target that part.accuracy_surfaces moves"
+    )
+    assert refused.value.advice.startswith("leave part.accuracy_surfaces out, or make the wall flatter")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [

@@ -1,15 +1,25 @@
-"""Passes over the floor: rings one step apart at the level of the floor, only where it is flat and empty."""
+"""Passes over the floor: rings one step apart at the level of the floor, only where it is flat and empty.
+
+Where the floor has a neck, part by part, and never through the wall.
+"""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from isf_core.contour import Contour
+import shapely
+from isf_core.contour import Contour, over_floor
 from isf_core.errors import IsfError
 from isf_core.files.job import JobFile
+from isf_core.types import Array
 from isf_planner import plan
+from isf_planner.exports import programs
+from isf_planner.part.meshes import Mesh
+from isf_planner.surface import tip_surface
+from isf_planner.surface.target_surface import fine_surface
 from planner_parts import Cone, grid_mesh, job_for, revolve, write
 
 STEP = 3e-3
@@ -71,3 +81,58 @@ def test_rounds_without_a_step_and_a_process_without_floors_are_refused(tmp_path
     job_file = job_for(write(Cone().mesh(), tmp_path / "cone.ply"))
     with pytest.raises(IsfError, match="floor_rounds has no effect without floor_step"):
         plan(with_floor(job_file, "floor_rounds: 3"))
+
+
+def u_pocket(depth: float = 6e-3) -> Mesh:
+    """Walls of 45 deg; the bridge between the arms is narrower than they are, so that rings split there."""
+    outline = shapely.box(-60e-3, -50e-3, 60e-3, 50e-3).difference(shapely.box(-15e-3, -22e-3, 15e-3, 60e-3))
+    x, y = np.arange(-66e-3, 66.5e-3, 1e-3), np.arange(-56e-3, 56.5e-3, 1e-3)
+    gx, gy = np.meshgrid(x, y)
+    inside = shapely.contains_xy(outline, gx, gy)
+    z = np.where(inside, shapely.distance(outline.exterior, shapely.points(gx, gy)), 0.0)
+    return grid_mesh(x, y, -np.minimum(z, depth))
+
+
+def links(contours: tuple[Contour, ...]) -> list[tuple[Contour, Array]]:
+    """Every pass over a floor with the straight way (200, 3) m to it."""
+    found = []
+    for before, contour in pairwise(contours):
+        end = before.forming_tip[0 if before.closed else -1]
+        if over_floor(contour, before):
+            found.append((contour, end + np.linspace(0.0, 1.0, 200)[:, None] * (contour.forming_tip[0] - end)))
+    return found
+
+
+@pytest.fixture(scope="module", params=["", "partial_paths: true, ", "stagger: 3 mm, "])
+def necked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Contour, ...]:
+    folder = tmp_path_factory.mktemp("necked")
+    job_file = job_for(write(u_pocket(), folder / "u.ply"), process="SPIF", depth="1 mm", spacing="1 mm")
+    return plan(with_floor(job_file, f"{request.param}floor_step: 2.5 mm, floor_rounds: 2")).contours
+
+
+def test_no_pass_over_a_floor_with_a_neck_is_reached_through_the_wall(necked: tuple[Contour, ...]) -> None:
+    surface = fine_surface(u_pocket(), 5e-3)
+    found = links(necked)
+    assert len(found) == 16
+    for contour, way in found:
+        height, _ = tip_surface.drop_tool(surface, np.ascontiguousarray(way[:, :2]), 5e-3)
+        cuts = float((height - way[:, 2]).max()) > 20e-6
+        assert contour.retract == cuts
+    # into each arm and, outwards, back into the other one and to the rings around both
+    assert sum(contour.retract for contour, _ in found) == 4
+
+
+def test_one_arm_is_passed_over_after_the_other_and_its_rings_are_linked(necked: tuple[Contour, ...]) -> None:
+    found = links(necked)
+    sides = "".join("=" if abs(x) < 5e-3 else "<>"[int(x > 0)] for x in (c.forming_tip[:, 0].mean() for c, _ in found))
+    assert sides in ("==<<<>>>>>><<<==", "==>>><<<<<<>>>==")
+    ways = [float(np.linalg.norm(way[-1] - way[0])) for contour, way in found if not contour.retract]
+    assert max(ways) < 8e-3  # one step, and what the start is moved on by
+
+
+def test_a_program_lifts_the_tool_between_the_arms(tmp_path: Path) -> None:
+    job_file = job_for(write(u_pocket(), tmp_path / "u.ply"), process="SPIF", depth="2 mm", spacing="1 mm")
+    points = programs.path_points(plan(with_floor(job_file, "floor_step: 2.5 mm, floor_rounds: 1")).contours)
+    apart = np.linalg.norm(np.diff(points.tool_1, axis=0), axis=1) > 40e-3
+    assert apart.sum() == 2
+    assert points.lift[1:][apart].all()

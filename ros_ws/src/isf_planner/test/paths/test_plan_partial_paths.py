@@ -142,6 +142,20 @@ def test_ridges_on_every_wall_are_as_high_as_asked_for(oblique: Plan, sign: floa
     np.testing.assert_allclose(ridge, SCALLOP, rtol=0.10)
 
 
+@pytest.mark.parametrize(("sign", "newton"), [(1.0, 651.0), (-1.0, 913.0)])
+def test_force_is_even_along_a_wall_whose_passes_come_in_turn_with_others(
+    oblique: Plan, sign: float, newton: float
+) -> None:
+    """By the regression with the steps on the wall itself: 0.45 mm on that of 25 deg, 0.75 mm on that of 45 deg."""
+    forces = [
+        contour.predicted_force[np.argmin(np.linalg.norm(contour.contact - place, axis=1))]
+        for contour in oblique.contours
+        if not contour.closed and (place := crossing(contour, sign)) is not None and -13.8e-3 < place[2] < -3.4e-3
+    ]
+    assert len(forces) > 8
+    np.testing.assert_allclose(forces, newton, rtol=0.01)
+
+
 def test_depth_never_falls_back_and_open_passes_come_to_rest(oblique: Plan) -> None:
     depth = [contour.forming_tip[:, 2].max() for contour in oblique.contours]
     assert depth == sorted(depth, reverse=True)

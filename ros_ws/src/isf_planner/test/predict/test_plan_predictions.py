@@ -87,6 +87,35 @@ def test_step_depths_follow_each_feature() -> None:
     np.testing.assert_allclose(step_depths(contours, 0.5e-3), [0.5e-3, 0.4e-3, 0.5e-3, 0.6e-3, 0.7e-3])
 
 
+def arc(contour: Contour, begin: float, end: float) -> Contour:
+    """The part of a circle between two bearings, deg, as an open pass."""
+    share = np.arange(len(contour)) / len(contour) * 360.0
+    kept = (share >= begin) & (share < end)
+    names = ("contact", "normal", "wall_angle", "thickness", "forming_tip")
+    return replace(contour, closed=False, **{name: getattr(contour, name)[kept] for name in names})
+
+
+def test_step_depths_of_partial_paths_are_those_on_their_own_wall() -> None:
+    """A ring, then passes on two walls in turn, and a ring again, most of which is below neither of them."""
+    wall = {"left": (100.0, 260.0), "right": (-1.0, 80.0)}
+    passes = [("", -1.0), ("left", -1.3), ("right", -1.9), ("left", -1.7), ("right", -2.8), ("", -3.0), ("right", -3.4)]
+    contours = []
+    for name, level in passes:
+        ring = circle(radius=30e-3 + 1e-3 * level, z=level * 1e-3)
+        contours.append(arc(ring, *wall[name]) if name else ring)
+    steps = step_depths(contours, 0.5e-3, 15e-3)
+    np.testing.assert_allclose(steps, [0.5e-3, 0.3e-3, 0.9e-3, 0.4e-3, 0.9e-3, 2e-3, 0.4e-3], atol=1e-9)
+    # of contours that are no partial paths the one before counts, wherever it runs
+    np.testing.assert_allclose(
+        step_depths(contours, 0.5e-3), [0.5e-3, 0.3e-3, 0.6e-3, 0.2e-3, 1.1e-3, 0.2e-3, 0.4e-3], atol=1e-9
+    )
+
+
+def test_a_first_pass_far_from_all_others_has_the_incremental_depth() -> None:
+    contours = [circle(radius=5e-3, z=-1e-3), circle(radius=40e-3, z=-1.2e-3)]
+    np.testing.assert_allclose(step_depths(contours, 0.5e-3, 15e-3), [0.5e-3, 0.5e-3])
+
+
 def test_time_of_a_circle_and_of_moves(praveen: JobFile) -> None:
     first, second = circle(z=-1e-3), replace(circle(z=-2e-3), index=1)
     one, two = predict([first, second], praveen)
