@@ -49,8 +49,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def formed(folder: Path, springback: str) -> PartRecord:
-    return in_process.form(JobFile(JOB + f"springback: {{{springback}}}\n", folder), RunOptions())
+def formed(folder: Path, springback: str, job: str = JOB) -> PartRecord:
+    return in_process.form(JobFile(job + f"springback: {{{springback}}}\n", folder), RunOptions())
 
 
 def pushes(record: PartRecord) -> tuple[float, float]:
@@ -75,6 +75,21 @@ def test_the_first_contour_of_the_second_pocket_is_pushed_as_far_as_asked(folder
     if name.startswith("mpc") or (first == "zero" and name != "fused"):
         assert asked == pytest.approx(0.0, abs=1e-6)
     assert applied == pytest.approx(asked, abs=ROUNDED)
+
+
+@pytest.mark.parametrize("name", ["analytic", "elastic"])
+def test_pockets_formed_level_by_level_are_both_corrected(folder: Path, name: str) -> None:
+    """With partial paths the tools change the pocket after every level, and come back to what they left."""
+    record = formed(folder, f"method: {name}", JOB.replace("transition: ramp", "partial_paths: true"))
+    assert record.failure() is None
+    features = [contour.feature for contour in record.nominal]
+    assert features[:6] == [0, 1, 0, 1, 0, 1]
+    assert [correction.code for correction in record.corrections] == [0] * len(features)
+    for feature in (0, SECOND):
+        own = [correction for k, correction in enumerate(record.corrections) if features[k] == feature]
+        assert len(own) >= 3
+        assert -np.mean(own[-1].offset[:, 2]) > 1e-3
+        assert -np.mean(own[-1].offset[:, 2]) == pytest.approx(np.mean(own[-1].springback), abs=ROUNDED)
 
 
 @pytest.fixture(scope="module")

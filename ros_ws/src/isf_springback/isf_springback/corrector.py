@@ -227,7 +227,8 @@ class Corrector:
             largest=bounds.largest,
             smallest=-np.inf if bounds.pulls_back else 0.0,
         )
-        start = None if base is None else float(base.push[-1])
+        # tools that come back to a feature begin an open path somewhere else than where they left it
+        start = None if base is None or base.contour.index != contour.index - 1 else float(base.push[-1])
         if not (self.support_stays and contour.has_support):
             given, limited = limit_along(contour, admitted, limits, last, start)
         else:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
 import yaml
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError
@@ -22,6 +23,11 @@ from isf_core.thinned_sheet import ThinnedSheet
 from isf_analysis.measures.contour_scan import ContourScan
 
 Vector = tuple[float, float, float]
+
+
+def _same_path(one: Contour, other: Contour) -> bool:
+    """True when both touch the sheet at the same points."""
+    return np.array_equal(one.contact, other.contact)
 
 
 @dataclass(frozen=True)
@@ -100,9 +106,22 @@ class PartRecord:
 
     @property
     def last_stage(self) -> tuple[Contour, ...]:
-        """Contours as planned that made the shape what it is: all, or of a part formed in stages those of the last."""
+        """Contours as planned that made the shape what it is: all, or of a part formed in stages those of the last.
+
+        Of a part that ended before its last stage did: those of the stage before, and in their place the formed ones
+        of the last stage where that passes over the same path again.
+        """
         last = max((contour.stage for contour in self.nominal), default=0)
-        return tuple(contour for contour in self.nominal if contour.stage == last)
+        newest, before = (
+            tuple(contour for contour in self.nominal if contour.stage == stage) for stage in (last, last - 1)
+        )
+        formed = {result.index for result in self.results if result.completed}
+        if not before or not self.results or self.planned - 1 in formed:
+            return newest
+        again = tuple(contour for contour in newest if contour.index in formed)
+        if all(_same_path(*pair) for pair in zip(again, before, strict=False)):
+            return before[len(again) :] + again
+        return before
 
     @property
     def sealed(self) -> bool:

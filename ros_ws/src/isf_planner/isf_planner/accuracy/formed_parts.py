@@ -21,7 +21,8 @@ from isf_core.types import Array
 
 from isf_planner.accuracy.places import PREDICTORS, find_places, nodes_of
 
-FORMAT = 1
+FORMAT = 2
+"""2: with how the parts were compensated, staged and supported."""
 
 MOST_SAMPLES = 800
 """Places that are kept of a part."""
@@ -47,6 +48,9 @@ class Conditions:
     ----------
     process : SPIF or DSIF ; material : of the sheet ; tool_radius : m, of the upper tool's tip
     correction : springback method ; plate : there is a backing plate
+    compensation : what the plan compensated, in alphabetical order
+    stages : shapes were formed before the part ; finishing_passes : after it
+    on_blank : the support tool stayed under the blank
     """
 
     process: str
@@ -54,13 +58,26 @@ class Conditions:
     tool_radius: float
     correction: str
     plate: bool
+    compensation: tuple[str, ...] = ()
+    stages: bool = False
+    finishing_passes: int = 0
+    on_blank: bool = False
 
     @staticmethod
     def of(job: Job, correction: str | None = None) -> Conditions:
         """Of a job, formed with the springback method ``correction``; None: the job's."""
         method = job.springback.method if correction is None else correction or "none"
-        material = Path(job.sheet.material).stem
-        return Conditions(job.process, material, job.tool_1.ball_radius, method, job.backing_plate is not None)
+        return Conditions(
+            job.process,
+            Path(job.sheet.material).stem,
+            job.tool_1.ball_radius,
+            method,
+            plate=job.backing_plate is not None,
+            compensation=tuple(sorted(job.path.compensation)),
+            stages=bool(job.path.stages) or job.path.morph is not None,
+            finishing_passes=job.path.finishing_passes,
+            on_blank=job.support_stays,
+        )
 
     def difference(self, other: Conditions) -> str:
         """What differs, for people; empty: nothing."""
@@ -74,6 +91,10 @@ class Conditions:
             "tool": f"a tool radius of {1e3 * self.tool_radius:.2f} mm",
             "correction": f"springback method {self.correction}",
             "plate": "a backing plate" if self.plate else "no backing plate",
+            "compensation": f"compensation of {' and '.join(self.compensation) or 'nothing'} in the plan",
+            "stages": "stages before the part" if self.stages else "no stages before the part",
+            "finishing_passes": f"{self.finishing_passes} finishing passes",
+            "support": f"the support tool {'under the blank' if self.on_blank else 'opposite the contact'}",
         }
 
 
@@ -192,6 +213,10 @@ def save(formed: FormedParts, path: Path) -> None:
         "tool_radius": np.asarray(conditions.tool_radius),
         "correction": np.asarray(conditions.correction),
         "plate": np.asarray(conditions.plate),
+        "compensation": np.asarray(conditions.compensation, dtype=np.str_),
+        "stages": np.asarray(conditions.stages),
+        "finishing_passes": np.asarray(conditions.finishing_passes),
+        "on_blank": np.asarray(conditions.on_blank),
         "name": np.asarray([part.name for part in parts]),
         "shape": np.asarray([part.shape for part in parts]),
         "thickness": np.asarray([part.thickness for part in parts]),
@@ -214,6 +239,11 @@ def load(path: Path) -> FormedParts:
         read = read_archive(path)
         if "kind" not in read or str(read["kind"]) != "accuracy surfaces":
             raise ValueError("it holds no accuracy surfaces")
+        if int(read["format"]) < FORMAT:
+            raise ValueError(
+                "it is of an older version of this software and does not tell what was compensated, stages, finishing "
+                "passes and support of its parts: learn from their runs again"
+            )
         if int(read["format"]) != FORMAT or tuple(read["predictors"]) != PREDICTORS:
             raise ValueError("it is of another version of this software")
         conditions = Conditions(
@@ -222,6 +252,10 @@ def load(path: Path) -> FormedParts:
             float(read["tool_radius"]),
             str(read["correction"]),
             bool(read["plate"]),
+            tuple(map(str, read["compensation"])),
+            bool(read["stages"]),
+            int(read["finishing_passes"]),
+            bool(read["on_blank"]),
         )
         ends = np.cumsum(read["count"])
         if ends[-1] != len(read["values"]) or len(read["deviation"]) != ends[-1] or len(read["weight"]) != ends[-1]:

@@ -238,30 +238,6 @@ def test_a_part_is_planned_on_its_moved_target_and_compared_with_itself(learned:
     assert load_mesh(path, "mm").vertices[:, 2].min() == pytest.approx(-cone.depth, abs=1e-8)
 
 
-def test_where_a_part_was_moved_to_is_told_of_a_moved_target_too(learned: FormedParts, tmp_path: Path) -> None:
-    formed_parts.save(learned, tmp_path / "m.npz")
-    job_file = job_with(tmp_path, CONES[1], "m.npz")
-    mesh = CONES[1].mesh(2e-5)
-    write(mesh.moved(np.array([12e-3, -7e-3, 3e-3])), tmp_path / "cone.stl")
-    (told,) = [text for text in plan(job_file).warnings if "was moved by" in text]
-    assert told.startswith("the part was moved by (-12.000, 7.000, -3.000) mm")
-
-
-def test_a_wall_that_is_too_steep_only_where_the_target_is_moved_is_told_so(
-    learned: FormedParts, tmp_path: Path
-) -> None:
-    formed_parts.save(learned, tmp_path / "m.npz")
-    limit = {"wall_angle_limit: 80 deg": "wall_angle_limit: 45.3 deg"}
-    assert plan(job_with(tmp_path, CONES[1], None, **limit)).moved is None
-    with pytest.raises(IsfError) as refused:
-        plan(job_with(tmp_path, CONES[1], "m.npz", **limit))
-    assert refused.value.code == ErrorCode.WALL_TOO_STEEP
-    assert refused.value.what.endswith(
-        "45.3 deg may be planned; so it is with the target that part.accuracy_surfaces moves"
-    )
-    assert refused.value.advice.startswith("leave part.accuracy_surfaces out, or make the wall flatter")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
@@ -305,8 +281,40 @@ def test_files_come_back_and_damaged_ones_are_refused(learned: FormedParts, tmp_
     assert refusal(tmp_path / "none.npz") == "no such file"
     np.savez(tmp_path / "other.npz", format=np.asarray(1))
     assert "no accuracy surfaces" in refusal(tmp_path / "other.npz")
-    np.savez(tmp_path / "later.npz", kind=np.asarray("accuracy surfaces"), format=np.asarray(2))
+    np.savez(tmp_path / "later.npz", kind=np.asarray("accuracy surfaces"), format=np.asarray(3), predictors=np.empty(0))
     assert "another version" in refusal(tmp_path / "later.npz")
+    np.savez(tmp_path / "older.npz", kind=np.asarray("accuracy surfaces"), format=np.asarray(1))
+    assert "does not tell what was compensated" in refusal(tmp_path / "older.npz")
+
+
+@pytest.mark.parametrize(
+    ("path", "here", "plainly"),
+    [
+        ("compensation: [sheet]", "compensation of sheet in the plan", "compensation of nothing in the plan"),
+        ("stages: [30 deg]", "stages before the part", "no stages before the part"),
+        ("morph: {}", "stages before the part", "no stages before the part"),
+        ("finishing_passes: 2", "2 finishing passes", "0 finishing passes"),
+        ("support: on_blank", "the support tool under the blank", "the support tool opposite the contact"),
+    ],
+)
+def test_a_part_that_is_formed_in_another_way_is_refused(
+    path: str, here: str, plainly: str, learned: FormedParts, tmp_path: Path
+) -> None:
+    """What the plan does against springback already would be done twice; stages and passes leave another deviation."""
+    write(CONES[0].mesh(2e-5), tmp_path / "cone.stl")
+    text = job_for(tmp_path / "cone.stl", force="0 N").text.replace("support_force: 0 N, ", "")
+    text += "\nspringback: {method: none, first_contour: zero}"
+    plain = JobFile(text, tmp_path).job
+    other = JobFile(text.replace("incremental_depth", f"{path}, incremental_depth", 1), tmp_path).job
+    assert Conditions.of(plain).difference(Conditions.of(plain)) == ""
+    file = tmp_path / "learned.npz"
+    cases = (plain, other, f"{here} instead of {plainly}"), (other, plain, f"{plainly} instead of {here}")
+    for made, asked, words in cases:
+        formed_parts.save(replace(learned, conditions=Conditions.of(made)), file)
+        with pytest.raises(IsfError) as refused:
+            formed_parts.load(file).check(asked, "learned.npz")
+        assert refused.value.code == ErrorCode.LEARNING_UNUSABLE
+        assert refused.value.what == f"was learned under other conditions: {words}"
 
 
 def test_processes_of_which_nothing_is_learned_refuse_the_field(tmp_path: Path) -> None:

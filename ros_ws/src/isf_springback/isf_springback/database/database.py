@@ -180,6 +180,8 @@ def cache_folder() -> Path:
 
 PLATE_EDGE = "propped"
 """How a plate holds the sheet; a part of the name of databases over plates."""
+STAGES = "over the stage before"
+"""What a further stage begins with; a part of the name of databases of parts that have one."""
 
 
 def cached_path(job_file: JobFile) -> Path:
@@ -191,6 +193,8 @@ def cached_path(job_file: JobFile) -> Path:
     parts += [part.model_dump() for part in (job.tool_1, job_file.rig.clamp)]
     parts += [job.process, None if job.tool_2 is None else job.tool_2.model_dump()]
     parts += [] if job.backing_plate is None else [job.backing_plate.model_dump(), PLATE_EDGE]
+    further = job.path.stages or job.path.morph is not None or job.path.finishing_passes
+    parts += [STAGES] if further else []
     elastic = job.springback.elastic.model_dump(exclude={"database", "forecast", "block", "engine"})
     parts += [] if job.springback.elastic.engine == "compact" else [job.springback.elastic.engine]
     digest = hashlib.sha256(repr([*parts, elastic]).encode())

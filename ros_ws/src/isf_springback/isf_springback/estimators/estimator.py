@@ -69,8 +69,11 @@ class LastCorrection:
 class History:
     """The contour in work (``current``) and the one that its correction continues (``base``), with their offsets.
 
-    Before the first contour the tools are lifted, and so when they swap or travel to another feature: there is no base
-    and no change to limit. The depth that they go to at once is bounded by the largest correction alone.
+    Before the first contour the tools are lifted, and so when they swap, travel to another feature or begin a further
+    stage: there is no base and no change to limit. The depth that they go to at once is bounded by the largest
+    correction alone. Tools that come back to a feature of the same stage continue the contour that they left it with,
+    and two tools the stage before: the support tool lifts a formed sheet until the forming tool carries, which without
+    its push would spoil the part (a finishing pass on the fast sheet: from 0.39 to 1.33 mm rms).
 
     Attributes
     ----------
@@ -82,6 +85,7 @@ class History:
         self.scans = scans
         self.base: FormedContour | None = None
         self.current: FormedContour | None = None
+        self._left: dict[tuple[int, int], FormedContour] = {}
 
     def advance(self, contour: Contour) -> IsfError | None:
         """Prepare for ``contour``; returns CONTOUR_OUT_OF_ORDER when it does not follow the last one.
@@ -93,12 +97,17 @@ class History:
             if current is not None:
                 self.scans.clear()
             self.base = self.current = None
+            self._left = {}
             return None
         last = current.contour
         if contour.index == last.index:
             return None
-        lifted = contour.retract and contour.stage == 0 and contour.feature != last.feature
-        self.base = None if lifted or last.forming_tool != contour.forming_tool else current
+        self._left[last.feature, last.stage] = current
+        # lifted tools need not go on from the push that they had elsewhere
+        base = self._left.get((contour.feature, contour.stage)) if contour.retract else current
+        if base is None and contour.has_support and contour.feature == last.feature:
+            base = current
+        self.base = None if last.forming_tool != contour.forming_tool else base
         if contour.index == last.index + 1:
             return None
         return IsfError(

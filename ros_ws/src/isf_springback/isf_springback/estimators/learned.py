@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from isf_core.contour import Contour, contour_label, makes_floor
+from isf_core.contour import Contour, Process, contour_label, makes_floor
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
@@ -38,10 +38,10 @@ from isf_springback.estimators.fused import (
     shift_lever,
     updated,
 )
-from isf_springback.estimators.learning import FEATURES, Learned, features
+from isf_springback.estimators.learning import FEATURES, Learned, features, floor_of
 from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, LoopSamples, forming_radii, nearest_points
 from isf_springback.scan import FormedShape
-from isf_springback.scan.feedback import contour_over_die
+from isf_springback.scan.feedback import contour_over_die, target_over_die
 from isf_springback.scan.readings import CONTOURS_PER_PLACE, PLACES, READING_DEVIATION, read_errors
 
 FEWEST_SAMPLES = 200
@@ -50,7 +50,7 @@ KNOTS = 5
 RIDGES = tuple(10.0**k for k in range(-2, 4))
 """Weights of the ridge on standardised splines, of which cross-validation chooses."""
 
-Predict = Callable[[Contour, list[str]], Array]
+Predict = Callable[[Contour, History, list[str]], Array]
 
 SHEETS_DIFFER = Prior(0.3e-3, 0.8, 0.2e-3)
 """Of springback on one sheet beyond that on another (assumed: parts of one condition differ by 0.2 mm, as the measured
@@ -96,7 +96,7 @@ class LearnedEstimator(Estimator):
     def estimate(self, contour: Contour, history: History) -> Prediction:
         """As the base class."""
         remarks: list[str] = []
-        push = self._predict(contour, remarks)
+        push = self._predict(contour, history, remarks)
         if self._difference is None:
             return Prediction(push, remarks=tuple(remarks))
         bias, deviation = self._difference.along(contour, history)
@@ -281,7 +281,7 @@ def learned(job_file: JobFile) -> LearnedEstimator:
             advice="learn from parts of this plan, or use learned_map",
         )
 
-    def predict(contour: Contour, remarks: list[str]) -> Array:
+    def predict(contour: Contour, history: History, remarks: list[str]) -> Array:
         return _along(contour, *known.of_contour(contour.index))
 
     return LearnedEstimator("learned", job_file, predict, check, known)
@@ -291,15 +291,19 @@ def learned_map(job_file: JobFile) -> LearnedEstimator:
     """Method "learned_map"; raises IsfError LEARNING_UNUSABLE."""
     known = knowledge(job_file)
     model, low, high, smallest, largest = fit_map(known)
-    depth: dict[tuple[str, int], float] = {}
 
-    def predict(contour: Contour, remarks: list[str]) -> Array:
-        contour = contour_over_die(contour)  # depths of samples count from the top of the die
-        # the floor of the plan lies where its last contour goes: count and step tell, as on the plan itself
-        step, sign = job_file.job.path.incremental_depth, contour.push_sign
-        deepest = float((sign * contour.forming_tip[:, 2]).max()) + step * (contour.count - 1 - contour.index)
-        floor = depth.setdefault((contour.plan_id, contour.forming_tool), sign * deepest)
-        row = features(contour, floor)
+    def predict(contour: Contour, history: History, remarks: list[str]) -> Array:
+        target = history.scans.target
+        if target is None:
+            raise IsfError(
+                ErrorCode.CORRECTION_FAILED,
+                "the target shape is not known, and with it how far the floor is",
+                where=contour_label(contour.index),
+                advice="the planner publishes part/target; without it the last good correction is kept",
+            )
+        if contour.process is Process.TPIF:  # depths of samples count from the top of the die
+            target, contour = target_over_die(target), contour_over_die(contour)
+        row = features(contour, floor_of(target, contour.forming_tool))
         inside = np.clip(row, low, high)
         far = np.abs(row - inside) > 0.05 * np.maximum(high - low, 1e-9)
         for k in np.flatnonzero(far.any(axis=0)):

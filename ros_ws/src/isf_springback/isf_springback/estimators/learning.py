@@ -187,12 +187,11 @@ def learn_part(
     else:
         lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
         shape = process_scan(scan, ScanExpectation(target, clamp, lowest))
-    ends = {1: float(np.nanmin(target.z)), 2: float(np.nanmax(target.z))}
     index, place, applied, error, feature, seen = [], [], [], [], [], []
     for contour, correction in zip(nominal, corrections, strict=True):
         reading = read_errors(contour, shape, target, radius)
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
-        floor, too_little = ends[contour.forming_tool], -contour.push_sign
+        floor, too_little = floor_of(target, contour.forming_tool), -contour.push_sign
         left = np.abs(contour.forming_tip[near, 2] - floor)
         share = np.where(np.isfinite(reading.bottom), np.clip(1.0 - left / (FULL_HEIGHT * radius), 0.0, 1.0), 0.0)
         bottom = np.where(np.isfinite(reading.bottom), reading.bottom, 0.0)
@@ -239,6 +238,11 @@ def misplaced(known: Learned, contour: Contour) -> float:
 def _of_plan(known: Learned, nominal: Sequence[Contour]) -> bool:
     """True when ``known`` was learned on the contours ``nominal``, all of a plan."""
     return known.contours == len(nominal) and all(misplaced(known, contour) <= SAME_PLACE for contour in nominal)
+
+
+def floor_of(target: HeightMap, forming_tool: int) -> float:
+    """m, height of ``target`` where ``forming_tool`` (1 from above, 2 from below) goes farthest."""
+    return float(np.nanmin(target.z) if forming_tool == 1 else np.nanmax(target.z))
 
 
 def features(contour: Contour, floor: float) -> Array:

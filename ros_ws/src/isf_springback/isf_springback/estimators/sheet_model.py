@@ -175,8 +175,30 @@ def largest_planned(force: Array, before: MeasuredLoad | None) -> Array:
     return np.maximum(force, before.planned)
 
 
+@dataclass
+class _FeatureLoads:
+    """What is known of one feature in one stage; kept while the tools work on another one and come back.
+
+    Attributes
+    ----------
+    opening : its first contour; None before any
+    swapped : the tools swapped their roles just before it
+    late : it is the first one of the plan and its first contour is not known: the plan was taken up in the middle
+    begun : indices of its contours so far, the one in work last
+    loads : measured on the last contour that has them, after that of the one before
+    blocks : the same in blocks of contours, the one being filled last
+    """
+
+    opening: Opening | None = None
+    swapped: bool = False
+    late: bool = False
+    begun: list[int] = field(default_factory=list)
+    loads: list[MeasuredLoad] = field(default_factory=list)
+    blocks: list[list[MeasuredLoad]] = field(default_factory=lambda: [[]])
+
+
 class AxialForce:
-    """Measured loads of the feature in work and the forecast from them.
+    """Measured loads of every feature and stage, and the forecast from those of the one in work.
 
     Parameters
     ----------
@@ -189,7 +211,7 @@ class AxialForce:
 
     Attributes
     ----------
-    opening : first contour of the feature: parts are formed from the outside to the inside
+    opening : first contour of the feature in work: parts are formed from the outside to the inside; None before any
     """
 
     def __init__(
@@ -199,28 +221,27 @@ class AxialForce:
         self._law = law
         self._first = first
         self._block = block
-        self._blocks: list[list[MeasuredLoad]] = [[]]
+        self._features: dict[tuple[int, int], _FeatureLoads] = {}
+        self._now = _FeatureLoads()
         self.opening: Opening | None = None
-        self._feature: tuple[int, int] | None = None
-        self._first_index = -1
-        self._swapped = False
-        self._loads: list[MeasuredLoad] = []
         self._fault: IsfError | None = None
 
     def begin(self, contour: Contour, before: Contour | None) -> None:
-        """``contour`` is next, after ``before``; a new plan starts anew, a new feature has an own opening and loads."""
+        """``contour`` is next, after ``before``; a new plan starts anew, a feature has an own opening and loads."""
         if before is not None and before.plan_id != contour.plan_id:
-            self._feature = None
+            self._features = {}
             self._fault = None
-        if self._feature != (contour.feature, contour.stage):
-            self._feature = (contour.feature, contour.stage)
-            self.opening = Opening.of(contour.contact[:, :2])
-            self._first_index = contour.index
-            self._swapped = (
-                before is not None and before.plan_id == contour.plan_id and before.forming_tool != contour.forming_tool
+            before = None
+        key = contour.feature, contour.stage
+        if key not in self._features:
+            self._features[key] = _FeatureLoads(
+                Opening.of(contour.contact[:, :2]),
+                swapped=before is not None and before.forming_tool != contour.forming_tool,
+                late=before is None and contour.feature == contour.stage == 0 and contour.index > 0,
             )
-            self._loads = []
-            self._blocks = [[]]
+        self._now = self._features[key]
+        self.opening = self._now.opening
+        self._now.begun = [*(index for index in self._now.begun if index < contour.index), contour.index]
 
     def add(self, contour: Contour, result: ContourResult, history: History) -> None:
         """Forces measured on the contour in work, as it was corrected; what is wrong with them :meth:`check` raises."""
@@ -245,14 +266,15 @@ class AxialForce:
         path = LoopPath.of(contour)
         mean = moving_average(path, load, path.length / SECTORS)
         place = contour.forming_tip[:, :2].copy()
-        older = [known for known in self._loads if known.index != result.index][-1:]
+        now = self._now
+        older = [known for known in now.loads if known.index != result.index][-1:]
         before = older[0].seen_from(place) if older else None
         steepest = np.array(contour.wall_angle) if before is None else np.maximum(contour.wall_angle, before.steepest)
         planned = largest_planned(predicted_force(contour, place), before)
-        self._loads = [*older, MeasuredLoad(result.index, place, mean, steepest, planned)]
-        self._blocks[-1].append(self._loads[-1])
-        if len(self._blocks[-1]) >= self._block:
-            self._blocks = [*self._blocks[-2:], []]
+        now.loads = [*older, MeasuredLoad(result.index, place, mean, steepest, planned)]
+        now.blocks[-1].append(now.loads[-1])
+        if len(now.blocks[-1]) >= self._block:
+            now.blocks = [*now.blocks[-2:], []]
 
     def check(self) -> None:
         """Raises IsfError NO_FORCE_HISTORY, CORRECTION_FAILED, CONTOUR_OUT_OF_ORDER: the last result is of no use."""
@@ -261,52 +283,55 @@ class AxialForce:
 
     def measured(self, contour: Contour) -> bool:
         """True when the force of this very contour was measured."""
-        return bool(self._loads) and self._loads[-1].index == contour.index
+        return bool(self._now.loads) and self._now.loads[-1].index == contour.index
 
     def steepest(self, angle: Array, place: Array) -> Array:
         """(M,) rad, steepest wall met so far at ``place`` (M, 2) m where it is ``angle`` (M,) rad now."""
-        return np.maximum(angle, self._loads[-1].seen_from(place).steepest) if self._loads else np.array(angle)
+        loads = self._now.loads
+        return np.maximum(angle, loads[-1].seen_from(place).steepest) if loads else np.array(angle)
 
     def at(self, contour: Contour, tip: Array, angle: Array) -> ExpectedForce:
         """Force expected on ``contour`` at ``tip`` (M, 2) m; the measured one where it has been formed.
 
         ``angle`` (M,) rad is the wall angle there. Raises IsfError NO_FORCE_HISTORY.
         """
-        newest = self._loads[-1].seen_from(tip) if self._loads else None
+        newest = self._now.loads[-1].seen_from(tip) if self._now.loads else None
         steepest = np.array(angle) if newest is None else np.maximum(angle, newest.steepest)
         return ExpectedForce(self._force_at(contour, tip, angle, newest), steepest)
 
     def _force_at(self, contour: Contour, tip: Array, angle: Array, newest: MeasuredLoad | None) -> Array:
         """(M,) N, after the ``newest`` load seen from ``tip``."""
+        now = self._now
+        earlier = now.begun[:-1]  # of this feature: between them the tools may have formed others
         if self._block > 1 and not self.measured(contour):
-            whole = [block for block in self._blocks if len(block) >= self._block]
+            whole = [block for block in now.blocks if len(block) >= self._block]
             if whole:
                 means = [np.mean([known.seen_from(tip).load for known in block], axis=0) for block in whole[-2:]]
                 return forecast(means[-1], means[0] if len(means) == 2 else None, self._law)
-            if contour.index - self._first_index <= self._block:
+            if len(earlier) <= self._block:
                 return np.zeros(len(tip))
         if newest is not None and newest.index == contour.index:
             return newest.load
-        if newest is not None and newest.index == contour.index - 1:
+        if newest is not None and newest.index in earlier[-1:]:
             last = newest.load
-            if self._swapped and self._first != "zero":
+            if now.swapped and self._first != "zero":
                 # where the support tool presses more than the forming tool nothing was formed
                 last = np.where(last > 0.0, last, self._expected(contour, tip, angle))
-            older = self._loads[0].seen_from(tip) if len(self._loads) == 2 else None
-            before_last = older.load if older is not None and older.index == contour.index - 2 else None
+            older = now.loads[0].seen_from(tip) if len(now.loads) == 2 else None
+            before_last = older.load if older is not None and older.index in earlier[-2:-1] else None
             planned = [load.planned for load in (older, newest) if load is not None]
             planned.append(largest_planned(predicted_force(contour, tip), newest))
             return forecast_along(planned, last, before_last, self._law)
-        if contour.index != self._first_index or (contour.feature == contour.stage == 0 and contour.index > 0):
+        if earlier or now.late:
             raise IsfError(
                 ErrorCode.NO_FORCE_HISTORY,
-                f"no measured force of {contour_label(contour.index - 1)}",
+                f"no measured force of {contour_label(earlier[-1] if earlier else contour.index - 1)}",
                 where=contour_label(contour.index),
                 advice="the last good correction is kept; check that force control publishes contour/result",
             )
         free = contour.stage == 0 and contour.process is not Process.TPIF  # a die carries what it begins with
         known = free and len(contour.predicted_force) > 0
-        if self._first == "estimate" or (self._first == "predicted" and (self._swapped or known)):
+        if self._first == "estimate" or (self._first == "predicted" and (now.swapped or known)):
             return self._expected(contour, tip, angle)
         return np.zeros(len(tip))
 

@@ -1,7 +1,8 @@
 """The sheet as it stands when contour k is formed, as a shell mesh: flange, walls down to the contour, flat floor.
 
 This is the truncated target of Ren 2018, 4.2.3, told by the contact loops of the contours up to k. What lies below is
-not formed yet: the floor is flat at the depth of the loop. Frame ``sheet``, lengths in m.
+not formed yet: the floor is flat at the depth of the loop. In a further stage (a finishing pass is one) the shape of
+the stage before is there below the level that the new one has reached. Frame ``sheet``, lengths in m.
 """
 
 from __future__ import annotations
@@ -102,13 +103,14 @@ def formed_sheet(
     features: dict[tuple[int, int], list[Contour]] = {}
     for contour in contours:
         features.setdefault((contour.feature, contour.stage), []).append(contour)
-    latest_stage = {feature: max(s for f, s in features if f == feature) for feature, _ in features}
     rims, floors, loops = [], [], []
-    for (feature, stage), members in features.items():
-        if stage != latest_stage[feature]:
-            continue  # a later stage has formed this shape anew
+    for feature in dict.fromkeys(contour.feature for contour in contours):
+        *before, latest = sorted(stage for other, stage in features if other == feature)
+        members = features[feature, latest]
         kept = _spaced(members)
         rim = _rim(kept[0], float(np.median(members[0].wall_angle)), outline)
+        if before:
+            kept += _spaced(_below(members, features[feature, before[-1]]))
         rims.append(rim[:, :2])
         floors.append(kept[-1])
         loops += [rim, *kept]
@@ -157,8 +159,21 @@ def mesh_of(sheet: FormedSheet, control_points: Array, size: FacetSize) -> Sheet
     return SheetMesh(np.column_stack([points, height]), triangles, clamped, loaded, propped)
 
 
+def _below(reached: list[Contour], before: list[Contour]) -> list[Contour]:
+    """Those of the stage ``before`` that lie deeper along the push than the ones that the new stage has ``reached``."""
+    deepest = max(_depth(contour) for contour in reached)
+    return [contour for contour in before if _depth(contour) > deepest]
+
+
+def _depth(contour: Contour) -> float:
+    """m, mean depth of the contact along the push."""
+    return contour.push_sign * float(contour.contact[:, 2].mean())
+
+
 def _spaced(contours: list[Contour]) -> list[Array]:
     """Contact loops (N, 3) m, first and last kept, those between where they add shape."""
+    if not contours:
+        return []
     kept = [_thinned(contours[0])]
     for contour in contours[1:-1]:
         loop = _thinned(contour)

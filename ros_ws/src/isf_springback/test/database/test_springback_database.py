@@ -140,6 +140,16 @@ def test_a_database_is_of_what_the_accuracy_surfaces_say(tmp_path):
     assert paths[0] != paths[1]
 
 
+@pytest.mark.parametrize("more", ["", "stages: [30 deg], ", "morph: {}, ", "finishing_passes: 1, "])
+def test_a_database_of_a_part_in_stages_is_of_what_they_begin_with(tmp_path, monkeypatch, more):
+    """One that was computed as if they began in a flat sheet is not found; others keep their names."""
+    (tmp_path / "cone.stl").write_text("solid")
+    job_file = JobFile(JOB_TEXT.replace("path: {", "path: {" + more), tmp_path)
+    name = cached_path(job_file)
+    monkeypatch.setattr("isf_springback.database.database.STAGES", "in a flat sheet")
+    assert (cached_path(job_file) == name) is (more == "")
+
+
 @pytest.mark.parametrize(
     "damage",
     [

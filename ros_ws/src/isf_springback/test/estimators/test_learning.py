@@ -88,6 +88,7 @@ def test_the_map_knows_the_springback_of_another_cone(four_parts):
     """
     folder, _, _ = four_parts
     method = make_corrector("learned_map", job("learned_map", folder))
+    method.set_target(TARGET)
     contour = cone_contour(14, count=COUNT, opening=38e-3)
     for index in range(15):
         contour = cone_contour(index, count=COUNT, opening=38e-3)
@@ -98,10 +99,33 @@ def test_the_map_knows_the_springback_of_another_cone(four_parts):
 def test_the_map_stays_inside_what_it_has_seen_and_says_so(four_parts):
     folder, known, _ = four_parts
     method = make_corrector("learned_map", job("learned_map", folder))
+    method.set_target(TARGET)
     steep = cone_contour(0, count=COUNT, angle=75.0)
     correction = method.correct(steep)
     assert any("outside the learned range" in remark for remark in correction.remarks)
     assert np.abs(correction.springback).max() <= known.springback.max() + 1e-9
+
+
+@pytest.mark.parametrize("count", [COUNT + 1, 2 * COUNT, 7])
+def test_the_map_takes_the_floor_from_the_target(four_parts, count):
+    """However many contours a plan has, with passes over the floor, further stages or other pockets: halfway down the
+    springback is that of a plain plan."""
+    folder, _, _ = four_parts
+    found = []
+    for number in (COUNT, count):
+        method = make_corrector("learned_map", job("learned_map", folder))
+        method.set_target(TARGET)
+        found.append(method.correct(cone_contour(12, count=number)).springback)
+    assert found[0].mean() > 0.8e-3
+    assert np.array_equal(*found)
+
+
+def test_the_map_says_that_it_lacks_the_target(four_parts):
+    folder, _, _ = four_parts
+    correction = make_corrector("learned_map", job("learned_map", folder)).correct(cone_contour(0, count=COUNT))
+    assert correction.code == ErrorCode.CORRECTION_FAILED
+    assert "the target shape is not known" in correction.message
+    assert not correction.offset.any()
 
 
 def test_a_place_that_does_not_answer_is_left_alone(tmp_path):

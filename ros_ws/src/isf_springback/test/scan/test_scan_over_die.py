@@ -131,6 +131,7 @@ def test_the_map_reads_a_contour_over_a_die_in_the_frame_it_was_learned_in(
     job_file = JobFile(job.text, job.base)
     job_file.job = job.job.model_copy(update={"springback": springback})
     method = make_corrector("learned_map", job_file)
+    method.set_target(cone.target)
     for contour in cone.contours:
         correction = method.correct(contour)
         assert not correction.remarks
