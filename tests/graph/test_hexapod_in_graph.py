@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from isf_analysis.bag.bag_reader import read_bag
+from isf_analysis.bag.bag_reader import part_of
 from isf_analysis.bag.open_bag import bag_of, open_bag
 from isf_cell import in_process
 from isf_cell.options import RunOptions
@@ -42,7 +42,9 @@ def test_legs_form_a_part_through_the_graph_until_the_pump_stops(tmp_path: Path)
     _, failure = graph_run.form(job_of(tmp_path, fault), RunOptions(), tmp_path, quiet)
     assert failure is not None
     assert failure.code is ErrorCode.SUPPLY_PRESSURE
-    there, here = read_bag(tmp_path / "bag"), in_process.form(job_of(tmp_path, fault))
+    with open_bag(bag_of(tmp_path / "bag")) as bag:
+        there = part_of(bag)  # with the times of the machine
+    here = in_process.form(job_of(tmp_path, fault))
     assert there.results[0].start == here.results[0].start  # one tare, however late its readings are taken
     assert len(there.results) == len(here.results) >= 2
     assert there.results[0].completed

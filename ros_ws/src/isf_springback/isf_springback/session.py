@@ -279,15 +279,15 @@ class CorrectionSession:
         if self._corrector is None or self._corrector.name != self.method_name:
             try:
                 check_method(self.method_name, self._job)
+                corrector = self._made(self.method_name)
+                for record in self._history:
+                    corrector.follow(record.nominal, record.correction)
+                    _tell(corrector, record)
             except IsfError as error:
                 if self._corrector is None:
                     raise
                 self._declined = error  # half a part is formed: it goes on with the method it has
                 return self._corrector
-            corrector = self._made(self.method_name)
-            for record in self._history:
-                corrector.follow(record.nominal, record.correction)
-                _tell(corrector, record)
             self._corrector = corrector
         return self._corrector
 

@@ -146,6 +146,19 @@ def test_a_method_without_its_scans_is_refused_at_the_first_contour_and_declined
     assert outcome.correction.message == ""
 
 
+@pytest.mark.parametrize("method", ["learned", "learned_map"])
+def test_a_method_that_cannot_be_made_is_declined_in_mid_part(session, method):
+    """The job names no springback.learning: half a part is formed, and goes on with the method it has."""
+    for index, choice, code in ((0, "", 0), (1, method, ErrorCode.LEARNING_UNUSABLE), (2, "", 0)):
+        session.choose(choice)
+        contour = cone_contour(index)
+        session.add_contour(contour)
+        outcome = session.advance()
+        assert outcome.corrected is not None
+        assert (outcome.correction.code, outcome.correction.method) == (code, "analytic")
+        session.add_result(result_of(contour, 500.0))
+
+
 def test_method_changes_between_contours_without_a_jump(session):
     levels, methods = [], []
     for index in range(24):

@@ -67,6 +67,21 @@ def test_a_stage_without_a_lift_or_of_two_tools_changes_by_the_limit(change):
     assert -first.offset[:, 2].mean() == pytest.approx(before - CHANGE, abs=20e-6)
 
 
+def test_every_pocket_of_two_tools_begins_a_further_stage_with_its_own_push():
+    method = corrector_of(AnalyticModel, job_file())
+    form(method, in_turn(24))
+    left = [known.push.mean() for known in (method.history._left[0, 0], method.history.current)]
+    for feature in (0, 1):
+        aside = np.array([100e-3 * feature, 0.0, 0.0])
+        moved = {name: getattr(cone_contour(0), name) + aside for name in ("contact", "forming_tip", "support_tip")}
+        first = method.correct(wall(24 + feature, stage=1, feature=feature, **moved))
+        assert -first.offset[:, 2].mean() == pytest.approx(left[feature] - CHANGE, abs=20e-6)
+        method.add_result(
+            apply(wall(24 + feature, stage=1, feature=feature, **moved), first),
+            result_of(wall(24 + feature, **moved), LOADS[feature]),
+        )
+
+
 def test_every_pocket_goes_on_from_its_own_contour():
     """No contour lacks the force of the one before it, and none jumps from the push that this pocket has had."""
     made = form(corrector_of(AnalyticModel, job_file()), in_turn(24))

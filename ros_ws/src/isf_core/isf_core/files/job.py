@@ -860,7 +860,7 @@ class Job(FileModel):
                 "path.compensation tool and control.compliance_compensation correct the same deflection: set the "
                 "latter to 0, or leave tool out"
             )
-        if "machine" in wanted and self.tool_2 is None:
+        if "machine" in wanted and (self.tool_2 is None or self.process not in ("DSIF", "ADSIF")):
             raise ValueError("path.compensation machine needs two tools: it corrects the distance between them")
         return self
 

@@ -80,6 +80,12 @@ def test_processes_refuse_what_they_do_not_use(options: str, accepted: str, refu
         assert f"path.{options.split(':')[0]}" in str(caught.value) or "path.transition, stagger" in str(caught.value)
 
 
+def test_the_distance_of_two_tools_is_compensated_where_two_tools_form() -> None:
+    job(", compensation: [machine], machine_error: error.csv", "DSIF")
+    with pytest.raises(IsfError, match="needs two tools"):  # a section tool_2 is there
+        job(", compensation: [machine], machine_error: error.csv", "SPIF")
+
+
 def test_no_force_control_under_the_blank() -> None:
     job(", support: on_blank")
     with pytest.raises(IsfError, match="support_force must be 0 N"):

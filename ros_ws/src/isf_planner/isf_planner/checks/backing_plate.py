@@ -201,11 +201,20 @@ def _mm(length: float) -> str:
 
 
 def _first_contacts(contours: Sequence[Contour]) -> list[Array]:
-    """(N, 3) m, contacts of the first contour of every feature."""
-    openings: dict[int, Array] = {}
+    """(N, 3) m, contacts of the first contour of every feature that is an opening of the sheet: not of one that lies
+    inside another one, as what stands on a floor does."""
+    firsts: dict[int, Array] = {}
     for contour in contours:
-        openings.setdefault(contour.feature, contour.contact)
-    return list(openings.values())
+        firsts.setdefault(contour.feature, contour.contact)
+    found = list(firsts.values())
+    if len(found) < 2:
+        return found
+    areas = [shapely.Polygon(loop[:, :2]).buffer(0.0) for loop in found]
+    return [
+        loop
+        for k, loop in enumerate(found)
+        if not any(area.area > areas[k].area and area.covers(areas[k].representative_point()) for area in areas)
+    ]
 
 
 def _openings(contours: Sequence[Contour]) -> Array:

@@ -12,7 +12,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import KDTree
 
 from isf_planner.part import meshes
-from isf_planner.part.mesh_checks import place_text
+from isf_planner.part.mesh_checks import check_size, place_text
 from isf_planner.part.meshes import Mesh
 from isf_planner.surface import target_surface
 
@@ -34,7 +34,8 @@ def load_die(job_file: JobFile) -> Array:
 
     Raises
     ------
-    IsfError : as :func:`isf_planner.part.meshes.load_mesh`; FILE_FIELD when the job has no die
+    IsfError : as :func:`isf_planner.part.meshes.load_mesh` and :func:`isf_planner.part.mesh_checks.check_size`;
+        FILE_FIELD when the job has no die
     """
     die = job_file.job.die
     if die is None:
@@ -42,6 +43,9 @@ def load_die(job_file: JobFile) -> Array:
             ErrorCode.FILE_FIELD, "process TPIF needs a die", where="die", advice="add die.mesh and die.unit"
         )
     mesh = meshes.load_mesh((job_file.base / die.mesh).resolve(), die.unit)
+    check_size(
+        mesh, job_file.rig.clamp.size, job_file.job.tool_1.radius, "die"
+    )  # a wrong unit makes billions of points
     vertices, _ = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, EDGE, max_iter=30)
     return np.unique(np.round(vertices, 7), axis=0)
 

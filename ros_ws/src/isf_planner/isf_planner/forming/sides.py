@@ -23,6 +23,9 @@ from isf_planner.part.meshes import Mesh, topology
 from isf_planner.paths.partial_paths import PartialPaths
 from isf_planner.surface.target_surface import TargetSurface
 
+ON_LEVEL = 1e-9
+"""m, a vertex this close to the level of the flange lies on it."""
+
 RISES = 0.05e-3
 """m above the flange from which something is a feature."""
 
@@ -100,7 +103,8 @@ def parts(mesh: Mesh, *, swap_islands: bool) -> list[HalfPart]:
 def halves(mesh: Mesh) -> list[HalfPart]:
     """The part for the upper tool, and the part for the lower tool if anything rises above the flange.
 
-    A mesh without an outline is handed on as it is, for the checks to refuse.
+    A mesh without an outline is handed on as it is, for the checks to refuse. Facets that cross the level of the flange
+    are cut there: clamped as a whole they would make another wall.
     """
     flange = flange_level(mesh)
     if flange is None:
@@ -108,11 +112,43 @@ def halves(mesh: Mesh) -> list[HalfPart]:
     height = mesh.vertices[:, 2] - flange
     if height.max() <= RISES:
         return [HalfPart(mesh, 1)]
+    if height.min() < -RISES:
+        mesh = cut_at(mesh, flange)
     low, high = mesh.vertices.copy(), mesh.vertices.copy()
     low[:, 2] = np.minimum(low[:, 2], flange)
     high[:, 2] = np.maximum(high[:, 2], flange)
     upper = [HalfPart(mesh.with_vertices(low), 1)] if height.min() < -RISES else []
     return [*upper, HalfPart(turned_over(mesh.with_vertices(high)), 2)]
+
+
+def cut_at(mesh: Mesh, level: float) -> Mesh:
+    """The mesh with the facets that cross z = ``level`` m divided there; the very same mesh where none does."""
+    height = mesh.vertices[:, 2] - level
+    side = np.where(np.abs(height) <= ON_LEVEL, 0, np.sign(height)).astype(np.int64)
+    first, second = mesh.faces, np.roll(mesh.faces, -1, axis=1)  # ends of the edges of every facet
+    crossing = side[first] * side[second] < 0
+    if not crossing.any():
+        return mesh
+    edges = np.sort(np.stack([first[crossing], second[crossing]], axis=1), axis=1)
+    edges, number = np.unique(edges, axis=0, return_inverse=True)
+    a, b = mesh.vertices[edges[:, 0]], mesh.vertices[edges[:, 1]]
+    share = (level - a[:, 2:]) / (b[:, 2:] - a[:, 2:])
+    between = np.full(mesh.faces.shape, -1)
+    between[crossing] = len(mesh.vertices) + number.ravel()
+    divided = crossing.any(axis=1)
+    faces: list[tuple[int, int, int]] = []
+    for (p, q, r), (pq, qr, rp) in zip(mesh.faces[divided].tolist(), between[divided].tolist(), strict=True):
+        for (x, y, z), (xy, yz, zx) in (
+            ((p, q, r), (pq, qr, rp)),
+            ((q, r, p), (qr, rp, pq)),
+            ((r, p, q), (rp, pq, qr)),
+        ):
+            if xy >= 0 and zx >= 0:  # x alone on its side
+                faces += [(x, xy, zx), (xy, y, z), (xy, z, zx)]
+            elif yz >= 0 and xy < 0 and zx < 0:  # x on the level
+                faces += [(x, y, yz), (x, yz, z)]
+    vertices = np.vstack([mesh.vertices, np.column_stack([(a + share * (b - a))[:, :2], np.full(len(edges), level)])])
+    return Mesh(vertices, np.vstack([mesh.faces[~divided], faces]))
 
 
 def turned_over(mesh: Mesh) -> Mesh:

@@ -125,20 +125,23 @@ def oriented(mesh: Mesh, up: str, turn: tuple[float, float, float], scale: float
     return mesh.with_vertices(scale * mesh.vertices @ matrix.T)
 
 
-def check_size(mesh: Mesh, clamp: tuple[float, float], tool_radius: float) -> None:
-    """Refuse what only a wrong unit explains, and what is flat: MESH_UNIT_SUSPECT, MESH_EMPTY."""
+def check_size(mesh: Mesh, clamp: tuple[float, float], tool_radius: float, of: str = "part") -> None:
+    """Refuse what only a wrong unit explains, and what is flat: MESH_UNIT_SUSPECT, MESH_EMPTY.
+
+    ``of``: the section of the job that names the mesh.
+    """
     size = np.ptp(mesh.vertices, axis=0)
     text = " x ".join(f"{value * 1e3:.4g}" for value in size) + " mm"
-    advice = "check part.unit in the job"
+    where, advice = "mesh" if of == "part" else f"{of}.mesh", f"check {of}.unit in the job"
     if (size[:2] > TOO_LARGE * np.asarray(clamp)).any():
-        what = f"the part would be {text}, more than {TOO_LARGE:g} times the clamp"
-        raise IsfError(ErrorCode.MESH_UNIT_SUSPECT, what, where="mesh", advice=advice)
+        what = f"the {of} would be {text}, more than {TOO_LARGE:g} times the clamp"
+        raise IsfError(ErrorCode.MESH_UNIT_SUSPECT, what, where=where, advice=advice)
     if size[:2].max() < 2.0 * tool_radius:
-        what = f"the part would be {text}, smaller than the tool of radius {tool_radius * 1e3:.4g} mm"
-        raise IsfError(ErrorCode.MESH_UNIT_SUSPECT, what, where="mesh", advice=advice)
+        what = f"the {of} would be {text}, smaller than the tool of radius {tool_radius * 1e3:.4g} mm"
+        raise IsfError(ErrorCode.MESH_UNIT_SUSPECT, what, where=where, advice=advice)
     if size[2] < LEVEL_TOLERANCE:
-        what = f"the part is flat ({size[2] * 1e3:.3f} mm high): there is nothing to form"
-        raise IsfError(ErrorCode.MESH_EMPTY, what, where="mesh", advice="z must be the forming direction")
+        what = f"the {of} is flat ({size[2] * 1e3:.3f} mm high): there is nothing to form"
+        raise IsfError(ErrorCode.MESH_EMPTY, what, where=where, advice="z must be the forming direction")
 
 
 def _check_manifold(mesh: Mesh, edges: Topology) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.files.job import ForceRule, Job, JobFile, WallFacts, holds, ruled_forces
 from isf_core.files.tooling import ToolSpec
+from isf_core.geometry.loops import area_of
 from isf_core.process import thickness_and_tips
 from isf_core.process.support_window import support_window
 from isf_core.types import Array
@@ -52,6 +53,10 @@ def along_first(first: Array, points: Array, *, closed: bool) -> Array:
     beside the opening, where it acts as a backing plate that goes along. It goes along evenly: what is nearest leaps
     from chord to chord of the line, and across the corners of a part, which a tool cannot at the feed.
     """
+    if (
+        closed and area_of(points[:, :2]) * area_of(first[:, :2]) < 0.0
+    ):  # every second contour of alternating ones runs the other way
+        first = first[::-1]
     share = matched(points[:, :2], first[:, :2], closed=closed)
     count = len(share)
     turn = np.arange(count) / count if closed else np.linspace(0.0, share[-1] - share[0], count)

@@ -134,7 +134,7 @@ def floor_paths(surface: TargetSurface, wall: TipPath, job: Job) -> list[TipPath
     step = job.path.floor_step
     if step is None:
         return []
-    level = float(wall.points[:, 2].mean())
+    level = float(wall.points[:, 2].min())  # where a ramp ends
     shape = shapely.Polygon(wall.points[:, :2])
     shapes = [[shape]]
     while shapes[-1]:

@@ -54,6 +54,17 @@ def test_part_and_die_stand_where_the_part_is_placed(made: Plan, tmp_path: Path)
         assert other.holder_height == one.holder_height
 
 
+@pytest.mark.parametrize("unit", ["m", "in"])
+def test_a_die_in_another_unit_is_refused_before_it_is_sampled(unit: str) -> None:
+    """Points 0.7 mm apart on a die of 100 m would fill the memory."""
+    part, die, rest = JOB.text.partition("die:")
+    with pytest.raises(IsfError) as caught:
+        plan(JobFile(part + die + rest.replace("unit: mm", f"unit: {unit}", 1), JOB.base))
+    assert caught.value.code is ErrorCode.MESH_UNIT_SUSPECT
+    assert caught.value.where == "die.mesh"
+    assert "die.unit" in caught.value.advice
+
+
 @pytest.mark.parametrize("move", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)])
 def test_a_die_one_millimetre_off_is_refused(move: tuple[float, ...], tmp_path: Path) -> None:
     with pytest.raises(IsfError) as caught:

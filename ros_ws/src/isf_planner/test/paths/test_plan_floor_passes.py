@@ -33,6 +33,18 @@ def radii(contours: tuple[Contour, ...]) -> list[float]:
     return [float(np.hypot(*contour.forming_tip[:, :2].T).mean()) for contour in contours]
 
 
+def test_ramps_take_no_pass_away(tmp_path: Path) -> None:
+    """The last contour of the wall has the ramp down to it: its mean height is not that of the floor."""
+    job_file = job_for(write(Cone().mesh(), tmp_path / "cone.ply"), process="SPIF", depth="0.5 mm")
+    steps, ramps = (
+        plan(with_floor(job_file, f"floor_step: 3 mm{transition}"))
+        for transition in ("", ", transition: ramp, ramp_length: 10 mm")
+    )
+    passes = [sum(over_floor(one, before) for before, one in pairwise(made.contours)) for made in (steps, ramps)]
+    assert min(passes) > 1
+    assert not [warning for warning in ramps.warnings if "floor_step" in warning]
+
+
 @pytest.mark.parametrize("process", ["SPIF", "DSIF"])
 def test_the_floor_is_passed_over_in_rings_inwards_and_outwards(process: str, tmp_path: Path) -> None:
     job_file = job_for(write(Cone().mesh(), tmp_path / "cone.ply"), process=process, depth="1 mm")

@@ -97,9 +97,11 @@ def test_a_dome_needs_a_lower_tool(folder: Path) -> None:
 # support tool
 
 
-def test_support_stays_under_the_blank(folder: Path) -> None:
+@pytest.mark.parametrize("direction", ["same", "alternating"])
+def test_support_stays_under_the_blank(direction: str, folder: Path) -> None:
     """The first contour is formed with support opposite; all others keep the tool on that line."""
-    contours = planned(folder, "cone", "support: on_blank,", force="0 N").contours
+    options = "support: on_blank," + (" direction: alternating," if direction == "alternating" else "")
+    contours = planned(folder, "cone", options, force="0 N").contours
     opposite = planned(folder, "cone").contours
     np.testing.assert_array_equal(contours[0].support_tip, opposite[0].support_tip)
     first = np.hypot(*contours[0].support_tip[:, :2].T)

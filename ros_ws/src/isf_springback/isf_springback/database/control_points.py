@@ -109,11 +109,11 @@ def control_contours(contours: Sequence[Contour], increment: float) -> list[int]
     """Numbers of the contours that become control loops: about ``increment`` m of depth apart, each feature's last."""
     chosen: list[int] = []
     last: dict[tuple[int, int], float] = {}
+    ends = {(contour.feature, contour.stage): k for k, contour in enumerate(contours)}
     for k, contour in enumerate(contours):
         key = contour.feature, contour.stage
         depth = abs(float(contour.contact[:, 2].mean()))
-        ends = k + 1 == len(contours) or (contours[k + 1].feature, contours[k + 1].stage) != key
-        if abs(depth - last.get(key, 0.0)) >= increment - 1e-6 or ends:
+        if abs(depth - last.get(key, 0.0)) >= increment - 1e-6 or ends[key] == k:
             chosen.append(k)
             last[key] = depth
     return chosen

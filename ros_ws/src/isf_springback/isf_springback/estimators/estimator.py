@@ -105,8 +105,8 @@ class History:
         self._left[last.feature, last.stage] = current
         # lifted tools need not go on from the push that they had elsewhere
         base = self._left.get((contour.feature, contour.stage)) if contour.retract else current
-        if base is None and contour.has_support and contour.feature == last.feature:
-            base = current
+        if base is None and contour.has_support:
+            base = self._left.get((contour.feature, contour.stage - 1))
         self.base = None if last.forming_tool != contour.forming_tool else base
         if contour.index == last.index + 1:
             return None

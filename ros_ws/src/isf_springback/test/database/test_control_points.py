@@ -1,5 +1,7 @@
 """Clusters and control points: the worked example of the source, its parts, symmetry, odd loops."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from isf_planner.part_library.catalogue import fish_fin, heart
@@ -152,6 +154,8 @@ def test_control_contours_are_a_depth_apart_and_hold_the_last():
     contours = pyramid_loops(depth=7e-3, step=0.5e-3)
     assert control_contours(contours, 1e-3) == [1, 3, 5, 7, 9, 11, 13]
     assert control_contours(contours[:4], 1.4e-3) == [2, 3]
+    in_turn = [replace(contour, feature=feature) for contour in contours[:6] for feature in (0, 1)]
+    assert control_contours(in_turn, 1e-3) == [2, 3, 6, 7, 10, 11]
 
 
 def test_number_of_clusters_can_be_asked_for():
