@@ -136,9 +136,11 @@ def floor_paths(surface: TargetSurface, wall: TipPath, job: Job) -> list[TipPath
         return []
     level = float(wall.points[:, 2].min())  # where a ramp ends
     shape = shapely.Polygon(wall.points[:, :2])
+    flat = 1.05 * job.tool_1.flat_radius
     shapes = [[shape]]
     while shapes[-1]:
-        inside = shape.buffer(-len(shapes) * step)
+        inside = shape.buffer(-len(shapes) * step - flat)
+        inside = inside.buffer(flat) if flat > 0.0 else inside  # nowhere narrower than the flat of the tip
         shapes.append([part for part in _polygons(inside) if part.area >= np.pi * (SMALLEST * step) ** 2])
     inner = _inner(shapes)
     passes: list[TipPath] = []

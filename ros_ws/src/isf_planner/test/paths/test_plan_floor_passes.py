@@ -18,6 +18,8 @@ from isf_core.types import Array
 from isf_planner import plan
 from isf_planner.exports import programs
 from isf_planner.part.meshes import Mesh
+from isf_planner.part_library import catalogue
+from isf_planner.part_library.part_mesh import part_mesh
 from isf_planner.surface import tip_surface
 from isf_planner.surface.target_surface import fine_surface
 from planner_parts import Cone, grid_mesh, job_for, revolve, write
@@ -31,6 +33,21 @@ def with_floor(job_file: JobFile, options: str) -> JobFile:
 
 def radii(contours: tuple[Contour, ...]) -> list[float]:
     return [float(np.hypot(*contour.forming_tip[:, :2].T).mean()) for contour in contours]
+
+
+@pytest.mark.parametrize("shape", ["cone", "l"])
+def test_a_flat_tip_passes_where_its_flat_fits(shape: str, tmp_path: Path) -> None:
+    """Rings narrower than the flat, 3 mm to each side here, are left out: the flat has been there."""
+    mesh = part_mesh(catalogue.l_shape()) if shape == "l" else Cone().mesh()
+    job_file = job_for(write(mesh, tmp_path / "part.ply"), process="SPIF", depth="1 mm")
+    text = job_file.text.replace("tool_1: {radius: 5 mm}", "tool_1: {radius: 8 mm, corner_radius: 5 mm}")
+    assert text != job_file.text
+    made = plan(with_floor(JobFile(text, job_file.base), "floor_step: 2 mm"))
+    rings = [one for before, one in pairwise(made.contours) if over_floor(one, before)]
+    assert len(rings) > 1
+    for ring in rings:
+        outside = shapely.Polygon(ring.contact[:, :2]).buffer(20e-6)
+        assert outside.covers(shapely.LinearRing(ring.forming_tip[:, :2]).buffer(2.9e-3))
 
 
 def test_ramps_take_no_pass_away(tmp_path: Path) -> None:
