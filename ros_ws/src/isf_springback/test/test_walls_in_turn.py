@@ -69,8 +69,7 @@ def test_a_stage_without_a_lift_or_of_two_tools_changes_by_the_limit(change):
 
 def test_every_pocket_of_two_tools_begins_a_further_stage_with_its_own_push():
     method = corrector_of(AnalyticModel, job_file())
-    form(method, in_turn(24))
-    left = [known.push.mean() for known in (method.history._left[0, 0], method.history.current)]
+    left = [-known.offset[:, 2].mean() for known in form(method, in_turn(24))[-2:]]
     for feature in (0, 1):
         aside = np.array([100e-3 * feature, 0.0, 0.0])
         moved = {name: getattr(cone_contour(0), name) + aside for name in ("contact", "forming_tip", "support_tip")}

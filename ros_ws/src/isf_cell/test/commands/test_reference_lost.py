@@ -41,6 +41,7 @@ def lost(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Non
 
     monkeypatch.setattr(ReferenceRun, "wait", wait)
     real = subprocess.Popen
+    # the fault itself: a reference that does not end by itself; leaving ReferenceRun ends it
     sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
     monkeypatch.setattr(
         "isf_cell.processes.reference_run.subprocess.Popen", lambda _, **options: real(sleep, **options)

@@ -117,6 +117,9 @@ def in_sheet(path: TipPath, side: Side) -> TipPath:
     return replace(path, points=side.in_sheet(path.points), normal=normal, forming_tool=side.forming_tool)
 
 
+FLAT_ROOM = 1.05
+"""Radii of the flat of a tip that a ring over the floor is wide at least: the chords of its corners cut into one."""
+
 SMALLEST = 0.5
 """Floor steps: radius of the circle as large as the smallest ring."""
 
@@ -136,7 +139,7 @@ def floor_paths(surface: TargetSurface, wall: TipPath, job: Job) -> list[TipPath
         return []
     level = float(wall.points[:, 2].min())  # where a ramp ends
     shape = shapely.Polygon(wall.points[:, :2])
-    flat = 1.05 * job.tool_1.flat_radius
+    flat = FLAT_ROOM * job.tool_1.flat_radius
     shapes = [[shape]]
     while shapes[-1]:
         inside = shape.buffer(-len(shapes) * step - flat)
